@@ -1,0 +1,54 @@
+# make setup | demo | test | bench | wheel | clean
+SHELL := /bin/bash
+VENV := .venv
+BIN := $(VENV)/bin
+ARGS ?=
+
+# The newest interpreter that Drake has wheels for; PYTHON=/path/to/python overrides it.
+PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3; do \
+  if $$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' >/dev/null 2>&1; then command -v $$p; break; fi; done)
+
+.PHONY: setup demo test lint types pytest bench wheel clean
+.DEFAULT_GOAL := setup
+
+setup: $(VENV)/.installed
+
+$(VENV)/.installed: pyproject.toml
+	@if [ -z "$(PYTHON)" ]; then \
+	  echo "parapod needs Python 3.12 or newer (Drake has no wheels for older ones), and none was found."; \
+	  echo "Install one (apt install python3.12 python3.12-venv, brew install python@3.13, pyenv install 3.12, uv python install 3.12)"; \
+	  echo "or name it: make setup PYTHON=/path/to/python3.12"; exit 1; fi
+	@echo "setting up $(VENV) with $$($(PYTHON) --version)"
+	@$(PYTHON) -m venv $(VENV) || { echo "$(PYTHON) has no venv module: install it (apt install python3-venv)"; exit 1; }
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade "pip>=24"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[test]"
+	@touch $@
+
+demo: setup
+	@mkdir -p out
+	$(BIN)/parapod run level --meshcat --html out/level.html --json out/level.json $(ARGS)
+
+test: lint types pytest
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+# The folders are mapped to the package parapod by setuptools; mypy sees them through links.
+types: setup
+	@mkdir -p build/types/parapod
+	@for room in systems diagrams urdf sims; do ln -sfn ../../../$$room build/types/parapod/$$room; done
+	MYPYPATH=build/types $(BIN)/mypy -p parapod
+
+pytest: setup
+	$(BIN)/pytest $(ARGS)
+
+bench: setup
+	$(BIN)/python -m benchmarks $(ARGS)
+
+wheel: setup
+	rm -rf build/lib build/bdist.*
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+
+clean:
+	rm -rf $(VENV) build dist out *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,1 @@
+"""Actuator plants and the controllers of single actuators, shared by the machines."""

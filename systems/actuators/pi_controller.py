@@ -1,0 +1,133 @@
+"""PI position controller of an actuator that integrates its voltage, Eqs. (19)-(21)."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import BasicVector_, Context, LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from parapod.systems.elementwise import clamp
+
+
+@dataclass(frozen=True)
+class PiControllerParams:
+    """Design of the controller R(s) = (K_p + K_v s) / s by pole placement.
+
+    Attributes:
+        gain: K of the plant K/s [(m/s)/V] (Eq. 18).
+        pole: p, both closed-loop poles lie at -p [rad/s] (section 6.4).
+        voltage_limit: saturation of the output [V].
+        rate_feedforward: share of the desired rate that is fed forward as rate / K [-];
+            0 is the paper's law, 1 removes the lag behind an accelerating reference.
+    """
+
+    gain: float = 0.01
+    pole: float = 10.0
+    voltage_limit: float = 10.0
+    rate_feedforward: float = 0.0
+
+    @property
+    def k_p(self) -> float:
+        """Integral gain p^2 / K [V/(m s)]: 10 000 in Eq. (32)."""
+        return self.pole**2 / self.gain
+
+    @property
+    def k_v(self) -> float:
+        """Proportional gain 2 p / K [V/m]: 2 000 in Eq. (32)."""
+        return 2.0 * self.pole / self.gain
+
+
+@TemplateSystem.define("PiController_")
+def PiController_(T: Any) -> Any:
+    """Scalar-convertible form of `PiController` (float, AutoDiffXd)."""
+
+    class Impl(LeafSystem_[T]):
+        """Sampled PI controllers, one a channel, with saturation, anti-windup and bumpless start.
+
+        | port | size | unit | meaning |
+        |---|---|---|---|
+        | in `desired` | n | m | desired positions |
+        | in `desired_rate` | n | m/s | their rates; unconnected: not fed forward |
+        | in `measured` | n | m | measured positions |
+        | in `enable` | 1 | - | above 0.5: control; otherwise 0 V; unconnected: always control |
+        | out `voltage` | n | V | commands, held between samples, within the limit |
+
+        State: discrete, integrals (n) [V], voltages (n) [V], whether enabled (1). The integrals
+        are held while the output is saturated and integration would drive it further out
+        (conditional integration). When control begins, the integrals are set so that the first
+        voltage is the last one held: nothing jumps, however far the reference is.
+
+        Parameters (Context): K_p, K_v, voltage limit, feedforward gain (4).
+
+        Bad input: a channel with a NaN or infinite input outputs 0 V and keeps its integral.
+        """
+
+        def _construct(
+            self,
+            params: PiControllerParams = PiControllerParams(),
+            channels: int = 4,
+            period: float = 0.01,
+            converter: Any = None,
+        ) -> None:
+            LeafSystem_[T].__init__(self, converter)
+            self.set_name("pi_controller")
+            self.params, self.channels, self.period = params, channels, period
+            n = channels
+            self._desired = self.DeclareVectorInputPort("desired", n)
+            self._desired_rate = self.DeclareVectorInputPort("desired_rate", n)
+            self._measured = self.DeclareVectorInputPort("measured", n)
+            self._enable = self.DeclareVectorInputPort("enable", 1)
+            feedforward = params.rate_feedforward / params.gain
+            self._gains = self.DeclareNumericParameter(
+                BasicVector_[T]([params.k_p, params.k_v, params.voltage_limit, feedforward])
+            )
+            state = self.DeclareDiscreteState(BasicVector_[T](np.zeros(2 * n + 1)))
+            self.DeclareVectorOutputPort(
+                "voltage", n, self._calc_voltage, {self.discrete_state_ticket(state)}
+            )
+            self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_voltage)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(self, other.params, other.channels, other.period, converter=converter)
+
+        def _calc_voltage(self, context: Context, output: Any) -> None:
+            n = self.channels
+            output.SetFromVector(context.get_discrete_state_vector().CopyToVector()[n : 2 * n])
+
+        def _update_voltage(self, context: Context, discrete_state: Any) -> None:
+            n = self.channels
+            state = context.get_discrete_state_vector().CopyToVector().tolist()
+            enabled = not self._enable.HasValue(context) or self._enable.Eval(context)[0] > 0.5
+            if not enabled:
+                discrete_state.set_value(np.array(state[:n] + [0.0] * (n + 1)))
+                return
+            begins = not state[2 * n] > 0.5
+            k_p, k_v, limit, feedforward = (
+                context.get_numeric_parameter(self._gains).CopyToVector().tolist()
+            )
+            desired = self._desired.Eval(context).tolist()
+            measured = self._measured.Eval(context).tolist()
+            has_rate = self._desired_rate.HasValue(context)
+            rates = self._desired_rate.Eval(context).tolist() if has_rate else [0.0] * n
+            for i in range(n):
+                error = desired[i] - measured[i]
+                direct = k_v * error + feedforward * rates[i]
+                if not math.isfinite(direct if type(direct) is float else direct.value()):
+                    state[n + i] = 0.0
+                    continue
+                if begins:
+                    state[i] = state[n + i] - direct
+                integral = state[i] + k_p * self.period * error
+                voltage = direct + state[i]
+                if abs(voltage) <= limit or voltage * error < 0.0:
+                    state[i] = integral
+                state[n + i] = clamp(voltage, -limit, limit)
+            state[2 * n] = 1.0
+            discrete_state.set_value(np.array(state))
+
+    return Impl
+
+
+PiController = PiController_[None]

@@ -1,0 +1,63 @@
+"""Functions of one number that serve floats, numpy arrays and Drake's AutoDiff alike.
+
+A formula written with these runs as plain Python floats inside a controller's tick (some ten
+times faster than numpy on four elements), on arrays in a batch, and on AutoDiffXd in a
+gradient. Outside their domain floats give NaN, as numpy does, instead of raising.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+# A float, an array of floats, or an AutoDiffXd (or an object array of them).
+type Elementwise = Any
+
+
+def sqrt(x: Elementwise) -> Elementwise:
+    """Square root; NaN for negative numbers."""
+    if type(x) is float:
+        return math.sqrt(x) if x >= 0.0 else math.nan
+    return np.sqrt(x)
+
+
+def sin_cos(x: Elementwise) -> tuple[Elementwise, Elementwise]:
+    """Sine and cosine of an angle; NaN for infinite ones."""
+    if type(x) is float:
+        return (math.sin(x), math.cos(x)) if math.isfinite(x) else (math.nan, math.nan)
+    return np.sin(x), np.cos(x)
+
+
+def asin(x: Elementwise) -> Elementwise:
+    """Arc sine; NaN outside [-1, 1]."""
+    if type(x) is float:
+        return math.asin(x) if -1.0 <= x <= 1.0 else math.nan
+    return np.arcsin(x)
+
+
+def atan2(y: Elementwise, x: Elementwise) -> Elementwise:
+    """Angle of the point (x, y)."""
+    if type(y) is float and type(x) is float:
+        return math.atan2(y, x)
+    return np.arctan2(y, x)
+
+
+def exp(x: Elementwise) -> Elementwise:
+    """Exponential function."""
+    if type(x) is float:
+        return math.exp(x)
+    return np.exp(x)
+
+
+def clamp(x: Elementwise, low: float, high: float) -> Elementwise:
+    """The number of [low, high] nearest to the scalar x; `low` if x is NaN."""
+    if x > low:
+        return x if x < high else high
+    return low
+
+
+def log(x: Elementwise) -> Elementwise:
+    """Natural logarithm; NaN for numbers that have none."""
+    if type(x) is float:
+        return math.log(x) if x > 0.0 else math.nan
+    return np.log(x)

@@ -1,0 +1,42 @@
+"""The one exception tree of parapod. Every error carries the data a caller needs to react."""
+
+
+class ParapodError(Exception):
+    """Base of every error that parapod raises on purpose; its text is one readable line."""
+
+
+class UnreachablePosture(ParapodError):
+    """A posture that the legs cannot take.
+
+    Attributes:
+        leg: number of the offending leg, counted from 1 as on the machine.
+        extension: the extension that leg would need [m]; NaN if no extension would do.
+        admissible: (smallest, largest) extension of that leg [m].
+        missing: how far the needed extension lies outside the admissible range [m].
+        index: index of the first offending posture in a batch, or None for a single one.
+    """
+
+    def __init__(
+        self,
+        leg: int,
+        extension: float,
+        admissible: tuple[float, float],
+        index: tuple[int, ...] | None = None,
+        hint: str = "",
+    ):
+        self.leg = leg
+        self.extension = extension
+        self.admissible = admissible
+        self.index = index
+        low, high = admissible
+        self.missing = max(low - extension, extension - high)
+        where = "" if index is None else f"posture {list(index)}: "
+        stroke = f"{1e3 * low:.1f}..{1e3 * high:.1f} mm"
+        if extension == extension:
+            text = (
+                f"leg {leg} would need an extension of {1e3 * extension:.2f} mm, "
+                f"{1e3 * self.missing:.2f} mm outside its stroke {stroke}"
+            )
+        else:
+            text = f"leg {leg} cannot reach the ground with any extension (its stroke is {stroke})"
+        super().__init__(where + text + hint)

@@ -1,0 +1,125 @@
+"""Dimensions of the levelling platform (Tables 1 and 2) and of each of its legs."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+LEG_COUNT = 4
+
+
+@dataclass(frozen=True)
+class LegGeometry:
+    """One leg: where its hip is, and the parallelogram whose diagonal is the actuator.
+
+    Attributes:
+        l_x: x of the vector P_E^F from the hip E to the platform's centre F [m].
+        l_y: y of P_E^F [m].
+        l_z: z of P_E^F [m].
+        beta: yaw of the leg's frame D in the platform's frame [rad].
+        l_3: short side of the parallelogram [m].
+        l_4: long side of the parallelogram [m].
+        l_6: coupler from the parallelogram to the foot's column [m].
+        l_7: foot's column [m].
+        alpha: inclination of the parallelogram's short side [rad].
+        foot_radius: radius of the foot's roller [m]; 0 for the paper's point foot.
+        extension_min: smallest extension of the stroke used on the ground [m].
+        extension_max: largest extension of the stroke used on the ground [m].
+    """
+
+    l_x: float
+    l_y: float
+    l_z: float
+    beta: float
+    l_3: float
+    l_4: float
+    l_6: float
+    l_7: float
+    alpha: float
+    foot_radius: float
+    extension_min: float
+    extension_max: float
+
+    @cached_property
+    def e_a(self) -> tuple[float, float]:
+        """(cos alpha, sin alpha): direction of the parallelogram's short side."""
+        return math.cos(self.alpha), math.sin(self.alpha)
+
+    @cached_property
+    def e_b(self) -> tuple[float, float]:
+        """(cos beta, sin beta): direction of the leg's x axis in the platform's xy plane."""
+        return math.cos(self.beta), math.sin(self.beta)
+
+    @cached_property
+    def p_MF(self) -> tuple[float, float, float]:
+        """Vector to F from the point that the foot would take if the long side had no length.
+
+        The foot's position is this constant plus the long side turned by psi, which is what
+        makes the inverse kinematics a single linear trigonometric equation.
+        """
+        ca, sa = self.e_a
+        cb, sb = self.e_b
+        return (
+            self.l_x + cb * self.l_6 * ca,
+            self.l_y + sb * self.l_6 * ca,
+            self.l_z + (self.l_7 - self.foot_radius) + self.l_6 * sa,
+        )
+
+
+@dataclass(frozen=True)
+class PlatformGeometry:
+    """The whole platform; the defaults are the paper's Tables 1 and 2.
+
+    Attributes:
+        l_c1: half distance of the hips along x [m].
+        l_c2: half distance of the hips along y [m].
+        l_c3: height of the platform's centre F above the hips [m].
+        l_3: short sides l_2 = l_3 of the parallelogram [m].
+        l_4: long sides l_4 = l_5 of the parallelogram [m].
+        l_6: coupler from the parallelogram to the foot's column [m].
+        l_7: foot's column [m].
+        alpha: inclination of the parallelogram's short sides [rad].
+        beta: yaw of the legs [rad].
+        foot_radius: radius of the foot's rollers [m]; the paper's model has points, 0.
+        extension_min: smallest extension of the actuators on the ground (highest pose) [m].
+        extension_max: largest extension on the ground (the wheels touch) [m].
+    """
+
+    l_c1: float = 0.400
+    l_c2: float = 0.170
+    l_c3: float = 0.113
+    l_3: float = 0.080
+    l_4: float = 0.440
+    l_6: float = 0.165
+    l_7: float = 0.205
+    alpha: float = math.radians(61.0)
+    beta: float = math.radians(49.0)
+    foot_radius: float = 0.0
+    extension_min: float = 0.390
+    extension_max: float = 0.420
+
+    @cached_property
+    def legs(self) -> tuple[LegGeometry, ...]:
+        """The four legs, in the paper's order: Table 2 and the angles beta_i."""
+        quadrants = (
+            (1.0, -1.0, -self.beta),
+            (1.0, 1.0, self.beta),
+            (-1.0, 1.0, math.pi - self.beta),
+            (-1.0, -1.0, math.pi + self.beta),
+        )
+        return tuple(
+            LegGeometry(
+                l_x=sign_x * self.l_c1,
+                l_y=sign_y * self.l_c2,
+                l_z=self.l_c3,
+                beta=beta,
+                l_3=self.l_3,
+                l_4=self.l_4,
+                l_6=self.l_6,
+                l_7=self.l_7,
+                alpha=self.alpha,
+                foot_radius=self.foot_radius,
+                extension_min=self.extension_min,
+                extension_max=self.extension_max,
+            )
+            for sign_x, sign_y, beta in quadrants
+        )

@@ -1,0 +1,394 @@
+"""Kinematics of the levelling platform: batched, in closed form, free of iteration.
+
+Conventions, everywhere in parapod:
+
+* posture = [roll, pitch, height]: roll and pitch of the platform against gravity [rad]; height
+  of the platform's centre F above the ground's plane, measured perpendicular to it [m].
+* ground = attitude = [roll, pitch] against gravity [rad], of the ground and of the platform.
+* extension = the four actuators' lengths [m], legs in the paper's order 1..4.
+* foot_offsets = how far each foot stands above the ground's plane [m].
+
+Yaw is zero: R = R_y(pitch) R_x(roll), Eq. (1). A leg stands on the ground when
+g . P_i = height, Eqs. (9)-(12), where g is the ground's normal in the platform's frame and P_i
+the vector from the foot to F. Leading dimensions are batch dimensions and broadcast.
+
+`PlatformGeometry` and `UnreachablePosture` can be imported from here.
+"""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from parapod.systems.elementwise import Elementwise, asin, atan2, sin_cos, sqrt
+from parapod.systems.errors import UnreachablePosture
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.leg import (
+    extension_on_plane,
+    foot_to_centre,
+    foot_to_centre_rate,
+)
+
+__all__ = [
+    "PlatformGeometry",
+    "UnreachablePosture",
+    "estimate_ground",
+    "forward_kinematics",
+    "inverse_kinematics",
+    "passive_extension",
+    "plane_mismatch",
+    "posture_jacobian",
+]
+
+type Vector3 = tuple[Elementwise, Elementwise, Elementwise]
+
+# Rows of a batch that are worked on at a time, so that temporaries stay in the cache.
+_CHUNK = 4096
+# A posture that forward kinematics made of an extension at the stroke's end must be reachable.
+_STROKE_TOLERANCE = 1e-9
+
+
+def forward_kinematics(
+    geometry: PlatformGeometry,
+    extension: ArrayLike,
+    ground: ArrayLike,
+    legs: Sequence[int] | None = None,
+) -> NDArray[np.float64]:
+    """Posture of the platform standing on its legs, Eqs. (10)-(12) in closed form.
+
+    Args:
+        geometry: the platform.
+        extension: (..., 4) actuator extensions [m].
+        ground: (..., 2) roll and pitch of the ground [rad].
+        legs: indices 0..3 of the three legs that stand on the ground; None for the plane that
+            fits all four feet best (least squares).
+
+    Returns:
+        (..., 3) posture [rad, rad, m]; NaN where an extension cannot be built.
+
+    Raises:
+        ValueError: wrong shapes, or legs that are not three different indices.
+    """
+    (d, n), shape = _columns((extension, 4, "extension"), (ground, 2, "ground"))
+    g, height = _standing_plane(geometry, d, _three(legs))
+    return _stack(_posture(g, height, _normal(*n)), shape)
+
+
+def inverse_kinematics(
+    geometry: PlatformGeometry,
+    posture: ArrayLike,
+    ground: ArrayLike,
+    foot_offsets: ArrayLike | None = None,
+    on_unreachable: Literal["raise", "nan"] = "raise",
+) -> NDArray[np.float64]:
+    """Extensions that put all four feet on the ground in a posture: Eq. (26) integrated exactly.
+
+    Args:
+        geometry: the platform.
+        posture: (..., 3) roll, pitch, height [rad, rad, m].
+        ground: (..., 2) roll and pitch of the ground [rad].
+        foot_offsets: (..., 4) heights of the feet above the ground's plane [m]; None for zero.
+        on_unreachable: "raise", or "nan" to mark unreachable postures of a batch: all four
+            extensions of such a posture are NaN.
+
+    Returns:
+        (..., 4) extensions [m].
+
+    Raises:
+        UnreachablePosture: a leg would leave its stroke; names the worst leg.
+        ValueError: wrong shapes, or an unknown `on_unreachable`.
+    """
+    if on_unreachable not in ("raise", "nan"):
+        raise ValueError(f'on_unreachable must be "raise" or "nan", not {on_unreachable!r}')
+    offsets = (0.0,) * LEG_COUNT if foot_offsets is None else foot_offsets
+    (y, n, delta), shape = _columns(
+        (posture, 3, "posture"), (ground, 2, "ground"), (offsets, 4, "foot_offsets")
+    )
+    if not shape:
+        extension = _stack(_inverse(geometry, y, n, delta), shape)
+    else:
+        size = int(np.prod(shape))
+        rows = np.empty((size, LEG_COUNT))
+        for start in range(0, size, _CHUNK):
+            part = slice(start, start + _CHUNK)
+            columns = ([c[part] if np.ndim(c) else c for c in block] for block in (y, n, delta))
+            for leg, column in enumerate(_inverse(geometry, *columns)):
+                rows[part, leg] = column
+        extension = rows.reshape(*shape, LEG_COUNT)
+    return _within_stroke(geometry, extension, on_unreachable)
+
+
+def estimate_ground(
+    geometry: PlatformGeometry, extension: ArrayLike, attitude: ArrayLike
+) -> NDArray[np.float64]:
+    """Ground inclination from the measured extensions and attitude (section 6.2, closed form).
+
+    Args:
+        geometry: the platform.
+        extension: (..., 4) actuator extensions with all feet on the ground [m].
+        attitude: (..., 2) roll and pitch of the platform against gravity [rad].
+
+    Returns:
+        (..., 2) roll and pitch of the ground [rad].
+    """
+    (d, a), shape = _columns((extension, 4, "extension"), (attitude, 2, "attitude"))
+    g, _ = _standing_plane(geometry, d, None)
+    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(a[0]), sin_cos(a[1])
+    # c = R_y(pitch) R_x(roll) g is the ground's normal in the world.
+    c_2 = cos_roll * g[1] - sin_roll * g[2]
+    forward = sin_roll * g[1] + cos_roll * g[2]
+    c_1 = cos_pitch * g[0] + sin_pitch * forward
+    c_3 = cos_pitch * forward - sin_pitch * g[0]
+    return _stack((-asin(c_2), atan2(c_1, c_3)), shape)
+
+
+def passive_extension(
+    geometry: PlatformGeometry,
+    extension: ArrayLike,
+    ground: ArrayLike,
+    attitude: ArrayLike,
+    legs: Sequence[int] = (0, 1, 2),
+) -> NDArray[np.float64]:
+    """Extension that keeps the remaining leg's foot on the ground, Eqs. (30)-(31).
+
+    Args:
+        geometry: the platform.
+        extension: (..., 3) extensions of the three active legs, in the order of `legs` [m].
+        ground: (..., 2) roll and pitch of the ground [rad].
+        attitude: (..., 2) roll and pitch of the platform [rad].
+        legs: indices 0..3 of the three active legs; the first one gives the height, as i_1 in
+            Eq. (31).
+
+    Returns:
+        (...) extension of the passive leg [m]; NaN where it cannot reach the ground.
+    """
+    active = _three(legs)
+    assert active is not None
+    (d, n, a), shape = _columns(
+        (extension, 3, "extension"), (ground, 2, "ground"), (attitude, 2, "attitude")
+    )
+    g = _normal_in_platform(_normal(*n), a[0], a[1])
+    height = _dot(g, foot_to_centre(geometry.legs[active[0]], d[0]))
+    (passive,) = set(range(LEG_COUNT)) - set(active)
+    column = extension_on_plane(geometry.legs[passive], g, height)
+    return np.reshape(np.asarray(column), shape)
+
+
+def posture_jacobian(
+    geometry: PlatformGeometry,
+    posture: ArrayLike,
+    ground: ArrayLike,
+    extension: ArrayLike | None = None,
+) -> NDArray[np.float64]:
+    """Derivative of the extensions by the posture: rows are legs, Eq. (26) for all four at once.
+
+    Args:
+        geometry: the platform.
+        posture: (..., 3) roll, pitch, height [rad, rad, m].
+        ground: (..., 2) roll and pitch of the ground [rad].
+        extension: (..., 4) extensions at which the derivative is taken [m]; None for those of
+            the posture (NaN rows where a leg cannot reach the ground).
+
+    Returns:
+        (..., 4, 3) matrix d(extension) / d(roll, pitch, height) [m/rad, m/rad, -].
+    """
+    blocks = [(posture, 3, "posture"), (ground, 2, "ground")]
+    if extension is not None:
+        blocks.append((extension, 4, "extension"))
+    (y, n, *d), shape = _columns(*blocks)
+    n_world = _normal(*n)
+    g = _normal_in_platform(n_world, y[0], y[1])
+    sin_pitch, cos_pitch = sin_cos(y[1])
+    sin_roll, cos_roll = sin_cos(y[0])
+    # g = R_x(roll)^T m with m = R_y(pitch)^T n; its derivatives by roll and pitch.
+    g_roll = (0.0, g[2], -g[1])
+    m_pitch_x = -n_world[0] * sin_pitch - n_world[2] * cos_pitch
+    m_pitch_z = n_world[0] * cos_pitch - n_world[2] * sin_pitch
+    g_pitch = (m_pitch_x, sin_roll * m_pitch_z, cos_roll * m_pitch_z)
+    rows = []
+    for i, leg in enumerate(geometry.legs):
+        d_i = d[0][i] if d else extension_on_plane(leg, g, y[2] - leg.foot_radius)
+        foot = foot_to_centre(leg, d_i)
+        lift = _dot(g, foot_to_centre_rate(leg, d_i))
+        rows.append((-_dot(g_roll, foot) / lift, -_dot(g_pitch, foot) / lift, 1.0 / lift))
+    flat = _stack(tuple(entry for row in rows for entry in row), shape)
+    return flat.reshape(*shape, LEG_COUNT, 3)
+
+
+def plane_mismatch(geometry: PlatformGeometry, extension: ArrayLike) -> NDArray[np.float64]:
+    """How far four feet are from lying in one plane: the height of one foot above the others'.
+
+    Positive where the feet of legs 1 and 3 reach lower (in the platform's frame) than the plane
+    through those of 2 and 4 allows, so that the platform rocks on legs 1 and 3.
+
+    Args:
+        geometry: the platform.
+        extension: (..., 4) extensions [m].
+
+    Returns:
+        (...) mismatch along the platform's z axis [m]; zero when all four feet can carry.
+    """
+    (d,), shape = _columns((extension, 4, "extension"))
+    weights, mismatch = _mismatch(
+        [foot_to_centre(leg, d[i]) for i, leg in enumerate(geometry.legs)]
+    )
+    return np.reshape(np.asarray(mismatch / weights[0]), shape)
+
+
+def _inverse(
+    geometry: PlatformGeometry,
+    posture: Sequence[Elementwise],
+    ground: Sequence[Elementwise],
+    offsets: Sequence[Elementwise],
+) -> tuple[Elementwise, ...]:
+    roll, pitch, height = posture
+    g = _normal_in_platform(_normal(*ground), roll, pitch)
+    return tuple(
+        extension_on_plane(leg, g, height - offset - leg.foot_radius)
+        for leg, offset in zip(geometry.legs, offsets, strict=True)
+    )
+
+
+def _within_stroke(
+    geometry: PlatformGeometry, extension: NDArray[np.float64], on_unreachable: str
+) -> NDArray[np.float64]:
+    """The extensions, or what `on_unreachable` asks for where one leaves its stroke."""
+    low, high = geometry.extension_min, geometry.extension_max
+    missing = np.maximum(low - extension, extension - high)
+    bad = ~(missing <= _STROKE_TOLERANCE)  # NaN is bad
+    if not bad.any():
+        return extension
+    if on_unreachable == "nan":
+        extension[bad.any(axis=-1)] = np.nan
+        return extension
+    first = tuple(int(i) for i in np.argwhere(bad.any(axis=-1))[0])
+    worst = int(np.argmax(np.where(np.isnan(missing[first]), np.inf, missing[first])))
+    raise UnreachablePosture(
+        worst + 1, float(extension[first][worst]), (low, high), first if first else None
+    )
+
+
+def _standing_plane(
+    geometry: PlatformGeometry, extension: Sequence[Elementwise], legs: tuple[int, ...] | None
+) -> tuple[Vector3, Elementwise]:
+    """Unit normal of the ground in the platform's frame, and the height of F above it."""
+    feet = [foot_to_centre(leg, extension[i]) for i, leg in enumerate(geometry.legs)]
+    if legs is None:
+        weights, mismatch = _mismatch(feet)
+        scale = mismatch / _dot4(weights, weights)
+        feet = [(x, y, z - w * scale) for (x, y, z), w in zip(feet, weights, strict=True)]
+        legs = (0, 1, 2)
+    p, q, r = (feet[i] for i in legs)
+    u = (p[0] - q[0], p[1] - q[1], p[2] - q[2])
+    v = (p[0] - r[0], p[1] - r[1], p[2] - r[2])
+    normal = (
+        u[1] * v[2] - u[2] * v[1],
+        u[2] * v[0] - u[0] * v[2],
+        u[0] * v[1] - u[1] * v[0],
+    )
+    # Dividing by the signed length makes g point up (g_3 > 0) whatever the order of the legs.
+    length = sqrt(_dot(normal, normal)) * (normal[2] / abs(normal[2]))
+    g = (normal[0] / length, normal[1] / length, normal[2] / length)
+    return g, _dot(g, p) + geometry.foot_radius
+
+
+def _mismatch(feet: Sequence[Vector3]) -> tuple[tuple[Elementwise, ...], Elementwise]:
+    """The affine dependency of the feet's xy positions, and what their z leave over in it.
+
+    Four points (x_i, y_i) have exactly one w with sum w = sum w x = sum w y = 0. The points lie
+    in one plane if sum w z = 0; subtracting w (w . z) / (w . w) from z is the least-squares fit.
+    """
+    (x1, y1, z1), (x2, y2, z2), (x3, y3, z3), (x4, y4, z4) = feet
+
+    def twice_area(xa, ya, xb, yb, xc, yc):  # type: ignore[no-untyped-def]
+        return (xb - xa) * (yc - ya) - (xc - xa) * (yb - ya)
+
+    weights = (
+        twice_area(x2, y2, x3, y3, x4, y4),
+        -twice_area(x1, y1, x3, y3, x4, y4),
+        twice_area(x1, y1, x2, y2, x4, y4),
+        -twice_area(x1, y1, x2, y2, x3, y3),
+    )
+    return weights, _dot4(weights, (z1, z2, z3, z4))
+
+
+def _posture(g: Vector3, height: Elementwise, n: Vector3) -> Vector3:
+    """Posture whose platform sees the world's normal n as g: R g = n solved for the angles."""
+    sideways = sqrt(g[1] * g[1] + g[2] * g[2])
+    roll = atan2(g[1], g[2]) - asin(n[1] / sideways)
+    sin_roll, cos_roll = sin_cos(roll)
+    m_z = g[1] * sin_roll + g[2] * cos_roll
+    pitch = atan2(n[0] * m_z - n[2] * g[0], n[0] * g[0] + n[2] * m_z)
+    return roll, pitch, height
+
+
+def _normal(roll: Elementwise, pitch: Elementwise) -> Vector3:
+    """Normal of a plane inclined by roll and pitch: (c_1, c_2, c_3) of Eq. (9)."""
+    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(roll), sin_cos(pitch)
+    return sin_pitch * cos_roll, -sin_roll, cos_pitch * cos_roll
+
+
+def _normal_in_platform(n: Vector3, roll: Elementwise, pitch: Elementwise) -> Vector3:
+    """(g_1, g_2, g_3) of Eqs. (10)-(12): the world's vector n in the platform's frame."""
+    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(roll), sin_cos(pitch)
+    m_z = n[0] * sin_pitch + n[2] * cos_pitch
+    return (
+        n[0] * cos_pitch - n[2] * sin_pitch,
+        n[1] * cos_roll + m_z * sin_roll,
+        m_z * cos_roll - n[1] * sin_roll,
+    )
+
+
+def _dot(a: Vector3, b: Vector3) -> Elementwise:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _dot4(a: Sequence[Elementwise], b: Sequence[Elementwise]) -> Elementwise:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+
+
+def _three(legs: Sequence[int] | None) -> tuple[int, ...] | None:
+    if legs is None:
+        return None
+    chosen = tuple(int(leg) for leg in legs)
+    if len(chosen) != 3 or len(set(chosen)) != 3 or not set(chosen) <= set(range(LEG_COUNT)):
+        raise ValueError(f"legs must be three different indices out of 0, 1, 2, 3, not {legs}")
+    return chosen
+
+
+def _columns(
+    *blocks: tuple[ArrayLike, int, str],
+) -> tuple[list[list[Elementwise]], tuple[int, ...]]:
+    """Components of each block as floats (single) or contiguous vectors (batch), and the shape.
+
+    A block without leading dimensions stays a list of floats inside a batch: its sines are then
+    taken once.
+    """
+    arrays = []
+    for value, width, name in blocks:
+        array = np.asarray(value)
+        if array.ndim == 0 or array.shape[-1] != width:
+            raise ValueError(f"{name} must have shape (..., {width}), not {array.shape}")
+        arrays.append(array)
+    shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
+    columns: list[list[Elementwise]] = []
+    for array in arrays:
+        if array.dtype != object and array.dtype != np.float64:
+            array = array.astype(np.float64)
+        if array.ndim == 1:
+            columns.append(array.tolist())
+        else:
+            array = np.broadcast_to(array, (*shape, array.shape[-1]))
+            rows = array.reshape(-1, array.shape[-1])
+            columns.append([np.ascontiguousarray(rows[:, i]) for i in range(rows.shape[1])])
+    return columns, shape
+
+
+def _stack(columns: Sequence[Elementwise], shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Columns as the last dimension of an array of the batch's shape."""
+    if not shape:
+        return np.array(columns)
+    size = int(np.prod(shape))
+    stacked = np.stack([np.broadcast_to(column, (size,)) for column in columns], axis=-1)
+    return stacked.reshape(*shape, len(columns))

@@ -1,0 +1,97 @@
+"""One leg in closed form: a parallelogram whose diagonal is the linear actuator.
+
+In the leg's plane (x and z of frame D) the hip is E, the short side of the parallelogram is
+l_3 e_a with e_a = (cos alpha, sin alpha), and the long side is l_4 (cos psi, sin psi). Their
+sum is the diagonal EK, whose length is the actuator's extension d. The coupler never turns
+relative to the platform, so the foot repeats the motion of the long side's end. The working
+branch has psi between 90 and 270 degrees.
+
+All functions work elementwise on floats, arrays and AutoDiffXd (`parapod.systems.elementwise`).
+"""
+
+import math
+
+from parapod.systems.elementwise import Elementwise, atan2, sqrt
+from parapod.systems.levelling_platform.geometry import LegGeometry
+
+
+def long_side(leg: LegGeometry, extension: Elementwise) -> tuple[Elementwise, Elementwise]:
+    """Components of the long side l_4 (cos psi, sin psi) in the leg's plane [m].
+
+    Eq. (2) without trigonometric calls: d cos gamma = (d^2 + l_3^2 - l_4^2) / (2 l_3), and the
+    diagonal is d (cos z, sin z) with z = alpha + gamma. NaN where the triangle cannot close.
+    """
+    ca, sa = leg.e_a
+    along = (extension * extension + (leg.l_3 * leg.l_3 - leg.l_4 * leg.l_4)) * (0.5 / leg.l_3)
+    across = sqrt(extension * extension - along * along)
+    side = along - leg.l_3
+    return side * ca - across * sa, side * sa + across * ca
+
+
+def swing_angle(leg: LegGeometry, extension: Elementwise) -> Elementwise:
+    """Angle psi of the long side in the leg's plane [rad], in (0, 2 pi) on the working branch."""
+    x, z = long_side(leg, extension)
+    # Measured from -x, so that the branch cut of atan2 is far from the working range.
+    return atan2(-z, -x) + math.pi
+
+
+def foot_to_centre(
+    leg: LegGeometry, extension: Elementwise
+) -> tuple[Elementwise, Elementwise, Elementwise]:
+    """Vector P_C^F from the foot to the platform's centre F, in the platform's frame [m].
+
+    Eqs. (4), (6) and (8). With a roller at the foot the point is the roller's centre.
+    """
+    x, z = long_side(leg, extension)
+    cb, sb = leg.e_b
+    c_x, c_y, c_z = leg.p_MF
+    return c_x - cb * x, c_y - sb * x, c_z - z
+
+
+def foot_to_centre_rate(
+    leg: LegGeometry, extension: Elementwise
+) -> tuple[Elementwise, Elementwise, Elementwise]:
+    """Derivative of `foot_to_centre` with respect to the extension, d P_C^F / dd [-].
+
+    Eqs. (27)-(29) with the sign of dz/dd corrected. It grows without bound towards the dead
+    points d = l_4 +- l_3, where the parallelogram is flat.
+    """
+    x, z = long_side(leg, extension)
+    ca, sa = leg.e_a
+    cb, sb = leg.e_b
+    # d^2 = l_3^2 + l_4^2 + 2 l_3 l_4 cos(psi - alpha)  =>  dpsi/dd
+    psi_rate = -extension / (leg.l_3 * (z * ca - x * sa))
+    return cb * z * psi_rate, sb * z * psi_rate, -x * psi_rate
+
+
+def extension_of_swing(leg: LegGeometry, x: Elementwise, z: Elementwise) -> Elementwise:
+    """Extension whose long side is (x, z) [m]: the length of the diagonal."""
+    ca, sa = leg.e_a
+    return sqrt(leg.l_3 * leg.l_3 + leg.l_4 * leg.l_4 + (2.0 * leg.l_3) * (x * ca + z * sa))
+
+
+def extension_on_plane(
+    leg: LegGeometry, g: tuple[Elementwise, Elementwise, Elementwise], height: Elementwise
+) -> Elementwise:
+    """Extension that puts the foot on the plane g . P = height, eqs. (26) and (31) solved [m].
+
+    With a = (g_1 cos beta + g_2 sin beta, g_3) the condition is a . l_4 (cos psi, sin psi) = b,
+    a single linear trigonometric equation; of its two roots the working branch is taken. NaN
+    where the foot cannot reach the plane. No trigonometric function is called.
+
+    Args:
+        leg: the leg.
+        g: the plane's unit normal in the platform's frame.
+        height: distance of F above the plane through the foot (or the roller's centre) [m].
+    """
+    g_1, g_2, g_3 = g
+    ca, sa = leg.e_a
+    cb, sb = leg.e_b
+    c_x, c_y, c_z = leg.p_MF
+    a_1 = g_1 * cb + g_2 * sb
+    b = g_1 * c_x + g_2 * c_y + g_3 * c_z - height
+    a_squared = a_1 * a_1 + g_3 * g_3
+    root = sqrt((leg.l_4 * leg.l_4) * a_squared - b * b)
+    # The long side projected on e_a, times |a|^2.
+    projection = b * (ca * a_1 + sa * g_3) + root * (sa * a_1 - ca * g_3)
+    return sqrt((leg.l_3 * leg.l_3 + leg.l_4 * leg.l_4) + (2.0 * leg.l_3) * projection / a_squared)

@@ -1,0 +1,1 @@
+"""Sensor models and estimators, shared by the machines."""
