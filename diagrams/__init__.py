@@ -1,1 +1,1 @@
-"""."""
+"""Wiring only: typed scenarios, stations, controllers and closed loops made of parapod.systems."""

@@ -1,1 +1,1 @@
-"""."""
+"""Experiments, the scenarios they run, their results, and the `parapod` command."""

@@ -18,7 +18,8 @@ def sqrt(x: Elementwise) -> Elementwise:
     """Square root; NaN for negative numbers."""
     if type(x) is float:
         return math.sqrt(x) if x >= 0.0 else math.nan
-    return np.sqrt(x)
+    with np.errstate(invalid="ignore"):
+        return np.sqrt(x)
 
 
 def sin_cos(x: Elementwise) -> tuple[Elementwise, Elementwise]:
@@ -32,7 +33,8 @@ def asin(x: Elementwise) -> Elementwise:
     """Arc sine; NaN outside [-1, 1]."""
     if type(x) is float:
         return math.asin(x) if -1.0 <= x <= 1.0 else math.nan
-    return np.arcsin(x)
+    with np.errstate(invalid="ignore"):
+        return np.arcsin(x)
 
 
 def atan2(y: Elementwise, x: Elementwise) -> Elementwise:

@@ -40,3 +40,27 @@ class UnreachablePosture(ParapodError):
         else:
             text = f"leg {leg} cannot reach the ground with any extension (its stroke is {stroke})"
         super().__init__(where + text + hint)
+
+
+class ScenarioError(ParapodError):
+    """A scenario that cannot be used: unknown key, value that is not allowed, unreadable file.
+
+    Attributes:
+        key: dotted name of the offending key, as in "ground.pitch_deg"; "" if there is none.
+    """
+
+    def __init__(self, message: str, key: str = ""):
+        self.key = key
+        super().__init__(message)
+
+
+class OutputError(ParapodError):
+    """A file of results that cannot be written, or that cannot be read back.
+
+    Attributes:
+        path: the file, or None.
+    """
+
+    def __init__(self, message: str, path: object = None):
+        self.path = path
+        super().__init__(message)

@@ -1,1 +1,1 @@
-"""."""
+"""Wiring of the levelling platform: scenario, station, controller, closed loop."""

@@ -1,1 +1,1 @@
-"""."""
+"""The default scenario of every experiment: `<experiment>.yaml`."""

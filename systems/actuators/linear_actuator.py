@@ -1,5 +1,6 @@
 """Electric linear actuator: a DC motor behind a high reduction and a self-locking screw."""
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -15,29 +16,31 @@ from parapod.systems.elementwise import Elementwise, clamp, exp, log
 class LinearActuatorParams:
     """Constants of one actuator, all referred to the rod's linear motion.
 
-    The paper gives K = K_m / nu = 0.01 (m/s)/V (Eq. 18) and that the load changes it by no more
-    than 15 % (section 5.2); the split into the constants below is an assumption that has both.
+    The paper gives K = K_m / nu = 0.01 (m/s)/V (Eq. 18) and finds it within 15 % for ten voltage
+    steps with and without load (section 5.2). The split into the constants below is an
+    assumption that has both, with a load of 0.74 kN on each actuator.
 
     Attributes:
         model: "dynamic" for Eq. (15); "integrator" for the pure K/s of Eq. (17), which ignores
             inertia, friction and load.
         motor_constant: K_m, force per voltage [N/V].
-        viscous_friction: nu_l, force per speed [N s/m].
+        viscous_friction: nu_l, force per speed, mostly the motor's back-EMF [N s/m].
         inertia: J_l, equivalent mass of rotor and gear [kg]; J_l / nu_l = 10 ms.
         coulomb_friction: Gamma^nlc without load [N].
-        load_friction: additional Coulomb friction per newton of load [-]; 1 or more makes the
-            screw self-locking, so that no load can drive it back.
+        screw_efficiency: eta of the screw when it lifts a load [-]. A load against the motion
+            counts load / eta, one along it load (2 - 1 / eta), the rule for screws; at 0.5 and
+            below the screw is self-locking: no load drives it back, and none helps.
         supply_voltage: largest voltage either way [V].
         stop_min: mechanical end stop, rod retracted [m].
         stop_max: mechanical end stop, rod extended [m].
     """
 
     model: Literal["dynamic", "integrator"] = "dynamic"
-    motor_constant: float = 1.0e3
-    viscous_friction: float = 1.0e5
-    inertia: float = 1.0e3
-    coulomb_friction: float = 200.0
-    load_friction: float = 1.0
+    motor_constant: float = 2.0e4
+    viscous_friction: float = 2.0e6
+    inertia: float = 2.0e4
+    coulomb_friction: float = 1.0e3
+    screw_efficiency: float = 0.5
     supply_voltage: float = 12.0
     stop_min: float = 0.380
     stop_max: float = 0.460
@@ -48,63 +51,98 @@ class LinearActuatorParams:
         return self.motor_constant / self.viscous_friction
 
 
-def step(
-    params: LinearActuatorParams,
-    motor_constant: Elementwise,
-    position: Elementwise,
-    velocity: Elementwise,
-    voltage: Elementwise,
-    load_force: Elementwise,
-    duration: float,
-) -> tuple[Elementwise, Elementwise]:
-    """Position and velocity after `duration` of constant voltage and load: Eq. (15) solved exactly.
+class Stepper:
+    """Steps one actuator: Eq. (15) solved exactly for constant voltage and load.
 
     Between changes of direction the equation is linear; the instant at which the rod stops is
-    found in closed form, and from there it sticks or leaves in the other direction.
+    found in closed form, and from there it sticks or leaves in the other direction. What depends
+    on the parameters and the duration alone is computed once.
+
+    Args:
+        params: the actuator.
+        duration: of a step [s].
     """
-    voltage = clamp(voltage, -params.supply_voltage, params.supply_voltage)
-    if params.model == "integrator":
-        velocity = motor_constant / params.viscous_friction * voltage
-        position = position + velocity * duration
-    else:
-        drive = motor_constant * voltage - load_force
-        friction = params.coulomb_friction + params.load_friction * abs(load_force)
-        position, velocity = _slide(params, position, velocity, drive, friction, duration)
-    if position <= params.stop_min:
-        return params.stop_min + 0.0 * position, 0.0 * velocity
-    if position >= params.stop_max:
-        return params.stop_max + 0.0 * position, 0.0 * velocity
-    return position, velocity
 
+    def __init__(self, params: LinearActuatorParams, duration: float):
+        self._params, self._duration = params, duration
+        self._tau = params.inertia / params.viscous_friction
+        self._decay = math.exp(-duration / self._tau) if self._tau > 0.0 else 0.0
+        # What a newton of load takes from the motor when the rod moves against it, and along it.
+        self._against = 1.0 / params.screw_efficiency
+        self._along = max(0.0, 2.0 - 1.0 / params.screw_efficiency)
 
-def _slide(
-    params: LinearActuatorParams,
-    position: Elementwise,
-    velocity: Elementwise,
-    drive: Elementwise,
-    friction: Elementwise,
-    duration: float,
-) -> tuple[Elementwise, Elementwise]:
-    """Motion under a constant drive force and Coulomb friction, from one stop to the next."""
-    nu, tau = params.viscous_friction, params.inertia / params.viscous_friction
-    for _ in range(2):  # at most one change of direction
-        if velocity == 0.0 and abs(drive) <= friction:
-            break
-        forwards = velocity > 0.0 or (velocity == 0.0 and drive > 0.0)
-        limit = (drive - friction if forwards else drive + friction) / nu
-        if tau == 0.0:
-            # Without inertia the limit speed is taken at once, or the rod does not move.
-            moves = limit > 0.0 if forwards else limit < 0.0
-            return (position + limit * duration, limit) if moves else (position, 0.0 * limit)
-        decay = exp(-duration / tau)
-        end = limit + (velocity - limit) * decay
-        if end >= 0.0 if forwards else end <= 0.0:
-            return position + limit * duration + (velocity - limit) * tau * (1.0 - decay), end
-        time_to_stop = tau * log((limit - velocity) / limit)
-        position = position + limit * time_to_stop + velocity * tau
-        duration = duration - time_to_stop
-        velocity = 0.0 * velocity
-    return position, velocity
+    def step(
+        self,
+        motor_constant: Elementwise,
+        position: Elementwise,
+        velocity: Elementwise,
+        voltage: Elementwise,
+        load_force: Elementwise,
+    ) -> tuple[Elementwise, Elementwise]:
+        """Position and velocity after a step that begins with these.
+
+        Args:
+            motor_constant: K_m [N/V].
+            position: [m].
+            velocity: [m/s].
+            voltage: saturated at the supply here [V].
+            load_force: force that the rod must exert to extend [N].
+        """
+        params = self._params
+        supply = params.supply_voltage
+        force = motor_constant * clamp(voltage, -supply, supply)
+        if params.model == "integrator":
+            velocity = force / params.viscous_friction
+            position = position + velocity * self._duration
+        else:
+            coulomb = params.coulomb_friction
+            if load_force > 0.0:
+                extending = coulomb + self._against * load_force
+                retracting = coulomb - self._along * load_force
+            else:
+                extending = coulomb + self._along * load_force
+                retracting = coulomb - self._against * load_force
+            if velocity == 0.0 and -retracting <= force <= extending:
+                return position, velocity
+            position, velocity = self._slide(position, velocity, force, extending, retracting)
+        if params.stop_min < position < params.stop_max:
+            return position, velocity
+        stop = params.stop_min if position <= params.stop_min else params.stop_max
+        return stop + 0.0 * position, 0.0 * velocity
+
+    def _slide(
+        self,
+        position: Elementwise,
+        velocity: Elementwise,
+        force: Elementwise,
+        extending: Elementwise,
+        retracting: Elementwise,
+    ) -> tuple[Elementwise, Elementwise]:
+        """Motion under a constant motor force and constant resistances to either direction."""
+        nu, tau, duration, decay = (
+            self._params.viscous_friction,
+            self._tau,
+            self._duration,
+            self._decay,
+        )
+        for _ in range(2):  # at most one change of direction
+            extends = velocity > 0.0 or (velocity == 0.0 and force > extending)
+            limit = (force - extending if extends else force + retracting) / nu
+            if tau == 0.0:
+                # Without inertia the limit speed is taken at once, or the rod does not move.
+                moves = limit > 0.0 if extends else limit < 0.0
+                return (position + limit * duration, limit) if moves else (position, 0.0 * limit)
+            end = limit + (velocity - limit) * decay
+            if end >= 0.0 if extends else end <= 0.0:
+                return position + limit * duration + (velocity - limit) * tau * (1.0 - decay), end
+            time_to_stop = tau * log((limit - velocity) / limit)
+            position = position + limit * time_to_stop + velocity * tau
+            velocity = 0.0 * velocity
+            if -retracting <= force <= extending:
+                break
+            duration = duration - time_to_stop
+            decay = exp(-duration / tau)
+        return position, velocity
 
 
 @TemplateSystem.define("LinearActuator_")
@@ -122,9 +160,11 @@ def LinearActuator_(T: Any) -> Any:
         | out `velocity` | n | m/s | its rate |
         | out `next_state` | 2n | m, m/s | extensions and velocities one step ahead |
 
-        State: discrete, extensions and velocities (2n), stepped exactly for inputs that are
+        State: discrete, extensions (n) and velocities (n), stepped exactly for inputs that are
         constant over the step. `next_state` lets an implicit plant arrive where the actuator
-        will be, instead of trailing it by a step.
+        will be, instead of trailing it by a step. A MultibodyPlant steps in an unrestricted
+        update, before all discrete updates of the same instant; with `with_plant` the actuator
+        steps in the same phase, so that both see the same inputs.
 
         Parameters (Context): motor constants K_m (n) [N/V], see `set_gain_scale`.
 
@@ -137,11 +177,14 @@ def LinearActuator_(T: Any) -> Any:
             params: LinearActuatorParams = LinearActuatorParams(),
             channels: int = 4,
             time_step: float = 1e-3,
+            with_plant: bool = False,
             converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter)
             self.set_name("linear_actuator")
-            self.params, self.channels, self.time_step = params, channels, time_step
+            self.params, self.channels = params, channels
+            self.time_step, self.with_plant = time_step, with_plant
+            self._stepper = Stepper(params, time_step)
             n = channels
             self._voltage = self.DeclareVectorInputPort("voltage", n)
             self._load = self.DeclareVectorInputPort("load_force", n)
@@ -149,74 +192,73 @@ def LinearActuator_(T: Any) -> Any:
                 BasicVector_[T](np.full(n, params.motor_constant))
             )
             middle = 0.5 * (params.stop_min + params.stop_max)
-            state = self.DeclareDiscreteState(
-                BasicVector_[T](np.concatenate((np.full(n, middle), np.zeros(n))))
-            )
-            ticket = {self.discrete_state_ticket(state)}
-            self.DeclareVectorOutputPort("extension", n, self._calc_extension, ticket)
-            self.DeclareVectorOutputPort("velocity", n, self._calc_velocity, ticket)
+            extension = self.DeclareDiscreteState(BasicVector_[T](np.full(n, middle)))
+            velocity = self.DeclareDiscreteState(BasicVector_[T](np.zeros(n)))
+            self.DeclareStateOutputPort("extension", extension)
+            self.DeclareStateOutputPort("velocity", velocity)
             self._next = self.DeclareVectorOutputPort(
                 "next_state",
                 2 * n,
                 self._calc_next_state,
-                ticket
-                | {
+                {
+                    self.xd_ticket(),
                     self._voltage.ticket(),
                     self._load.ticket(),
                     self.all_parameters_ticket(),
                 },
             )
-            self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update_state)
+            if with_plant:
+                self.DeclarePeriodicUnrestrictedUpdateEvent(time_step, 0.0, self._update_all)
+            else:
+                self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update_state)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Impl._construct(
-                self, other.params, other.channels, other.time_step, converter=converter
+                self,
+                other.params,
+                other.channels,
+                other.time_step,
+                other.with_plant,
+                converter=converter,
             )
 
         def set_extension(self, context: Context, extension: ArrayLike) -> None:
             """Puts the rods at rest at the given extensions (n) [m]."""
-            rest = np.concatenate((np.asarray(extension), np.zeros(self.channels)))
-            context.SetDiscreteState(rest)
+            context.SetDiscreteState(0, np.broadcast_to(extension, self.channels).astype(float))
+            context.SetDiscreteState(1, np.zeros(self.channels))
 
         def set_gain_scale(self, context: Context, scale: ArrayLike) -> None:
             """Multiplies the nominal motor constants by `scale` (n or scalar) [-]."""
             gains = self.params.motor_constant * np.broadcast_to(scale, self.channels)
             context.get_mutable_numeric_parameter(self._gains).SetFromVector(gains)
 
-        def _calc_extension(self, context: Context, output: Any) -> None:
-            output.SetFromVector(
-                context.get_discrete_state_vector().CopyToVector()[: self.channels]
-            )
-
-        def _calc_velocity(self, context: Context, output: Any) -> None:
-            output.SetFromVector(
-                context.get_discrete_state_vector().CopyToVector()[self.channels :]
-            )
-
         def _calc_next_state(self, context: Context, output: Any) -> None:
             n = self.channels
-            state = context.get_discrete_state_vector().CopyToVector().tolist()
-            voltages = self._voltage.Eval(context).tolist()
-            loads = (
-                self._load.Eval(context).tolist() if self._load.HasValue(context) else [0.0] * n
-            )
+            positions = context.get_discrete_state(0).CopyToVector().tolist()
+            velocities = context.get_discrete_state(1).CopyToVector().tolist()
             gains = context.get_numeric_parameter(self._gains).CopyToVector().tolist()
-            result: list[Any] = [0.0] * (2 * n)
+            voltages = self._voltage.Eval(context).tolist()
+            loaded = self._load.HasValue(context)
+            loads = self._load.Eval(context).tolist() if loaded else [0.0] * n
+            step = self._stepper.step
             for i in range(n):
                 voltage, load = voltages[i], loads[i]
-                result[i], result[n + i] = step(
-                    self.params,
+                positions[i], velocities[i] = step(
                     gains[i],
-                    state[i],
-                    state[n + i],
+                    positions[i],
+                    velocities[i],
                     voltage if voltage == voltage else 0.0,
                     load if load == load else 0.0,
-                    self.time_step,
                 )
-            output.SetFromVector(result)
+            output.SetFromVector(np.array(positions + velocities))
 
         def _update_state(self, context: Context, discrete_state: Any) -> None:
-            discrete_state.set_value(self._next.Eval(context))
+            ahead = self._next.Eval(context)
+            discrete_state.set_value(0, ahead[: self.channels])
+            discrete_state.set_value(1, ahead[self.channels :])
+
+        def _update_all(self, context: Context, state: Any) -> None:
+            self._update_state(context, state.get_mutable_discrete_state())
 
     return Impl
 

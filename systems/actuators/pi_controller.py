@@ -21,12 +21,18 @@ class PiControllerParams:
         voltage_limit: saturation of the output [V].
         rate_feedforward: share of the desired rate that is fed forward as rate / K [-];
             0 is the paper's law, 1 removes the lag behind an accelerating reference.
+        friction_feedforward: voltages that overcome friction and load when extending and when
+            retracting [V]; zero in the paper's law. Added in proportion to rate /
+            (|rate| + friction_rate), so that it fades in and out with the motion.
+        friction_rate: rate at which half of it is added [m/s].
     """
 
     gain: float = 0.01
     pole: float = 10.0
     voltage_limit: float = 10.0
     rate_feedforward: float = 0.0
+    friction_feedforward: tuple[float, float] = (0.0, 0.0)
+    friction_rate: float = 1e-5
 
     @property
     def k_p(self) -> float:
@@ -59,7 +65,7 @@ def PiController_(T: Any) -> Any:
         (conditional integration). When control begins, the integrals are set so that the first
         voltage is the last one held: nothing jumps, however far the reference is.
 
-        Parameters (Context): K_p, K_v, voltage limit, feedforward gain (4).
+        Parameters (Context): K_p, K_v, voltage limit (3).
 
         Bad input: a channel with a NaN or infinite input outputs 0 V and keeps its integral.
         """
@@ -79,53 +85,54 @@ def PiController_(T: Any) -> Any:
             self._desired_rate = self.DeclareVectorInputPort("desired_rate", n)
             self._measured = self.DeclareVectorInputPort("measured", n)
             self._enable = self.DeclareVectorInputPort("enable", 1)
-            feedforward = params.rate_feedforward / params.gain
             self._gains = self.DeclareNumericParameter(
-                BasicVector_[T]([params.k_p, params.k_v, params.voltage_limit, feedforward])
+                BasicVector_[T]([params.k_p, params.k_v, params.voltage_limit])
             )
-            state = self.DeclareDiscreteState(BasicVector_[T](np.zeros(2 * n + 1)))
-            self.DeclareVectorOutputPort(
-                "voltage", n, self._calc_voltage, {self.discrete_state_ticket(state)}
-            )
+            self.DeclareDiscreteState(BasicVector_[T](np.zeros(n)))
+            voltage = self.DeclareDiscreteState(BasicVector_[T](np.zeros(n)))
+            self.DeclareDiscreteState(BasicVector_[T](np.zeros(1)))
+            self.DeclareStateOutputPort("voltage", voltage)
             self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_voltage)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Impl._construct(self, other.params, other.channels, other.period, converter=converter)
 
-        def _calc_voltage(self, context: Context, output: Any) -> None:
-            n = self.channels
-            output.SetFromVector(context.get_discrete_state_vector().CopyToVector()[n : 2 * n])
+        def _feedforward(self, rate: Any) -> Any:
+            params = self.params
+            friction = params.friction_feedforward[0 if rate > 0.0 else 1]
+            moving = rate / (abs(rate) + params.friction_rate)
+            return params.rate_feedforward / params.gain * rate + friction * moving
 
         def _update_voltage(self, context: Context, discrete_state: Any) -> None:
             n = self.channels
-            state = context.get_discrete_state_vector().CopyToVector().tolist()
-            enabled = not self._enable.HasValue(context) or self._enable.Eval(context)[0] > 0.5
-            if not enabled:
-                discrete_state.set_value(np.array(state[:n] + [0.0] * (n + 1)))
+            if self._enable.HasValue(context) and not self._enable.Eval(context)[0] > 0.5:
+                discrete_state.set_value(1, np.zeros(n))
+                discrete_state.set_value(2, np.zeros(1))
                 return
-            begins = not state[2 * n] > 0.5
-            k_p, k_v, limit, feedforward = (
-                context.get_numeric_parameter(self._gains).CopyToVector().tolist()
-            )
+            integrals = context.get_discrete_state(0).CopyToVector().tolist()
+            voltages = context.get_discrete_state(1).CopyToVector().tolist()
+            begins = not context.get_discrete_state(2)[0] > 0.5
+            gains = context.get_numeric_parameter(self._gains).CopyToVector()
+            k_p, k_v, limit = gains.tolist()
             desired = self._desired.Eval(context).tolist()
             measured = self._measured.Eval(context).tolist()
             has_rate = self._desired_rate.HasValue(context)
             rates = self._desired_rate.Eval(context).tolist() if has_rate else [0.0] * n
             for i in range(n):
                 error = desired[i] - measured[i]
-                direct = k_v * error + feedforward * rates[i]
+                direct = k_v * error + self._feedforward(rates[i])
                 if not math.isfinite(direct if type(direct) is float else direct.value()):
-                    state[n + i] = 0.0
+                    voltages[i] = 0.0
                     continue
                 if begins:
-                    state[i] = state[n + i] - direct
-                integral = state[i] + k_p * self.period * error
-                voltage = direct + state[i]
+                    integrals[i] = voltages[i] - direct
+                voltage = direct + integrals[i]
                 if abs(voltage) <= limit or voltage * error < 0.0:
-                    state[i] = integral
-                state[n + i] = clamp(voltage, -limit, limit)
-            state[2 * n] = 1.0
-            discrete_state.set_value(np.array(state))
+                    integrals[i] = integrals[i] + k_p * self.period * error
+                voltages[i] = clamp(voltage, -limit, limit)
+            discrete_state.set_value(0, np.array(integrals))
+            discrete_state.set_value(1, np.array(voltages))
+            discrete_state.set_value(2, np.ones(1))
 
     return Impl
 

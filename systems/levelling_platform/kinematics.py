@@ -21,13 +21,24 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from parapod.systems.elementwise import Elementwise, asin, atan2, sin_cos, sqrt
+from parapod.systems.elementwise import Elementwise, asin, atan2
 from parapod.systems.errors import UnreachablePosture
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.leg import (
     extension_on_plane,
+    extension_rate_on_plane,
     foot_to_centre,
-    foot_to_centre_rate,
+)
+from parapod.systems.levelling_platform.plane import (
+    Vector3,
+    attitude_derivatives,
+    attitude_seeing,
+    dot,
+    mismatch,
+    normal_of,
+    normal_through,
+    to_platform,
+    to_world,
 )
 
 __all__ = [
@@ -35,13 +46,11 @@ __all__ = [
     "UnreachablePosture",
     "estimate_ground",
     "forward_kinematics",
+    "height_range",
     "inverse_kinematics",
     "passive_extension",
-    "plane_mismatch",
     "posture_jacobian",
 ]
-
-type Vector3 = tuple[Elementwise, Elementwise, Elementwise]
 
 # Rows of a batch that are worked on at a time, so that temporaries stay in the cache.
 _CHUNK = 4096
@@ -72,7 +81,7 @@ def forward_kinematics(
     """
     (d, n), shape = _columns((extension, 4, "extension"), (ground, 2, "ground"))
     g, height = _standing_plane(geometry, d, _three(legs))
-    return _stack(_posture(g, height, _normal(*n)), shape)
+    return _stack((*attitude_seeing(g, normal_of(*n)), height), shape)
 
 
 def inverse_kinematics(
@@ -134,12 +143,7 @@ def estimate_ground(
     """
     (d, a), shape = _columns((extension, 4, "extension"), (attitude, 2, "attitude"))
     g, _ = _standing_plane(geometry, d, None)
-    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(a[0]), sin_cos(a[1])
-    # c = R_y(pitch) R_x(roll) g is the ground's normal in the world.
-    c_2 = cos_roll * g[1] - sin_roll * g[2]
-    forward = sin_roll * g[1] + cos_roll * g[2]
-    c_1 = cos_pitch * g[0] + sin_pitch * forward
-    c_3 = cos_pitch * forward - sin_pitch * g[0]
+    c_1, c_2, c_3 = to_world(g, a[0], a[1])
     return _stack((-asin(c_2), atan2(c_1, c_3)), shape)
 
 
@@ -168,8 +172,8 @@ def passive_extension(
     (d, n, a), shape = _columns(
         (extension, 3, "extension"), (ground, 2, "ground"), (attitude, 2, "attitude")
     )
-    g = _normal_in_platform(_normal(*n), a[0], a[1])
-    height = _dot(g, foot_to_centre(geometry.legs[active[0]], d[0]))
+    g = to_platform(normal_of(*n), a[0], a[1])
+    height = dot(g, foot_to_centre(geometry.legs[active[0]], d[0]))
     (passive,) = set(range(LEG_COUNT)) - set(active)
     column = extension_on_plane(geometry.legs[passive], g, height)
     return np.reshape(np.asarray(column), shape)
@@ -197,43 +201,44 @@ def posture_jacobian(
     if extension is not None:
         blocks.append((extension, 4, "extension"))
     (y, n, *d), shape = _columns(*blocks)
-    n_world = _normal(*n)
-    g = _normal_in_platform(n_world, y[0], y[1])
-    sin_pitch, cos_pitch = sin_cos(y[1])
-    sin_roll, cos_roll = sin_cos(y[0])
-    # g = R_x(roll)^T m with m = R_y(pitch)^T n; its derivatives by roll and pitch.
-    g_roll = (0.0, g[2], -g[1])
-    m_pitch_x = -n_world[0] * sin_pitch - n_world[2] * cos_pitch
-    m_pitch_z = n_world[0] * cos_pitch - n_world[2] * sin_pitch
-    g_pitch = (m_pitch_x, sin_roll * m_pitch_z, cos_roll * m_pitch_z)
-    rows = []
+    n_world = normal_of(*n)
+    g = to_platform(n_world, y[0], y[1])
+    g_roll, g_pitch = attitude_derivatives(n_world, g, y[0], y[1])
+    rates = ((g_roll, 0.0), (g_pitch, 0.0), ((0.0, 0.0, 0.0), 1.0))
+    entries = []
     for i, leg in enumerate(geometry.legs):
         d_i = d[0][i] if d else extension_on_plane(leg, g, y[2] - leg.foot_radius)
-        foot = foot_to_centre(leg, d_i)
-        lift = _dot(g, foot_to_centre_rate(leg, d_i))
-        rows.append((-_dot(g_roll, foot) / lift, -_dot(g_pitch, foot) / lift, 1.0 / lift))
-    flat = _stack(tuple(entry for row in rows for entry in row), shape)
-    return flat.reshape(*shape, LEG_COUNT, 3)
+        entries += [extension_rate_on_plane(leg, d_i, g, *rate) for rate in rates]
+    return _stack(entries, shape).reshape(*shape, LEG_COUNT, 3)
 
 
-def plane_mismatch(geometry: PlatformGeometry, extension: ArrayLike) -> NDArray[np.float64]:
-    """How far four feet are from lying in one plane: the height of one foot above the others'.
+def height_range(
+    geometry: PlatformGeometry, attitude: ArrayLike, ground: ArrayLike
+) -> NDArray[np.float64]:
+    """Heights that all four legs can reach at an attitude, in closed form.
 
-    Positive where the feet of legs 1 and 3 reach lower (in the platform's frame) than the plane
-    through those of 2 and 4 allows, so that the platform rocks on legs 1 and 3.
+    A longer actuator lowers the platform, so each leg's stroke is an interval of heights, and
+    the platform's range is their intersection.
 
     Args:
         geometry: the platform.
-        extension: (..., 4) extensions [m].
+        attitude: (..., 2) roll and pitch of the platform [rad].
+        ground: (..., 2) roll and pitch of the ground [rad].
 
     Returns:
-        (...) mismatch along the platform's z axis [m]; zero when all four feet can carry.
+        (..., 2) smallest and largest height [m]; the first exceeds the second where no height
+        can be reached at that attitude.
     """
-    (d,), shape = _columns((extension, 4, "extension"))
-    weights, mismatch = _mismatch(
-        [foot_to_centre(leg, d[i]) for i, leg in enumerate(geometry.legs)]
+    (a, n), shape = _columns((attitude, 2, "attitude"), (ground, 2, "ground"))
+    g = to_platform(normal_of(*n), a[0], a[1])
+    low, high = (
+        [dot(g, foot_to_centre(leg, end)) + leg.foot_radius for leg, end in ends]
+        for ends in (
+            [(leg, leg.extension_max) for leg in geometry.legs],
+            [(leg, leg.extension_min) for leg in geometry.legs],
+        )
     )
-    return np.reshape(np.asarray(mismatch / weights[0]), shape)
+    return _stack((np.max(low, axis=0), np.min(high, axis=0)), shape)
 
 
 def _inverse(
@@ -243,7 +248,7 @@ def _inverse(
     offsets: Sequence[Elementwise],
 ) -> tuple[Elementwise, ...]:
     roll, pitch, height = posture
-    g = _normal_in_platform(_normal(*ground), roll, pitch)
+    g = to_platform(normal_of(*ground), roll, pitch)
     return tuple(
         extension_on_plane(leg, g, height - offset - leg.foot_radius)
         for leg, offset in zip(geometry.legs, offsets, strict=True)
@@ -275,77 +280,14 @@ def _standing_plane(
     """Unit normal of the ground in the platform's frame, and the height of F above it."""
     feet = [foot_to_centre(leg, extension[i]) for i, leg in enumerate(geometry.legs)]
     if legs is None:
-        weights, mismatch = _mismatch(feet)
-        scale = mismatch / _dot4(weights, weights)
+        weights, excess = mismatch(feet)
+        scale = excess / dot(weights, weights)
         feet = [(x, y, z - w * scale) for (x, y, z), w in zip(feet, weights, strict=True)]
         legs = (0, 1, 2)
     p, q, r = (feet[i] for i in legs)
-    u = (p[0] - q[0], p[1] - q[1], p[2] - q[2])
-    v = (p[0] - r[0], p[1] - r[1], p[2] - r[2])
-    normal = (
-        u[1] * v[2] - u[2] * v[1],
-        u[2] * v[0] - u[0] * v[2],
-        u[0] * v[1] - u[1] * v[0],
-    )
-    # Dividing by the signed length makes g point up (g_3 > 0) whatever the order of the legs.
-    length = sqrt(_dot(normal, normal)) * (normal[2] / abs(normal[2]))
+    normal, length = normal_through(p, q, r)
     g = (normal[0] / length, normal[1] / length, normal[2] / length)
-    return g, _dot(g, p) + geometry.foot_radius
-
-
-def _mismatch(feet: Sequence[Vector3]) -> tuple[tuple[Elementwise, ...], Elementwise]:
-    """The affine dependency of the feet's xy positions, and what their z leave over in it.
-
-    Four points (x_i, y_i) have exactly one w with sum w = sum w x = sum w y = 0. The points lie
-    in one plane if sum w z = 0; subtracting w (w . z) / (w . w) from z is the least-squares fit.
-    """
-    (x1, y1, z1), (x2, y2, z2), (x3, y3, z3), (x4, y4, z4) = feet
-
-    def twice_area(xa, ya, xb, yb, xc, yc):  # type: ignore[no-untyped-def]
-        return (xb - xa) * (yc - ya) - (xc - xa) * (yb - ya)
-
-    weights = (
-        twice_area(x2, y2, x3, y3, x4, y4),
-        -twice_area(x1, y1, x3, y3, x4, y4),
-        twice_area(x1, y1, x2, y2, x4, y4),
-        -twice_area(x1, y1, x2, y2, x3, y3),
-    )
-    return weights, _dot4(weights, (z1, z2, z3, z4))
-
-
-def _posture(g: Vector3, height: Elementwise, n: Vector3) -> Vector3:
-    """Posture whose platform sees the world's normal n as g: R g = n solved for the angles."""
-    sideways = sqrt(g[1] * g[1] + g[2] * g[2])
-    roll = atan2(g[1], g[2]) - asin(n[1] / sideways)
-    sin_roll, cos_roll = sin_cos(roll)
-    m_z = g[1] * sin_roll + g[2] * cos_roll
-    pitch = atan2(n[0] * m_z - n[2] * g[0], n[0] * g[0] + n[2] * m_z)
-    return roll, pitch, height
-
-
-def _normal(roll: Elementwise, pitch: Elementwise) -> Vector3:
-    """Normal of a plane inclined by roll and pitch: (c_1, c_2, c_3) of Eq. (9)."""
-    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(roll), sin_cos(pitch)
-    return sin_pitch * cos_roll, -sin_roll, cos_pitch * cos_roll
-
-
-def _normal_in_platform(n: Vector3, roll: Elementwise, pitch: Elementwise) -> Vector3:
-    """(g_1, g_2, g_3) of Eqs. (10)-(12): the world's vector n in the platform's frame."""
-    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(roll), sin_cos(pitch)
-    m_z = n[0] * sin_pitch + n[2] * cos_pitch
-    return (
-        n[0] * cos_pitch - n[2] * sin_pitch,
-        n[1] * cos_roll + m_z * sin_roll,
-        m_z * cos_roll - n[1] * sin_roll,
-    )
-
-
-def _dot(a: Vector3, b: Vector3) -> Elementwise:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _dot4(a: Sequence[Elementwise], b: Sequence[Elementwise]) -> Elementwise:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    return g, dot(g, p) + geometry.foot_radius
 
 
 def _three(legs: Sequence[int] | None) -> tuple[int, ...] | None:

@@ -13,6 +13,7 @@ import math
 
 from parapod.systems.elementwise import Elementwise, atan2, sqrt
 from parapod.systems.levelling_platform.geometry import LegGeometry
+from parapod.systems.levelling_platform.plane import Vector3, dot
 
 
 def long_side(leg: LegGeometry, extension: Elementwise) -> tuple[Elementwise, Elementwise]:
@@ -35,9 +36,27 @@ def swing_angle(leg: LegGeometry, extension: Elementwise) -> Elementwise:
     return atan2(-z, -x) + math.pi
 
 
-def foot_to_centre(
-    leg: LegGeometry, extension: Elementwise
-) -> tuple[Elementwise, Elementwise, Elementwise]:
+def swing_rate(leg: LegGeometry, extension: Elementwise) -> Elementwise:
+    """Transmission ratio dpsi/dd of the swing angle to the extension [rad/m]; negative."""
+    return _swing_rate(leg, extension, *long_side(leg, extension))
+
+
+def _swing_rate(
+    leg: LegGeometry, extension: Elementwise, x: Elementwise, z: Elementwise
+) -> Elementwise:
+    # From d^2 = l_3^2 + l_4^2 + 2 l_3 l_4 cos(psi - alpha).
+    ca, sa = leg.e_a
+    return -extension / (leg.l_3 * (z * ca - x * sa))
+
+
+def diagonal_angle(leg: LegGeometry, extension: Elementwise) -> Elementwise:
+    """Angle z = alpha + gamma of the actuator in the leg's plane [rad], Eq. (29)."""
+    x, z = long_side(leg, extension)
+    ca, sa = leg.e_a
+    return atan2(-z - leg.l_3 * sa, -x - leg.l_3 * ca) + math.pi
+
+
+def foot_to_centre(leg: LegGeometry, extension: Elementwise) -> Vector3:
     """Vector P_C^F from the foot to the platform's centre F, in the platform's frame [m].
 
     Eqs. (4), (6) and (8). With a roller at the foot the point is the roller's centre.
@@ -48,31 +67,19 @@ def foot_to_centre(
     return c_x - cb * x, c_y - sb * x, c_z - z
 
 
-def foot_to_centre_rate(
-    leg: LegGeometry, extension: Elementwise
-) -> tuple[Elementwise, Elementwise, Elementwise]:
+def foot_to_centre_rate(leg: LegGeometry, extension: Elementwise) -> Vector3:
     """Derivative of `foot_to_centre` with respect to the extension, d P_C^F / dd [-].
 
     Eqs. (27)-(29) with the sign of dz/dd corrected. It grows without bound towards the dead
     points d = l_4 +- l_3, where the parallelogram is flat.
     """
     x, z = long_side(leg, extension)
-    ca, sa = leg.e_a
     cb, sb = leg.e_b
-    # d^2 = l_3^2 + l_4^2 + 2 l_3 l_4 cos(psi - alpha)  =>  dpsi/dd
-    psi_rate = -extension / (leg.l_3 * (z * ca - x * sa))
+    psi_rate = _swing_rate(leg, extension, x, z)
     return cb * z * psi_rate, sb * z * psi_rate, -x * psi_rate
 
 
-def extension_of_swing(leg: LegGeometry, x: Elementwise, z: Elementwise) -> Elementwise:
-    """Extension whose long side is (x, z) [m]: the length of the diagonal."""
-    ca, sa = leg.e_a
-    return sqrt(leg.l_3 * leg.l_3 + leg.l_4 * leg.l_4 + (2.0 * leg.l_3) * (x * ca + z * sa))
-
-
-def extension_on_plane(
-    leg: LegGeometry, g: tuple[Elementwise, Elementwise, Elementwise], height: Elementwise
-) -> Elementwise:
+def extension_on_plane(leg: LegGeometry, g: Vector3, height: Elementwise) -> Elementwise:
     """Extension that puts the foot on the plane g . P = height, eqs. (26) and (31) solved [m].
 
     With a = (g_1 cos beta + g_2 sin beta, g_3) the condition is a . l_4 (cos psi, sin psi) = b,
@@ -95,3 +102,26 @@ def extension_on_plane(
     # The long side projected on e_a, times |a|^2.
     projection = b * (ca * a_1 + sa * g_3) + root * (sa * a_1 - ca * g_3)
     return sqrt((leg.l_3 * leg.l_3 + leg.l_4 * leg.l_4) + (2.0 * leg.l_3) * projection / a_squared)
+
+
+def extension_rate_on_plane(
+    leg: LegGeometry,
+    extension: Elementwise,
+    g: Vector3,
+    g_rate: Vector3,
+    height_rate: Elementwise,
+) -> Elementwise:
+    """Rate of the extension that keeps the foot on a moving plane: Eq. (25) for one leg.
+
+    Args:
+        leg: the leg.
+        extension: its extension [m].
+        g: the plane's unit normal in the platform's frame.
+        g_rate: its rate [1/s].
+        height_rate: rate of the height of F above the plane [m/s].
+
+    Returns:
+        The extension's rate [m/s].
+    """
+    sideways = dot(g_rate, foot_to_centre(leg, extension))
+    return (height_rate - sideways) / dot(g, foot_to_centre_rate(leg, extension))

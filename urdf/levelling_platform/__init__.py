@@ -1,1 +1,1 @@
-"""."""
+"""Models of the levelling platform: base, leg (full and reduced), arm, ground, directives."""

@@ -1,0 +1,142 @@
+"""Station, controller and the job they are given, in one diagram, with its signals logged."""
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    LogVectorOutput,
+    TrajectorySource,
+    VectorLogSink,
+)
+from pydrake.trajectories import PiecewisePolynomial
+
+from parapod.diagrams.levelling_platform.controller import make_controller
+from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingScenario
+from parapod.diagrams.levelling_platform.station import Station, make_station
+from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.posture_script import PostureScript, Waypoint
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """A levelling platform that can be simulated.
+
+    Attributes:
+        diagram: the whole.
+        station: the machine in it.
+        controller: the controller in it.
+        logs: what is recorded, by port name.
+    """
+
+    diagram: Diagram
+    station: Station
+    controller: Diagram
+    logs: dict[str, VectorLogSink]
+
+    def reset(self, context: Context, scenario: LevellingScenario | None = None) -> None:
+        """Puts everything at its beginning; see `Station.reset`."""
+        self.diagram.SetDefaultContext(context)
+        context.SetTime(0.0)
+        self.station.reset(context, scenario)
+        for log in self.logs.values():
+            log.FindMutableLog(context).Clear()
+
+    def recorded(self, context: Context) -> tuple[NDArray[np.float64], dict[str, NDArray]]:
+        """Times (n) [s], and for each port name the samples (n, size)."""
+        found = {name: log.FindLog(context) for name, log in self.logs.items()}
+        time = next(iter(found.values())).sample_times().copy()
+        return time, {name: log.data().T.copy() for name, log in found.items()}
+
+
+def make_closed_loop(
+    scenario: LevellingScenario,
+    meshcat: Meshcat | None = None,
+    command: LeafSystem | None = None,
+    on_unreachable: Literal["raise", "clamp"] = "raise",
+    log: Collection[str] | None = None,
+) -> ClosedLoop:
+    """Builds the closed loop of a scenario.
+
+    Args:
+        scenario: what to build.
+        meshcat: where to draw it; None for no drawing.
+        command: a system with output `posture_command` (3) and inputs `ground` (2) and `enable`
+            (1); None for the scenario's script.
+        on_unreachable: what happens to a command outside the workspace.
+        log: names of the ports to record at the controller's period; None for all of them.
+    """
+    builder = DiagramBuilder()
+    station = make_station(scenario, meshcat)
+    machine = builder.AddSystem(station.diagram)
+    controller = builder.AddSystem(make_controller(scenario, on_unreachable))
+    script = builder.AddSystem(command or make_script(scenario))
+
+    for name in ("legs.extension", "imu.gyro", "imu.accel"):
+        builder.Connect(machine.GetOutputPort(name), controller.GetInputPort(name))
+    builder.Connect(controller.GetOutputPort("legs.voltage"), machine.GetInputPort("legs.voltage"))
+    builder.Connect(controller.GetOutputPort("ground_estimated"), script.GetInputPort("ground"))
+    builder.Connect(controller.GetOutputPort("ground_valid"), script.GetInputPort("enable"))
+    builder.Connect(
+        script.GetOutputPort("posture_command"), controller.GetInputPort("posture_command")
+    )
+    _add_job(builder, scenario.job, machine, controller)
+
+    ports = {
+        system.get_output_port(i).get_name(): system.get_output_port(i)
+        for system in (machine, controller)
+        for i in range(system.num_output_ports())
+    } | {"posture_command": script.GetOutputPort("posture_command")}
+    logs = {
+        name: LogVectorOutput(port, builder, scenario.control.period)
+        for name, port in ports.items()
+        if log is None or name in log
+    }
+    diagram = builder.Build()
+    diagram.set_name("levelling_platform")
+    return ClosedLoop(diagram, station, controller, logs)
+
+
+def make_script(scenario: LevellingScenario) -> PostureScript:
+    """The postures that a scenario asks for."""
+    job = scenario.job
+    waypoints = [
+        Waypoint(w.time, math.radians(w.roll_deg), math.radians(w.pitch_deg), 1e-3 * w.height_mm)
+        for w in job.waypoints
+    ]
+    return PostureScript(
+        MODEL_GEOMETRY, 1e-3 * job.height_mm, waypoints, period=scenario.control.period
+    )
+
+
+def _add_job(
+    builder: DiagramBuilder, job: JobScenario, machine: Diagram, controller: Diagram
+) -> None:
+    """Everything that is commanded apart from postures: trigger, arm, idle drives."""
+    trigger = PiecewisePolynomial.ZeroOrderHold(
+        [0.0, job.estimate_at, job.estimate_at + 1e6], [[0.0, 1.0, 1.0]]
+    )
+    start = job.estimate_at + job.arm.start
+    angle = math.radians(job.arm.angle_deg)
+    # At rest before and after the swing; a cubic in between.
+    knots = [0.0, start, start + job.arm.duration, start + job.arm.duration + 1e6]
+    arm = PiecewisePolynomial.CubicHermite(knots, [[0.0, 0.0, angle, angle]], np.zeros((1, 4)))
+    for name, trajectory, port in (
+        ("trigger", trigger, controller.GetInputPort("estimate_ground")),
+        ("arm_trajectory", arm, machine.GetInputPort("arm.position_command")),
+    ):
+        source = builder.AddNamedSystem(name, TrajectorySource(trajectory))
+        builder.Connect(source.get_output_port(), port)
+    for name, values in (
+        ("turntable.position_command", [0.0]),
+        ("wheels.velocity_command", [0.0] * 4),
+        ("wheels.brake", [1.0]),
+    ):
+        idle = builder.AddNamedSystem(f"idle.{name}", ConstantVectorSource(values))
+        builder.Connect(idle.get_output_port(), machine.GetInputPort(name))

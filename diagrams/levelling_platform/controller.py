@@ -1,0 +1,93 @@
+"""The levelling platform's controller: from posture commands and measurements to voltages."""
+
+from typing import Literal
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.systems.actuators.pi_controller import PiController, PiControllerParams
+from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
+from parapod.systems.levelling_platform.kinematic_feedforward import KinematicFeedforward
+from parapod.systems.levelling_platform.passive_leg_solver import PassiveLegSolver
+from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.posture_reference import PostureReference
+from parapod.systems.sensors.attitude_estimator import AttitudeEstimator
+
+
+def make_controller(
+    scenario: LevellingScenario, on_unreachable: Literal["raise", "clamp"] = "raise"
+) -> Diagram:
+    """Wires Fig. 18: estimators, reference, kinematic feedforward, passive leg and PI loops.
+
+    Inputs: `legs.extension` (4), `imu.gyro` (3), `imu.accel` (3), `posture_command` (3) and
+    `estimate_ground` (1), whose rise makes the ground be estimated and control begin.
+    Outputs: `legs.voltage` (4), `posture_desired` (3), `extension_desired` (4),
+    `ground_estimated` (2), `ground_valid` (1), `attitude_estimated` (2).
+
+    Args:
+        scenario: its `control` part is used.
+        on_unreachable: what `PostureReference` does with a command outside the workspace.
+    """
+    geometry, control = MODEL_GEOMETRY, scenario.control
+    period = control.period
+    builder = DiagramBuilder()
+    attitude = builder.AddSystem(AttitudeEstimator(period=period))
+    ground = builder.AddSystem(GroundEstimator(geometry, period))
+    reference = builder.AddSystem(
+        PostureReference(geometry, on_unreachable=on_unreachable, period=period)
+    )
+    feedforward = builder.AddSystem(
+        KinematicFeedforward(geometry, law=control.feedforward, period=period)
+    )
+    passive = builder.AddSystem(PassiveLegSolver(geometry))
+    pi = builder.AddSystem(
+        PiController(
+            PiControllerParams(
+                pole=control.pole,
+                voltage_limit=control.voltage_limit,
+                rate_feedforward=control.rate_feedforward,
+                friction_feedforward=(*control.friction_feedforward,),
+            ),
+            period=period,
+        )
+    )
+
+    for source, system, port in (
+        (attitude.GetOutputPort("attitude"), ground, "attitude"),
+        (ground.GetOutputPort("ground"), reference, "ground"),
+        (ground.GetOutputPort("ground"), feedforward, "ground"),
+        (ground.GetOutputPort("ground"), passive, "ground"),
+        (ground.GetOutputPort("valid"), reference, "enable"),
+        (ground.GetOutputPort("valid"), feedforward, "enable"),
+        (ground.GetOutputPort("valid"), pi, "enable"),
+        (reference.GetOutputPort("posture_desired"), feedforward, "posture_desired"),
+        (reference.GetOutputPort("posture_rate_desired"), feedforward, "posture_rate_desired"),
+        (reference.GetOutputPort("posture_desired"), passive, "posture_desired"),
+        (reference.GetOutputPort("posture_rate_desired"), passive, "posture_rate_desired"),
+        (feedforward.GetOutputPort("extension_desired"), passive, "extension_active"),
+        (feedforward.GetOutputPort("extension_rate_desired"), passive, "extension_rate_active"),
+        (passive.GetOutputPort("extension_desired"), pi, "desired"),
+        (passive.GetOutputPort("extension_rate_desired"), pi, "desired_rate"),
+    ):
+        builder.Connect(source, system.GetInputPort(port))
+
+    builder.ExportInput(attitude.GetInputPort("gyro"), "imu.gyro")
+    builder.ExportInput(attitude.GetInputPort("accel"), "imu.accel")
+    builder.ExportInput(ground.GetInputPort("trigger"), "estimate_ground")
+    builder.ExportInput(reference.GetInputPort("posture_command"), "posture_command")
+    extension = builder.ExportInput(pi.GetInputPort("measured"), "legs.extension")
+    builder.ConnectInput(extension, ground.GetInputPort("extension"))
+    builder.ConnectInput(extension, reference.GetInputPort("extension_measured"))
+    builder.ConnectInput(extension, feedforward.GetInputPort("extension_measured"))
+    for port, name in (
+        (pi.GetOutputPort("voltage"), "legs.voltage"),
+        (reference.GetOutputPort("posture_desired"), "posture_desired"),
+        (passive.GetOutputPort("extension_desired"), "extension_desired"),
+        (ground.GetOutputPort("ground"), "ground_estimated"),
+        (ground.GetOutputPort("valid"), "ground_valid"),
+        (attitude.GetOutputPort("attitude"), "attitude_estimated"),
+    ):
+        builder.ExportOutput(port, name)
+    diagram = builder.Build()
+    diagram.set_name("controller")
+    return diagram

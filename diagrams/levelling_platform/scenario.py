@@ -1,0 +1,180 @@
+"""Typed scenario of the levelling platform; what each key means is said in the YAML files too."""
+
+import math
+from dataclasses import dataclass, field
+
+from parapod.diagrams.scenario import choice, quantity
+
+BACKENDS = ("multibody", "kinematic")
+
+
+@dataclass
+class GroundScenario:
+    """The ground that nobody has told the controller about.
+
+    Attributes:
+        roll_deg: roll of the ground [deg].
+        pitch_deg: pitch of the ground [deg].
+    """
+
+    roll_deg: float = quantity(2.0, -15.0, 15.0)
+    pitch_deg: float = quantity(3.0, -15.0, 15.0)
+
+    @property
+    def inclination(self) -> tuple[float, float]:
+        """Roll and pitch [rad]."""
+        return math.radians(self.roll_deg), math.radians(self.pitch_deg)
+
+
+@dataclass
+class PlantScenario:
+    """The simulated machine.
+
+    Attributes:
+        leg_model: "full" has the actuators as bodies in closed loops, "reduced" their exact
+            transmission (multibody backend).
+        time_step: of the multibody plant and of the actuators [s]; the kinematic backend steps
+            its actuators with the controller's period.
+        contact_approximation: Drake's discrete contact approximation.
+    """
+
+    leg_model: str = choice("full", ("full", "reduced"))
+    time_step: float = quantity(1e-3, 1e-4, 2e-2)
+    contact_approximation: str = choice("lagged", ("lagged", "similar", "sap"))
+
+
+@dataclass
+class ActuatorScenario:
+    """The four linear actuators.
+
+    Attributes:
+        model: "dynamic" (Eq. 15) or "integrator" (Eq. 17).
+        gain_error: each actuator's gain is off by up to this share, drawn from the seed [-].
+        coulomb_friction: [N].
+        supply_voltage: [V].
+    """
+
+    model: str = choice("dynamic", ("dynamic", "integrator"))
+    gain_error: float = quantity(0.15, 0.0, 0.5)
+    coulomb_friction: float = quantity(1000.0, 0.0, 20000.0)
+    supply_voltage: float = quantity(12.0, 1.0, 48.0)
+
+
+@dataclass
+class SensorScenario:
+    """Encoders and inertial sensor.
+
+    Attributes:
+        encoder_resolution_mm: one count of the actuators' encoders; 0 for a perfect one [mm].
+        imu_noise: noise, bias instability and quantisation of the ADIS16448.
+        accel_bias_mg: accelerometer bias left after levelling calibration; each axis has this
+            size, with a sign drawn from the seed [mg].
+        gyro_bias_deg_s: turn-on bias of the gyro, likewise [deg/s].
+    """
+
+    encoder_resolution_mm: float = quantity(0.01, 0.0, 1.0)
+    imu_noise: bool = True
+    accel_bias_mg: float = quantity(1.0, 0.0, 50.0)
+    gyro_bias_deg_s: float = quantity(0.5, 0.0, 5.0)
+
+
+@dataclass
+class ControlScenario:
+    """The controller.
+
+    Attributes:
+        period: of all controllers and estimators [s].
+        pole: p of the position controllers [rad/s].
+        voltage_limit: of the commands [V].
+        rate_feedforward: share of the desired rate fed forward to the voltages [-].
+        friction_feedforward: voltages that overcome friction and the platform's weight when a leg
+            extends and when it retracts [V, V].
+        feedforward: "exact" inverse kinematics, or the paper's "differential" law (Eq. 26).
+    """
+
+    period: float = quantity(0.01, 0.001, 0.05)
+    pole: float = quantity(10.0, 0.5, 50.0)
+    voltage_limit: float = quantity(10.0, 0.5, 48.0)
+    rate_feedforward: float = quantity(1.0, 0.0, 1.5)
+    friction_feedforward: list[float] = quantity([0.05, 0.12], 0.0, 10.0, length=2)
+    feedforward: str = choice("exact", ("exact", "differential"))
+
+
+@dataclass
+class WaypointScenario:
+    """A posture about the level one.
+
+    Attributes:
+        time: when it is commanded, from the start of the levelling [s].
+        roll_deg: [deg].
+        pitch_deg: [deg].
+        height_mm: relative to the level posture [mm].
+    """
+
+    time: float = quantity(0.0, 0.0, 3600.0)
+    roll_deg: float = quantity(0.0, -10.0, 10.0)
+    pitch_deg: float = quantity(0.0, -10.0, 10.0)
+    height_mm: float = quantity(0.0, -100.0, 100.0)
+
+
+@dataclass
+class ArmScenario:
+    """The arm's swing while the platform holds.
+
+    Attributes:
+        start: when it begins, from the start of the levelling [s].
+        angle_deg: forward from upright [deg].
+        duration: of the swing [s].
+    """
+
+    start: float = quantity(26.0, 0.0, 3600.0)
+    angle_deg: float = quantity(45.0, -90.0, 90.0)
+    duration: float = quantity(1.0, 0.1, 60.0)
+
+
+@dataclass
+class JobScenario:
+    """What the platform is asked to do.
+
+    Attributes:
+        initial_extension_mm: of all four legs, feet on the ground [mm].
+        estimate_at: when the ground is estimated and the levelling begins [s].
+        height_mm: of the level posture above the ground's plane [mm].
+        settled_after: when the level posture is taken, from the start of the levelling [s].
+        waypoints: postures to take after that; shrunk together where the stroke is too short.
+        arm: the arm's swing.
+        end: end of the job, from the start of the levelling [s].
+    """
+
+    initial_extension_mm: float = quantity(410.0, 390.0, 420.0)
+    estimate_at: float = quantity(3.0, 0.5, 60.0)
+    height_mm: float = quantity(477.0, 380.0, 580.0)
+    settled_after: float = quantity(6.0, 0.5, 600.0)
+    waypoints: list[WaypointScenario] = field(default_factory=list)
+    arm: ArmScenario = field(default_factory=ArmScenario)
+    end: float = quantity(30.0, 1.0, 3600.0)
+
+
+@dataclass
+class LevellingScenario:
+    """One run of the levelling platform.
+
+    Attributes:
+        backend: "multibody" or "kinematic".
+        seed: of everything random: gains, biases, noise.
+        ground: see `GroundScenario`.
+        plant: see `PlantScenario`.
+        actuators: see `ActuatorScenario`.
+        sensors: see `SensorScenario`.
+        control: see `ControlScenario`.
+        job: see `JobScenario`.
+    """
+
+    backend: str = choice("multibody", BACKENDS)
+    seed: int = quantity(0, 0, 2**31 - 1)
+    ground: GroundScenario = field(default_factory=GroundScenario)
+    plant: PlantScenario = field(default_factory=PlantScenario)
+    actuators: ActuatorScenario = field(default_factory=ActuatorScenario)
+    sensors: SensorScenario = field(default_factory=SensorScenario)
+    control: ControlScenario = field(default_factory=ControlScenario)
+    job: JobScenario = field(default_factory=JobScenario)

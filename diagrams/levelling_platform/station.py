@@ -1,0 +1,195 @@
+"""The levelling platform seen through its ports, with a plant that can be exchanged."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.primitives import (
+    Multiplexer,
+    RandomSource,
+    StateInterpolatorWithDiscreteDerivative,
+)
+
+from parapod.diagrams.levelling_platform.plant import (
+    Drives,
+    Plant,
+    PlantMaker,
+    add_kinematic_plant,
+    add_multibody_plant,
+)
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
+from parapod.systems.actuators.wheel_drive import WheelDrive
+from parapod.systems.errors import ScenarioError
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
+from parapod.systems.levelling_platform.platform_model import PlatformModel
+from parapod.systems.sensors.device_status import DeviceStatus
+from parapod.systems.sensors.encoder import Encoder
+from parapod.systems.sensors.imu import Imu, ImuParams, add_imu, seed_noise
+from parapod.systems.sensors.limit_switches import LimitSwitches
+
+PLANTS: dict[str, PlantMaker] = {
+    "multibody": add_multibody_plant,
+    "kinematic": add_kinematic_plant,
+}
+_STANDARD_GRAVITY = 9.80665
+
+
+@dataclass(frozen=True)
+class Station:
+    """A built station and the handles that a simulation needs to begin.
+
+    Attributes:
+        diagram: the station; its ports are those of `parapod.diagrams.levelling_platform.ports`.
+        scenario: what it was built from.
+        plant: its plant.
+    """
+
+    diagram: Diagram
+    scenario: LevellingScenario
+    plant: Plant
+    _actuators: LinearActuator
+    _imu: Imu
+    _noise: RandomSource
+
+    @property
+    def model(self) -> PlatformModel | None:
+        """Bodies and joints of the plant or of its drawing; None where nothing is drawn."""
+        return self.plant.model
+
+    def reset(self, root_context: Context, scenario: LevellingScenario | None = None) -> None:
+        """Puts the platform on its feet and draws gains, biases and noise from the seed.
+
+        The same station serves any ground, seed and imperfection: nothing is rebuilt.
+
+        Args:
+            root_context: context, at its defaults, of the diagram that contains the station.
+            scenario: ground, job, errors and seed; None for what the station was built from.
+        """
+        scenario = scenario or self.scenario
+        random = np.random.default_rng(scenario.seed)
+        ground = scenario.ground.inclination
+        extension = np.full(LEG_COUNT, 1e-3 * scenario.job.initial_extension_mm)
+
+        actuators = self._actuators.GetMyMutableContextFromRoot(root_context)
+        self._actuators.set_extension(actuators, extension)
+        error = scenario.actuators.gain_error
+        gain_scale = 1.0 + random.uniform(-error, error, LEG_COUNT)
+        self._actuators.set_gain_scale(actuators, gain_scale)
+
+        signs = random.choice([-1.0, 1.0], 6)
+        self._imu.set_turn_on_bias(
+            self._imu.GetMyMutableContextFromRoot(root_context),
+            gyro=math.radians(scenario.sensors.gyro_bias_deg_s) * signs[:3],
+            accel=1e-3 * _STANDARD_GRAVITY * scenario.sensors.accel_bias_mg * signs[3:],
+        )
+        seed_noise(self._noise, root_context, int(random.integers(2**31)))
+
+        for system in self.plant.on_ground:
+            system.set_ground(system.GetMyMutableContextFromRoot(root_context), ground)
+        if self.model is not None and scenario.backend == "multibody":
+            plant_context = self.model.plant.GetMyMutableContextFromRoot(root_context)
+            self.model.stand(plant_context, extension, ground)
+
+
+def make_station(scenario: LevellingScenario, meshcat: Meshcat | None = None) -> Station:
+    """Builds the station of a scenario's backend.
+
+    Args:
+        scenario: what to build; its `backend` decides about the plant.
+        meshcat: draws the machine there; None for no drawing.
+
+    Raises:
+        ScenarioError: unknown backend.
+    """
+    if scenario.backend not in PLANTS:
+        raise ScenarioError(f"backend {scenario.backend!r} is not one of {', '.join(PLANTS)}")
+    builder = DiagramBuilder()
+    period = scenario.control.period
+    is_multibody = scenario.backend == "multibody"
+    actuators = builder.AddSystem(
+        LinearActuator(
+            LinearActuatorParams(
+                model=scenario.actuators.model,  # type: ignore[arg-type]
+                coulomb_friction=scenario.actuators.coulomb_friction,
+                supply_voltage=scenario.actuators.supply_voltage,
+            ),
+            time_step=scenario.plant.time_step if is_multibody else period,
+            with_plant=is_multibody,
+        )
+    )
+    builder.ExportInput(actuators.GetInputPort("voltage"), "legs.voltage")
+    wheels = builder.AddSystem(WheelDrive(period=period))
+    builder.ExportInput(wheels.GetInputPort("velocity_command"), "wheels.velocity_command")
+    builder.ExportInput(wheels.GetInputPort("brake"), "wheels.brake")
+    drives = _add_arm_drive(builder, period, actuators, wheels)
+
+    plant = PLANTS[scenario.backend](builder, scenario, drives, meshcat)
+    builder.Connect(plant.signals["load_force"], actuators.GetInputPort("load_force"))
+    imu, noise = _add_sensors(builder, scenario, actuators, wheels, plant)
+    for name in ("posture", "contact_force", "foot_height", "load_force", "loop_error"):
+        builder.ExportOutput(plant.signals[name], f"truth.{name}")
+    builder.ExportOutput(actuators.GetOutputPort("extension"), "truth.extension")
+
+    diagram = builder.Build()
+    diagram.set_name("station")
+    return Station(diagram, scenario, plant, actuators, imu, noise)
+
+
+def _add_arm_drive(
+    builder: DiagramBuilder, period: float, actuators: LinearActuator, wheels: WheelDrive
+) -> Drives:
+    """Position commands of turntable and arm, with the velocity that goes with them."""
+    command = builder.AddNamedSystem("arm_command", Multiplexer(2))
+    drive = builder.AddNamedSystem("arm_drive", StateInterpolatorWithDiscreteDerivative(2, period))
+    builder.Connect(command.get_output_port(), drive.get_input_port())
+    builder.ExportInput(command.get_input_port(1), "arm.position_command")
+    builder.ExportInput(command.get_input_port(0), "turntable.position_command")
+    return Drives(
+        rods=actuators,
+        wheels=wheels.GetOutputPort("state"),
+        arm=drive.get_output_port(),
+        arm_angles=command.get_output_port(),
+    )
+
+
+def _add_sensors(
+    builder: DiagramBuilder,
+    scenario: LevellingScenario,
+    actuators: LinearActuator,
+    wheels: WheelDrive,
+    plant: Plant,
+) -> tuple[Imu, RandomSource]:
+    """Encoders, limit switches, inertial sensor and device status, exported."""
+    sensors = scenario.sensors
+    encoder = builder.AddSystem(
+        Encoder(resolution=1e-3 * sensors.encoder_resolution_mm, gate_time=scenario.control.period)
+    )
+    builder.Connect(actuators.GetOutputPort("extension"), encoder.GetInputPort("position"))
+    builder.Connect(actuators.GetOutputPort("velocity"), encoder.GetInputPort("velocity"))
+    builder.ExportOutput(encoder.GetOutputPort("position_measured"), "legs.extension")
+    builder.ExportOutput(encoder.GetOutputPort("velocity_measured"), "legs.velocity")
+
+    switches = builder.AddSystem(LimitSwitches())
+    builder.Connect(actuators.GetOutputPort("extension"), switches.GetInputPort("extension"))
+    builder.Connect(plant.signals["contact_force"], switches.GetInputPort("contact_force"))
+    builder.ExportOutput(switches.GetOutputPort("limits"), "legs.limits")
+
+    imu, noise = add_imu(builder, ImuParams() if sensors.imu_noise else ImuParams.ideal())
+    for name in ("angular_velocity", "specific_force", "attitude"):
+        builder.Connect(plant.signals[name], imu.GetInputPort(name))
+    for name in ("gyro", "accel", "mag"):
+        builder.ExportOutput(imu.GetOutputPort(name), f"imu.{name}")
+
+    for name in ("position", "velocity"):
+        builder.ExportOutput(wheels.GetOutputPort(f"{name}_measured"), f"wheels.{name}")
+    status = builder.AddSystem(
+        DeviceStatus(
+            ("legs", "imu", "wheels", "arm"), (0.0, imu.period, scenario.control.period, 0.0)
+        )
+    )
+    for name in ("age", "fault"):
+        builder.ExportOutput(status.GetOutputPort(name), f"status.{name}")
+    return imu, noise

@@ -1,0 +1,182 @@
+"""Experiments: what one is, how it is asked to run, and which ones there are."""
+
+import importlib
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from parapod.sims.results import Result
+
+# Wall-clock time between two redraws of a bar and between two lines in a file [s].
+_REDRAW_PERIOD = 0.1
+_LINE_PERIOD = 5.0
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How a run is watched and recorded; nothing here changes its numbers.
+
+    Attributes:
+        meshcat: show the machine in a browser.
+        live: with `meshcat`, keep pace with real time; False runs as fast as possible.
+        html: file for a recording that plays in a browser, or None.
+        log: file for the signals (`outputs.write_log`), or None.
+        graphviz: file for the diagram in Graphviz's language, or None.
+        console: where progress and remarks go.
+    """
+
+    meshcat: bool = False
+    live: bool = True
+    html: Path | None = None
+    log: Path | None = None
+    graphviz: Path | None = None
+    console: Console = field(default_factory=partial(Console, stderr=True))
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A question put to a machine, answered with metrics and their bounds.
+
+    Attributes:
+        name: the word after `parapod run`.
+        summary: one line.
+        scenario: the schema: a dataclass with at least `backend: str` and `seed: int`.
+        backends: backends on which the experiment runs.
+        run: runs a scenario; the same scenario gives the same result.
+    """
+
+    name: str
+    summary: str
+    scenario: type
+    backends: tuple[str, ...]
+    run: Callable[[Any, RunOptions], Result]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An experiment as it is listed, without importing it.
+
+    Attributes:
+        name: the experiment's name.
+        summary: the experiment's summary.
+        load: imports the experiment.
+        scenarios: folder of its default scenario `<name>.yaml`; None for parapod's own.
+    """
+
+    name: str
+    summary: str
+    load: Callable[[], Experiment]
+    scenarios: Path | None = None
+
+    @property
+    def default_scenario(self) -> Path:
+        """The file with the experiment's default scenario."""
+        folder = self.scenarios
+        if folder is None:
+            from importlib.resources import files
+
+            folder = Path(str(files("parapod.sims.scenarios")))
+        return folder / f"{self.name}.yaml"
+
+
+def _module(name: str) -> Callable[[], Experiment]:
+    def load() -> Experiment:
+        return importlib.import_module(name).EXPERIMENT
+
+    return load
+
+
+ENTRIES: tuple[Entry, ...] = (
+    Entry(
+        "level",
+        "The levelling platform lowers its legs on sloping ground and levels itself.",
+        _module("parapod.sims.level"),
+    ),
+)
+
+
+def experiments(entries: Sequence[Entry] = ENTRIES) -> dict[str, Experiment]:
+    """Every experiment by its name; imports them all."""
+    return {entry.name: entry.load() for entry in entries}
+
+
+@contextmanager
+def progress(
+    console: Console, what: str, total_seconds: float, line_period: float = _LINE_PERIOD
+) -> Iterator[Callable[[float], None]]:
+    """Shows how far a simulation is; yields the function that is told the simulated time.
+
+    A terminal gets a bar. A file or pipe gets a line from time to time, and nothing at all from
+    a run that is over before the first.
+
+    Args:
+        console: where to show it.
+        what: what is going on, in a word or two.
+        total_seconds: simulated time at the end [s].
+        line_period: wall-clock time between two lines in a file or pipe [s].
+    """
+    if console.is_terminal:
+        with _bar(console, what, total_seconds) as update:
+            yield update
+    else:
+        yield _lines(console, what, total_seconds, line_period)
+
+
+@contextmanager
+def _bar(console: Console, what: str, total: float) -> Iterator[Callable[[float], None]]:
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    started = time.monotonic()
+    drawn = -math.inf
+    reached = 0.0
+    # Markup is off because `what` is any text.
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=24),
+        TextColumn("{task.fields[pace]}", markup=False),
+    )
+    with Progress(*columns, console=console, auto_refresh=False) as bar:
+        task = bar.add_task(what, total=total, pace="")
+
+        def draw(now: float) -> None:
+            pace = _pace(reached, total, now - started)
+            bar.update(task, completed=reached, pace=pace, refresh=True)
+
+        def update(simulated: float) -> None:
+            nonlocal drawn, reached
+            reached = simulated
+            now = time.monotonic()
+            if now - drawn >= _REDRAW_PERIOD:
+                drawn = now
+                draw(now)
+
+        try:
+            yield update
+        finally:
+            draw(time.monotonic())
+
+
+def _lines(console: Console, what: str, total: float, period: float) -> Callable[[float], None]:
+    started = printed = time.monotonic()
+
+    def update(simulated: float) -> None:
+        nonlocal printed
+        now = time.monotonic()
+        if now - printed >= period:
+            printed = now
+            line = f"{what}: {_pace(simulated, total, now - started)}"
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+    return update
+
+
+def _pace(simulated: float, total: float, elapsed: float) -> str:
+    factor = simulated / elapsed if elapsed > 0.0 else 0.0
+    return f"{simulated:.1f} of {total:.1f} s, {factor:.3g} x real time"

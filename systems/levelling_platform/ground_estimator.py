@@ -1,0 +1,52 @@
+"""Estimate of the ground's inclination at touchdown (section 6.2)."""
+
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Context, LeafSystem
+
+from parapod.systems.levelling_platform.geometry import PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import estimate_ground
+
+
+class GroundEstimator(LeafSystem):
+    """Ground inclination from extensions and attitude, sampled when the trigger rises.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `extension` | 4 | m | measured extensions, all feet on the ground |
+    | in `attitude` | 2 | rad | estimated roll and pitch of the platform |
+    | in `trigger` | 1 | - | the estimate is taken when this rises above 0.5 |
+    | out `ground` | 2 | rad | estimated roll and pitch of the ground; 0 before the first |
+    | out `valid` | 1 | - | 1 once there is an estimate |
+
+    State: discrete, ground (2), valid (1), last trigger (1), updated every period.
+
+    Bad input: a sample whose extensions or attitude are not finite, or cannot be built, is not
+    taken; the trigger stays armed and the next period tries again.
+    """
+
+    def __init__(self, geometry: PlatformGeometry = PlatformGeometry(), period: float = 0.01):
+        super().__init__()
+        self.set_name("ground_estimator")
+        self._geometry = geometry
+        self._extension = self.DeclareVectorInputPort("extension", 4)
+        self._attitude = self.DeclareVectorInputPort("attitude", 2)
+        self._trigger = self.DeclareVectorInputPort("trigger", 1)
+        self.DeclareStateOutputPort("ground", self.DeclareDiscreteState(2))
+        self.DeclareStateOutputPort("valid", self.DeclareDiscreteState(1))
+        self.DeclareDiscreteState(1)  # the last trigger
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_estimate)
+
+    def _update_estimate(self, context: Context, discrete_state: Any) -> None:
+        triggered = bool(self._trigger.Eval(context)[0] > 0.5)
+        rises = triggered and not context.get_discrete_state(2)[0] > 0.5
+        if rises:
+            ground = estimate_ground(
+                self._geometry, self._extension.Eval(context), self._attitude.Eval(context)
+            )
+            if not np.isfinite(ground).all():
+                return
+            discrete_state.set_value(0, ground)
+            discrete_state.set_value(1, np.ones(1))
+        discrete_state.set_value(2, np.array([float(triggered)]))

@@ -1,0 +1,161 @@
+"""Kinematic feedforward: from a desired posture to the extensions of the active legs."""
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector_, Context, LeafSystem_, ValueProducer
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from parapod.systems.elementwise import Elementwise
+from parapod.systems.levelling_platform.geometry import LegGeometry, PlatformGeometry
+from parapod.systems.levelling_platform.leg import extension_on_plane, extension_rate_on_plane
+from parapod.systems.levelling_platform.plane import (
+    Vector3,
+    attitude_derivatives,
+    normal_of,
+    to_platform,
+)
+
+ACTIVE_LEGS = (0, 1, 2)
+
+
+def moving_plane(
+    ground: Sequence[Elementwise],
+    attitude: Sequence[Elementwise],
+    attitude_rate: Sequence[Elementwise],
+) -> tuple[Vector3, Vector3]:
+    """The ground's normal in the frame of a turning platform, and its rate [1/s]."""
+    n = normal_of(*ground)
+    roll, pitch = attitude
+    g = to_platform(n, roll, pitch)
+    by_roll, by_pitch = attitude_derivatives(n, g, roll, pitch)
+    roll_rate, pitch_rate = attitude_rate
+    return g, (
+        roll_rate * by_roll[0] + pitch_rate * by_pitch[0],
+        roll_rate * by_roll[1] + pitch_rate * by_pitch[1],
+        roll_rate * by_roll[2] + pitch_rate * by_pitch[2],
+    )
+
+
+@TemplateSystem.define("KinematicFeedforward_")
+def KinematicFeedforward_(T: Any) -> Any:
+    """Scalar-convertible form of `KinematicFeedforward` (float, AutoDiffXd)."""
+
+    class Impl(LeafSystem_[T]):
+        """Extensions of the three active legs for a desired posture (section 6.1).
+
+        | port | size | unit | meaning |
+        |---|---|---|---|
+        | in `posture_desired` | 3 | rad, rad, m | desired roll, pitch, height |
+        | in `posture_rate_desired` | 3 | rad/s, rad/s, m/s | its rate |
+        | in `ground` | 2 | rad | roll and pitch of the ground |
+        | in `extension_measured` | 4 | m | start of the integration (differential law only) |
+        | in `enable` | 1 | - | above 0.5: integrate (differential law only) |
+        | out `extension_desired` | 3 | m | of the active legs |
+        | out `extension_rate_desired` | 3 | m/s | their rates |
+
+        With `law="exact"` the inverse kinematics is solved in closed form at every evaluation:
+        no state, no drift. With `law="differential"` the extensions are the paper's Eq. (26)
+        integrated from the measured ones, once a period; this drifts with the step's error and
+        with whatever the platform is pushed by, and is kept to compare.
+
+        State: none (exact), or discrete: extensions (3) [m] and whether started (1).
+
+        Bad input: a posture that a leg cannot reach gives NaN for that leg, which `PiController`
+        answers with zero volts; nothing is clamped silently.
+        """
+
+        def _construct(
+            self,
+            geometry: PlatformGeometry = PlatformGeometry(),
+            law: Literal["exact", "differential"] = "exact",
+            active_legs: Sequence[int] = ACTIVE_LEGS,
+            period: float = 0.01,
+            converter: Any = None,
+        ) -> None:
+            if law not in ("exact", "differential"):
+                raise ValueError(f'law must be "exact" or "differential", not {law!r}')
+            LeafSystem_[T].__init__(self, converter)
+            self.set_name("kinematic_feedforward")
+            self.geometry, self.law, self.period = geometry, law, period
+            self.active_legs = tuple(active_legs)
+            self._legs: tuple[LegGeometry, ...] = tuple(geometry.legs[i] for i in active_legs)
+            self._posture = self.DeclareVectorInputPort("posture_desired", 3)
+            self._posture_rate = self.DeclareVectorInputPort("posture_rate_desired", 3)
+            self._ground = self.DeclareVectorInputPort("ground", 2)
+            self._measured = self.DeclareVectorInputPort("extension_measured", 4)
+            self._enable = self.DeclareVectorInputPort("enable", 1)
+            tickets = {
+                self._posture.ticket(),
+                self._posture_rate.ticket(),
+                self._ground.ticket(),
+            }
+            if law == "differential":
+                state = self.DeclareDiscreteState(BasicVector_[T](np.zeros(4)))
+                self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_integral)
+                tickets |= {self.discrete_state_ticket(state), self._measured.ticket()}
+            self._motion = self.DeclareCacheEntry(
+                "motion", ValueProducer(Value[object], self._calc_motion), tickets
+            )
+            motion = {self._motion.ticket()}
+            self.DeclareVectorOutputPort("extension_desired", 3, self._calc_extension, motion)
+            self.DeclareVectorOutputPort("extension_rate_desired", 3, self._calc_rate, motion)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(
+                self,
+                other.geometry,
+                other.law,
+                other.active_legs,
+                other.period,
+                converter=converter,
+            )
+
+        def _calc_extension(self, context: Context, output: Any) -> None:
+            output.SetFromVector(self._motion.Eval(context)[0])
+
+        def _calc_rate(self, context: Context, output: Any) -> None:
+            output.SetFromVector(self._motion.Eval(context)[1])
+
+        def _calc_motion(self, context: Context, value: Any) -> None:
+            """Extensions and their rates, which share the plane that they stand on."""
+            roll, pitch, height = self._posture.Eval(context).tolist()
+            roll_rate, pitch_rate, height_rate = self._posture_rate.Eval(context).tolist()
+            g, g_rate = moving_plane(
+                self._ground.Eval(context).tolist(), (roll, pitch), (roll_rate, pitch_rate)
+            )
+            if self.law == "differential":
+                extension = self._integral(context)
+            else:
+                extension = [
+                    extension_on_plane(leg, g, height - leg.foot_radius) for leg in self._legs
+                ]
+            rate = [
+                extension_rate_on_plane(leg, d, g, g_rate, height_rate)
+                for leg, d in zip(self._legs, extension, strict=True)
+            ]
+            value.set_value((np.array(extension), np.array(rate)))
+
+        def _integral(self, context: Context) -> list[Any]:
+            """Integrated extensions, or the measured ones before the integration starts."""
+            state = context.get_discrete_state_vector().CopyToVector().tolist()
+            if state[3] > 0.5:
+                return state[:3]
+            measured = self._measured.Eval(context)
+            return [measured[i] for i in self.active_legs]
+
+        def _update_integral(self, context: Context, discrete_state: Any) -> None:
+            extension = self._integral(context)
+            if not self._enable.Eval(context)[0] > 0.5:
+                discrete_state.set_value(np.array([*extension, 0.0]))
+                return
+            rate = self._motion.Eval(context)[1].tolist()
+            ahead = [d + self.period * v for d, v in zip(extension, rate, strict=True)]
+            discrete_state.set_value(np.array([*ahead, 1.0]))
+
+    return Impl
+
+
+KinematicFeedforward = KinematicFeedforward_[None]

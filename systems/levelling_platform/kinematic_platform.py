@@ -1,0 +1,278 @@
+"""Quasi-static plant of the levelling platform: closed-form statics on the feet that carry."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector, Context, ValueProducer
+
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
+from parapod.systems.levelling_platform.leg import foot_to_centre, foot_to_centre_rate
+from parapod.systems.levelling_platform.plane import (
+    Vector3,
+    attitude_derivatives,
+    attitude_seeing,
+    cross,
+    dot,
+    minus,
+    mismatch,
+    normal_of,
+    normal_through,
+    to_platform,
+)
+
+
+@dataclass(frozen=True)
+class KinematicPlatformParams:
+    """What the quasi-static plant weighs and how much it gives way.
+
+    Attributes:
+        mass: platform without the arm [kg] (section 5.2).
+        centre_of_mass: of the platform without the arm, from F [m] (assumption).
+        arm_mass: arm with its camera [kg] (section 7).
+        arm_base: base of the arm, from F [m] (fitted to the paper's workspace).
+        arm_centre: distance of the arm's centre of mass from its base [m].
+        foot_stiffness: stiffness of one foot with its leg [N/m]; decides how the load is shared
+            by four legs whose feet do not lie in one plane exactly (assumption).
+        gravity: [m/s^2].
+    """
+
+    mass: float = 50.0
+    centre_of_mass: tuple[float, float, float] = (0.0, 0.0, -0.13)
+    arm_mass: float = 1.0
+    arm_base: tuple[float, float, float] = (0.01, 0.02, 0.145)
+    arm_centre: float = 1.747
+    foot_stiffness: float = 2.0e6
+    gravity: float = 9.81
+
+
+@dataclass(frozen=True)
+class _Stance:
+    """Everything that follows from four extensions, their rates, the ground and the arm."""
+
+    posture: Sequence[float]
+    attitude: Sequence[float]
+    angular_velocity: Sequence[float]
+    specific_force: Sequence[float]
+    contact_force: Sequence[float]
+    load_force: Sequence[float]
+    foot_height: Sequence[float]
+
+
+class KinematicPlatform(OnInclinedGround):
+    """The platform as a body at rest on the feet that carry it: no dynamics, no integration.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `extension` | 4 | m | actuator extensions |
+    | in `velocity` | 4 | m/s | their rates |
+    | in `arm_position` | 2 | rad | turntable and arm angle; unconnected: upright |
+    | out `posture` | 3 | rad, rad, m | roll, pitch, height |
+    | out `attitude` | 3 | rad | roll, pitch, yaw (zero) |
+    | out `angular_velocity` | 3 | rad/s | of the platform, in its own frame |
+    | out `specific_force` | 3 | m/s^2 | at rest: minus gravity, in the platform's frame |
+    | out `contact_force` | 4 | N | of the ground on the feet, normal to the ground |
+    | out `load_force` | 4 | N | force with which the actuators hold, positive to extend |
+    | out `foot_height` | 4 | m | of the feet above the ground, zero where they carry |
+
+    Four springs on a rigid ground share the load when the feet nearly lie in one plane; where
+    one would have to pull, its foot lifts and the other three carry. Ideal friction: the feet
+    stay where they stand sideways, and yaw is zero.
+
+    State: none. Parameters (Context): roll and pitch of the ground (2) [rad], see `set_ground`.
+
+    Bad input: NaN where an extension cannot be built.
+    """
+
+    def __init__(
+        self,
+        geometry: PlatformGeometry = PlatformGeometry(),
+        params: KinematicPlatformParams = KinematicPlatformParams(),
+    ):
+        super().__init__()
+        self.set_name("kinematic_platform")
+        self._geometry, self._params = geometry, params
+        self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
+        self._velocity = self.DeclareVectorInputPort("velocity", LEG_COUNT)
+        self._arm = self.DeclareVectorInputPort("arm_position", 2)
+        entry = self.DeclareCacheEntry(
+            "stance",
+            ValueProducer(allocate=Value[object], calc=self._calc_stance),
+            {
+                self._extension.ticket(),
+                self._velocity.ticket(),
+                self._arm.ticket(),
+                self.all_parameters_ticket(),
+            },
+        )
+        self._stance = entry
+        for name, size in (
+            ("posture", 3),
+            ("attitude", 3),
+            ("angular_velocity", 3),
+            ("specific_force", 3),
+            ("contact_force", 4),
+            ("load_force", 4),
+            ("foot_height", 4),
+        ):
+
+            def calc(context: Context, output: BasicVector, name: str = name) -> None:
+                output.SetFromVector(np.array(getattr(self._stance.Eval(context), name)))
+
+            self.DeclareVectorOutputPort(name, size, calc, {entry.ticket()})
+
+    def _calc_stance(self, context: Context, value: Any) -> None:
+        arm = self._arm.Eval(context).tolist() if self._arm.HasValue(context) else [0.0, 0.0]
+        value.set_value(
+            stand(
+                self._geometry,
+                self._params,
+                self._extension.Eval(context).tolist(),
+                self._velocity.Eval(context).tolist(),
+                self._ground_of(context),
+                arm,
+            )
+        )
+
+
+def stand(
+    geometry: PlatformGeometry,
+    params: KinematicPlatformParams,
+    extension: list[float],
+    velocity: list[float],
+    ground: list[float],
+    arm: list[float],
+) -> _Stance:
+    """The platform at rest on its feet."""
+    legs = geometry.legs
+    feet = [foot_to_centre(leg, d) for leg, d in zip(legs, extension, strict=True)]
+    slopes = [foot_to_centre_rate(leg, d) for leg, d in zip(legs, extension, strict=True)]
+    n = normal_of(*ground)
+
+    # With the load still unknown, the plane through all feet gives the direction of gravity.
+    weights, excess = mismatch(feet)
+    gap = excess / dot(weights, weights)
+    flat = [(x, y, z - w * gap) for (x, y, z), w in zip(feet, weights, strict=True)]
+    normal, length = normal_through(*flat[:3])
+    g = _scaled(normal, 1.0 / length)
+    down = to_platform((0.0, 0.0, -1.0), *attitude_seeing(g, n))
+    force = _share(params, feet, weights, excess, _pressure_point(params, arm, g, flat[0], down))
+    normal_weight = (params.mass + params.arm_mass) * params.gravity * -dot(g, down)
+    contact = [normal_weight * share for share in force]
+
+    carrying = sorted(range(LEG_COUNT), key=contact.__getitem__)[1:]
+    sunk = [
+        (x, y, z - f / params.foot_stiffness) for (x, y, z), f in zip(feet, contact, strict=True)
+    ]
+    p, q, r = (sunk[i] for i in carrying)
+    normal, length = normal_through(p, q, r)
+    g = _scaled(normal, 1.0 / length)
+    height = dot(g, p) + geometry.foot_radius
+    roll, pitch = attitude_seeing(g, n)
+
+    p_rate, q_rate, r_rate = (_scaled(slopes[i], velocity[i]) for i in carrying)
+    normal_rate = _sum(
+        cross(minus(p_rate, q_rate), minus(p, r)), cross(minus(p, q), minus(p_rate, r_rate))
+    )
+    stretch = dot(g, normal_rate)
+    g_rate = _scaled(minus(normal_rate, _scaled(g, stretch)), 1.0 / length)
+    roll_rate, pitch_rate = _attitude_rate(n, g, g_rate, roll, pitch)
+    cos_roll, sin_roll = math.cos(roll), math.sin(roll)
+    return _Stance(
+        posture=[roll, pitch, height],
+        attitude=[roll, pitch, 0.0],
+        angular_velocity=[roll_rate, pitch_rate * cos_roll, -pitch_rate * sin_roll],
+        specific_force=to_platform((0.0, 0.0, params.gravity), roll, pitch),
+        contact_force=contact,
+        load_force=[f * dot(g, slope) for f, slope in zip(contact, slopes, strict=True)],
+        foot_height=[max(0.0, dot(g, minus(p, foot))) for foot in sunk],
+    )
+
+
+def _share(
+    params: KinematicPlatformParams,
+    feet: list[Vector3],
+    weights: tuple[float, ...],
+    excess: float,
+    centre: tuple[float, float],
+) -> list[float]:
+    """Shares of the weight carried by the four feet; none is negative."""
+    squared = dot(weights, weights)
+    weight = (params.mass + params.arm_mass) * params.gravity
+    # Any balanced shares plus a multiple of the dependency balance too; springs that give by
+    # force / stiffness are balanced where (weights . force) = stiffness * excess.
+    three = _barycentric(feet, (0, 1, 2), centre)
+    along = (params.foot_stiffness * excess / weight - dot(weights, three)) / squared
+    shares = [s + w * along for s, w in zip(three, weights, strict=True)]
+    if min(shares) >= 0.0:
+        return shares
+    # One end of the shorter diagonal lifts: the one on the far side of the centre of mass.
+    lifted = min(range(LEG_COUNT), key=shares.__getitem__)
+    first, second = (
+        _barycentric(feet, tuple(i for i in range(LEG_COUNT) if i != leg), centre)
+        for leg in (lifted, (lifted + 2) % LEG_COUNT)
+    )
+    return first if min(first) >= min(second) else second
+
+
+def _barycentric(
+    feet: list[Vector3], legs: tuple[int, ...], centre: tuple[float, float]
+) -> list[float]:
+    """Shares of three legs that balance the weight at `centre`; the fourth gets zero."""
+    (xa, ya, _), (xb, yb, _), (xc, yc, _) = (feet[i] for i in legs)
+    # Feet stand at minus the vectors to F.
+    x, y = -centre[0], -centre[1]
+    area = (xb - xa) * (yc - ya) - (xc - xa) * (yb - ya)
+    b = ((x - xa) * (yc - ya) - (xc - xa) * (y - ya)) / area
+    c = ((xb - xa) * (y - ya) - (x - xa) * (yb - ya)) / area
+    shares = [0.0] * LEG_COUNT
+    for leg, share in zip(legs, (1.0 - b - c, b, c), strict=True):
+        shares[leg] = share
+    return shares
+
+
+def _pressure_point(
+    params: KinematicPlatformParams,
+    arm: list[float],
+    g: Vector3,
+    foot: Vector3,
+    down: Vector3,
+) -> tuple[float, float]:
+    """Where the line of gravity through the centre of mass meets the plane of the feet (x, y)."""
+    turn, swing = arm
+    reach = params.arm_centre * math.sin(swing)
+    tip = (
+        params.arm_base[0] + reach * math.cos(turn),
+        params.arm_base[1] + reach * math.sin(turn),
+        params.arm_base[2] + params.arm_centre * math.cos(swing),
+    )
+    total = params.mass + params.arm_mass
+    com = _scaled(
+        _sum(_scaled(params.centre_of_mass, params.mass), _scaled(tip, params.arm_mass)),
+        1.0 / total,
+    )
+    # A foot is at -P from F, so the plane is g . x = -g . P.
+    reach = -(dot(g, foot) + dot(g, com)) / dot(g, down)
+    return com[0] + reach * down[0], com[1] + reach * down[1]
+
+
+def _attitude_rate(
+    n: Vector3, g: Vector3, g_rate: Vector3, roll: float, pitch: float
+) -> tuple[float, float]:
+    """Rates of roll and pitch that turn the ground's normal by g_rate in the platform's frame."""
+    _, by_pitch = attitude_derivatives(n, g, roll, pitch)
+    pitch_rate = g_rate[0] / by_pitch[0]
+    rest_y, rest_z = g_rate[1] - pitch_rate * by_pitch[1], g_rate[2] - pitch_rate * by_pitch[2]
+    return (rest_y * g[2] - rest_z * g[1]) / (g[1] * g[1] + g[2] * g[2]), pitch_rate
+
+
+def _scaled(a: Vector3, factor: float) -> Vector3:
+    return a[0] * factor, a[1] * factor, a[2] * factor
+
+
+def _sum(a: Vector3, b: Vector3) -> Vector3:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]

@@ -1,0 +1,57 @@
+"""The reduced leg's transmission: between the actuator's rod and the parallelogram's swing."""
+
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.leg import swing_angle, swing_rate
+
+
+class LegTransmission(LeafSystem):
+    """Exact, lossless transmission psi(d) of a leg whose actuator is not modelled as bodies.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `rod_state` | 8 | m, m/s | extensions and their rates to be transmitted |
+    | in `extension` | 4 | m | present extensions, at which the load is taken |
+    | in `swing_torque` | 4 | N m | torques that hold the swing joints |
+    | out `swing_state` | 8 | rad, rad/s | angles psi and their rates, legs one after the other |
+    | out `load_force` | 4 | N | force of each rod: tau dpsi/dd, so that power is conserved |
+
+    State: none. Bad input: NaN where an extension cannot be built.
+    """
+
+    def __init__(self, geometry: PlatformGeometry = PlatformGeometry()):
+        super().__init__()
+        self.set_name("leg_transmission")
+        self._legs = geometry.legs
+        self._rods = self.DeclareVectorInputPort("rod_state", 2 * LEG_COUNT)
+        self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
+        self._torque = self.DeclareVectorInputPort("swing_torque", LEG_COUNT)
+        self.DeclareVectorOutputPort(
+            "swing_state", 2 * LEG_COUNT, self._calc_swing, {self._rods.ticket()}
+        )
+        self.DeclareVectorOutputPort(
+            "load_force",
+            LEG_COUNT,
+            self._calc_load,
+            {self._extension.ticket(), self._torque.ticket()},
+        )
+
+    def _calc_swing(self, context: Context, output: BasicVector) -> None:
+        rods = self._rods.Eval(context).tolist()
+        result: list[Any] = []
+        for leg, d, rate in zip(self._legs, rods[:LEG_COUNT], rods[LEG_COUNT:], strict=True):
+            result += [swing_angle(leg, d), swing_rate(leg, d) * rate]
+        output.SetFromVector(np.array(result))
+
+    def _calc_load(self, context: Context, output: BasicVector) -> None:
+        extension = self._extension.Eval(context).tolist()
+        torques = self._torque.Eval(context).tolist()
+        loads = [
+            torque * swing_rate(leg, d)
+            for leg, d, torque in zip(self._legs, extension, torques, strict=True)
+        ]
+        output.SetFromVector(np.array(loads))

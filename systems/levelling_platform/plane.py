@@ -1,0 +1,117 @@
+"""Planes through feet, and the attitude of a platform that stands on one.
+
+Elementwise functions (floats, arrays, AutoDiffXd) on vectors that are tuples of components.
+"""
+
+from collections.abc import Sequence
+
+from parapod.systems.elementwise import Elementwise, asin, atan2, sin_cos, sqrt
+
+type Vector3 = tuple[Elementwise, Elementwise, Elementwise]
+
+
+def dot(a: Sequence[Elementwise], b: Sequence[Elementwise]) -> Elementwise:
+    """Scalar product of two vectors of three or four components."""
+    total = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return total + a[3] * b[3] if len(a) == 4 else total
+
+
+def cross(a: Vector3, b: Vector3) -> Vector3:
+    """Vector product."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+def minus(a: Vector3, b: Vector3) -> Vector3:
+    """Difference of two vectors."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def normal_through(p: Vector3, q: Vector3, r: Vector3) -> tuple[Vector3, Elementwise]:
+    """Normal (not normalised) of the plane through three points, and its length.
+
+    The length has the sign that makes normal / length point up, whatever the points' order.
+    """
+    normal = cross(minus(p, q), minus(p, r))
+    return normal, sqrt(dot(normal, normal)) * (normal[2] / abs(normal[2]))
+
+
+def mismatch(points: Sequence[Vector3]) -> tuple[tuple[Elementwise, ...], Elementwise]:
+    """How far four points are from lying in one plane.
+
+    Four points (x_i, y_i) have exactly one affine dependency: weights w with
+    sum w = sum w x = sum w y = 0, the signed areas of the triangles opposite to them. The points
+    lie in one plane when w . z = 0, and z - w (w . z) / (w . w) is the plane of least squares.
+
+    Returns:
+        The weights w (positive for points 1 and 3, negative for 2 and 4 when the points go
+        round) [m^2], and w . z [m^3].
+    """
+    (x1, y1, z1), (x2, y2, z2), (x3, y3, z3), (x4, y4, z4) = points
+
+    def twice_area(
+        xa: Elementwise,
+        ya: Elementwise,
+        xb: Elementwise,
+        yb: Elementwise,
+        xc: Elementwise,
+        yc: Elementwise,
+    ) -> Elementwise:
+        return (xb - xa) * (yc - ya) - (xc - xa) * (yb - ya)
+
+    weights = (
+        twice_area(x2, y2, x3, y3, x4, y4),
+        -twice_area(x1, y1, x3, y3, x4, y4),
+        twice_area(x1, y1, x2, y2, x4, y4),
+        -twice_area(x1, y1, x2, y2, x3, y3),
+    )
+    return weights, dot(weights, (z1, z2, z3, z4))
+
+
+def normal_of(roll: Elementwise, pitch: Elementwise) -> Vector3:
+    """Normal of a plane inclined by roll and pitch: (c_1, c_2, c_3) of Eq. (9)."""
+    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(roll), sin_cos(pitch)
+    return sin_pitch * cos_roll, -sin_roll, cos_pitch * cos_roll
+
+
+def to_platform(n: Vector3, roll: Elementwise, pitch: Elementwise) -> Vector3:
+    """A vector of the world seen by a platform of that attitude: g of Eqs. (10)-(12) for n."""
+    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(roll), sin_cos(pitch)
+    m_z = n[0] * sin_pitch + n[2] * cos_pitch
+    return (
+        n[0] * cos_pitch - n[2] * sin_pitch,
+        n[1] * cos_roll + m_z * sin_roll,
+        m_z * cos_roll - n[1] * sin_roll,
+    )
+
+
+def to_world(g: Vector3, roll: Elementwise, pitch: Elementwise) -> Vector3:
+    """A vector of the platform seen by the world: R_y(pitch) R_x(roll) g."""
+    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(roll), sin_cos(pitch)
+    m_z = sin_roll * g[1] + cos_roll * g[2]
+    return (
+        cos_pitch * g[0] + sin_pitch * m_z,
+        cos_roll * g[1] - sin_roll * g[2],
+        cos_pitch * m_z - sin_pitch * g[0],
+    )
+
+
+def attitude_seeing(g: Vector3, n: Vector3) -> tuple[Elementwise, Elementwise]:
+    """Roll and pitch of the platform that sees the world's vector n as g."""
+    roll = atan2(g[1], g[2]) - asin(n[1] / sqrt(g[1] * g[1] + g[2] * g[2]))
+    sin_roll, cos_roll = sin_cos(roll)
+    m_z = g[1] * sin_roll + g[2] * cos_roll
+    return roll, atan2(n[0] * m_z - n[2] * g[0], n[0] * g[0] + n[2] * m_z)
+
+
+def attitude_derivatives(
+    n: Vector3, g: Vector3, roll: Elementwise, pitch: Elementwise
+) -> tuple[Vector3, Vector3]:
+    """Derivatives of `to_platform` by roll and by pitch, at its value g."""
+    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(roll), sin_cos(pitch)
+    m_x_rate = -n[0] * sin_pitch - n[2] * cos_pitch
+    m_z_rate = n[0] * cos_pitch - n[2] * sin_pitch
+    return (0.0 * g[0], g[2], -g[1]), (m_x_rate, sin_roll * m_z_rate, cos_roll * m_z_rate)

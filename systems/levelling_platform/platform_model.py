@@ -1,0 +1,123 @@
+"""The levelling platform as bodies and joints: names in the plant, and its closed-form pose."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import FixedOffsetFrame, JointIndex, ModelInstanceIndex, RigidBody
+from pydrake.systems.framework import Context
+
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
+from parapod.systems.levelling_platform.leg import diagonal_angle, swing_angle
+from parapod.systems.levelling_platform.plane import normal_of
+
+# What the files in `parapod.urdf.levelling_platform` are drawn to: Tables 1 and 2, with rollers.
+MODEL_GEOMETRY = PlatformGeometry(foot_radius=0.025)
+
+
+@dataclass(frozen=True)
+class PlatformModel:
+    """A finalized plant that holds the platform of `parapod.urdf.levelling_platform`.
+
+    Attributes:
+        plant: the plant.
+        ground_mount: frame on the world that carries the ground and can be inclined.
+        geometry: dimensions that the files have.
+    """
+
+    plant: MultibodyPlant
+    ground_mount: FixedOffsetFrame
+    geometry: PlatformGeometry = MODEL_GEOMETRY
+
+    @cached_property
+    def base(self) -> RigidBody:
+        """The platform's body; its origin is the centre F."""
+        return self.plant.GetBodyByName("base")
+
+    @cached_property
+    def legs(self) -> tuple[ModelInstanceIndex, ...]:
+        """The legs' model instances, 1..4."""
+        return tuple(self.plant.GetModelInstanceByName(f"leg_{i + 1}") for i in range(LEG_COUNT))
+
+    @cached_property
+    def arm(self) -> ModelInstanceIndex:
+        """The model instance of turntable and arm."""
+        return self.plant.GetModelInstanceByName("arm")
+
+    @cached_property
+    def base_instance(self) -> ModelInstanceIndex:
+        """The model instance of base and wheels."""
+        return self.plant.GetModelInstanceByName("base")
+
+    @cached_property
+    def is_full(self) -> bool:
+        """Whether the legs' actuators are modelled as bodies."""
+        return self.plant.HasBodyNamed("rod", self.legs[0])
+
+    def leg_bodies(self, name: str) -> tuple[RigidBody, ...]:
+        """The body of that name of each leg."""
+        return tuple(self.plant.GetBodyByName(name, leg) for leg in self.legs)
+
+    def leg_angles(self, leg: int, extension: float) -> dict[str, float]:
+        """Positions of a leg's joints at an extension, in closed form."""
+        dimensions = self.geometry.legs[leg]
+        swing = swing_angle(dimensions, extension)
+        angles = {"swing": swing, "upper_swing": swing, "coupler_swing": -swing}
+        if self.is_full:
+            angles["cylinder_swing"] = diagonal_angle(dimensions, extension)
+            angles["extension"] = extension
+        return angles
+
+    @cached_property
+    def _position_starts(self) -> list[dict[str, int]]:
+        """Index of each leg's joint position among the plant's positions."""
+        starts: list[dict[str, int]] = []
+        for leg in self.legs:
+            joints = [self.plant.get_joint(JointIndex(i)) for i in self.plant.GetJointIndices(leg)]
+            starts.append({joint.name(): joint.position_start() for joint in joints})
+        return starts
+
+    def positions(
+        self, extension: ArrayLike, posture: ArrayLike, ground: ArrayLike, arm: ArrayLike
+    ) -> NDArray[np.float64]:
+        """All positions of the plant, loops closed and feet on the ground.
+
+        The platform's centre stands above the world's origin, through which the ground's plane
+        goes; wheels and rollers are at zero.
+
+        Args:
+            extension: (4) extensions [m].
+            posture: (3) roll, pitch, height [rad, rad, m].
+            ground: (2) roll and pitch of the ground [rad].
+            arm: (2) turntable and arm angle [rad].
+        """
+        q = np.zeros(self.plant.num_positions())
+        for leg, d in enumerate(np.asarray(extension).tolist()):
+            for joint, value in self.leg_angles(leg, d).items():
+                q[self._position_starts[leg][joint]] = value
+        roll, pitch, height = np.asarray(posture).tolist()
+        start = self.base.floating_positions_start()
+        q[start : start + 4] = RollPitchYaw(roll, pitch, 0.0).ToQuaternion().wxyz()
+        q[start + 4 : start + 7] = height * np.array(normal_of(*np.asarray(ground).tolist()))
+        self.plant.SetPositionsInArray(self.arm, np.asarray(arm, dtype=float), q)
+        return q
+
+    def stand(self, context: Context, extension: ArrayLike, ground: ArrayLike) -> None:
+        """Inclines the ground and puts the platform at rest on it with these extensions.
+
+        Args:
+            context: the plant's context.
+            extension: (4) extensions [m].
+            ground: (2) roll and pitch of the ground [rad].
+        """
+        roll, pitch = np.asarray(ground).tolist()
+        X_WG = RigidTransform(RollPitchYaw(roll, pitch, 0.0), np.zeros(3))
+        self.ground_mount.SetPoseInParentFrame(context, X_WG)
+        posture = forward_kinematics(self.geometry, extension, ground)
+        q = self.positions(extension, posture, ground, (0.0, 0.0))
+        self.plant.SetPositions(context, q)
+        self.plant.SetVelocities(context, np.zeros(self.plant.num_velocities()))

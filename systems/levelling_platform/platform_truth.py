@@ -1,0 +1,168 @@
+"""What a simulation knows and no sensor tells: the platform's true posture, feet and loops."""
+
+import math
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import ContactResults
+from pydrake.systems.framework import BasicVector, Context
+
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
+from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
+from parapod.systems.levelling_platform.plane import dot, normal_of
+from parapod.systems.levelling_platform.platform_model import PlatformModel
+
+
+class PlatformTruth(OnInclinedGround):
+    """True posture and attitude of the platform, from the plant's state.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `state` | n | - | state of the plant |
+    | out `posture` | 3 | rad, rad, m | roll, pitch, height above the ground |
+    | out `attitude` | 3 | rad | roll, pitch, yaw |
+
+    State: none. Parameters (Context): roll and pitch of the ground (2) [rad], see `set_ground`.
+    """
+
+    def __init__(self, model: PlatformModel):
+        super().__init__()
+        self.set_name("platform_truth")
+        self._start = model.base.floating_positions_start()
+        self._state = self.DeclareVectorInputPort("state", model.plant.num_multibody_states())
+        tickets = {self._state.ticket()}
+        self.DeclareVectorOutputPort("attitude", 3, self._calc_attitude, tickets)
+        self._attitude = self.GetOutputPort("attitude")
+        self.DeclareVectorOutputPort(
+            "posture", 3, self._calc_posture, tickets | {self.all_parameters_ticket()}
+        )
+
+    def _calc_attitude(self, context: Context, output: BasicVector) -> None:
+        start = self._start
+        w, x, y, z = self._state.Eval(context)[start : start + 4].tolist()
+        scale = 2.0 / (w * w + x * x + y * y + z * z)
+        output.SetFromVector(
+            [
+                math.atan2(scale * (y * z + w * x), 1.0 - scale * (x * x + y * y)),
+                math.asin(min(1.0, max(-1.0, scale * (w * y - x * z)))),
+                math.atan2(scale * (x * y + w * z), 1.0 - scale * (y * y + z * z)),
+            ]
+        )
+
+    def _calc_posture(self, context: Context, output: BasicVector) -> None:
+        start = self._start + 4
+        roll, pitch, _ = self._attitude.Eval(context).tolist()
+        n = normal_of(*self._ground_of(context))
+        height = dot(n, self._state.Eval(context)[start : start + 3].tolist())
+        output.SetFromVector(np.array([roll, pitch, height]))
+
+
+class FootTruth(OnInclinedGround):
+    """True contact of the feet, and how well the legs' loops are closed.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `contact_results` | abstract | - | contact results of the plant |
+    | in `body_poses` | abstract | - | poses of the plant's bodies |
+    | out `contact_force` | 4 | N | of the ground on the feet, normal to the ground |
+    | out `foot_height` | 4 | m | lowest point of the rollers above the ground |
+    | out `loop_error` | 4 | m | distance of rod end and coupler at K; zero for reduced legs |
+
+    State: none. Parameters (Context): roll and pitch of the ground (2) [rad], see `set_ground`.
+    """
+
+    def __init__(self, model: PlatformModel):
+        super().__init__()
+        self.set_name("foot_truth")
+        self._radius = model.geometry.foot_radius
+        self._rollers = [body.index() for body in model.leg_bodies("roller")]
+        self._loops = []
+        if model.is_full:
+            leg = model.geometry.legs[0]
+            self._p_MK = np.array([leg.l_3 * leg.e_a[0], 0.0, leg.l_3 * leg.e_a[1]])
+            rods, couplers = (model.leg_bodies(name) for name in ("rod", "coupler"))
+            self._loops = [(a.index(), b.index()) for a, b in zip(rods, couplers, strict=True)]
+        self._contact = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
+        self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]([]))
+        ground = self.all_parameters_ticket()
+        poses = self._poses.ticket()
+        for name, calc, tickets in (
+            ("contact_force", self._calc_force, {self._contact.ticket(), ground}),
+            ("foot_height", self._calc_height, {poses, ground}),
+            ("loop_error", self._calc_loop_error, {poses}),
+        ):
+            self.DeclareVectorOutputPort(name, LEG_COUNT, calc, tickets)
+
+    def _calc_force(self, context: Context, output: BasicVector) -> None:
+        results = self._contact.Eval(context)
+        n = normal_of(*self._ground_of(context))
+        force = [0.0] * LEG_COUNT
+        for i in range(results.num_point_pair_contacts()):
+            info = results.point_pair_contact_info(i)
+            for sign, body in ((-1.0, info.bodyA_index()), (1.0, info.bodyB_index())):
+                if body in self._rollers:
+                    force[self._rollers.index(body)] += sign * dot(
+                        n, info.contact_force().tolist()
+                    )
+        output.SetFromVector(force)
+
+    def _calc_height(self, context: Context, output: BasicVector) -> None:
+        poses = self._poses.Eval(context)
+        n = normal_of(*self._ground_of(context))
+        output.SetFromVector(
+            [dot(n, poses[i].translation().tolist()) - self._radius for i in self._rollers]
+        )
+
+    def _calc_loop_error(self, context: Context, output: BasicVector) -> None:
+        if not self._loops:
+            return
+        poses = self._poses.Eval(context)
+        output.SetFromVector(
+            [
+                float(np.linalg.norm(poses[rod].translation() - poses[coupler] @ self._p_MK))
+                for rod, coupler in self._loops
+            ]
+        )
+
+
+class PlatformPose(OnInclinedGround):
+    """Positions of all joints of the platform's model, for drawing a quasi-static plant.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `extension` | 4 | m | extensions |
+    | in `posture` | 3 | rad, rad, m | roll, pitch, height |
+    | in `arm_position` | 2 | rad | turntable and arm angle |
+    | out `positions` | n | - | positions of the plant |
+
+    State: none. Parameters (Context): roll and pitch of the ground (2) [rad], see `set_ground`.
+    """
+
+    def __init__(self, model: PlatformModel):
+        super().__init__()
+        self.set_name("platform_pose")
+        self._model = model
+        self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
+        self._posture = self.DeclareVectorInputPort("posture", 3)
+        self._arm = self.DeclareVectorInputPort("arm_position", 2)
+        self.DeclareVectorOutputPort(
+            "positions",
+            model.plant.num_positions(),
+            self._calc_positions,
+            {
+                self._extension.ticket(),
+                self._posture.ticket(),
+                self._arm.ticket(),
+                self.all_parameters_ticket(),
+            },
+        )
+
+    def _calc_positions(self, context: Context, output: BasicVector) -> None:
+        q = self._model.positions(
+            self._extension.Eval(context),
+            self._posture.Eval(context),
+            self._ground_of(context),
+            self._arm.Eval(context),
+        )
+        output.SetFromVector(q)

@@ -1,0 +1,234 @@
+"""Smooth, reachable posture reference that follows stepwise commands."""
+
+from dataclasses import dataclass
+from math import radians
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from parapod.systems.errors import UnreachablePosture
+from parapod.systems.levelling_platform.geometry import PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import (
+    forward_kinematics,
+    height_range,
+    inverse_kinematics,
+)
+
+# Layout of the discrete state.
+_COEFFICIENTS = slice(0, 18)  # polynomials of degree 5 of roll, pitch, height
+_START, _DURATION, _STARTED = 18, 19, 20
+_COMMAND, _GROUND = slice(21, 24), slice(24, 26)
+_SIZE = 26
+
+
+@dataclass(frozen=True)
+class PostureReferenceParams:
+    """How fast a new posture is approached.
+
+    Attributes:
+        angle_rate: largest rate of roll and pitch between two postures at rest [rad/s].
+        height_rate: largest rate of the height [m/s].
+        shortest_move: shortest duration of a move [s].
+    """
+
+    angle_rate: float = radians(1.5)
+    height_rate: float = 0.02
+    shortest_move: float = 0.6
+
+
+class PostureReference(LeafSystem):
+    """Turns posture commands, which may jump, into a reference that the platform can follow.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `posture_command` | 3 | rad, rad, m | commanded roll, pitch, height; may jump |
+    | in `extension_measured` | 4 | m | where the reference starts |
+    | in `ground` | 2 | rad | estimated roll and pitch of the ground |
+    | in `enable` | 1 | - | above 0.5: follow commands |
+    | out `posture_desired` | 3 | rad, rad, m | reference, twice continuously differentiable |
+    | out `posture_rate_desired` | 3 | rad/s, rad/s, m/s | its rate |
+
+    When it is enabled the reference starts at rest from the measured posture, so that nothing
+    jumps. Each new command is approached by polynomials of degree 5 from the reference's present
+    position, rate and acceleration to rest at the command (minimum jerk when it starts at rest).
+
+    A command outside the workspace is refused: with `on_unreachable="raise"` the simulation stops
+    with `UnreachablePosture`, before anything moves; with `"clamp"` the reference goes as far
+    towards it as the legs reach.
+
+    State: discrete, polynomials (18), start time and duration (2), whether started (1), the last
+    command (3) and the ground it was planned for (2), updated every period.
+
+    Bad input: a command that is not finite is ignored.
+    """
+
+    def __init__(
+        self,
+        geometry: PlatformGeometry = PlatformGeometry(),
+        params: PostureReferenceParams = PostureReferenceParams(),
+        on_unreachable: Literal["raise", "clamp"] = "raise",
+        period: float = 0.01,
+    ):
+        if on_unreachable not in ("raise", "clamp"):
+            raise ValueError(f'on_unreachable must be "raise" or "clamp", not {on_unreachable!r}')
+        super().__init__()
+        self.set_name("posture_reference")
+        self._geometry, self._params = geometry, params
+        self._on_unreachable = on_unreachable
+        self._command = self.DeclareVectorInputPort("posture_command", 3)
+        self._measured = self.DeclareVectorInputPort("extension_measured", 4)
+        self._ground = self.DeclareVectorInputPort("ground", 2)
+        self._enable = self.DeclareVectorInputPort("enable", 1)
+        state = self.discrete_state_ticket(self.DeclareDiscreteState(_SIZE))
+        prerequisites = {
+            state,
+            self.time_ticket(),
+            self._measured.ticket(),
+            self._ground.ticket(),
+        }
+        self._posture = self.DeclareVectorOutputPort(
+            "posture_desired", 3, self._calc_posture, prerequisites
+        )
+        self.DeclareVectorOutputPort(
+            "posture_rate_desired", 3, self._calc_rate, {state, self.time_ticket()}
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_plan)
+
+    def _calc_posture(self, context: Context, output: BasicVector) -> None:
+        state = context.get_discrete_state_vector().value().tolist()
+        if state[_STARTED] > 0.5:
+            output.SetFromVector(np.array(_evaluate(state, context.get_time())[0]))
+        else:
+            output.SetFromVector(self._measured_posture(context))
+
+    def _calc_rate(self, context: Context, output: BasicVector) -> None:
+        state = context.get_discrete_state_vector().value().tolist()
+        output.SetFromVector(np.array(_evaluate(state, context.get_time())[1]))
+
+    def _measured_posture(self, context: Context) -> NDArray[np.float64]:
+        extension, ground = self._measured.Eval(context), self._ground.Eval(context)
+        return forward_kinematics(self._geometry, extension, ground)
+
+    def _update_plan(self, context: Context, discrete_state: Any) -> None:
+        state = context.get_discrete_state_vector().value()
+        enabled = self._enable.Eval(context)[0] > 0.5
+        started = state[_STARTED] > 0.5
+        if not enabled:
+            if started:
+                discrete_state.set_value(np.zeros(_SIZE))
+            return
+        command, ground = self._command.Eval(context), self._ground.Eval(context)
+        news = not (
+            started
+            and state[_COMMAND].tolist() == command.tolist()
+            and state[_GROUND].tolist() == ground.tolist()
+        )
+        if news and np.isfinite(command).all() and np.isfinite(ground).all():
+            discrete_state.set_value(self._plan(context, started, command, ground))
+
+    def _plan(
+        self,
+        context: Context,
+        started: bool,
+        command: NDArray[np.float64],
+        ground: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """State that leads from the present reference to the command."""
+        now = context.get_time()
+        if started:
+            start = _evaluate(context.get_discrete_state_vector().value().tolist(), now)
+        else:
+            start = (self._measured_posture(context).tolist(), [0.0] * 3, [0.0] * 3)
+        target = self._reachable(np.array(start[0]), command, ground)
+        limits = (self._params.angle_rate, self._params.angle_rate, self._params.height_rate)
+        # A minimum-jerk move from rest to rest peaks at 15/8 of its mean rate.
+        duration = max(
+            self._params.shortest_move,
+            *(
+                1.875 * abs(goal - at) / limit
+                for at, goal, limit in zip(start[0], target, limits, strict=True)
+            ),
+        )
+        state = np.empty(_SIZE)
+        state[_COEFFICIENTS] = _quintics(*start, target.tolist(), duration)
+        state[_START], state[_DURATION], state[_STARTED] = now, duration, 1.0
+        state[_COMMAND], state[_GROUND] = command, ground
+        return state
+
+    def _reachable(
+        self,
+        start: NDArray[np.float64],
+        command: NDArray[np.float64],
+        ground: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """The command, or what `on_unreachable` asks for where the legs do not reach it."""
+        try:
+            inverse_kinematics(self._geometry, command, ground)
+            return command
+        except UnreachablePosture as error:
+            if self._on_unreachable == "raise":
+                raise UnreachablePosture(
+                    error.leg,
+                    error.extension,
+                    error.admissible,
+                    hint=describe_range(self._geometry, command, ground),
+                ) from None
+        shares = np.linspace(0.0, 1.0, 129)[:, np.newaxis]
+        path = start + shares * (command - start)
+        extension = inverse_kinematics(self._geometry, path, ground, on_unreachable="nan")
+        blocked = np.isnan(extension[:, 0])
+        # Measured start postures may lie a hair outside the stroke; the end must not.
+        reached = np.flatnonzero(~blocked)
+        return path[reached[-1]] if reached.size else start
+
+
+def describe_range(
+    geometry: PlatformGeometry, posture: NDArray[np.float64], ground: NDArray[np.float64]
+) -> str:
+    """What can be reached at a posture's attitude on a ground, as the end of an error's line."""
+    low, high = height_range(geometry, posture[:2], ground)
+    roll, pitch, ground_roll, ground_pitch = np.degrees([*posture[:2], *ground])
+    at = (
+        f"at roll {roll:.2f}, pitch {pitch:.2f} deg on ground inclined by "
+        f"roll {ground_roll:.2f}, pitch {ground_pitch:.2f} deg"
+    )
+    if low <= high:
+        return f": {at} the height must be {1e3 * low:.1f}..{1e3 * high:.1f} mm"
+    return f": {at} no height fits the stroke"
+
+
+def _quintics(
+    position: list[float],
+    rate: list[float],
+    acceleration: list[float],
+    target: list[float],
+    duration: float,
+) -> list[float]:
+    """Coefficients, lowest first, of three polynomials of degree 5 that end at rest."""
+    coefficients = []
+    t = duration
+    for p, v, a, goal in zip(position, rate, acceleration, target, strict=True):
+        d = goal - p
+        coefficients += [
+            p,
+            v,
+            0.5 * a,
+            (10.0 * d - 6.0 * v * t - 1.5 * a * t * t) / t**3,
+            (-15.0 * d + 8.0 * v * t + 1.5 * a * t * t) / t**4,
+            (6.0 * d - 3.0 * v * t - 0.5 * a * t * t) / t**5,
+        ]
+    return coefficients
+
+
+def _evaluate(state: list[float], time: float) -> tuple[list[float], list[float], list[float]]:
+    """Position, rate and acceleration of the planned reference; at rest after its end."""
+    t = min(max(time - state[_START], 0.0), state[_DURATION])
+    position, rate, acceleration = [], [], []
+    for i in range(0, 18, 6):
+        c0, c1, c2, c3, c4, c5 = state[i : i + 6]
+        position.append(c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5)))))
+        rate.append(c1 + t * (2 * c2 + t * (3 * c3 + t * (4 * c4 + t * 5 * c5))))
+        acceleration.append(2 * c2 + t * (6 * c3 + t * (12 * c4 + t * 20 * c5)))
+    return position, rate, acceleration

@@ -1,0 +1,223 @@
+"""Roll and pitch from gyro and accelerometer: a complementary filter on gravity's direction."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+_DEGREE = math.radians(1.0)
+# Value of the state's sample count once the averaging is over.
+_RUNNING = -1.0
+
+
+@dataclass(frozen=True)
+class AttitudeEstimatorParams:
+    """Design of the filter.
+
+    Attributes:
+        time_constant: tau [s]; both poles of the linearised filter lie at -1/tau (k_P = 2/tau,
+            k_I = 1/tau^2 of Mahony's filter). About 2 s is the optimum for the densities of the
+            ADIS16448's white noise, where its two sensors disturb the tilt equally.
+        start_time: the first samples, over this time, are averaged [s] (design choice).
+        rest_rate: a rate this far from the average ends the averaging: the body moves [rad/s]
+            (design choice, 10 sigma of the ADIS16448's noise at 100 Hz).
+        bias_limit: largest gyro bias believed [rad/s]; 4 times the turn-on bias of 0.5 deg/s
+            (1 sigma) that the RotorS simulator gives the ADIS16448.
+        rate_limit: a gyro sample beyond it is ignored [rad/s]; above the ADIS16448's range of
+            1000 deg/s (data sheet).
+        gravity: norm of the specific force at rest [m/s2].
+        gate: departure of the accelerometer's norm from gravity at which its weight in the
+            correction has fallen, linearly, to zero [m/s2] (design choice: 0.05 g, 30 sigma of
+            the ADIS16448's noise).
+    """
+
+    time_constant: float = 2.0
+    start_time: float = 1.0
+    rest_rate: float = 1.0 * _DEGREE
+    bias_limit: float = 2.0 * _DEGREE
+    rate_limit: float = 20.0
+    gravity: float = 9.81
+    gate: float = 0.5
+
+
+class AttitudeEstimator(LeafSystem):
+    """Roll and pitch against gravity with estimation of the gyro's bias (Mahony's filter).
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `gyro` | 3 | rad/s | measured angular velocity in the body's axes |
+    | in `accel` | 3 | m/s2 | measured specific force in the body's axes |
+    | out `attitude` | 2 | rad | roll, pitch of R = R_y(pitch) R_x(roll) |
+    | out `gyro_bias` | 3 | rad/s | estimated bias; its part about the vertical by averaging only |
+
+    The filter carries v, the world's vertical in the body's axes, (-sin pitch, cos pitch sin
+    roll, cos pitch cos roll): dv/dt = v x (gyro - bias + k_P e), dbias/dt = -k_I e, with e =
+    accel x v / |accel|. The correction e weighs less the further |accel| is from gravity.
+
+    Start: until `start_time` the body is taken to be at rest, accelerometer and gyro are
+    averaged (gain 1/k); motion ends that early. Until the first update the attitude is that
+    of the present accelerometer reading, so the output never jumps from zero.
+
+    State: discrete, v (3), last good gyro sample (3), number of samples averaged (1), -1 once
+    the averaging is over; gyro bias (3).
+
+    Parameters (Context): time constant (1) [s], at least two periods.
+
+    Bad input: a gyro sample that is not finite or beyond `rate_limit` is replaced by the last
+    good one; an accelerometer sample outside the gate, not finite or zero is ignored (the first
+    one must lie within half to twice gravity). Outputs are always finite.
+    """
+
+    def __init__(
+        self,
+        params: AttitudeEstimatorParams = AttitudeEstimatorParams(),
+        period: float = 0.01,
+    ) -> None:
+        super().__init__()
+        self.set_name("attitude_estimator")
+        self.params, self.period = params, period
+        self._gyro: Any = self.DeclareVectorInputPort("gyro", 3)
+        self._accel: Any = self.DeclareVectorInputPort("accel", 3)
+        self._time_constant = self.DeclareNumericParameter(
+            BasicVector(np.array([params.time_constant]))
+        )
+        self._filter: Any = self.DeclareDiscreteState(
+            np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+        )
+        self._bias: Any = self.DeclareDiscreteState(3)
+        self.DeclareVectorOutputPort(
+            "attitude",
+            2,
+            self._calc_attitude,
+            prerequisites_of_calc={
+                self.discrete_state_ticket(self._filter),
+                self._accel.ticket(),
+            },
+        )
+        self.DeclareStateOutputPort("gyro_bias", self._bias)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_filter)
+        self._start_samples = max(1, round(params.start_time / period))
+
+    def _calc_attitude(self, context: Context, output: BasicVector) -> None:
+        x, y, z, _, _, _, count = context.get_discrete_state(self._filter).value().tolist()
+        if count == 0.0:
+            accel = self._accel.Eval(context).tolist()
+            if self._may_start(math.hypot(*accel)):
+                x, y, z = accel
+        roll, pitch = math.atan2(y, z), math.atan2(-x, math.sqrt(y * y + z * z))
+        output.SetFromVector(np.array([roll, pitch]))
+
+    def _update_filter(self, context: Context, discrete_state: DiscreteValues) -> None:
+        state = context.get_discrete_state(self._filter).value().tolist()
+        up, last, count = state[0:3], state[3:6], state[6]
+        bias = context.get_discrete_state(self._bias).value().tolist()
+        gyro = self._gyro.Eval(context).tolist()
+        accel = self._accel.Eval(context).tolist()
+        if not _is_within(gyro, self.params.rate_limit):
+            gyro = last
+        norm = math.hypot(*accel)
+        if count > 0.0 and not _is_close(gyro, bias, self.params.rest_rate):
+            count = _RUNNING
+        if count == _RUNNING:
+            rate = [0.5 * (a + b) for a, b in zip(last, gyro, strict=True)]
+            tau = context.get_numeric_parameter(self._time_constant).value().item()
+            self._correct(up, bias, rate, accel, norm, tau)
+        elif count > 0.0 or self._may_start(norm):
+            count = self._average(up, bias, gyro, accel, norm, count)
+        discrete_state.set_value(self._filter, np.array([*up, *gyro, count]))
+        discrete_state.set_value(self._bias, np.array(bias))
+
+    def _average(
+        self,
+        up: list[float],
+        bias: list[float],
+        gyro: list[float],
+        accel: list[float],
+        norm: float,
+        count: float,
+    ) -> float:
+        """Moves the running means `up` and `bias` toward a sample; returns the new count."""
+        weight = self._weight(norm) if count > 0.0 else 1.0
+        count += 1.0
+        if weight > 0.0:
+            gain = weight / count
+            for i in range(3):
+                up[i] += gain * (accel[i] / norm - up[i])
+        if count == 1.0 and not _is_within(gyro, self.params.bias_limit):
+            return _RUNNING
+        for i in range(3):
+            bias[i] += (gyro[i] - bias[i]) / count
+        self._limit(bias)
+        return count if count < self._start_samples else _RUNNING
+
+    def _correct(
+        self,
+        up: list[float],
+        bias: list[float],
+        rate: list[float],
+        accel: list[float],
+        norm: float,
+        time_constant: float,
+    ) -> None:
+        """One step of Mahony's filter: turns `up` and integrates `bias`, both in place."""
+        dt = self.period
+        # Prediction: v turns by -angle about the rate; exact for a constant rate (Rodrigues).
+        v_x, v_y, v_z = up
+        x, y, z = (rate[0] - bias[0]) * dt, (rate[1] - bias[1]) * dt, (rate[2] - bias[2]) * dt
+        angle = math.sqrt(x * x + y * y + z * z)
+        sine = math.sin(angle) / angle if angle > 0.0 else 1.0
+        versine = 2.0 * (math.sin(0.5 * angle) / angle) ** 2 if angle > 0.0 else 0.5
+        w_x, w_y, w_z = v_y * z - v_z * y, v_z * x - v_x * z, v_x * y - v_y * x
+        v_x += sine * w_x + versine * (w_y * z - w_z * y)
+        v_y += sine * w_y + versine * (w_z * x - w_x * z)
+        v_z += sine * w_z + versine * (w_x * y - w_y * x)
+        weight = self._weight(norm)
+        if weight > 0.0:
+            # Correction, after the prediction: the sample belongs to the step's end.
+            tau = time_constant if time_constant > 2.0 * dt else 2.0 * dt
+            a_x, a_y, a_z = accel
+            scale = weight / norm
+            e_x = scale * (a_y * v_z - a_z * v_y)
+            e_y = scale * (a_z * v_x - a_x * v_z)
+            e_z = scale * (a_x * v_y - a_y * v_x)
+            k_p, k_i = 2.0 * dt / tau, dt / (tau * tau)
+            v_x, v_y, v_z = (
+                v_x + k_p * (v_y * e_z - v_z * e_y),
+                v_y + k_p * (v_z * e_x - v_x * e_z),
+                v_z + k_p * (v_x * e_y - v_y * e_x),
+            )
+            bias[0] -= k_i * e_x
+            bias[1] -= k_i * e_y
+            bias[2] -= k_i * e_z
+            self._limit(bias)
+        length = math.sqrt(v_x * v_x + v_y * v_y + v_z * v_z)
+        if length > 0.0:
+            up[0], up[1], up[2] = v_x / length, v_y / length, v_z / length
+
+    def _weight(self, norm: float) -> float:
+        """Trust in an accelerometer sample: 1 at gravity, 0 outside the gate and for NaN."""
+        weight = 1.0 - abs(norm - self.params.gravity) / self.params.gate
+        return weight if weight > 0.0 else 0.0
+
+    def _may_start(self, norm: float) -> bool:
+        return 0.5 * self.params.gravity <= norm <= 2.0 * self.params.gravity
+
+    def _limit(self, bias: list[float]) -> None:
+        limit = self.params.bias_limit
+        for i in range(3):
+            if bias[i] > limit:
+                bias[i] = limit
+            elif bias[i] < -limit:
+                bias[i] = -limit
+
+
+def _is_within(vector: list[float], limit: float) -> bool:
+    """Whether no component exceeds the limit either way; False for NaN."""
+    x, y, z = vector
+    return abs(x) <= limit and abs(y) <= limit and abs(z) <= limit
+
+
+def _is_close(a: list[float], b: list[float], limit: float) -> bool:
+    return abs(a[0] - b[0]) <= limit and abs(a[1] - b[1]) <= limit and abs(a[2] - b[2]) <= limit

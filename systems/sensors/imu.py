@@ -1,0 +1,302 @@
+"""Inertial measurement unit: the ADIS16448's gyro, accelerometer and magnetometer."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common import RandomDistribution, RandomGenerator
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+)
+from pydrake.systems.primitives import RandomSource
+
+from parapod.systems.elementwise import sin_cos
+
+_DEGREE = math.radians(1.0)
+_STANDARD_GRAVITY = 9.80665
+_GAUSS = 1e-4
+_SAMPLE_RATE = 819.2
+_NO_BIAS = (0.0, 0.0, 0.0)
+
+type Vector3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ImuParams:
+    """Imperfections of the sensor; zero switches one off.
+
+    Sources: "data sheet" is that of the ADIS16448. Noise densities are one-sided, so a sample's
+    standard deviation is density * sqrt(rate / 2). Bias instabilities are the data sheet's
+    "in-run bias stability", used as the standard deviation of a first-order Gauss-Markov
+    process. Misalignment, scale errors and temperature are not modelled.
+
+    Attributes:
+        gyro_noise_density: 0.0135 deg/s/sqrt(Hz) [rad/s/sqrt(Hz)] (data sheet).
+        accel_noise_density: 0.23 mg/sqrt(Hz) [m/s2/sqrt(Hz)] (data sheet).
+        mag_noise_density: 0.06 mgauss/sqrt(Hz) [T/sqrt(Hz)] (assumption).
+        gyro_bias_instability: 14.5 deg/h [rad/s] (data sheet).
+        accel_bias_instability: 0.25 mg [m/s2] (data sheet).
+        gyro_bias_correlation_time: of the Gauss-Markov process [s] (assumption, the value of
+            the RotorS simulator for this sensor).
+        accel_bias_correlation_time: likewise [s] (assumption, RotorS).
+        gyro_turn_on_bias: constant part of the bias [rad/s]; RotorS draws it with 0.5 deg/s
+            (1 sigma), which is left to the user here.
+        accel_turn_on_bias: likewise [m/s2]; RotorS' 20 mg (1 sigma) are 1.15 deg of tilt.
+        gyro_resolution: one count, 0.04 deg/s [rad/s] (data sheet).
+        accel_resolution: one count, 1/1200 g [m/s2] (data sheet).
+        mag_resolution: one count, 1/7 mgauss [T] (data sheet).
+        gyro_range: saturation, 1000 deg/s [rad/s] (data sheet).
+        accel_range: saturation, 18 g [m/s2] (data sheet).
+        mag_range: saturation, 1.9 gauss [T] (data sheet).
+        magnetic_field: earth's field in the world's axes (x to magnetic north, z up) [T]; 22 uT
+            horizontal and 42 uT down are typical of central Europe (assumption).
+    """
+
+    gyro_noise_density: float = 0.0135 * _DEGREE
+    accel_noise_density: float = 0.23e-3 * _STANDARD_GRAVITY
+    mag_noise_density: float = 0.06e-3 * _GAUSS
+    gyro_bias_instability: float = 14.5 / 3600.0 * _DEGREE
+    accel_bias_instability: float = 0.25e-3 * _STANDARD_GRAVITY
+    gyro_bias_correlation_time: float = 1000.0
+    accel_bias_correlation_time: float = 300.0
+    gyro_turn_on_bias: Vector3 = (0.0, 0.0, 0.0)
+    accel_turn_on_bias: Vector3 = (0.0, 0.0, 0.0)
+    gyro_resolution: float = 0.04 * _DEGREE
+    accel_resolution: float = _STANDARD_GRAVITY / 1200.0
+    mag_resolution: float = 1e-3 / 7.0 * _GAUSS
+    gyro_range: float = 1000.0 * _DEGREE
+    accel_range: float = 18.0 * _STANDARD_GRAVITY
+    mag_range: float = 1.9 * _GAUSS
+    magnetic_field: Vector3 = (22e-6, 0.0, -42e-6)
+
+    @classmethod
+    def ideal(cls) -> Self:
+        """A sensor without noise, bias or quantisation; it still samples and saturates."""
+        return cls().without_noise().without_bias().without_quantisation()
+
+    def without_noise(self) -> Self:
+        """The same sensor without white noise."""
+        return replace(
+            self, gyro_noise_density=0.0, accel_noise_density=0.0, mag_noise_density=0.0
+        )
+
+    def without_bias(self) -> Self:
+        """The same sensor without turn-on bias and bias instability."""
+        return replace(
+            self,
+            gyro_bias_instability=0.0,
+            accel_bias_instability=0.0,
+            gyro_turn_on_bias=_NO_BIAS,
+            accel_turn_on_bias=_NO_BIAS,
+        )
+
+    def without_quantisation(self) -> Self:
+        """The same sensor with unlimited resolution."""
+        return replace(self, gyro_resolution=0.0, accel_resolution=0.0, mag_resolution=0.0)
+
+
+class Imu(LeafSystem):
+    """Sampled gyro, accelerometer and magnetometer with noise, biases, counts and saturation.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `angular_velocity` | 3 | rad/s | true angular velocity in the body's axes |
+    | in `specific_force` | 3 | m/s2 | true specific force in the body's axes; level: (0, 0, g) |
+    | in `attitude` | 3 | rad | roll, pitch, yaw, R = R_z R_y R_x; unconnected: level |
+    | in `noise` | 15 | - | unit Gaussian white noise, see `add_imu`; unconnected: noise-free |
+    | out `gyro` | 3 | rad/s | last sample |
+    | out `accel` | 3 | m/s2 | last sample |
+    | out `mag` | 3 | T | last sample |
+
+    The period is 2^decimation / 819.2 s, as the device's decimation filter sets it; the filter's
+    delay and pass band are not modelled. Initialization takes a sample as well, so outputs are
+    measurements from the start.
+
+    State: discrete, the last samples (3 each) and the in-run biases of gyro and accelerometer
+    (6), Gauss-Markov processes that start from zero.
+
+    Parameters (Context): turn-on biases of gyro and accelerometer (6), see `set_turn_on_bias`.
+
+    Bad input: a NaN input or attitude reads zero, an infinite one saturates; noise that is not
+    finite counts as none. Outputs are finite and within the range.
+    """
+
+    NOISE_SIZE = 15  # gyro 3, accel 3, mag 3, gyro bias 3, accel bias 3
+
+    def __init__(self, params: ImuParams = ImuParams(), decimation: int = 3) -> None:
+        super().__init__()
+        if decimation < 0:
+            raise ValueError(f"decimation must be 0 or more, not {decimation}")
+        self.set_name("imu")
+        self.params, self.decimation = params, decimation
+        self.period = 2.0**decimation / _SAMPLE_RATE
+        self._angular_velocity: Any = self.DeclareVectorInputPort("angular_velocity", 3)
+        self._specific_force: Any = self.DeclareVectorInputPort("specific_force", 3)
+        self._attitude: Any = self.DeclareVectorInputPort("attitude", 3)
+        self._noise: Any = self.DeclareVectorInputPort("noise", self.NOISE_SIZE)
+        self._turn_on_bias = self.DeclareNumericParameter(
+            BasicVector(np.array(params.gyro_turn_on_bias + params.accel_turn_on_bias))
+        )
+        for name in ("gyro", "accel", "mag"):
+            self.DeclareStateOutputPort(name, self.DeclareDiscreteState(3))
+        self.DeclareDiscreteState(6)
+        self.DeclareInitializationDiscreteUpdateEvent(self._update_first_sample)
+        self.DeclarePeriodicDiscreteUpdateEvent(self.period, 0.0, self._update_sample)
+
+        to_deviation = math.sqrt(0.5 / self.period)
+        self._gyro = (
+            params.gyro_noise_density * to_deviation,
+            params.gyro_resolution,
+            _whole_counts(params.gyro_range, params.gyro_resolution),
+        )
+        self._accel = (
+            params.accel_noise_density * to_deviation,
+            params.accel_resolution,
+            _whole_counts(params.accel_range, params.accel_resolution),
+        )
+        self._mag = (
+            params.mag_noise_density * to_deviation,
+            params.mag_resolution,
+            _whole_counts(params.mag_range, params.mag_resolution),
+        )
+        gyro = _gauss_markov(
+            params.gyro_bias_instability, params.gyro_bias_correlation_time, self.period
+        )
+        accel = _gauss_markov(
+            params.accel_bias_instability, params.accel_bias_correlation_time, self.period
+        )
+        self._drift = (gyro,) * 3 + (accel,) * 3
+        self._drifts = gyro[1] > 0.0 or accel[1] > 0.0
+
+    def set_turn_on_bias(
+        self, context: Context, gyro: ArrayLike = 0.0, accel: ArrayLike = 0.0
+    ) -> None:
+        """Sets the constant biases of gyro [rad/s] and accelerometer [m/s2] (3 or scalar).
+
+        Raises:
+            ValueError: a bias is not finite.
+        """
+        bias = np.concatenate((np.broadcast_to(gyro, 3), np.broadcast_to(accel, 3)))
+        if not np.isfinite(bias).all():
+            raise ValueError(f"turn-on biases must be finite, not {bias.tolist()}")
+        context.get_mutable_numeric_parameter(self._turn_on_bias).SetFromVector(bias)
+
+    def _update_first_sample(self, context: Context, discrete_state: DiscreteValues) -> None:
+        drift = context.get_discrete_state(3).value().tolist()
+        self._sample(context, discrete_state, self._read_noise(context), drift)
+
+    def _update_sample(self, context: Context, discrete_state: DiscreteValues) -> None:
+        noise = self._read_noise(context)
+        drift = context.get_discrete_state(3).value().tolist()
+        if self._drifts:
+            drift = [
+                decay * bias + kick * n
+                for bias, n, (decay, kick) in zip(drift, noise[9:], self._drift, strict=True)
+            ]
+            discrete_state.set_value(3, np.array(drift))
+        self._sample(context, discrete_state, noise, drift)
+
+    def _read_noise(self, context: Context) -> list[float]:
+        if not self._noise.HasValue(context):
+            return [0.0] * self.NOISE_SIZE
+        noise = self._noise.Eval(context).tolist()
+        if not math.isfinite(sum(noise)):
+            return [n if math.isfinite(n) else 0.0 for n in noise]
+        return noise
+
+    def _sample(
+        self,
+        context: Context,
+        discrete_state: DiscreteValues,
+        noise: list[float],
+        drift: list[float],
+    ) -> None:
+        turn_on = context.get_numeric_parameter(self._turn_on_bias).value().tolist()
+        bias = [a + b for a, b in zip(turn_on, drift, strict=True)]
+        rate = self._angular_velocity.Eval(context).tolist()
+        force = self._specific_force.Eval(context).tolist()
+        field = self.params.magnetic_field
+        if self._attitude.HasValue(context):
+            field = _in_body(field, *self._attitude.Eval(context).tolist())
+        discrete_state.set_value(0, _readings(rate, bias[:3], noise[:3], self._gyro))
+        discrete_state.set_value(1, _readings(force, bias[3:], noise[3:6], self._accel))
+        discrete_state.set_value(2, _readings(field, _NO_BIAS, noise[6:9], self._mag))
+
+
+def add_imu(
+    builder: DiagramBuilder,
+    params: ImuParams = ImuParams(),
+    decimation: int = 3,
+    name: str = "imu",
+) -> tuple[Imu, RandomSource]:
+    """Adds an IMU and the source of its noise, connected. Seed the source with `seed_noise`."""
+    imu = Imu(params, decimation)
+    imu.set_name(name)
+    builder.AddSystem(imu)
+    noise = RandomSource(RandomDistribution.kGaussian, Imu.NOISE_SIZE, imu.period)
+    noise.set_name(f"{name}_noise")
+    builder.AddSystem(noise)
+    builder.Connect(noise.get_output_port(0), imu.GetInputPort("noise"))
+    return imu, noise
+
+
+def seed_noise(noise: RandomSource, root_context: Context, seed: int) -> None:
+    """Makes the source's sequence a function of `seed` alone, in this context of the diagram.
+
+    Without it every source made in a process gets another sequence.
+    """
+    context = noise.GetMyMutableContextFromRoot(root_context)
+    noise.SetRandomContext(context, RandomGenerator(seed))
+
+
+def _gauss_markov(deviation: float, correlation_time: float, period: float) -> tuple[float, float]:
+    """Factors of state and unit noise in a step of a process with this stationary deviation."""
+    decay = math.exp(-period / correlation_time)
+    return decay, deviation * math.sqrt(1.0 - decay * decay)
+
+
+def _whole_counts(limit: float, resolution: float) -> float:
+    """The limit as a whole number of counts, so that a rounded reading cannot exceed it."""
+    return math.floor(limit / resolution + 1e-6) * resolution if resolution > 0.0 else limit
+
+
+def _readings(
+    true: Sequence[float],
+    bias: Sequence[float],
+    noise: Sequence[float],
+    channel: tuple[float, float, float],
+) -> NDArray[np.float64]:
+    """What the sensor shows: with bias and noise, inside the range, in whole counts."""
+    deviation, resolution, limit = channel
+    return np.array(
+        [
+            _reading(value + offset + deviation * n, resolution, limit)
+            for value, offset, n in zip(true, bias, noise, strict=True)
+        ]
+    )
+
+
+def _reading(value: float, resolution: float, limit: float) -> float:
+    if value != value:
+        return 0.0
+    if value >= limit:
+        return limit
+    if value <= -limit:
+        return -limit
+    return round(value / resolution) * resolution if resolution > 0.0 else value
+
+
+def _in_body(field: Vector3, roll: float, pitch: float, yaw: float) -> Vector3:
+    """The world's vector in the axes of a body with R = R_z(yaw) R_y(pitch) R_x(roll)."""
+    (s_r, c_r), (s_p, c_p), (s_y, c_y) = sin_cos(roll), sin_cos(pitch), sin_cos(yaw)
+    x, y, z = field
+    x, y = c_y * x + s_y * y, c_y * y - s_y * x
+    x, z = c_p * x - s_p * z, s_p * x + c_p * z
+    return x, c_r * y + s_r * z, c_r * z - s_r * y

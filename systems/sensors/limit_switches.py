@@ -1,0 +1,67 @@
+"""Limit switches of the legs: ends of the stroke and contact with the ground."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+
+@dataclass(frozen=True)
+class LimitSwitchesParams:
+    """Points at which the switches close.
+
+    Attributes:
+        extended: a leg at or beyond this extension is fully extended [m]; half a millimetre
+            inside the actuator's end stop at 0.460 m (assumption).
+        retracted: a leg at or below this extension is fully retracted [m]; half a millimetre
+            inside the end stop at 0.380 m (assumption).
+        contact_force: a foot at or above this force stands on the ground [N] (assumption: well
+            below a leg's share of the platform's weight, above the foot's own).
+    """
+
+    extended: float = 0.4595
+    retracted: float = 0.3805
+    contact_force: float = 5.0
+
+
+class LimitSwitches(LeafSystem):
+    """Three switches a leg: extended, retracted, ground contact.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `extension` | n | m | extensions of the legs |
+    | in `contact_force` | n | N | forces of the ground on the feet; unconnected: none |
+    | out `limits` | 3n | 0/1 | extended (n), retracted (n), ground contact (n) |
+
+    No state: the output follows the inputs, without hysteresis.
+
+    Bad input: a NaN closes no switch; infinite values count as very large ones.
+    """
+
+    def __init__(self, legs: int = 4, params: LimitSwitchesParams = LimitSwitchesParams()) -> None:
+        super().__init__()
+        self.set_name("limit_switches")
+        self.legs, self.params = legs, params
+        self._extension: Any = self.DeclareVectorInputPort("extension", legs)
+        self._contact_force: Any = self.DeclareVectorInputPort("contact_force", legs)
+        self.DeclareVectorOutputPort(
+            "limits",
+            3 * legs,
+            self._calc_limits,
+            prerequisites_of_calc={self._extension.ticket(), self._contact_force.ticket()},
+        )
+
+    def _calc_limits(self, context: Context, output: BasicVector) -> None:
+        params = self.params
+        extensions = self._extension.Eval(context).tolist()
+        if self._contact_force.HasValue(context):
+            forces = self._contact_force.Eval(context).tolist()
+        else:
+            forces = [0.0] * self.legs
+        switches = (
+            [d >= params.extended for d in extensions]
+            + [d <= params.retracted for d in extensions]
+            + [force >= params.contact_force for force in forces]
+        )
+        output.SetFromVector(np.array(switches, dtype=float))
