@@ -20,6 +20,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingScenario
 from parapod.diagrams.levelling_platform.station import Station, make_station
+from parapod.diagrams.wiring import add
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.posture_script import PostureScript, Waypoint
 
@@ -74,9 +75,9 @@ def make_closed_loop(
     """
     builder = DiagramBuilder()
     station = make_station(scenario, meshcat)
-    machine = builder.AddSystem(station.diagram)
-    controller = builder.AddSystem(make_controller(scenario, on_unreachable))
-    script = builder.AddSystem(command or make_script(scenario))
+    machine = add(builder, station.diagram)
+    controller = add(builder, make_controller(scenario, on_unreachable))
+    script = add(builder, command or make_script(scenario))
 
     for name in ("legs.extension", "imu.gyro", "imu.accel"):
         builder.Connect(machine.GetOutputPort(name), controller.GetInputPort(name))
@@ -126,7 +127,7 @@ def _add_job(
     angle = math.radians(job.arm.angle_deg)
     # At rest before and after the swing; a cubic in between.
     knots = [0.0, start, start + job.arm.duration, start + job.arm.duration + 1e6]
-    arm = PiecewisePolynomial.CubicHermite(knots, [[0.0, 0.0, angle, angle]], np.zeros((1, 4)))
+    arm = PiecewisePolynomial.CubicHermite(knots, [[0.0, 0.0, angle, angle]], [[0.0] * 4])
     for name, trajectory, port in (
         ("trigger", trigger, controller.GetInputPort("estimate_ground")),
         ("arm_trajectory", arm, machine.GetInputPort("arm.position_command")),
@@ -138,5 +139,5 @@ def _add_job(
         ("wheels.velocity_command", [0.0] * 4),
         ("wheels.brake", [1.0]),
     ):
-        idle = builder.AddNamedSystem(f"idle.{name}", ConstantVectorSource(values))
+        idle = add(builder, ConstantVectorSource(np.array(values)), f"idle.{name}")
         builder.Connect(idle.get_output_port(), machine.GetInputPort(name))

@@ -5,6 +5,7 @@ from typing import Literal
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.wiring import add
 from parapod.systems.actuators.pi_controller import PiController, PiControllerParams
 from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
 from parapod.systems.levelling_platform.kinematic_feedforward import KinematicFeedforward
@@ -31,25 +32,29 @@ def make_controller(
     geometry, control = MODEL_GEOMETRY, scenario.control
     period = control.period
     builder = DiagramBuilder()
-    attitude = builder.AddSystem(AttitudeEstimator(period=period))
-    ground = builder.AddSystem(GroundEstimator(geometry, period))
-    reference = builder.AddSystem(
-        PostureReference(geometry, on_unreachable=on_unreachable, period=period)
+    attitude = add(builder, AttitudeEstimator(period=period))
+    ground = add(builder, GroundEstimator(geometry, period))
+    reference = add(
+        builder, PostureReference(geometry, on_unreachable=on_unreachable, period=period)
     )
-    feedforward = builder.AddSystem(
-        KinematicFeedforward(geometry, law=control.feedforward, period=period)
+    feedforward = add(
+        builder, KinematicFeedforward(geometry, law=control.feedforward, period=period)
     )
-    passive = builder.AddSystem(PassiveLegSolver(geometry))
-    pi = builder.AddSystem(
+    passive = add(builder, PassiveLegSolver(geometry))
+    pi = add(
+        builder,
         PiController(
             PiControllerParams(
                 pole=control.pole,
                 voltage_limit=control.voltage_limit,
                 rate_feedforward=control.rate_feedforward,
-                friction_feedforward=(*control.friction_feedforward,),
+                friction_feedforward=(
+                    control.friction_feedforward[0],
+                    control.friction_feedforward[1],
+                ),
             ),
             period=period,
-        )
+        ),
     )
 
     for source, system, port in (
@@ -79,7 +84,7 @@ def make_controller(
     builder.ConnectInput(extension, ground.GetInputPort("extension"))
     builder.ConnectInput(extension, reference.GetInputPort("extension_measured"))
     builder.ConnectInput(extension, feedforward.GetInputPort("extension_measured"))
-    for port, name in (
+    for output, name in (
         (pi.GetOutputPort("voltage"), "legs.voltage"),
         (reference.GetOutputPort("posture_desired"), "posture_desired"),
         (passive.GetOutputPort("extension_desired"), "extension_desired"),
@@ -87,7 +92,7 @@ def make_controller(
         (ground.GetOutputPort("valid"), "ground_valid"),
         (attitude.GetOutputPort("attitude"), "attitude_estimated"),
     ):
-        builder.ExportOutput(port, name)
+        builder.ExportOutput(output, name)
     diagram = builder.Build()
     diagram.set_name("controller")
     return diagram

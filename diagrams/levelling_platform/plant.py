@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
@@ -17,18 +17,23 @@ from pydrake.systems.primitives import (
     Demultiplexer,
     MatrixGain,
     Multiplexer,
+    ZeroOrderHold,
 )
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 from pydrake.systems.sensors import Accelerometer, Gyroscope
-from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
 from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.wiring import add
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
 from parapod.systems.levelling_platform.leg_transmission import LegTransmission
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY, PlatformModel
+from parapod.systems.levelling_platform.platform_model import (
+    MODEL_GEOMETRY,
+    WHEEL_COUNT,
+    PlatformModel,
+)
 from parapod.systems.levelling_platform.platform_truth import (
     FootTruth,
     PlatformPose,
@@ -79,7 +84,7 @@ def add_kinematic_plant(
     meshcat: Meshcat | None,
 ) -> Plant:
     """Adds the quasi-static plant, and with `meshcat` a drawing of it."""
-    platform = builder.AddSystem(KinematicPlatform(MODEL_GEOMETRY))
+    platform = add(builder, KinematicPlatform(MODEL_GEOMETRY))
     builder.Connect(drives.rods.GetOutputPort("extension"), platform.GetInputPort("extension"))
     builder.Connect(drives.rods.GetOutputPort("velocity"), platform.GetInputPort("velocity"))
     builder.Connect(drives.arm_angles, platform.GetInputPort("arm_position"))
@@ -93,10 +98,16 @@ def add_kinematic_plant(
         "load_force",
     )
     signals = {name: platform.GetOutputPort(name) for name in names}
+    # The inertial sensor samples at instants of its own; held, the platform's statics are solved
+    # once a period and not again for every sample.
+    for name in ("attitude", "angular_velocity", "specific_force"):
+        held = add(builder, ZeroOrderHold(scenario.control.period, 3), f"held_{name}")
+        builder.Connect(signals[name], held.get_input_port())
+        signals[name] = held.get_output_port()
     signals["loop_error"] = _zeros(builder, "no_loops")
     if meshcat is None:
         return Plant(signals, (platform,), None)
-    pose, model = _add_drawing(builder, meshcat)
+    pose, model = _add_drawing(builder, scenario.ground.inclination, meshcat)
     builder.Connect(drives.rods.GetOutputPort("extension"), pose.GetInputPort("extension"))
     builder.Connect(signals["posture"], pose.GetInputPort("posture"))
     builder.Connect(drives.arm_angles, pose.GetInputPort("arm_position"))
@@ -115,21 +126,26 @@ def add_multibody_plant(
             time_step=scenario.plant.time_step,
             contact_model="point",
             discrete_contact_approximation=scenario.plant.contact_approximation,
+            # Sampled ports would make every step an unrestricted update, which copies the whole
+            # state of the diagram; `_drive_legs` samples the one signal that is fed back.
+            use_sampled_output_ports=False,
         ),
         builder,
     )
-    model = add_platform(plant, scenario.plant.leg_model)
-    _drive_base_and_arm(builder, model, drives)
-    load_force = _drive_legs(builder, model, drives)
+    model = add_platform(plant, scenario.plant.leg_model, scenario.plant.wheels)
+    builder.Connect(drives.arm, plant.get_desired_state_input_port(model.arm))
+    if model.has_rolling_wheels:
+        _drive_wheels(builder, model, drives)
+    load_force = _drive_legs(builder, model, drives, scenario.plant.time_step)
 
-    truth = builder.AddSystem(PlatformTruth(model))
+    truth = add(builder, PlatformTruth(model))
     builder.Connect(plant.get_state_output_port(), truth.GetInputPort("state"))
-    feet = builder.AddSystem(FootTruth(model))
+    feet = add(builder, FootTruth(model))
     builder.Connect(plant.get_contact_results_output_port(), feet.GetInputPort("contact_results"))
     builder.Connect(plant.get_body_poses_output_port(), feet.GetInputPort("body_poses"))
-    gyro, accelerometer = _add_ideal_inertial_sensors(builder, model)
+    gyro, accelerometer = _add_ideal_inertial_sensors(builder, model, scenario.plant.time_step)
     if meshcat is not None:
-        _visualize(builder, plant, scene_graph, meshcat)
+        _visualize(builder, scene_graph, meshcat)
     signals = {
         "posture": truth.GetOutputPort("posture"),
         "attitude": truth.GetOutputPort("attitude"),
@@ -140,97 +156,124 @@ def add_multibody_plant(
     return Plant(signals, (truth, feet), model)
 
 
-def _drive_base_and_arm(builder: DiagramBuilder, model: PlatformModel, drives: Drives) -> None:
-    plant = model.plant
-    builder.Connect(drives.wheels, plant.get_desired_state_input_port(model.base_instance))
-    builder.Connect(drives.arm, plant.get_desired_state_input_port(model.arm))
+def _drive_wheels(builder: DiagramBuilder, model: PlatformModel, drives: Drives) -> None:
+    split = _split_by_joint(builder, "wheel_states", WHEEL_COUNT, drives.wheels)
+    for port, wheel in zip(split, model.wheels, strict=True):
+        builder.Connect(port, model.plant.get_desired_state_input_port(wheel))
 
 
-def _drive_legs(builder: DiagramBuilder, model: PlatformModel, drives: Drives) -> OutputPort:
-    """Connects the rods to the legs' joints; returns the force with which they hold (4)."""
+def _drive_legs(
+    builder: DiagramBuilder, model: PlatformModel, drives: Drives, time_step: float
+) -> OutputPort:
+    """Connects the rods to the legs' joints; returns the force with which they hold (4).
+
+    That force is the one of the step before, which breaks the loop from the actuators' next
+    state through the plant back to their load.
+    """
     plant = model.plant
-    holding = builder.AddNamedSystem("holding_effort", Multiplexer(LEG_COUNT))
-    split = builder.AddNamedSystem("leg_states", Demultiplexer(2 * LEG_COUNT, 2))
+    efforts = add(builder, Multiplexer(LEG_COUNT), "leg_efforts")
+    holding = add(builder, ZeroOrderHold(time_step, LEG_COUNT), "holding_effort")
+    builder.Connect(efforts.get_output_port(0), holding.get_input_port())
     for i, leg in enumerate(model.legs):
-        builder.Connect(split.get_output_port(i), plant.get_desired_state_input_port(leg))
-        builder.Connect(plant.get_net_actuation_output_port(leg), holding.get_input_port(i))
+        builder.Connect(plant.get_net_actuation_output_port(leg), efforts.get_input_port(i))
     # One step ahead: the plant's implicit drives then arrive where the actuators will be.
     ahead = drives.rods.GetOutputPort("next_state")
-    if model.is_full:
-        by_leg = builder.AddNamedSystem("by_leg", MatrixGain(_by_leg()))
-        builder.Connect(ahead, by_leg.get_input_port())
-        builder.Connect(by_leg.get_output_port(), split.get_input_port(0))
-        return holding.get_output_port(0)
-    transmission = builder.AddSystem(LegTransmission(model.geometry))
-    builder.Connect(ahead, transmission.GetInputPort("rod_state"))
-    builder.Connect(drives.rods.GetOutputPort("extension"), transmission.GetInputPort("extension"))
-    builder.Connect(holding.get_output_port(0), transmission.GetInputPort("swing_torque"))
-    builder.Connect(transmission.GetOutputPort("swing_state"), split.get_input_port(0))
-    return transmission.GetOutputPort("load_force")
+    load_force = holding.get_output_port()
+    if not model.is_full:
+        transmission = add(builder, LegTransmission(model.geometry))
+        builder.Connect(ahead, transmission.GetInputPort("rod_state"))
+        builder.Connect(
+            drives.rods.GetOutputPort("extension"), transmission.GetInputPort("extension")
+        )
+        builder.Connect(load_force, transmission.GetInputPort("swing_torque"))
+        ahead = transmission.GetOutputPort("swing_state")
+        load_force = transmission.GetOutputPort("load_force")
+    split = _split_by_joint(builder, "leg_states", LEG_COUNT, ahead)
+    for port, leg in zip(split, model.legs, strict=True):
+        builder.Connect(port, plant.get_desired_state_input_port(leg))
+    return load_force
 
 
-def _by_leg() -> np.ndarray:
-    """Permutation from (positions, velocities) to (position, velocity) leg by leg."""
-    permutation = np.zeros((2 * LEG_COUNT, 2 * LEG_COUNT))
-    for leg in range(LEG_COUNT):
-        permutation[2 * leg, leg] = permutation[2 * leg + 1, LEG_COUNT + leg] = 1.0
-    return permutation
+def _split_by_joint(
+    builder: DiagramBuilder, name: str, count: int, states: OutputPort
+) -> list[OutputPort]:
+    """Ports with (position, velocity) of each joint, from (all positions, all velocities)."""
+    permutation = np.zeros((2 * count, 2 * count))
+    for i in range(count):
+        permutation[2 * i, i] = permutation[2 * i + 1, count + i] = 1.0
+    by_joint = add(builder, MatrixGain(permutation), f"{name}_by_joint")
+    split = builder.AddNamedSystem(name, Demultiplexer(2 * count, 2))
+    builder.Connect(states, by_joint.get_input_port())
+    builder.Connect(by_joint.get_output_port(), split.get_input_port(0))
+    return [split.get_output_port(i) for i in range(count)]
 
 
 def _add_ideal_inertial_sensors(
-    builder: DiagramBuilder, model: PlatformModel
+    builder: DiagramBuilder, model: PlatformModel, time_step: float
 ) -> tuple[OutputPort, OutputPort]:
-    """True angular velocity and specific force at the platform's centre."""
+    """True angular velocity and specific force at the platform's centre.
+
+    The specific force is held from the plant's last step: asked for in between, the plant would
+    have to solve its contacts once more.
+    """
     plant = model.plant
-    gyro = builder.AddNamedSystem("true_gyro", Gyroscope(model.base, RigidTransform.Identity()))
+    gyro = add(builder, Gyroscope(model.base, RigidTransform.Identity()), "true_gyro")
     gravity = plant.gravity_field().gravity_vector()
-    accelerometer = builder.AddNamedSystem(
-        "true_accelerometer", Accelerometer(model.base, RigidTransform.Identity(), gravity)
+    accelerometer = add(
+        builder,
+        Accelerometer(model.base, RigidTransform.Identity(), gravity),
+        "true_accelerometer",
     )
-    for sensor in (gyro, accelerometer):
-        builder.Connect(plant.get_body_poses_output_port(), sensor.get_body_poses_input_port())
-        builder.Connect(
-            plant.get_body_spatial_velocities_output_port(),
-            sensor.get_body_velocities_input_port(),
+    sensors: tuple[Gyroscope | Accelerometer, ...] = (gyro, accelerometer)
+    for sensor in sensors:
+        inputs = (
+            (plant.get_body_poses_output_port(), sensor.get_body_poses_input_port()),
+            (
+                plant.get_body_spatial_velocities_output_port(),
+                sensor.get_body_velocities_input_port(),
+            ),
         )
+        for source, port in inputs:
+            builder.Connect(source, port)
     builder.Connect(
         plant.get_body_spatial_accelerations_output_port(),
         accelerometer.get_body_accelerations_input_port(),
     )
-    return gyro.get_measurement_output_port(), accelerometer.get_measurement_output_port()
+    held = add(builder, ZeroOrderHold(time_step, 3), "specific_force")
+    builder.Connect(accelerometer.get_measurement_output_port(), held.get_input_port())
+    return gyro.get_measurement_output_port(), held.get_output_port()
 
 
-def _add_drawing(builder: DiagramBuilder, meshcat: Meshcat) -> tuple[PlatformPose, PlatformModel]:
-    """A scene graph that shows the joint positions which `PlatformPose` computes."""
+def _add_drawing(
+    builder: DiagramBuilder, ground: tuple[float, float], meshcat: Meshcat
+) -> tuple[PlatformPose, PlatformModel]:
+    """A scene graph that shows the joint positions which `PlatformPose` computes.
+
+    The slab is drawn as inclined as the ground was when the diagram was built.
+    """
     plant = MultibodyPlant(time_step=1.0)
-    scene_graph = builder.AddSystem(SceneGraph())
+    scene_graph = add(builder, SceneGraph())
     plant.RegisterAsSourceForSceneGraph(scene_graph)
-    model = add_platform(plant, "full")
-    pose = builder.AddSystem(PlatformPose(model))
-    to_geometry = builder.AddSystem(MultibodyPositionToGeometryPose(plant))
+    model = add_platform(plant, "full", ground=ground)
+    pose = add(builder, PlatformPose(model))
+    to_geometry = add(builder, MultibodyPositionToGeometryPose(plant))
     builder.Connect(pose.get_output_port(), to_geometry.get_input_port())
+    source_id = plant.get_source_id()
+    assert source_id is not None
     builder.Connect(
         to_geometry.get_output_port(),
-        scene_graph.get_source_pose_port(plant.get_source_id()),
+        scene_graph.get_source_pose_port(source_id),
     )
-    _visualize(builder, plant, scene_graph, meshcat)
+    _visualize(builder, scene_graph, meshcat)
     return pose, model
 
 
-def _visualize(
-    builder: DiagramBuilder, plant: MultibodyPlant, scene_graph: SceneGraph, meshcat: Meshcat
-) -> None:
-    config = VisualizationConfig(
-        publish_period=1.0 / 30.0,
-        publish_contacts=False,
-        publish_inertia=False,
-        publish_proximity=False,
-        enable_alpha_sliders=False,
-        delete_on_initialization_event=False,
+def _visualize(builder: DiagramBuilder, scene_graph: SceneGraph, meshcat: Meshcat) -> None:
+    # Not `ApplyVisualizationConfig`, which wants the plant to be part of the diagram.
+    params = MeshcatVisualizerParams(
+        publish_period=1.0 / 30.0, prefix="platform", delete_on_initialization_event=False
     )
-    ApplyVisualizationConfig(
-        config, builder, plant=plant, scene_graph=scene_graph, meshcat=meshcat
-    )
+    MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
 
 
 def _zeros(builder: DiagramBuilder, name: str) -> OutputPort:

@@ -35,10 +35,13 @@ class PlantScenario:
             transmission (multibody backend).
         time_step: of the multibody plant and of the actuators [s]; the kinematic backend steps
             its actuators with the controller's period.
+        wheels: "braked" makes them part of the base, "rolling" gives them joints that the wheel
+            drives turn (multibody backend).
         contact_approximation: Drake's discrete contact approximation.
     """
 
     leg_model: str = choice("full", ("full", "reduced"))
+    wheels: str = choice("braked", ("braked", "rolling"))
     time_step: float = quantity(1e-3, 1e-4, 2e-2)
     contact_approximation: str = choice("lagged", ("lagged", "similar", "sap"))
 

@@ -20,6 +20,7 @@ from parapod.diagrams.levelling_platform.plant import (
     add_multibody_plant,
 )
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.wiring import add
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
 from parapod.systems.actuators.wheel_drive import WheelDrive
 from parapod.systems.errors import ScenarioError
@@ -108,20 +109,19 @@ def make_station(scenario: LevellingScenario, meshcat: Meshcat | None = None) ->
         raise ScenarioError(f"backend {scenario.backend!r} is not one of {', '.join(PLANTS)}")
     builder = DiagramBuilder()
     period = scenario.control.period
-    is_multibody = scenario.backend == "multibody"
-    actuators = builder.AddSystem(
+    actuators = add(
+        builder,
         LinearActuator(
             LinearActuatorParams(
                 model=scenario.actuators.model,  # type: ignore[arg-type]
                 coulomb_friction=scenario.actuators.coulomb_friction,
                 supply_voltage=scenario.actuators.supply_voltage,
             ),
-            time_step=scenario.plant.time_step if is_multibody else period,
-            with_plant=is_multibody,
-        )
+            time_step=scenario.plant.time_step if scenario.backend == "multibody" else period,
+        ),
     )
     builder.ExportInput(actuators.GetInputPort("voltage"), "legs.voltage")
-    wheels = builder.AddSystem(WheelDrive(period=period))
+    wheels = add(builder, WheelDrive(period=period))
     builder.ExportInput(wheels.GetInputPort("velocity_command"), "wheels.velocity_command")
     builder.ExportInput(wheels.GetInputPort("brake"), "wheels.brake")
     drives = _add_arm_drive(builder, period, actuators, wheels)
@@ -142,8 +142,8 @@ def _add_arm_drive(
     builder: DiagramBuilder, period: float, actuators: LinearActuator, wheels: WheelDrive
 ) -> Drives:
     """Position commands of turntable and arm, with the velocity that goes with them."""
-    command = builder.AddNamedSystem("arm_command", Multiplexer(2))
-    drive = builder.AddNamedSystem("arm_drive", StateInterpolatorWithDiscreteDerivative(2, period))
+    command = add(builder, Multiplexer(2), "arm_command")
+    drive = add(builder, StateInterpolatorWithDiscreteDerivative(2, period), "arm_drive")
     builder.Connect(command.get_output_port(), drive.get_input_port())
     builder.ExportInput(command.get_input_port(1), "arm.position_command")
     builder.ExportInput(command.get_input_port(0), "turntable.position_command")
@@ -164,15 +164,18 @@ def _add_sensors(
 ) -> tuple[Imu, RandomSource]:
     """Encoders, limit switches, inertial sensor and device status, exported."""
     sensors = scenario.sensors
-    encoder = builder.AddSystem(
-        Encoder(resolution=1e-3 * sensors.encoder_resolution_mm, gate_time=scenario.control.period)
+    encoder = add(
+        builder,
+        Encoder(
+            resolution=1e-3 * sensors.encoder_resolution_mm, gate_time=scenario.control.period
+        ),
     )
     builder.Connect(actuators.GetOutputPort("extension"), encoder.GetInputPort("position"))
     builder.Connect(actuators.GetOutputPort("velocity"), encoder.GetInputPort("velocity"))
     builder.ExportOutput(encoder.GetOutputPort("position_measured"), "legs.extension")
     builder.ExportOutput(encoder.GetOutputPort("velocity_measured"), "legs.velocity")
 
-    switches = builder.AddSystem(LimitSwitches())
+    switches = add(builder, LimitSwitches())
     builder.Connect(actuators.GetOutputPort("extension"), switches.GetInputPort("extension"))
     builder.Connect(plant.signals["contact_force"], switches.GetInputPort("contact_force"))
     builder.ExportOutput(switches.GetOutputPort("limits"), "legs.limits")
@@ -185,10 +188,11 @@ def _add_sensors(
 
     for name in ("position", "velocity"):
         builder.ExportOutput(wheels.GetOutputPort(f"{name}_measured"), f"wheels.{name}")
-    status = builder.AddSystem(
+    status = add(
+        builder,
         DeviceStatus(
             ("legs", "imu", "wheels", "arm"), (0.0, imu.period, scenario.control.period, 0.0)
-        )
+        ),
     )
     for name in ("age", "fault"):
         builder.ExportOutput(status.GetOutputPort(name), f"status.{name}")

@@ -6,10 +6,15 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import BasicVector_, Context, LeafSystem_
+from pydrake.systems.framework import (  # type: ignore[attr-defined]
+    BasicVector_,
+    Context,
+    LeafSystem_,
+)
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from parapod.systems.elementwise import Elementwise, clamp, exp, log
+from parapod.systems.ports import elements, read
 
 
 @dataclass(frozen=True)
@@ -162,9 +167,7 @@ def LinearActuator_(T: Any) -> Any:
 
         State: discrete, extensions (n) and velocities (n), stepped exactly for inputs that are
         constant over the step. `next_state` lets an implicit plant arrive where the actuator
-        will be, instead of trailing it by a step. A MultibodyPlant steps in an unrestricted
-        update, before all discrete updates of the same instant; with `with_plant` the actuator
-        steps in the same phase, so that both see the same inputs.
+        will be, instead of trailing it by a step.
 
         Parameters (Context): motor constants K_m (n) [N/V], see `set_gain_scale`.
 
@@ -177,13 +180,12 @@ def LinearActuator_(T: Any) -> Any:
             params: LinearActuatorParams = LinearActuatorParams(),
             channels: int = 4,
             time_step: float = 1e-3,
-            with_plant: bool = False,
             converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter)
             self.set_name("linear_actuator")
             self.params, self.channels = params, channels
-            self.time_step, self.with_plant = time_step, with_plant
+            self.time_step = time_step
             self._stepper = Stepper(params, time_step)
             n = channels
             self._voltage = self.DeclareVectorInputPort("voltage", n)
@@ -207,19 +209,11 @@ def LinearActuator_(T: Any) -> Any:
                     self.all_parameters_ticket(),
                 },
             )
-            if with_plant:
-                self.DeclarePeriodicUnrestrictedUpdateEvent(time_step, 0.0, self._update_all)
-            else:
-                self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update_state)
+            self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update_state)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Impl._construct(
-                self,
-                other.params,
-                other.channels,
-                other.time_step,
-                other.with_plant,
-                converter=converter,
+                self, other.params, other.channels, other.time_step, converter=converter
             )
 
         def set_extension(self, context: Context, extension: ArrayLike) -> None:
@@ -234,12 +228,12 @@ def LinearActuator_(T: Any) -> Any:
 
         def _calc_next_state(self, context: Context, output: Any) -> None:
             n = self.channels
-            positions = context.get_discrete_state(0).CopyToVector().tolist()
-            velocities = context.get_discrete_state(1).CopyToVector().tolist()
-            gains = context.get_numeric_parameter(self._gains).CopyToVector().tolist()
-            voltages = self._voltage.Eval(context).tolist()
+            positions = elements(context.get_discrete_state(0))
+            velocities = elements(context.get_discrete_state(1))
+            gains = elements(context.get_numeric_parameter(self._gains))
+            voltages = read(self._voltage, context)
             loaded = self._load.HasValue(context)
-            loads = self._load.Eval(context).tolist() if loaded else [0.0] * n
+            loads = read(self._load, context) if loaded else [0.0] * n
             step = self._stepper.step
             for i in range(n):
                 voltage, load = voltages[i], loads[i]
@@ -256,9 +250,6 @@ def LinearActuator_(T: Any) -> Any:
             ahead = self._next.Eval(context)
             discrete_state.set_value(0, ahead[: self.channels])
             discrete_state.set_value(1, ahead[self.channels :])
-
-        def _update_all(self, context: Context, state: Any) -> None:
-            self._update_state(context, state.get_mutable_discrete_state())
 
     return Impl
 

@@ -5,10 +5,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import BasicVector_, Context, LeafSystem_
+from pydrake.systems.framework import (  # type: ignore[attr-defined]
+    BasicVector_,
+    Context,
+    LeafSystem_,
+)
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from parapod.systems.elementwise import clamp
+from parapod.systems.ports import elements, is_on, read
 
 
 @dataclass(frozen=True)
@@ -105,19 +110,19 @@ def PiController_(T: Any) -> Any:
 
         def _update_voltage(self, context: Context, discrete_state: Any) -> None:
             n = self.channels
-            if self._enable.HasValue(context) and not self._enable.Eval(context)[0] > 0.5:
+            if self._enable.HasValue(context) and not is_on(self._enable, context):
                 discrete_state.set_value(1, np.zeros(n))
                 discrete_state.set_value(2, np.zeros(1))
                 return
-            integrals = context.get_discrete_state(0).CopyToVector().tolist()
-            voltages = context.get_discrete_state(1).CopyToVector().tolist()
+            integrals = elements(context.get_discrete_state(0))
+            voltages = elements(context.get_discrete_state(1))
             begins = not context.get_discrete_state(2)[0] > 0.5
             gains = context.get_numeric_parameter(self._gains).CopyToVector()
             k_p, k_v, limit = gains.tolist()
-            desired = self._desired.Eval(context).tolist()
-            measured = self._measured.Eval(context).tolist()
+            desired = read(self._desired, context)
+            measured = read(self._measured, context)
             has_rate = self._desired_rate.HasValue(context)
-            rates = self._desired_rate.Eval(context).tolist() if has_rate else [0.0] * n
+            rates = read(self._desired_rate, context) if has_rate else [0.0] * n
             for i in range(n):
                 error = desired[i] - measured[i]
                 direct = k_v * error + self._feedforward(rates[i])

@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.elementwise import clamp
+from parapod.systems.ports import elements, is_on, read
 
 
 @dataclass(frozen=True)
@@ -81,11 +82,11 @@ class WheelDrive(LeafSystem):
 
     def _update_state(self, context: Context, discrete_state: Any) -> None:
         params, n, h = self._params, self._channels, self._period
-        state = context.get_discrete_state_vector().value().tolist()
-        if self._brake.Eval(context)[0] > 0.5:
-            targets = [0.0] * n
-        else:
-            targets = self._command.Eval(context).tolist()
+        state = elements(context.get_discrete_state_vector())
+        braked = is_on(self._brake, context)
+        if braked and not any(state[n:]):
+            return
+        targets = [0.0] * n if braked else read(self._command, context)
         share = 1.0 - math.exp(-h / params.time_constant)
         step, limit = params.acceleration * h, params.max_velocity
         for i, target in enumerate(targets):

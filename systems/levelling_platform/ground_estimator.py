@@ -7,6 +7,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import estimate_ground
+from parapod.systems.ports import is_on, read_array
 
 
 class GroundEstimator(LeafSystem):
@@ -39,11 +40,13 @@ class GroundEstimator(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_estimate)
 
     def _update_estimate(self, context: Context, discrete_state: Any) -> None:
-        triggered = bool(self._trigger.Eval(context)[0] > 0.5)
+        triggered = is_on(self._trigger, context)
         rises = triggered and not context.get_discrete_state(2)[0] > 0.5
         if rises:
             ground = estimate_ground(
-                self._geometry, self._extension.Eval(context), self._attitude.Eval(context)
+                self._geometry,
+                read_array(self._extension, context),
+                read_array(self._attitude, context),
             )
             if not np.isfinite(ground).all():
                 return

@@ -5,7 +5,12 @@ from typing import Any, Literal
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector_, Context, LeafSystem_, ValueProducer
+from pydrake.systems.framework import (  # type: ignore[attr-defined]
+    BasicVector_,
+    Context,
+    LeafSystem_,
+    ValueProducer,
+)
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from parapod.systems.elementwise import Elementwise
@@ -17,6 +22,7 @@ from parapod.systems.levelling_platform.plane import (
     normal_of,
     to_platform,
 )
+from parapod.systems.ports import elements, is_on, read, read_array
 
 ACTIVE_LEGS = (0, 1, 2)
 
@@ -119,12 +125,12 @@ def KinematicFeedforward_(T: Any) -> Any:
         def _calc_rate(self, context: Context, output: Any) -> None:
             output.SetFromVector(self._motion.Eval(context)[1])
 
-        def _calc_motion(self, context: Context, value: Any) -> None:
+        def _calc_motion(self, context: Any, value: Any) -> None:
             """Extensions and their rates, which share the plane that they stand on."""
-            roll, pitch, height = self._posture.Eval(context).tolist()
-            roll_rate, pitch_rate, height_rate = self._posture_rate.Eval(context).tolist()
+            roll, pitch, height = read(self._posture, context)
+            roll_rate, pitch_rate, height_rate = read(self._posture_rate, context)
             g, g_rate = moving_plane(
-                self._ground.Eval(context).tolist(), (roll, pitch), (roll_rate, pitch_rate)
+                read(self._ground, context), (roll, pitch), (roll_rate, pitch_rate)
             )
             if self.law == "differential":
                 extension = self._integral(context)
@@ -140,15 +146,15 @@ def KinematicFeedforward_(T: Any) -> Any:
 
         def _integral(self, context: Context) -> list[Any]:
             """Integrated extensions, or the measured ones before the integration starts."""
-            state = context.get_discrete_state_vector().CopyToVector().tolist()
+            state = elements(context.get_discrete_state_vector())
             if state[3] > 0.5:
                 return state[:3]
-            measured = self._measured.Eval(context)
+            measured = read_array(self._measured, context)
             return [measured[i] for i in self.active_legs]
 
         def _update_integral(self, context: Context, discrete_state: Any) -> None:
             extension = self._integral(context)
-            if not self._enable.Eval(context)[0] > 0.5:
+            if not is_on(self._enable, context):
                 discrete_state.set_value(np.array([*extension, 0.0]))
                 return
             rate = self._motion.Eval(context)[1].tolist()

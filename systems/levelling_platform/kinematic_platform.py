@@ -11,7 +11,7 @@ from pydrake.systems.framework import BasicVector, Context, ValueProducer
 
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
-from parapod.systems.levelling_platform.leg import foot_to_centre, foot_to_centre_rate
+from parapod.systems.levelling_platform.leg import foot_motion
 from parapod.systems.levelling_platform.plane import (
     Vector3,
     attitude_derivatives,
@@ -24,6 +24,7 @@ from parapod.systems.levelling_platform.plane import (
     normal_through,
     to_platform,
 )
+from parapod.systems.ports import read
 
 
 @dataclass(frozen=True)
@@ -125,14 +126,14 @@ class KinematicPlatform(OnInclinedGround):
 
             self.DeclareVectorOutputPort(name, size, calc, {entry.ticket()})
 
-    def _calc_stance(self, context: Context, value: Any) -> None:
-        arm = self._arm.Eval(context).tolist() if self._arm.HasValue(context) else [0.0, 0.0]
+    def _calc_stance(self, context: Any, value: Any) -> None:
+        arm = read(self._arm, context) if self._arm.HasValue(context) else [0.0, 0.0]
         value.set_value(
             stand(
                 self._geometry,
                 self._params,
-                self._extension.Eval(context).tolist(),
-                self._velocity.Eval(context).tolist(),
+                read(self._extension, context),
+                read(self._velocity, context),
                 self._ground_of(context),
                 arm,
             )
@@ -149,8 +150,9 @@ def stand(
 ) -> _Stance:
     """The platform at rest on its feet."""
     legs = geometry.legs
-    feet = [foot_to_centre(leg, d) for leg, d in zip(legs, extension, strict=True)]
-    slopes = [foot_to_centre_rate(leg, d) for leg, d in zip(legs, extension, strict=True)]
+    motions = [foot_motion(leg, d) for leg, d in zip(legs, extension, strict=True)]
+    feet = [foot for foot, _ in motions]
+    slopes = [slope for _, slope in motions]
     n = normal_of(*ground)
 
     # With the load still unknown, the plane through all feet gives the direction of gravity.

@@ -67,16 +67,23 @@ def foot_to_centre(leg: LegGeometry, extension: Elementwise) -> Vector3:
     return c_x - cb * x, c_y - sb * x, c_z - z
 
 
+def foot_motion(leg: LegGeometry, extension: Elementwise) -> tuple[Vector3, Vector3]:
+    """`foot_to_centre` and `foot_to_centre_rate` in one go."""
+    x, z = long_side(leg, extension)
+    cb, sb = leg.e_b
+    c_x, c_y, c_z = leg.p_MF
+    psi_rate = _swing_rate(leg, extension, x, z)
+    sideways = z * psi_rate
+    return (c_x - cb * x, c_y - sb * x, c_z - z), (cb * sideways, sb * sideways, -x * psi_rate)
+
+
 def foot_to_centre_rate(leg: LegGeometry, extension: Elementwise) -> Vector3:
     """Derivative of `foot_to_centre` with respect to the extension, d P_C^F / dd [-].
 
     Eqs. (27)-(29) with the sign of dz/dd corrected. It grows without bound towards the dead
     points d = l_4 +- l_3, where the parallelogram is flat.
     """
-    x, z = long_side(leg, extension)
-    cb, sb = leg.e_b
-    psi_rate = _swing_rate(leg, extension, x, z)
-    return cb * z * psi_rate, sb * z * psi_rate, -x * psi_rate
+    return foot_motion(leg, extension)[1]
 
 
 def extension_on_plane(leg: LegGeometry, g: Vector3, height: Elementwise) -> Elementwise:
@@ -123,5 +130,5 @@ def extension_rate_on_plane(
     Returns:
         The extension's rate [m/s].
     """
-    sideways = dot(g_rate, foot_to_centre(leg, extension))
-    return (height_rate - sideways) / dot(g, foot_to_centre_rate(leg, extension))
+    foot, slope = foot_motion(leg, extension)
+    return (height_rate - dot(g_rate, foot)) / dot(g, slope)

@@ -1,12 +1,11 @@
 """The reduced leg's transmission: between the actuator's rod and the parallelogram's swing."""
 
-from typing import Any
-
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.leg import swing_angle, swing_rate
+from parapod.systems.ports import read
 
 
 class LegTransmission(LeafSystem):
@@ -17,7 +16,7 @@ class LegTransmission(LeafSystem):
     | in `rod_state` | 8 | m, m/s | extensions and their rates to be transmitted |
     | in `extension` | 4 | m | present extensions, at which the load is taken |
     | in `swing_torque` | 4 | N m | torques that hold the swing joints |
-    | out `swing_state` | 8 | rad, rad/s | angles psi and their rates, legs one after the other |
+    | out `swing_state` | 8 | rad, rad/s | angles psi and their rates |
     | out `load_force` | 4 | N | force of each rod: tau dpsi/dd, so that power is conserved |
 
     State: none. Bad input: NaN where an extension cannot be built.
@@ -41,15 +40,17 @@ class LegTransmission(LeafSystem):
         )
 
     def _calc_swing(self, context: Context, output: BasicVector) -> None:
-        rods = self._rods.Eval(context).tolist()
-        result: list[Any] = []
-        for leg, d, rate in zip(self._legs, rods[:LEG_COUNT], rods[LEG_COUNT:], strict=True):
-            result += [swing_angle(leg, d), swing_rate(leg, d) * rate]
-        output.SetFromVector(np.array(result))
+        rods = read(self._rods, context)
+        extension, rate = rods[:LEG_COUNT], rods[LEG_COUNT:]
+        angles = [swing_angle(leg, d) for leg, d in zip(self._legs, extension, strict=True)]
+        rates = [
+            swing_rate(leg, d) * v for leg, d, v in zip(self._legs, extension, rate, strict=True)
+        ]
+        output.SetFromVector(np.array(angles + rates))
 
     def _calc_load(self, context: Context, output: BasicVector) -> None:
-        extension = self._extension.Eval(context).tolist()
-        torques = self._torque.Eval(context).tolist()
+        extension = read(self._extension, context)
+        torques = read(self._torque, context)
         loads = [
             torque * swing_rate(leg, d)
             for leg, d, torque in zip(self._legs, extension, torques, strict=True)

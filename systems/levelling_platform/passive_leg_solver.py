@@ -6,7 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import Value
-from pydrake.systems.framework import Context, LeafSystem_, ValueProducer
+from pydrake.systems.framework import (  # type: ignore[attr-defined]
+    Context,
+    LeafSystem_,
+    ValueProducer,
+)
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
@@ -14,10 +18,10 @@ from parapod.systems.levelling_platform.kinematic_feedforward import ACTIVE_LEGS
 from parapod.systems.levelling_platform.leg import (
     extension_on_plane,
     extension_rate_on_plane,
-    foot_to_centre,
-    foot_to_centre_rate,
+    foot_motion,
 )
 from parapod.systems.levelling_platform.plane import dot
+from parapod.systems.ports import read
 
 
 @TemplateSystem.define("PassiveLegSolver_")
@@ -81,18 +85,18 @@ def PassiveLegSolver_(T: Any) -> Any:
         def _calc_rate(self, context: Context, output: Any) -> None:
             output.SetFromVector(self._motion.Eval(context)[1])
 
-        def _calc_motion(self, context: Context, value: Any) -> None:
+        def _calc_motion(self, context: Any, value: Any) -> None:
             """Extensions and their rates, which share the plane that they stand on."""
-            active = self._active.Eval(context).tolist()
-            active_rate = self._active_rate.Eval(context).tolist()
+            active = read(self._active, context)
+            active_rate = read(self._active_rate, context)
             g, g_rate = moving_plane(
-                self._ground.Eval(context).tolist(),
-                self._posture.Eval(context).tolist()[:2],
-                self._posture_rate.Eval(context).tolist()[:2],
+                read(self._ground, context),
+                read(self._posture, context)[:2],
+                read(self._posture_rate, context)[:2],
             )
             first = self.geometry.legs[self.active_legs[0]]
             passive = self.geometry.legs[self._passive]
-            foot, slope = foot_to_centre(first, active[0]), foot_to_centre_rate(first, active[0])
+            foot, slope = foot_motion(first, active[0])
             height_rate = dot(g, slope) * active_rate[0] + dot(g_rate, foot)
             extension = extension_on_plane(passive, g, dot(g, foot))
             rate = extension_rate_on_plane(passive, extension, g, g_rate, height_rate)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import FixedOffsetFrame, JointIndex, ModelInstanceIndex, RigidBody
+from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Context
 
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
@@ -17,6 +17,8 @@ from parapod.systems.levelling_platform.plane import normal_of
 
 # What the files in `parapod.urdf.levelling_platform` are drawn to: Tables 1 and 2, with rollers.
 MODEL_GEOMETRY = PlatformGeometry(foot_radius=0.025)
+
+WHEEL_COUNT = 4
 
 
 @dataclass(frozen=True)
@@ -49,9 +51,16 @@ class PlatformModel:
         return self.plant.GetModelInstanceByName("arm")
 
     @cached_property
-    def base_instance(self) -> ModelInstanceIndex:
-        """The model instance of base and wheels."""
-        return self.plant.GetModelInstanceByName("base")
+    def wheels(self) -> tuple[ModelInstanceIndex, ...]:
+        """The wheels' model instances, 1..4."""
+        return tuple(
+            self.plant.GetModelInstanceByName(f"wheel_{i + 1}") for i in range(WHEEL_COUNT)
+        )
+
+    @cached_property
+    def has_rolling_wheels(self) -> bool:
+        """Whether the wheels turn, instead of being part of the base."""
+        return self.plant.num_actuators(self.wheels[0]) > 0
 
     @cached_property
     def is_full(self) -> bool:
@@ -66,8 +75,9 @@ class PlatformModel:
         """Positions of a leg's joints at an extension, in closed form."""
         dimensions = self.geometry.legs[leg]
         swing = swing_angle(dimensions, extension)
-        angles = {"swing": swing, "upper_swing": swing, "coupler_swing": -swing}
+        angles = {"swing": swing, "coupler_swing": -swing}
         if self.is_full:
+            angles["upper_swing"] = swing
             angles["cylinder_swing"] = diagonal_angle(dimensions, extension)
             angles["extension"] = extension
         return angles
@@ -77,7 +87,7 @@ class PlatformModel:
         """Index of each leg's joint position among the plant's positions."""
         starts: list[dict[str, int]] = []
         for leg in self.legs:
-            joints = [self.plant.get_joint(JointIndex(i)) for i in self.plant.GetJointIndices(leg)]
+            joints = [self.plant.get_joint(i) for i in self.plant.GetJointIndices(leg)]
             starts.append({joint.name(): joint.position_start() for joint in joints})
         return starts
 

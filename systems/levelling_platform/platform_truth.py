@@ -1,6 +1,7 @@
 """What a simulation knows and no sensor tells: the platform's true posture, feet and loops."""
 
 import math
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import Value
@@ -12,6 +13,7 @@ from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
 from parapod.systems.levelling_platform.plane import dot, normal_of
 from parapod.systems.levelling_platform.platform_model import PlatformModel
+from parapod.systems.ports import read, read_array
 
 
 class PlatformTruth(OnInclinedGround):
@@ -33,28 +35,30 @@ class PlatformTruth(OnInclinedGround):
         self._state = self.DeclareVectorInputPort("state", model.plant.num_multibody_states())
         tickets = {self._state.ticket()}
         self.DeclareVectorOutputPort("attitude", 3, self._calc_attitude, tickets)
-        self._attitude = self.GetOutputPort("attitude")
+        self._attitude: Any = self.GetOutputPort("attitude")
         self.DeclareVectorOutputPort(
             "posture", 3, self._calc_posture, tickets | {self.all_parameters_ticket()}
         )
 
     def _calc_attitude(self, context: Context, output: BasicVector) -> None:
         start = self._start
-        w, x, y, z = self._state.Eval(context)[start : start + 4].tolist()
+        w, x, y, z = read(self._state, context)[start : start + 4]
         scale = 2.0 / (w * w + x * x + y * y + z * z)
         output.SetFromVector(
-            [
-                math.atan2(scale * (y * z + w * x), 1.0 - scale * (x * x + y * y)),
-                math.asin(min(1.0, max(-1.0, scale * (w * y - x * z)))),
-                math.atan2(scale * (x * y + w * z), 1.0 - scale * (y * y + z * z)),
-            ]
+            np.array(
+                [
+                    math.atan2(scale * (y * z + w * x), 1.0 - scale * (x * x + y * y)),
+                    math.asin(min(1.0, max(-1.0, scale * (w * y - x * z)))),
+                    math.atan2(scale * (x * y + w * z), 1.0 - scale * (y * y + z * z)),
+                ]
+            )
         )
 
     def _calc_posture(self, context: Context, output: BasicVector) -> None:
         start = self._start + 4
         roll, pitch, _ = self._attitude.Eval(context).tolist()
         n = normal_of(*self._ground_of(context))
-        height = dot(n, self._state.Eval(context)[start : start + 3].tolist())
+        height = dot(n, read(self._state, context)[start : start + 3])
         output.SetFromVector(np.array([roll, pitch, height]))
 
 
@@ -95,7 +99,7 @@ class FootTruth(OnInclinedGround):
             self.DeclareVectorOutputPort(name, LEG_COUNT, calc, tickets)
 
     def _calc_force(self, context: Context, output: BasicVector) -> None:
-        results = self._contact.Eval(context)
+        results: Any = self._contact.Eval(context)
         n = normal_of(*self._ground_of(context))
         force = [0.0] * LEG_COUNT
         for i in range(results.num_point_pair_contacts()):
@@ -105,24 +109,25 @@ class FootTruth(OnInclinedGround):
                     force[self._rollers.index(body)] += sign * dot(
                         n, info.contact_force().tolist()
                     )
-        output.SetFromVector(force)
+        output.SetFromVector(np.array(force))
 
     def _calc_height(self, context: Context, output: BasicVector) -> None:
-        poses = self._poses.Eval(context)
+        poses: Any = self._poses.Eval(context)
         n = normal_of(*self._ground_of(context))
-        output.SetFromVector(
-            [dot(n, poses[i].translation().tolist()) - self._radius for i in self._rollers]
-        )
+        centres = [poses[i].translation().tolist() for i in self._rollers]
+        output.SetFromVector(np.array([dot(n, centre) - self._radius for centre in centres]))
 
     def _calc_loop_error(self, context: Context, output: BasicVector) -> None:
         if not self._loops:
             return
-        poses = self._poses.Eval(context)
+        poses: Any = self._poses.Eval(context)
         output.SetFromVector(
-            [
-                float(np.linalg.norm(poses[rod].translation() - poses[coupler] @ self._p_MK))
-                for rod, coupler in self._loops
-            ]
+            np.array(
+                [
+                    float(np.linalg.norm(poses[rod].translation() - poses[coupler] @ self._p_MK))
+                    for rod, coupler in self._loops
+                ]
+            )
         )
 
 
@@ -160,9 +165,9 @@ class PlatformPose(OnInclinedGround):
 
     def _calc_positions(self, context: Context, output: BasicVector) -> None:
         q = self._model.positions(
-            self._extension.Eval(context),
-            self._posture.Eval(context),
+            read_array(self._extension, context),
+            read_array(self._posture, context),
             self._ground_of(context),
-            self._arm.Eval(context),
+            read_array(self._arm, context),
         )
         output.SetFromVector(q)

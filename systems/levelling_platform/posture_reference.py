@@ -15,6 +15,7 @@ from parapod.systems.levelling_platform.kinematics import (
     height_range,
     inverse_kinematics,
 )
+from parapod.systems.ports import elements, is_on, read_array
 
 # Layout of the discrete state.
 _COEFFICIENTS = slice(0, 18)  # polynomials of degree 5 of roll, pitch, height
@@ -97,29 +98,29 @@ class PostureReference(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_plan)
 
     def _calc_posture(self, context: Context, output: BasicVector) -> None:
-        state = context.get_discrete_state_vector().value().tolist()
+        state = elements(context.get_discrete_state_vector())
         if state[_STARTED] > 0.5:
-            output.SetFromVector(np.array(_evaluate(state, context.get_time())[0]))
+            output.SetFromVector(np.array(_position(state, context.get_time())))
         else:
             output.SetFromVector(self._measured_posture(context))
 
     def _calc_rate(self, context: Context, output: BasicVector) -> None:
-        state = context.get_discrete_state_vector().value().tolist()
-        output.SetFromVector(np.array(_evaluate(state, context.get_time())[1]))
+        state = elements(context.get_discrete_state_vector())
+        output.SetFromVector(np.array(_rate(state, context.get_time())))
 
     def _measured_posture(self, context: Context) -> NDArray[np.float64]:
-        extension, ground = self._measured.Eval(context), self._ground.Eval(context)
+        extension, ground = read_array(self._measured, context), read_array(self._ground, context)
         return forward_kinematics(self._geometry, extension, ground)
 
     def _update_plan(self, context: Context, discrete_state: Any) -> None:
         state = context.get_discrete_state_vector().value()
-        enabled = self._enable.Eval(context)[0] > 0.5
+        enabled = is_on(self._enable, context)
         started = state[_STARTED] > 0.5
         if not enabled:
             if started:
                 discrete_state.set_value(np.zeros(_SIZE))
             return
-        command, ground = self._command.Eval(context), self._ground.Eval(context)
+        command, ground = read_array(self._command, context), read_array(self._ground, context)
         news = not (
             started
             and state[_COMMAND].tolist() == command.tolist()
@@ -138,7 +139,12 @@ class PostureReference(LeafSystem):
         """State that leads from the present reference to the command."""
         now = context.get_time()
         if started:
-            start = _evaluate(context.get_discrete_state_vector().value().tolist(), now)
+            now_state = elements(context.get_discrete_state_vector())
+            start = (
+                _position(now_state, now),
+                _rate(now_state, now),
+                _acceleration(now_state, now),
+            )
         else:
             start = (self._measured_posture(context).tolist(), [0.0] * 3, [0.0] * 3)
         target = self._reachable(np.array(start[0]), command, ground)
@@ -222,13 +228,30 @@ def _quintics(
     return coefficients
 
 
-def _evaluate(state: list[float], time: float) -> tuple[list[float], list[float], list[float]]:
-    """Position, rate and acceleration of the planned reference; at rest after its end."""
-    t = min(max(time - state[_START], 0.0), state[_DURATION])
-    position, rate, acceleration = [], [], []
-    for i in range(0, 18, 6):
-        c0, c1, c2, c3, c4, c5 = state[i : i + 6]
-        position.append(c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5)))))
-        rate.append(c1 + t * (2 * c2 + t * (3 * c3 + t * (4 * c4 + t * 5 * c5))))
-        acceleration.append(2 * c2 + t * (6 * c3 + t * (12 * c4 + t * 20 * c5)))
-    return position, rate, acceleration
+def _elapsed(state: list[float], time: float) -> float:
+    """Time since the plan began; it stops at the plan's end, where the reference rests."""
+    return min(max(time - state[_START], 0.0), state[_DURATION])
+
+
+def _position(state: list[float], time: float) -> list[float]:
+    t = _elapsed(state, time)
+    return [
+        c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5))))
+        for c0, c1, c2, c3, c4, c5 in (state[0:6], state[6:12], state[12:18])
+    ]
+
+
+def _rate(state: list[float], time: float) -> list[float]:
+    t = _elapsed(state, time)
+    return [
+        c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5)))
+        for _, c1, c2, c3, c4, c5 in (state[0:6], state[6:12], state[12:18])
+    ]
+
+
+def _acceleration(state: list[float], time: float) -> list[float]:
+    t = _elapsed(state, time)
+    return [
+        2.0 * c2 + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5))
+        for _, _, c2, c3, c4, c5 in (state[0:6], state[6:12], state[12:18])
+    ]

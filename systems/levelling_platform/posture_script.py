@@ -10,6 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
+from parapod.systems.ports import elements, is_on, read_array
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class PostureScript(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_start)
 
     def _calc_command(self, context: Context, output: BasicVector) -> None:
-        begun, start, scale = context.get_discrete_state_vector().value().tolist()
+        begun, start, scale = elements(context.get_discrete_state_vector())
         posture = [0.0, 0.0, self._height]
         if begun > 0.5:
             elapsed = context.get_time() - start + 1e-9
@@ -97,13 +98,13 @@ class PostureScript(LeafSystem):
 
     def _update_start(self, context: Context, discrete_state: Any) -> None:
         begun = context.get_discrete_state_vector().value()[0] > 0.5
-        enabled = bool(self._enable.Eval(context)[0] > 0.5)
+        enabled = is_on(self._enable, context)
         if begun == enabled:
             return
         if not enabled:
             discrete_state.set_value(np.zeros(3))
             return
-        ground = self._ground.Eval(context)
+        ground = read_array(self._ground, context)
         if np.isfinite(ground).all():
             discrete_state.set_value(np.array([1.0, context.get_time(), self._fit(ground)]))
 

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from parapod.systems.ports import read
+
 _DEGREE = math.radians(1.0)
 # Value of the state's sample count once the averaging is over.
 _RUNNING = -1.0
@@ -103,7 +105,7 @@ class AttitudeEstimator(LeafSystem):
     def _calc_attitude(self, context: Context, output: BasicVector) -> None:
         x, y, z, _, _, _, count = context.get_discrete_state(self._filter).value().tolist()
         if count == 0.0:
-            accel = self._accel.Eval(context).tolist()
+            accel = read(self._accel, context)
             if self._may_start(math.hypot(*accel)):
                 x, y, z = accel
         roll, pitch = math.atan2(y, z), math.atan2(-x, math.sqrt(y * y + z * z))
@@ -113,8 +115,8 @@ class AttitudeEstimator(LeafSystem):
         state = context.get_discrete_state(self._filter).value().tolist()
         up, last, count = state[0:3], state[3:6], state[6]
         bias = context.get_discrete_state(self._bias).value().tolist()
-        gyro = self._gyro.Eval(context).tolist()
-        accel = self._accel.Eval(context).tolist()
+        gyro = read(self._gyro, context)
+        accel = read(self._accel, context)
         if not _is_within(gyro, self.params.rate_limit):
             gyro = last
         norm = math.hypot(*accel)

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from parapod.systems.ports import read
+
 
 class Encoder(LeafSystem):
     """Positions in whole counts, and velocities in counts per gate time.
@@ -58,11 +60,11 @@ class Encoder(LeafSystem):
         )
 
     def _calc_position_measured(self, context: Context, output: BasicVector) -> None:
-        values = self._position.Eval(context).tolist()
+        values = read(self._position, context)
         output.SetFromVector(_counted(values, self.resolution))
 
     def _calc_velocity_measured(self, context: Context, output: BasicVector) -> None:
-        values = self._velocity.Eval(context).tolist()
+        values = read(self._velocity, context)
         output.SetFromVector(_counted(values, self.resolution / self.gate_time))
 
 

@@ -1,7 +1,6 @@
 """Inertial measurement unit: the ADIS16448's gyro, accelerometer and magnetometer."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -18,6 +17,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import RandomSource
 
 from parapod.systems.elementwise import sin_cos
+from parapod.systems.ports import read
 
 _DEGREE = math.radians(1.0)
 _STANDARD_GRAVITY = 9.80665
@@ -150,30 +150,31 @@ class Imu(LeafSystem):
         self.DeclareInitializationDiscreteUpdateEvent(self._update_first_sample)
         self.DeclarePeriodicDiscreteUpdateEvent(self.period, 0.0, self._update_sample)
 
+        # One element an axis: gyro, accelerometer, magnetometer.
         to_deviation = math.sqrt(0.5 / self.period)
-        self._gyro = (
-            params.gyro_noise_density * to_deviation,
-            params.gyro_resolution,
-            _whole_counts(params.gyro_range, params.gyro_resolution),
+        self._deviation = to_deviation * _per_axis(
+            params.gyro_noise_density, params.accel_noise_density, params.mag_noise_density
         )
-        self._accel = (
-            params.accel_noise_density * to_deviation,
-            params.accel_resolution,
-            _whole_counts(params.accel_range, params.accel_resolution),
+        resolution = _per_axis(
+            params.gyro_resolution, params.accel_resolution, params.mag_resolution
         )
-        self._mag = (
-            params.mag_noise_density * to_deviation,
-            params.mag_resolution,
-            _whole_counts(params.mag_range, params.mag_resolution),
+        self._is_counted = resolution > 0.0
+        self._resolution = np.where(self._is_counted, resolution, 1.0)
+        limit = _per_axis(params.gyro_range, params.accel_range, params.mag_range)
+        # Whole counts, so that a rounded reading cannot exceed the range.
+        counts = np.floor(limit / self._resolution + 1e-6)
+        self._limit = np.where(self._is_counted, counts * self._resolution, limit)
+
+        decay_kick = np.array(
+            [
+                _gauss_markov(deviation, correlation_time, self.period)
+                for deviation, correlation_time in (
+                    (params.gyro_bias_instability, params.gyro_bias_correlation_time),
+                    (params.accel_bias_instability, params.accel_bias_correlation_time),
+                )
+            ]
         )
-        gyro = _gauss_markov(
-            params.gyro_bias_instability, params.gyro_bias_correlation_time, self.period
-        )
-        accel = _gauss_markov(
-            params.accel_bias_instability, params.accel_bias_correlation_time, self.period
-        )
-        self._drift = (gyro,) * 3 + (accel,) * 3
-        self._drifts = gyro[1] > 0.0 or accel[1] > 0.0
+        self._decay, self._kick = np.repeat(decay_kick, 3, axis=0).T
 
     def set_turn_on_bias(
         self, context: Context, gyro: ArrayLike = 0.0, accel: ArrayLike = 0.0
@@ -189,45 +190,46 @@ class Imu(LeafSystem):
         context.get_mutable_numeric_parameter(self._turn_on_bias).SetFromVector(bias)
 
     def _update_first_sample(self, context: Context, discrete_state: DiscreteValues) -> None:
-        drift = context.get_discrete_state(3).value().tolist()
+        drift = context.get_discrete_state(3).value()
         self._sample(context, discrete_state, self._read_noise(context), drift)
 
     def _update_sample(self, context: Context, discrete_state: DiscreteValues) -> None:
         noise = self._read_noise(context)
-        drift = context.get_discrete_state(3).value().tolist()
-        if self._drifts:
-            drift = [
-                decay * bias + kick * n
-                for bias, n, (decay, kick) in zip(drift, noise[9:], self._drift, strict=True)
-            ]
-            discrete_state.set_value(3, np.array(drift))
+        drift = self._decay * context.get_discrete_state(3).value() + self._kick * noise[9:]
+        discrete_state.set_value(3, drift)
         self._sample(context, discrete_state, noise, drift)
 
-    def _read_noise(self, context: Context) -> list[float]:
+    def _read_noise(self, context: Context) -> NDArray[np.float64]:
         if not self._noise.HasValue(context):
-            return [0.0] * self.NOISE_SIZE
-        noise = self._noise.Eval(context).tolist()
-        if not math.isfinite(sum(noise)):
-            return [n if math.isfinite(n) else 0.0 for n in noise]
+            return np.zeros(self.NOISE_SIZE)
+        noise = self._noise.EvalBasicVector(context).value()
+        if not np.isfinite(noise).all():
+            return np.where(np.isfinite(noise), noise, 0.0)
         return noise
 
     def _sample(
         self,
         context: Context,
         discrete_state: DiscreteValues,
-        noise: list[float],
-        drift: list[float],
+        noise: NDArray[np.float64],
+        drift: NDArray[np.float64],
     ) -> None:
-        turn_on = context.get_numeric_parameter(self._turn_on_bias).value().tolist()
-        bias = [a + b for a, b in zip(turn_on, drift, strict=True)]
-        rate = self._angular_velocity.Eval(context).tolist()
-        force = self._specific_force.Eval(context).tolist()
         field = self.params.magnetic_field
         if self._attitude.HasValue(context):
-            field = _in_body(field, *self._attitude.Eval(context).tolist())
-        discrete_state.set_value(0, _readings(rate, bias[:3], noise[:3], self._gyro))
-        discrete_state.set_value(1, _readings(force, bias[3:], noise[3:6], self._accel))
-        discrete_state.set_value(2, _readings(field, _NO_BIAS, noise[6:9], self._mag))
+            field = _in_body(field, *read(self._attitude, context))
+        reading = np.array(
+            [*read(self._angular_velocity, context), *read(self._specific_force, context), *field]
+        )
+        reading += self._deviation * noise[:9]
+        reading[:6] += context.get_numeric_parameter(self._turn_on_bias).value() + drift
+        if not np.isfinite(reading).all():
+            reading = np.nan_to_num(reading, posinf=math.inf, neginf=-math.inf)
+        reading = np.minimum(np.maximum(reading, -self._limit), self._limit)
+        counted = np.rint(reading / self._resolution) * self._resolution
+        reading = np.where(self._is_counted, counted, reading)
+        discrete_state.set_value(0, reading[:3])
+        discrete_state.set_value(1, reading[3:6])
+        discrete_state.set_value(2, reading[6:])
 
 
 def add_imu(
@@ -262,35 +264,8 @@ def _gauss_markov(deviation: float, correlation_time: float, period: float) -> t
     return decay, deviation * math.sqrt(1.0 - decay * decay)
 
 
-def _whole_counts(limit: float, resolution: float) -> float:
-    """The limit as a whole number of counts, so that a rounded reading cannot exceed it."""
-    return math.floor(limit / resolution + 1e-6) * resolution if resolution > 0.0 else limit
-
-
-def _readings(
-    true: Sequence[float],
-    bias: Sequence[float],
-    noise: Sequence[float],
-    channel: tuple[float, float, float],
-) -> NDArray[np.float64]:
-    """What the sensor shows: with bias and noise, inside the range, in whole counts."""
-    deviation, resolution, limit = channel
-    return np.array(
-        [
-            _reading(value + offset + deviation * n, resolution, limit)
-            for value, offset, n in zip(true, bias, noise, strict=True)
-        ]
-    )
-
-
-def _reading(value: float, resolution: float, limit: float) -> float:
-    if value != value:
-        return 0.0
-    if value >= limit:
-        return limit
-    if value <= -limit:
-        return -limit
-    return round(value / resolution) * resolution if resolution > 0.0 else value
+def _per_axis(gyro: float, accel: float, mag: float) -> NDArray[np.float64]:
+    return np.repeat([gyro, accel, mag], 3)
 
 
 def _in_body(field: Vector3, roll: float, pitch: float, yaw: float) -> Vector3:

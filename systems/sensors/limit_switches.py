@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from parapod.systems.ports import read
+
 
 @dataclass(frozen=True)
 class LimitSwitchesParams:
@@ -54,9 +56,9 @@ class LimitSwitches(LeafSystem):
 
     def _calc_limits(self, context: Context, output: BasicVector) -> None:
         params = self.params
-        extensions = self._extension.Eval(context).tolist()
+        extensions = read(self._extension, context)
         if self._contact_force.HasValue(context):
-            forces = self._contact_force.Eval(context).tolist()
+            forces = read(self._contact_force, context)
         else:
             forces = [0.0] * self.legs
         switches = (

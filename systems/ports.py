@@ -1,0 +1,36 @@
+"""Fast, typed access to vectors from Python callbacks.
+
+A controller's tick reads some forty short vectors. `InputPort.Eval` copies through numpy each
+time; these go through a view to plain numbers, for floats and AutoDiffXd alike.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context, InputPort
+
+
+def read(port: InputPort, context: Context) -> list[Any]:
+    """The numbers at an input port, which must be connected."""
+    return elements(port.EvalBasicVector(context))
+
+
+def read_array(port: InputPort, context: Context) -> NDArray[np.float64]:
+    """The vector at an input port, copied; an object array for AutoDiffXd."""
+    array: Any = port.Eval(context)
+    return array
+
+
+def is_on(port: InputPort, context: Context) -> bool:
+    """Whether the first number at an input port is above 0.5; NaN is off."""
+    signal: Any = port.EvalBasicVector(context)
+    return bool(signal[0] > 0.5)
+
+
+def elements(vector: Any) -> list[Any]:
+    """The numbers of a BasicVector: floats, or AutoDiffXd."""
+    try:
+        return vector.value().tolist()
+    except (RuntimeError, TypeError):  # scalars other than float have no view
+        return vector.CopyToVector().tolist()
