@@ -1,5 +1,7 @@
 """Builds the levelling platform's bodies, joints and ground into a MultibodyPlant."""
 
+from typing import Any
+
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
