@@ -29,6 +29,7 @@ from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
 from parapod.systems.levelling_platform.leg_transmission import LegTransmission
+from parapod.systems.levelling_platform.parallel_links import ParallelLinks
 from parapod.systems.levelling_platform.platform_model import (
     MODEL_GEOMETRY,
     WHEEL_COUNT,
@@ -145,7 +146,7 @@ def add_multibody_plant(
     builder.Connect(plant.get_body_poses_output_port(), feet.GetInputPort("body_poses"))
     gyro, accelerometer = _add_ideal_inertial_sensors(builder, model, scenario.plant.time_step)
     if meshcat is not None:
-        _visualize(builder, scene_graph, meshcat)
+        _visualize(builder, model, plant.get_state_output_port(), scene_graph, meshcat)
     signals = {
         "posture": truth.GetOutputPort("posture"),
         "attitude": truth.GetOutputPort("attitude"),
@@ -264,11 +265,20 @@ def _add_drawing(
         to_geometry.get_output_port(),
         scene_graph.get_source_pose_port(source_id),
     )
-    _visualize(builder, scene_graph, meshcat)
+    _visualize(builder, model, pose.get_output_port(), scene_graph, meshcat)
     return pose, model
 
 
-def _visualize(builder: DiagramBuilder, scene_graph: SceneGraph, meshcat: Meshcat) -> None:
+def _visualize(
+    builder: DiagramBuilder,
+    model: PlatformModel,
+    positions: OutputPort,
+    scene_graph: SceneGraph,
+    meshcat: Meshcat,
+) -> None:
+    links = add(builder, ParallelLinks(model, scene_graph, positions.size()))
+    builder.Connect(positions, links.get_input_port())
+    builder.Connect(links.get_output_port(), scene_graph.get_source_pose_port(links.source_id))
     # Not `ApplyVisualizationConfig`, which wants the plant to be part of the diagram.
     params = MeshcatVisualizerParams(
         publish_period=1.0 / 30.0, prefix="platform", delete_on_initialization_event=False
@@ -277,5 +287,5 @@ def _visualize(builder: DiagramBuilder, scene_graph: SceneGraph, meshcat: Meshca
 
 
 def _zeros(builder: DiagramBuilder, name: str) -> OutputPort:
-    source = builder.AddNamedSystem(name, ConstantVectorSource(np.zeros(LEG_COUNT)))
+    source = add(builder, ConstantVectorSource(np.zeros(LEG_COUNT)), name)
     return source.get_output_port()

@@ -130,13 +130,13 @@ class Stepper:
             self._duration,
             self._decay,
         )
+        if tau == 0.0:
+            # Without inertia the limit speed is taken at once, or the rod does not move.
+            excess = max(0.0, force - extending) + min(0.0, force + retracting)
+            return position + excess / nu * duration, excess / nu
         for _ in range(2):  # at most one change of direction
             extends = velocity > 0.0 or (velocity == 0.0 and force > extending)
             limit = (force - extending if extends else force + retracting) / nu
-            if tau == 0.0:
-                # Without inertia the limit speed is taken at once, or the rod does not move.
-                moves = limit > 0.0 if extends else limit < 0.0
-                return (position + limit * duration, limit) if moves else (position, 0.0 * limit)
             end = limit + (velocity - limit) * decay
             if end >= 0.0 if extends else end <= 0.0:
                 return position + limit * duration + (velocity - limit) * tau * (1.0 - decay), end
@@ -171,8 +171,8 @@ def LinearActuator_(T: Any) -> Any:
 
         Parameters (Context): motor constants K_m (n) [N/V], see `set_gain_scale`.
 
-        Bad input: a NaN voltage counts as zero volts, a NaN load as no load. Positions never
-        leave the end stops.
+        Bad input: a NaN voltage counts as zero volts, a load that is not finite as no load.
+        Positions never leave the end stops.
         """
 
         def _construct(
@@ -242,7 +242,7 @@ def LinearActuator_(T: Any) -> Any:
                     positions[i],
                     velocities[i],
                     voltage if voltage == voltage else 0.0,
-                    load if load == load else 0.0,
+                    load if load - load == 0.0 else 0.0,
                 )
             output.SetFromVector(np.array(positions + velocities))
 

@@ -65,7 +65,7 @@ def PiController_(T: Any) -> Any:
         | in `enable` | 1 | - | above 0.5: control; otherwise 0 V; unconnected: always control |
         | out `voltage` | n | V | commands, held between samples, within the limit |
 
-        State: discrete, integrals (n) [V], voltages (n) [V], whether enabled (1). The integrals
+        State: discrete, integrals (n) [V], voltages (n) [V], whether in control (n). The integrals
         are held while the output is saturated and integration would drive it further out
         (conditional integration). When control begins, the integrals are set so that the first
         voltage is the last one held: nothing jumps, however far the reference is.
@@ -95,7 +95,7 @@ def PiController_(T: Any) -> Any:
             )
             self.DeclareDiscreteState(BasicVector_[T](np.zeros(n)))
             voltage = self.DeclareDiscreteState(BasicVector_[T](np.zeros(n)))
-            self.DeclareDiscreteState(BasicVector_[T](np.zeros(1)))
+            self.DeclareDiscreteState(BasicVector_[T](np.zeros(n)))
             self.DeclareStateOutputPort("voltage", voltage)
             self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_voltage)
 
@@ -112,11 +112,11 @@ def PiController_(T: Any) -> Any:
             n = self.channels
             if self._enable.HasValue(context) and not is_on(self._enable, context):
                 discrete_state.set_value(1, np.zeros(n))
-                discrete_state.set_value(2, np.zeros(1))
+                discrete_state.set_value(2, np.zeros(n))
                 return
             integrals = elements(context.get_discrete_state(0))
             voltages = elements(context.get_discrete_state(1))
-            begins = not context.get_discrete_state(2)[0] > 0.5
+            controls = elements(context.get_discrete_state(2))
             gains = context.get_numeric_parameter(self._gains).CopyToVector()
             k_p, k_v, limit = gains.tolist()
             desired = read(self._desired, context)
@@ -129,15 +129,15 @@ def PiController_(T: Any) -> Any:
                 if not math.isfinite(direct if type(direct) is float else direct.value()):
                     voltages[i] = 0.0
                     continue
-                if begins:
-                    integrals[i] = voltages[i] - direct
+                if not controls[i] > 0.5:
+                    integrals[i], controls[i] = voltages[i] - direct, 1.0
                 voltage = direct + integrals[i]
                 if abs(voltage) <= limit or voltage * error < 0.0:
                     integrals[i] = integrals[i] + k_p * self.period * error
                 voltages[i] = clamp(voltage, -limit, limit)
             discrete_state.set_value(0, np.array(integrals))
             discrete_state.set_value(1, np.array(voltages))
-            discrete_state.set_value(2, np.ones(1))
+            discrete_state.set_value(2, np.array(controls))
 
     return Impl
 

@@ -155,16 +155,8 @@ def stand(
     slopes = [slope for _, slope in motions]
     n = normal_of(*ground)
 
-    # With the load still unknown, the plane through all feet gives the direction of gravity.
-    weights, excess = mismatch(feet)
-    gap = excess / dot(weights, weights)
-    flat = [(x, y, z - w * gap) for (x, y, z), w in zip(feet, weights, strict=True)]
-    normal, length = normal_through(*flat[:3])
-    g = _scaled(normal, 1.0 / length)
-    down = to_platform((0.0, 0.0, -1.0), *attitude_seeing(g, n))
-    force = _share(params, feet, weights, excess, _pressure_point(params, arm, g, flat[0], down))
-    normal_weight = (params.mass + params.arm_mass) * params.gravity * -dot(g, down)
-    contact = [normal_weight * share for share in force]
+    shares, normal_weight = _carry(params, feet, n, arm)
+    contact = [normal_weight * share for share in shares]
 
     carrying = sorted(range(LEG_COUNT), key=contact.__getitem__)[1:]
     sunk = [
@@ -195,30 +187,31 @@ def stand(
     )
 
 
-def _share(
-    params: KinematicPlatformParams,
-    feet: list[Vector3],
-    weights: tuple[float, ...],
-    excess: float,
-    centre: tuple[float, float],
-) -> list[float]:
-    """Shares of the weight carried by the four feet; none is negative."""
-    squared = dot(weights, weights)
+def _carry(
+    params: KinematicPlatformParams, feet: list[Vector3], n: Vector3, arm: list[float]
+) -> tuple[list[float], float]:
+    """Shares of the weight carried by the four feet, and the weight normal to the ground [N]."""
     weight = (params.mass + params.arm_mass) * params.gravity
+    weights, excess = mismatch(feet)
+    squared = dot(weights, weights)
+    gap = excess / squared
+    flat = [(x, y, z - w * gap) for (x, y, z), w in zip(feet, weights, strict=True)]
+    centre, upright = _pressure_point(params, arm, (flat[0], flat[1], flat[2]), n)
     # Any balanced shares plus a multiple of the dependency balance too; springs that give by
     # force / stiffness are balanced where (weights . force) = stiffness * excess.
     three = _barycentric(feet, (0, 1, 2), centre)
     along = (params.foot_stiffness * excess / weight - dot(weights, three)) / squared
     shares = [s + w * along for s, w in zip(three, weights, strict=True)]
     if min(shares) >= 0.0:
-        return shares
+        return shares, weight * upright
     # One end of the shorter diagonal lifts: the one on the far side of the centre of mass.
     lifted = min(range(LEG_COUNT), key=shares.__getitem__)
-    first, second = (
-        _barycentric(feet, tuple(i for i in range(LEG_COUNT) if i != leg), centre)
-        for leg in (lifted, (lifted + 2) % LEG_COUNT)
-    )
-    return first if min(first) >= min(second) else second
+    results = []
+    for leg in (lifted, (lifted + 2) % LEG_COUNT):
+        a, b, c = (i for i in range(LEG_COUNT) if i != leg)
+        centre, upright = _pressure_point(params, arm, (feet[a], feet[b], feet[c]), n)
+        results.append((_barycentric(feet, (a, b, c), centre), weight * upright))
+    return max(results, key=lambda result: min(result[0]))
 
 
 def _barycentric(
@@ -240,11 +233,15 @@ def _barycentric(
 def _pressure_point(
     params: KinematicPlatformParams,
     arm: list[float],
-    g: Vector3,
-    foot: Vector3,
-    down: Vector3,
-) -> tuple[float, float]:
-    """Where the line of gravity through the centre of mass meets the plane of the feet (x, y)."""
+    feet: tuple[Vector3, Vector3, Vector3],
+    n: Vector3,
+) -> tuple[tuple[float, float], float]:
+    """Where the line of gravity through the centre of mass meets the plane of three feet.
+
+    Returns:
+        That point (x, y) in the platform's frame [m], and the cosine between the ground's normal
+        and the vertical.
+    """
     turn, swing = arm
     reach = params.arm_centre * math.sin(swing)
     tip = (
@@ -252,14 +249,14 @@ def _pressure_point(
         params.arm_base[1] + reach * math.sin(turn),
         params.arm_base[2] + params.arm_centre * math.cos(swing),
     )
-    total = params.mass + params.arm_mass
-    com = _scaled(
-        _sum(_scaled(params.centre_of_mass, params.mass), _scaled(tip, params.arm_mass)),
-        1.0 / total,
-    )
+    share = params.arm_mass / (params.mass + params.arm_mass)
+    com = _sum(_scaled(params.centre_of_mass, 1.0 - share), _scaled(tip, share))
+    normal, length = normal_through(*feet)
+    g = _scaled(normal, 1.0 / length)
+    down = to_platform((0.0, 0.0, -1.0), *attitude_seeing(g, n))
     # A foot is at -P from F, so the plane is g . x = -g . P.
-    reach = -(dot(g, foot) + dot(g, com)) / dot(g, down)
-    return com[0] + reach * down[0], com[1] + reach * down[1]
+    fall = -(dot(g, feet[0]) + dot(g, com)) / dot(g, down)
+    return (com[0] + fall * down[0], com[1] + fall * down[1]), -dot(g, down)
 
 
 def _attitude_rate(

@@ -57,7 +57,11 @@ _CHUNK = 4096
 # A posture that forward kinematics made of an extension at the stroke's end must be reachable.
 _STROKE_TOLERANCE = 1e-9
 
+# What cannot be built or reached is NaN here by contract.
+_nan_without_warning = np.errstate(invalid="ignore", divide="ignore")
 
+
+@_nan_without_warning
 def forward_kinematics(
     geometry: PlatformGeometry,
     extension: ArrayLike,
@@ -84,6 +88,7 @@ def forward_kinematics(
     return _stack((*attitude_seeing(g, normal_of(*n)), height), shape)
 
 
+@_nan_without_warning
 def inverse_kinematics(
     geometry: PlatformGeometry,
     posture: ArrayLike,
@@ -128,6 +133,7 @@ def inverse_kinematics(
     return _within_stroke(geometry, extension, on_unreachable)
 
 
+@_nan_without_warning
 def estimate_ground(
     geometry: PlatformGeometry, extension: ArrayLike, attitude: ArrayLike
 ) -> NDArray[np.float64]:
@@ -147,6 +153,7 @@ def estimate_ground(
     return _stack((-asin(c_2), atan2(c_1, c_3)), shape)
 
 
+@_nan_without_warning
 def passive_extension(
     geometry: PlatformGeometry,
     extension: ArrayLike,
@@ -179,6 +186,7 @@ def passive_extension(
     return np.reshape(np.asarray(column), shape)
 
 
+@_nan_without_warning
 def posture_jacobian(
     geometry: PlatformGeometry,
     posture: ArrayLike,
@@ -212,6 +220,7 @@ def posture_jacobian(
     return _stack(entries, shape).reshape(*shape, LEG_COUNT, 3)
 
 
+@_nan_without_warning
 def height_range(
     geometry: PlatformGeometry, attitude: ArrayLike, ground: ArrayLike
 ) -> NDArray[np.float64]:

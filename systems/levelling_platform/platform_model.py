@@ -5,7 +5,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Context
@@ -77,7 +78,6 @@ class PlatformModel:
         swing = swing_angle(dimensions, extension)
         angles = {"swing": swing, "coupler_swing": -swing}
         if self.is_full:
-            angles["upper_swing"] = swing
             angles["cylinder_swing"] = diagonal_angle(dimensions, extension)
             angles["extension"] = extension
         return angles
@@ -115,6 +115,17 @@ class PlatformModel:
         q[start + 4 : start + 7] = height * np.array(normal_of(*np.asarray(ground).tolist()))
         self.plant.SetPositionsInArray(self.arm, np.asarray(arm, dtype=float), q)
         return q
+
+    def base_pose(self, positions: NDArray[np.float64]) -> RigidTransform:
+        """X_WF: pose of the platform at these positions of the plant (or its whole state)."""
+        start = self.base.floating_positions_start()
+        quaternion = positions[start : start + 4]
+        rotation = RotationMatrix(Quaternion(quaternion / np.linalg.norm(quaternion)))
+        return RigidTransform(rotation, positions[start + 4 : start + 7])
+
+    def swing(self, leg: int, positions: NDArray[np.float64]) -> float:
+        """Angle psi of a leg's lower link at these positions of the plant [rad]."""
+        return float(positions[self._position_starts[leg]["swing"]])
 
     def stand(self, context: Context, extension: ArrayLike, ground: ArrayLike) -> None:
         """Inclines the ground and puts the platform at rest on it with these extensions.

@@ -22,8 +22,8 @@ class PlatformTruth(OnInclinedGround):
     | port | size | unit | meaning |
     |---|---|---|---|
     | in `state` | n | - | state of the plant |
-    | out `posture` | 3 | rad, rad, m | roll, pitch, height above the ground |
     | out `attitude` | 3 | rad | roll, pitch, yaw |
+    | out `posture` | 3 | rad, rad, m | roll, pitch, height above the ground |
 
     State: none. Parameters (Context): roll and pitch of the ground (2) [rad], see `set_ground`.
     """

@@ -62,7 +62,8 @@ class PostureReference(LeafSystem):
     State: discrete, polynomials (18), start time and duration (2), whether started (1), the last
     command (3) and the ground it was planned for (2), updated every period.
 
-    Bad input: a command that is not finite is ignored.
+    Bad input: a command or ground that is not finite is ignored, and so are measurements that
+    are not when the reference should start: it starts with the first good ones.
     """
 
     def __init__(
@@ -126,27 +127,25 @@ class PostureReference(LeafSystem):
             and state[_COMMAND].tolist() == command.tolist()
             and state[_GROUND].tolist() == ground.tolist()
         )
-        if news and np.isfinite(command).all() and np.isfinite(ground).all():
-            discrete_state.set_value(self._plan(context, started, command, ground))
+        if not (news and np.isfinite(command).all() and np.isfinite(ground).all()):
+            return
+        now = context.get_time()
+        if started:
+            plan = state.tolist()
+            start = (_position(plan, now), _rate(plan, now), _acceleration(plan, now))
+        else:
+            start = (self._measured_posture(context).tolist(), [0.0] * 3, [0.0] * 3)
+        if np.isfinite(start).all():
+            discrete_state.set_value(self._plan(now, start, command, ground))
 
     def _plan(
         self,
-        context: Context,
-        started: bool,
+        now: float,
+        start: tuple[list[float], list[float], list[float]],
         command: NDArray[np.float64],
         ground: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """State that leads from the present reference to the command."""
-        now = context.get_time()
-        if started:
-            now_state = elements(context.get_discrete_state_vector())
-            start = (
-                _position(now_state, now),
-                _rate(now_state, now),
-                _acceleration(now_state, now),
-            )
-        else:
-            start = (self._measured_posture(context).tolist(), [0.0] * 3, [0.0] * 3)
+        """State that leads from a position, rate and acceleration to the command."""
         target = self._reachable(np.array(start[0]), command, ground)
         limits = (self._params.angle_rate, self._params.angle_rate, self._params.height_rate)
         # A minimum-jerk move from rest to rest peaks at 15/8 of its mean rate.

@@ -1,0 +1,36 @@
+"""`python -m benchmarks [kinematics] [realtime] [accuracy]`: measures and prints."""
+
+import sys
+
+from rich.console import Console
+
+from benchmarks import accuracy, kinematics, realtime
+from benchmarks.report import Measurement, print_measurements
+
+_GROUPS = ("kinematics", "realtime", "accuracy")
+
+
+def main(names: list[str]) -> int:
+    console = Console()
+    unknown = [name for name in names if name not in _GROUPS]
+    if unknown:
+        print(f"there is no benchmark '{unknown[0]}'; there are: {', '.join(_GROUPS)}")
+        return 2
+    results: list[Measurement] = []
+    for name in names or _GROUPS:
+        console.print(f"[bold]{name}[/]")
+        measured = {
+            "kinematics": kinematics.run,
+            "realtime": lambda: realtime.run(console),
+            "accuracy": lambda: accuracy.run(console),
+        }[name]()
+        print_measurements(name, measured, console)
+        results += measured
+    missed = [m.name for m in results if not m.passed]
+    if missed:
+        console.print(f"missed: {', '.join(missed)}", highlight=False)
+    return 0 if not missed else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,103 @@
+"""Errors over step sizes, seeds and grounds."""
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from rich.console import Console
+
+from benchmarks.report import Measurement
+from parapod.diagrams.levelling_platform.closed_loop import ClosedLoop, make_closed_loop
+from parapod.diagrams.levelling_platform.scenario import (
+    GroundScenario,
+    LevellingScenario,
+    SensorScenario,
+    WaypointScenario,
+)
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
+from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+
+_LOG = ("truth.posture", "truth.extension", "truth.loop_error", "posture_desired")
+# The grounds that the stroke can level, out to its edge: roll, pitch [deg].
+_GROUNDS = ((0, 0), (5, 0), (0, 5), (-5, 0), (0, -5), (4, 2), (2, 4), (-4, 2), (-2, -4), (3, 3))
+
+
+def model_error(time_step: float, leg_model: str = "full") -> dict[str, float]:
+    """Kinematic model against the multibody plant, moving on a 5 deg slope.
+
+    The model is fed the extensions that the actuators really had; the paper's comparison with
+    its co-simulation (Figs. 8 and 9) is the same.
+    """
+    scenario = LevellingScenario(ground=GroundScenario(0.0, 5.0))
+    scenario.sensors = SensorScenario(0.0, False, 0.0, 0.0)
+    scenario.actuators.gain_error = 0.0
+    scenario.plant.time_step, scenario.plant.leg_model = time_step, leg_model
+    scenario.job.estimate_at = 2.0
+    scenario.job.waypoints = [
+        WaypointScenario(4.0, 0.3, -0.8, 4.0),
+        WaypointScenario(5.5, -0.3, 0.8, -4.0),
+    ]
+    loop = make_closed_loop(scenario, log=_LOG)
+    signals = _simulate(loop, scenario, 9.0)
+    moving = signals["t"] > scenario.job.estimate_at
+    predicted = forward_kinematics(
+        MODEL_GEOMETRY, signals["truth.extension"], scenario.ground.inclination
+    )
+    error = np.abs(signals["truth.posture"] - predicted)[moving].max(axis=0)
+    return {
+        "angle_deg": float(np.degrees(error[:2]).max()),
+        "height_mm": 1e3 * float(error[2]),
+        "closure_um": 1e6 * float(signals["truth.loop_error"][moving].max()),
+    }
+
+
+def run(console: Console) -> list[Measurement]:
+    results = []
+    closures = {}
+    for step in (5e-4, 1e-3, 2e-3):
+        console.print(f"  model against plant at {1e3 * step:g} ms ...", highlight=False)
+        error = model_error(step)
+        closures[step] = error["closure_um"]
+        if step == 1e-3:
+            results += [
+                Measurement("model against plant, 1 ms: angle", error["angle_deg"], "deg", 0.02,
+                            at_most=True),
+                Measurement("model against plant, 1 ms: height", error["height_mm"], "mm", 0.1,
+                            at_most=True),
+                Measurement("loops' closure error, 1 ms", error["closure_um"], "um", 5.0,
+                            at_most=True),
+            ]  # fmt: skip
+    results.append(
+        Measurement("  closure at 2 ms over 1 ms (4: dt^2)", closures[2e-3] / closures[1e-3], "x")
+    )
+    results.append(
+        Measurement("  closure at 1 ms over .5 ms", closures[1e-3] / closures[5e-4], "x")
+    )
+    console.print("  100 seeds and 10 grounds, kinematic ...", highlight=False)
+    scenario = LevellingScenario(backend="kinematic")
+    loop = make_closed_loop(scenario, log=_LOG)
+    worst = np.zeros(3)
+    for seed in range(100):
+        scenario.seed = seed
+        scenario.ground = GroundScenario(*map(float, _GROUNDS[seed % len(_GROUNDS)]))
+        signals = _simulate(loop, scenario, 12.0)
+        error = np.abs(signals["truth.posture"] - (0.0, 0.0, 0.477))[signals["t"] > 9.0]
+        worst = np.maximum(worst, error.max(axis=0))
+    results += [
+        Measurement("level, 100 seeds: |roll|", float(np.degrees(worst[0])), "deg", 0.2,
+                    at_most=True),
+        Measurement("level, 100 seeds: |pitch|", float(np.degrees(worst[1])), "deg", 0.2,
+                    at_most=True),
+        Measurement("level, 100 seeds: height", 1e3 * float(worst[2]), "mm", 2.0, at_most=True),
+    ]  # fmt: skip
+    return results
+
+
+def _simulate(
+    loop: ClosedLoop, scenario: LevellingScenario, duration: float
+) -> dict[str, np.ndarray]:
+    simulator = Simulator(loop.diagram)
+    context = simulator.get_mutable_context()
+    loop.reset(context, scenario)
+    simulator.Initialize()
+    simulator.AdvanceTo(duration)
+    time, signals = loop.recorded(context)
+    return signals | {"t": time}

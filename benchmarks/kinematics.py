@@ -1,0 +1,65 @@
+"""Batched inverse kinematics beside scipy's Newton on the same postures."""
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import root
+
+from benchmarks.report import Measurement
+from parapod.systems.levelling_platform.kinematics import (
+    PlatformGeometry,
+    forward_kinematics,
+    inverse_kinematics,
+)
+
+_POSTURES = 500_000
+_NEWTON_POSTURES = 300
+
+
+def run() -> list[Measurement]:
+    geometry = PlatformGeometry()
+    random = np.random.default_rng(0)
+    ground = random.uniform(-0.035, 0.035, (_POSTURES, 2))
+    posture = np.column_stack(
+        (random.uniform(-0.02, 0.02, (_POSTURES, 2)), random.uniform(0.465, 0.490, _POSTURES))
+    )
+    seconds = []
+    for _ in range(7):
+        started = time.perf_counter()
+        extension = inverse_kinematics(geometry, posture, ground, on_unreachable="nan")
+        seconds.append(time.perf_counter() - started)
+    closed_form = _POSTURES / min(seconds)
+
+    same_ground = ground[0]
+    seconds = []
+    for _ in range(7):
+        started = time.perf_counter()
+        inverse_kinematics(geometry, posture, same_ground, on_unreachable="nan")
+        seconds.append(time.perf_counter() - started)
+    one_ground = _POSTURES / min(seconds)
+
+    reachable = np.flatnonzero(np.isfinite(extension[:, 0]))[:_NEWTON_POSTURES]
+    started = time.perf_counter()
+    by_newton = np.array([_newton(geometry, posture[i], ground[i]) for i in reachable])
+    newton = len(reachable) / (time.perf_counter() - started)
+    worst = float(np.max(np.abs(by_newton - extension[reachable][:, :3])))
+    return [
+        Measurement("inverse kinematics, ground of each", closed_form / 1e6, "M/s", 1.0, 10.0),
+        Measurement("inverse kinematics, one ground", one_ground / 1e6, "M/s", 1.0, 10.0),
+        Measurement("  times scipy's Newton", closed_form / newton, "x", 100.0),
+        Measurement("  largest difference to Newton", worst * 1e9, "nm", 1.0, at_most=True),
+    ]
+
+
+def _newton(
+    geometry: PlatformGeometry, posture: NDArray[np.float64], ground: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Extensions of legs 1, 2, 3 as the paper's Eqs. (10)-(12) would be inverted numerically."""
+
+    def residual(extension: NDArray[np.float64]) -> NDArray[np.float64]:
+        four = np.append(extension, 0.405)
+        return forward_kinematics(geometry, four, ground, legs=(0, 1, 2)) - posture
+
+    solution = root(residual, np.full(3, 0.405), method="hybr", tol=1e-12)
+    return solution.x
