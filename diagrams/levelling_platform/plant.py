@@ -144,7 +144,7 @@ def add_multibody_plant(
     feet = add(builder, FootTruth(model))
     builder.Connect(plant.get_contact_results_output_port(), feet.GetInputPort("contact_results"))
     builder.Connect(plant.get_body_poses_output_port(), feet.GetInputPort("body_poses"))
-    gyro, accelerometer = _add_ideal_inertial_sensors(builder, model, scenario.plant.time_step)
+    gyro, accelerometer = _add_ideal_inertial_sensors(builder, model, scenario.control.period)
     if meshcat is not None:
         _visualize(builder, model, plant.get_state_output_port(), scene_graph, meshcat)
     signals = {
@@ -210,12 +210,12 @@ def _split_by_joint(
 
 
 def _add_ideal_inertial_sensors(
-    builder: DiagramBuilder, model: PlatformModel, time_step: float
+    builder: DiagramBuilder, model: PlatformModel, period: float
 ) -> tuple[OutputPort, OutputPort]:
     """True angular velocity and specific force at the platform's centre.
 
-    The specific force is held from the plant's last step: asked for in between, the plant would
-    have to solve its contacts once more.
+    The specific force is held for a period, in step with the plant: asked for between its steps,
+    the plant would have to solve its contacts once more.
     """
     plant = model.plant
     gyro = add(builder, Gyroscope(model.base, RigidTransform.Identity()), "true_gyro")
@@ -240,7 +240,7 @@ def _add_ideal_inertial_sensors(
         plant.get_body_spatial_accelerations_output_port(),
         accelerometer.get_body_accelerations_input_port(),
     )
-    held = add(builder, ZeroOrderHold(time_step, 3), "specific_force")
+    held = add(builder, ZeroOrderHold(period, 3), "specific_force")
     builder.Connect(accelerometer.get_measurement_output_port(), held.get_input_port())
     return gyro.get_measurement_output_port(), held.get_output_port()
 

@@ -13,7 +13,7 @@ from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
 from parapod.systems.levelling_platform.plane import dot, normal_of
 from parapod.systems.levelling_platform.platform_model import PlatformModel
-from parapod.systems.ports import read, read_array
+from parapod.systems.ports import read_array
 
 
 class PlatformTruth(OnInclinedGround):
@@ -40,9 +40,14 @@ class PlatformTruth(OnInclinedGround):
             "posture", 3, self._calc_posture, tickets | {self.all_parameters_ticket()}
         )
 
+    def _part(self, context: Context, start: int, size: int) -> list[float]:
+        """A few of the plant's many states."""
+        state: Any = self._state.EvalBasicVector(context)
+        return state.value()[start : start + size].tolist()
+
     def _calc_attitude(self, context: Context, output: BasicVector) -> None:
         start = self._start
-        w, x, y, z = read(self._state, context)[start : start + 4]
+        w, x, y, z = self._part(context, start, 4)
         scale = 2.0 / (w * w + x * x + y * y + z * z)
         output.SetFromVector(
             np.array(
@@ -58,7 +63,7 @@ class PlatformTruth(OnInclinedGround):
         start = self._start + 4
         roll, pitch, _ = self._attitude.Eval(context).tolist()
         n = normal_of(*self._ground_of(context))
-        height = dot(n, read(self._state, context)[start : start + 3])
+        height = dot(n, self._part(context, start, 3))
         output.SetFromVector(np.array([roll, pitch, height]))
 
 

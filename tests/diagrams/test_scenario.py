@@ -31,8 +31,8 @@ class Scenario:
     label: str = "plain"
     gain: float = 1.0
     friction: float | None = quantity(None, 0.0, 2.0)
-    offsets: list[float] = quantity([0.0, 0.0, 0.0, 0.0], -0.1, 0.1, length=4)  # noqa: RUF009
-    counts: list[int] = quantity([1], 0, 9)  # noqa: RUF009
+    offsets: list[float] = quantity([0.0, 0.0, 0.0, 0.0], -0.1, 0.1, length=4)
+    counts: list[int] = quantity([1], 0, 9)
     ground: Ground = field(default_factory=Ground)
     gust: Ground | None = None
     script: list[Step] = field(default_factory=lambda: [Step()])

@@ -1,0 +1,390 @@
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.math import RollPitchYaw
+
+from parapod.systems.levelling_platform.geometry import PlatformGeometry
+from parapod.systems.levelling_platform.kinematic_platform import (
+    KinematicPlatform,
+    KinematicPlatformParams,
+)
+from parapod.systems.levelling_platform.kinematics import (
+    forward_kinematics,
+    inverse_kinematics,
+    posture_jacobian,
+)
+from parapod.systems.levelling_platform.leg import foot_to_centre
+
+POINT = PlatformGeometry()
+ROLLER = PlatformGeometry(foot_radius=0.025)
+PARAMS = KinematicPlatformParams()
+STIFF = replace(PARAMS, foot_stiffness=1e9)
+WEIGHT = (PARAMS.mass + PARAMS.arm_mass) * PARAMS.gravity
+POSTURE = np.array((0.02, -0.01, 0.475))
+GROUND = np.array((0.03, -0.04))
+LEVEL = (0.0, 0.0)
+UPRIGHT = (0.0, 0.0)
+
+
+@pytest.fixture
+def stand(fix, read):
+    """stand(extension, velocity, arm, ground, geometry, params): outputs of the platform."""
+
+    def outputs(
+        extension,
+        velocity=(0.0, 0.0, 0.0, 0.0),
+        arm=UPRIGHT,
+        ground=LEVEL,
+        geometry=POINT,
+        params=STIFF,
+    ):
+        platform = KinematicPlatform(geometry, params)
+        context = platform.CreateDefaultContext()
+        fix(platform, context, extension=extension, velocity=velocity, arm_position=arm)
+        platform.set_ground(context, ground)
+        return read(platform, context)
+
+    return outputs
+
+
+def rotation(attitude):
+    return RollPitchYaw(attitude[0], attitude[1], 0.0).ToRotationMatrix().matrix()
+
+
+def feet_of(extension, geometry=POINT):
+    """Feet from F, in the platform's frame (4 x 3)."""
+    pairs = zip(geometry.legs, np.asarray(extension).tolist(), strict=True)
+    return -np.array([foot_to_centre(leg, d) for leg, d in pairs])
+
+
+def centre_of_mass(arm, params=PARAMS):
+    """From F, in the platform's frame."""
+    turn, swing = arm
+    along = np.array(
+        (math.sin(swing) * math.cos(turn), math.sin(swing) * math.sin(turn), math.cos(swing))
+    )
+    arm_centre = np.array(params.arm_base) + params.arm_centre * along
+    total = params.mass + params.arm_mass
+    return (params.mass * np.array(params.centre_of_mass) + params.arm_mass * arm_centre) / total
+
+
+def cases(count=30, seed=0):
+    """Postures with coplanar feet, on random grounds with random arms."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        ground = rng.uniform(-0.06, 0.06, 2)
+        posture = np.append(ground * rng.uniform(0.5, 1.0, 2), rng.uniform(0.45, 0.49))
+        arm = np.append(rng.uniform(-3.0, 3.0), rng.uniform(-0.8, 0.8))
+        extension = inverse_kinematics(POINT, posture, ground, on_unreachable="nan")
+        if np.isfinite(extension).all():
+            yield posture, ground, arm, extension
+
+
+# Statics
+
+
+def test_forces_of_the_level_platform_are_a_quarter_of_the_weight_each(stand):
+    centred = replace(STIFF, arm_base=(0.0, 0.0, 0.145))
+    output = stand([0.405] * 4, params=centred)
+    # 51 kg on four feet: 125 N each.
+    np.testing.assert_allclose(output["contact_force"], 51.0 * 9.81 / 4.0, rtol=1e-9)
+    assert output["contact_force"][0] == pytest.approx(125.0, abs=0.1)
+    # At .405 the height changes by about 5.9 times the extension: .74 kN hold it.
+    np.testing.assert_allclose(output["load_force"], -740.0, rtol=0.01)
+
+
+@pytest.mark.parametrize("params", [STIFF, PARAMS])
+def test_forces_sum_to_the_component_of_the_weight_normal_to_the_ground(stand, params):
+    for _, ground, arm, extension in cases():
+        output = stand(extension, arm=arm, ground=ground, params=params)
+        n = rotation(ground)[:, 2]
+        total = output["contact_force"].sum()
+        assert total == pytest.approx(WEIGHT * n[2], rel=1e-7 if params is STIFF else 1e-5)
+
+
+def test_moments_about_the_axes_of_the_ground_balance(stand):
+    for posture, ground, arm, extension in cases(seed=1):
+        force = stand(extension, arm=arm, ground=ground)["contact_force"]
+        R = rotation(posture)
+        ground_axes = rotation(ground)
+        feet = feet_of(extension) @ R.T
+        origin = feet[0]  # in the ground's plane, where friction has no lever
+        com = R @ centre_of_mass(arm)
+        moment = np.cross(com - origin, (0.0, 0.0, -WEIGHT))
+        moment += np.cross(feet - origin, np.outer(force, ground_axes[:, 2])).sum(axis=0)
+        in_plane = ground_axes[:, :2].T @ moment
+        np.testing.assert_allclose(in_plane, 0.0, atol=1e-4)
+        assert force.min() >= 0.0
+
+
+def test_forces_do_not_depend_on_the_stiffness_when_feet_lie_in_one_plane(stand):
+    for _, ground, arm, extension in cases(count=10, seed=2):
+        soft = stand(extension, arm=arm, ground=ground, params=PARAMS)
+        stiff = stand(extension, arm=arm, ground=ground, params=STIFF)
+        np.testing.assert_allclose(soft["contact_force"], stiff["contact_force"], rtol=1e-4)
+
+
+@pytest.mark.parametrize("geometry", [POINT, ROLLER], ids=["point", "roller"])
+def test_posture_of_stiff_feet_is_forward_kinematics(stand, geometry):
+    extension = inverse_kinematics(geometry, POSTURE, GROUND)
+    output = stand(extension, ground=GROUND, geometry=geometry)
+    np.testing.assert_allclose(output["posture"], POSTURE, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(output["attitude"], (*POSTURE[:2], 0.0), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(
+        output["posture"], forward_kinematics(geometry, extension, GROUND), rtol=0, atol=1e-6
+    )
+    np.testing.assert_allclose(output["foot_height"], 0.0, atol=1e-9)
+
+
+def test_platform_sinks_by_force_over_stiffness(stand):
+    soft = replace(PARAMS, arm_base=(0.0, 0.0, 0.145), foot_stiffness=2e6)
+    height = [
+        stand([0.405] * 4, params=params)["posture"][2]
+        for params in (soft, replace(soft, foot_stiffness=1e15))
+    ]
+    assert height[1] - height[0] == pytest.approx(WEIGHT / 4.0 / 2e6, rel=1e-6)
+
+
+def test_error_of_yielding_feet_goes_with_the_inverse_of_the_stiffness(stand):
+    extension = inverse_kinematics(POINT, POSTURE, GROUND)
+    errors = [
+        np.abs(
+            stand(extension, ground=GROUND, params=replace(PARAMS, foot_stiffness=stiffness))[
+                "posture"
+            ]
+            - POSTURE
+        ).max()
+        for stiffness in (1e6, 2e6)
+    ]
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=1e-3)
+
+
+def test_lengthening_one_foot_loads_its_diagonal(stand):
+    flat = stand([0.405] * 4, params=PARAMS)["contact_force"]
+    lowered = stand([0.40501, 0.405, 0.405, 0.405], params=PARAMS)["contact_force"]
+    # A longer actuator lifts foot 1: it and its opposite carry less.
+    assert (np.sign(lowered - flat) == (-1.0, 1.0, -1.0, 1.0)).all()
+    # Four springs in series: excess / 4 times the stiffness, up to the feet's places.
+    lift = 5.87 * 1e-5
+    assert flat[0] - lowered[0] == pytest.approx(lift / 4.0 * PARAMS.foot_stiffness, rel=0.02)
+
+
+# Three legs
+
+
+def leaning(leg):
+    """An arm position that takes the load off a leg, and off it alone."""
+    foot = feet_of([0.405] * 4)[leg]
+    return math.atan2(-foot[1], -foot[0]), 0.6
+
+
+@pytest.mark.parametrize("short", range(4))
+def test_three_legs_carry_when_one_is_short(stand, short):
+    extension = np.array((0.405, 0.406, 0.404, 0.403))
+    extension[short] += 0.006
+    carrying = [i for i in range(4) if i != short]
+    output = stand(extension, arm=leaning(short))
+    force = output["contact_force"]
+    assert force[short] == 0.0
+    assert output["load_force"][short] == 0.0
+    assert (force[carrying] > 0.0).all()
+    posture = forward_kinematics(POINT, extension, LEVEL, legs=carrying)
+    np.testing.assert_allclose(output["posture"], posture, rtol=0, atol=1e-6)
+    R = rotation(posture)
+    above = posture[2] + (feet_of(extension) @ R.T)[short, 2]
+    assert above > 0.01
+    assert output["foot_height"][short] == pytest.approx(above, abs=1e-6)
+    np.testing.assert_allclose(output["foot_height"][carrying], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("short", range(4))
+def test_platform_rests_on_the_other_end_of_the_diagonal_when_it_leans_there(stand, short):
+    opposite = (short + 2) % 4
+    extension = np.full(4, 0.404)
+    extension[short] += 0.006
+    output = stand(extension, arm=leaning(opposite))
+    assert output["contact_force"][opposite] == 0.0
+    assert output["contact_force"][short] > 0.0
+    carrying = [i for i in range(4) if i != opposite]
+    posture = forward_kinematics(POINT, extension, LEVEL, legs=carrying)
+    np.testing.assert_allclose(output["posture"], posture, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("short", range(4))
+def test_moments_balance_on_three_legs(stand, short):
+    extension = np.full(4, 0.404)
+    extension[short] += 0.006
+    arm = leaning(short)
+    output = stand(extension, arm=arm)
+    R = rotation(output["attitude"])
+    feet = feet_of(extension) @ R.T
+    force = output["contact_force"]
+    assert force.sum() == pytest.approx(WEIGHT, rel=1e-3)
+    pressure = force @ feet[:, :2] / force.sum()
+    np.testing.assert_allclose(pressure, (R @ centre_of_mass(arm))[:2], atol=2e-3)
+
+
+def test_three_legs_follow_their_velocities(stand):
+    extension = np.full(4, 0.404)
+    extension[3] += 0.006
+    velocity = np.array((0.002, -0.001, 0.003, 0.0))
+    arm, step = leaning(3), 1e-5
+    ahead, behind = (stand(extension + t * velocity, arm=arm)["attitude"] for t in (step, -step))
+    rates = (ahead - behind) / (2.0 * step)
+    roll = stand(extension, arm=arm)["attitude"][0]
+    expected = (rates[0], rates[1] * math.cos(roll), -rates[1] * math.sin(roll))
+    omega = stand(extension, velocity, arm=arm)["angular_velocity"]
+    np.testing.assert_allclose(omega, expected, atol=1e-6)
+
+
+def test_arm_that_swings_forward_moves_the_load_to_the_front_legs(stand):
+    fronts = []
+    for swing in (-0.8, -0.4, 0.0, 0.4, 0.8):
+        force = stand([0.405] * 4, arm=(0.0, swing))["contact_force"]
+        fronts.append(force[2:].sum())
+    assert (np.diff(fronts) > 1.0).all()
+    # Levers: front and back feet stand 2 x apart, and the arm's centre goes r sin(swing) forward.
+    x = feet_of([0.405] * 4)[2, 0]
+    change = PARAMS.arm_mass * PARAMS.gravity * PARAMS.arm_centre * math.sin(0.8) / (2.0 * x)
+    assert fronts[-1] - fronts[2] == pytest.approx(change, rel=1e-6)
+
+
+def test_arm_that_swings_to_the_side_moves_the_load_there(stand):
+    left = stand([0.405] * 4, arm=(0.5 * math.pi, 0.6))["contact_force"]
+    right = stand([0.405] * 4, arm=(-0.5 * math.pi, 0.6))["contact_force"]
+    on_left = feet_of([0.405] * 4)[:, 1] > 0.0
+    assert left[on_left].sum() > 1.05 * right[on_left].sum()
+
+
+def test_unconnected_arm_stands_upright(fix, read, stand):
+    platform = KinematicPlatform(POINT, STIFF)
+    context = platform.CreateDefaultContext()
+    fix(platform, context, extension=[0.405] * 4, velocity=[0.0] * 4)
+    for name, value in stand([0.405] * 4, arm=UPRIGHT).items():
+        np.testing.assert_array_equal(read(platform, context)[name], value)
+
+
+# Motion
+
+
+def test_power_of_the_actuators_is_the_rate_of_the_potential_energy(stand):
+    rng = np.random.default_rng(3)
+    step = 1e-6
+    for _ in range(20):
+        posture = np.append(rng.uniform(-0.02, 0.02, 2), rng.uniform(0.45, 0.49))
+        rate = rng.uniform(-1.0, 1.0, 3) * (0.03, 0.03, 0.02)
+        arm = np.append(rng.uniform(-3.0, 3.0), rng.uniform(-0.8, 0.8))
+        extension = inverse_kinematics(POINT, posture, LEVEL)
+        velocity = posture_jacobian(POINT, posture, LEVEL) @ rate
+        load = stand(extension, velocity, arm=arm)["load_force"]
+        heights = [
+            y[2] + (rotation(y) @ centre_of_mass(arm))[2]
+            for y in (posture + step * rate, posture - step * rate)
+        ]
+        power = WEIGHT * (heights[0] - heights[1]) / (2.0 * step)
+        assert load @ velocity == pytest.approx(power, abs=1e-5)
+
+
+def test_load_pushes_the_actuators_out_since_extending_lowers_the_platform(stand):
+    for _, ground, arm, extension in cases(count=10, seed=4):
+        assert (stand(extension, arm=arm, ground=ground)["load_force"] < 0.0).all()
+
+
+def test_angular_velocity_integrates_to_the_attitude(stand):
+    def attitude_at(t):
+        return np.array((0.03 * math.sin(t), 0.04 * math.sin(0.7 * t + 0.5), 0.0))
+
+    def posture_at(t):
+        return np.append(attitude_at(t)[:2], 0.475 + 0.01 * math.sin(1.3 * t))
+
+    R = RollPitchYaw(attitude_at(0.0)).ToRotationMatrix().matrix()
+    step, h = 1e-6, 0.02
+    for k in range(100):
+        t = (k + 0.5) * h
+        rate = (posture_at(t + step) - posture_at(t - step)) / (2.0 * step)
+        posture = posture_at(t)
+        extension = inverse_kinematics(POINT, posture, GROUND)
+        velocity = posture_jacobian(POINT, posture, GROUND) @ rate
+        wx, wy, wz = h * stand(extension, velocity, ground=GROUND)["angular_velocity"]
+        spin = np.array([(0.0, -wz, wy), (wz, 0.0, -wx), (-wy, wx, 0.0)])
+        R = R @ (np.eye(3) + spin + 0.5 * spin @ spin)
+    end = RollPitchYaw(attitude_at(2.0)).ToRotationMatrix().matrix()
+    np.testing.assert_allclose(R, end, atol=2e-5)
+
+
+def test_at_rest_nothing_turns(stand):
+    np.testing.assert_array_equal(stand([0.405] * 4)["angular_velocity"], np.zeros(3))
+
+
+def test_specific_force_is_minus_gravity_in_the_platforms_frame(stand):
+    extension = inverse_kinematics(POINT, POSTURE, GROUND)
+    output = stand(extension, ground=GROUND)
+    expected = rotation(output["attitude"]).T @ (0.0, 0.0, PARAMS.gravity)
+    np.testing.assert_allclose(output["specific_force"], expected, atol=1e-14)
+
+
+def test_attitude_on_a_slope_is_the_slopes_with_equal_legs(stand):
+    for ground in itertools.product((-0.05, 0.0, 0.08), repeat=2):
+        output = stand([0.405] * 4, ground=ground)
+        np.testing.assert_allclose(output["attitude"], (*ground, 0.0), rtol=0, atol=1e-6)
+
+
+# Inputs
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 0.35, 0.53])
+def test_extension_that_cannot_be_built_gives_nan(stand, bad):
+    output = stand([0.405, 0.405, bad, 0.405])
+    for name in ("posture", "attitude", "angular_velocity", "specific_force"):
+        assert np.isnan(output[name][:2]).all()
+    assert np.isnan(output["contact_force"]).all()
+
+
+STATIC = {"posture", "attitude", "specific_force", "contact_force", "load_force", "foot_height"}
+
+
+def test_each_input_and_parameter_moves_what_depends_on_it(fix, moved):
+    platform = KinematicPlatform()
+    context = platform.CreateDefaultContext()
+    velocity = np.array((0.001, 0.0, 0.002, 0.0))
+    extension = np.array((0.404, 0.405, 0.406, 0.405))
+    fix(platform, context, extension=extension, velocity=velocity, arm_position=(0.3, 0.2))
+    for change, names in (
+        (lambda: fix(platform, context, extension=0.001 + extension), STATIC),
+        (lambda: fix(platform, context, velocity=2.0 * velocity), {"angular_velocity"}),
+        (lambda: fix(platform, context, arm_position=(0.3, 0.6)), {"contact_force", "load_force"}),
+        (lambda: fix(platform, context, arm_position=(1.9, 0.6)), {"contact_force", "load_force"}),
+        (lambda: platform.set_ground(context, (0.02, 0.03)), {"attitude", "posture"}),
+    ):
+        assert names <= moved(platform, context, change) | {"foot_height"}
+
+
+def test_velocity_does_not_feed_through_to_statics(fix, moved):
+    platform = KinematicPlatform()
+    context = platform.CreateDefaultContext()
+    fix(platform, context, extension=[0.405] * 4, velocity=[0.0] * 4)
+    names = moved(
+        platform, context, lambda: fix(platform, context, velocity=(0.01, 0.0, 0.0, 0.0))
+    )
+    assert names == {"angular_velocity"}
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "name"),
+    [
+        ("mass", 60.0, "contact_force"),
+        ("centre_of_mass", (0.05, 0.0, -0.13), "contact_force"),
+        ("arm_mass", 2.0, "contact_force"),
+        ("arm_base", (0.2, 0.0, 0.1), "contact_force"),
+        ("arm_centre", 1.0, "contact_force"),
+        ("foot_stiffness", 1e5, "posture"),
+        ("gravity", 1.62, "specific_force"),
+    ],
+)
+def test_each_param_counts(stand, field, value, name):
+    arm = (0.4, 0.5)
+    changed = stand([0.405] * 4, arm=arm, params=replace(PARAMS, **{field: value}))
+    assert (changed[name] != stand([0.405] * 4, arm=arm, params=PARAMS)[name]).any()

@@ -1,0 +1,807 @@
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.math import RollPitchYaw
+from scipy.optimize import fsolve
+
+from parapod.systems.levelling_platform.kinematics import (
+    PlatformGeometry,
+    UnreachablePosture,
+    estimate_ground,
+    forward_kinematics,
+    height_range,
+    inverse_kinematics,
+    passive_extension,
+    posture_jacobian,
+)
+from parapod.systems.levelling_platform.leg import swing_angle
+
+POINT = PlatformGeometry()
+ROLLER = PlatformGeometry(foot_radius=0.025)
+GEOMETRIES = pytest.mark.parametrize("geometry", [POINT, ROLLER], ids=["point", "roller"])
+TRIPLES = list(itertools.permutations(range(4), 3))
+LEVEL = (0.0, 0.0)
+FIVE_DEGREES = math.radians(5.0)
+
+
+def reachable(geometry, count=500, seed=0):
+    """Random grounds up to 5 deg, and postures that all four legs can take on them."""
+    rng = np.random.default_rng(seed)
+    ground = rng.uniform(-FIVE_DEGREES, FIVE_DEGREES, (count, 2))
+    attitude = ground + rng.uniform(-0.06, 0.06, (count, 2))
+    low, high = height_range(geometry, attitude, ground).T
+    fits = high - low > 1e-3
+    share = rng.uniform(0.0, 1.0, count)
+    posture = np.column_stack([attitude, low + share * (high - low)])
+    assert fits.sum() > count // 3
+    return posture[fits], ground[fits]
+
+
+def rotation(attitude):
+    return RollPitchYaw(attitude[0], attitude[1], 0.0).ToRotationMatrix().matrix()
+
+
+# The paper's printed equations, with the errata of the digest where a test says so.
+
+
+def p_xz(leg, d):
+    """Eq. (4)."""
+    z = z_angle(leg, d)
+    return np.array(
+        [
+            (leg.l_6 + leg.l_3) * math.cos(leg.alpha) - d * math.cos(z),
+            leg.l_7 + (leg.l_6 + leg.l_3) * math.sin(leg.alpha) - d * math.sin(z),
+        ]
+    )
+
+
+def z_angle(leg, d):
+    """First line of Eq. (29)."""
+    return leg.alpha + math.acos((d**2 + leg.l_3**2 - leg.l_4**2) / (2.0 * d * leg.l_3))
+
+
+def printed_dz(leg, d):
+    """Second line of Eq. (29), as printed: minus the derivative of `z_angle` (E5)."""
+    root = math.sqrt(4.0 * d**2 * leg.l_3**2 - (d**2 + leg.l_3**2 - leg.l_4**2) ** 2)
+    return (d**2 - (leg.l_3**2 - leg.l_4**2)) / root / d
+
+
+def u_f(leg, d):
+    """Eq. (24) with l_y in the second component (E2)."""
+    p_x, p_z = p_xz(leg, d)
+    return np.array(
+        [
+            leg.l_x + p_x * math.cos(leg.beta),
+            leg.l_y + p_x * math.sin(leg.beta),
+            leg.l_z + p_z,
+        ]
+    )
+
+
+def u_mn(leg_m, leg_n, d_m, d_n):
+    """Eq. (23) with E2."""
+    return u_f(leg_m, d_m) - u_f(leg_n, d_n)
+
+
+def c_123(ground):
+    """Below Eq. (9)."""
+    phi_0, theta_0 = ground
+    return (
+        math.sin(theta_0) * math.cos(phi_0),
+        -math.sin(phi_0),
+        math.cos(theta_0) * math.cos(phi_0),
+    )
+
+
+def g_123(c, theta, phi):
+    """Below Eq. (12)."""
+    c_1, c_2, c_3 = c
+    st, ct, sp, cp = math.sin(theta), math.cos(theta), math.sin(phi), math.cos(phi)
+    return np.array(
+        [
+            c_1 * ct - c_3 * st,
+            c_1 * st * sp + c_2 * cp + c_3 * ct * sp,
+            c_1 * st * cp - c_2 * sp + c_3 * ct * cp,
+        ]
+    )
+
+
+def omega(legs, d, ground, theta, phi, h):
+    """Eq. (22)."""
+    g = g_123(c_123(ground), theta, phi)
+    one, two, three = legs
+    rows = [
+        u_mn(one, two, d[0], d[1]),
+        u_mn(one, three, d[0], d[2]),
+        u_f(one, d[0]),
+    ]
+    return np.array(rows) @ g - np.array([0.0, 0.0, h])
+
+
+def gradient_y(legs, d, ground, theta, phi):
+    """Appendix A with E6: by theta, phi and h."""
+    c_1, c_2, c_3 = c_123(ground)
+    st, ct, sp, cp = math.sin(theta), math.cos(theta), math.sin(phi), math.cos(phi)
+    by_theta = np.array([-c_1 * st - c_3 * ct, c_1 * ct * sp - c_3 * st * sp,
+                         c_1 * ct * cp - c_3 * st * cp])  # fmt: skip
+    by_phi = np.array([0.0, c_1 * st * cp - c_2 * sp + c_3 * ct * cp,
+                       -c_1 * st * sp - c_2 * cp - c_3 * ct * sp])  # fmt: skip
+    one, two, three = legs
+    u = np.array([u_mn(one, two, d[0], d[1]), u_mn(one, three, d[0], d[2]), u_f(one, d[0])])
+    return np.column_stack([u @ by_theta, u @ by_phi, [0.0, 0.0, -1.0]])
+
+
+def gradient_u(legs, d, ground, theta, phi, dz=printed_dz):
+    """Eqs. (27) and (28) and the first two of Appendix A."""
+    g_1, g_2, g_3 = g_123(c_123(ground), theta, phi)
+
+    def slope(leg, d_i):
+        z = z_angle(leg, d_i)
+        sideways = math.cos(z) + d_i * math.sin(z) * dz(leg, d_i)
+        upwards = math.sin(z) - d_i * math.cos(z) * dz(leg, d_i)
+        return (
+            g_1 * math.cos(leg.beta) * sideways
+            + g_2 * math.sin(leg.beta) * sideways
+            + g_3 * upwards
+        )
+
+    one, two, three = (slope(leg, d_i) for leg, d_i in zip(legs, d, strict=True))
+    return np.array([[-one, two, 0.0], [-one, 0.0, three], [-one, 0.0, 0.0]])
+
+
+def paper_jacobian(triple, posture, ground, extension, **changes):
+    """Eq. (26): extensions of the active legs by roll, pitch, height."""
+    legs = [POINT.legs[i] for i in triple]
+    d = [extension[i] for i in triple]
+    phi, theta, _ = posture
+    by_u = gradient_u(legs, d, ground, theta, phi, **changes)
+    jacobian = -np.linalg.inv(by_u) @ gradient_y(legs, d, ground, theta, phi)
+    return jacobian[:, [1, 0, 2]]
+
+
+# Round trips
+
+
+@GEOMETRIES
+@pytest.mark.parametrize("legs", [None, *TRIPLES])
+def test_forward_kinematics_undoes_inverse_kinematics(geometry, legs):
+    posture, ground = reachable(geometry)
+    extension = inverse_kinematics(geometry, posture, ground)
+    returned = forward_kinematics(geometry, extension, ground, legs=legs)
+    np.testing.assert_allclose(returned, posture, rtol=0.0, atol=1e-12)
+
+
+@GEOMETRIES
+@pytest.mark.parametrize("legs", list(itertools.combinations(range(4), 3)))
+def test_inverse_kinematics_undoes_forward_kinematics_of_three_legs(geometry, legs):
+    rng = np.random.default_rng(1)
+    extension = rng.uniform(0.390, 0.420, (500, 4))
+    ground = rng.uniform(-FIVE_DEGREES, FIVE_DEGREES, (500, 2))
+    posture = forward_kinematics(geometry, extension, ground, legs=legs)
+    returned = inverse_kinematics(geometry, posture, ground, on_unreachable="nan")
+    fits = np.isfinite(returned[:, 0])
+    assert fits.sum() > 100
+    np.testing.assert_allclose(
+        returned[fits][:, legs], extension[fits][:, legs], rtol=0.0, atol=1e-12
+    )
+
+
+@GEOMETRIES
+def test_feet_stand_on_the_ground_or_on_their_offsets(geometry):
+    posture, ground = reachable(geometry, seed=2)
+    offsets = np.random.default_rng(3).uniform(-0.002, 0.002, (len(posture), 4))
+    wide = replace(geometry, extension_min=0.37, extension_max=0.44)
+    for delta in (None, offsets):
+        extension = inverse_kinematics(wide, posture, ground, foot_offsets=delta)
+        for k in range(0, len(posture), 10):
+            n = rotation(ground[k])[:, 2]
+            R = rotation(posture[k])
+            feet = np.array([u_f(leg, d) for leg, d in zip(POINT.legs, extension[k], strict=True)])
+            feet[:, 2] -= geometry.foot_radius
+            above = posture[k, 2] - (feet @ R.T) @ n - geometry.foot_radius
+            expected = np.zeros(4) if delta is None else delta[k]
+            np.testing.assert_allclose(above, expected, rtol=0.0, atol=1e-12)
+
+
+def test_one_offset_for_all_feet_raises_the_platform():
+    lifted = inverse_kinematics(POINT, (0.01, 0.02, 0.49), LEVEL, foot_offsets=[0.013] * 4)
+    np.testing.assert_allclose(
+        lifted, inverse_kinematics(POINT, (0.01, 0.02, 0.477), LEVEL), rtol=0.0, atol=1e-14
+    )
+
+
+def test_offset_of_one_foot_moves_that_leg_alone():
+    flat = inverse_kinematics(POINT, (0.0, 0.0, 0.47), LEVEL)
+    offset = inverse_kinematics(POINT, (0.0, 0.0, 0.47), LEVEL, foot_offsets=(0, 0, 0.01, 0))
+    assert (offset != flat).tolist() == [False, False, True, False]
+    assert offset[2] > flat[2]  # standing higher, the leg is drawn up: a longer actuator
+
+
+@GEOMETRIES
+def test_ground_estimate_inverts_inverse_kinematics(geometry):
+    posture, ground = reachable(geometry, seed=4)
+    extension = inverse_kinematics(geometry, posture, ground)
+    estimate = estimate_ground(geometry, extension, posture[:, :2])
+    np.testing.assert_allclose(estimate, ground, rtol=0.0, atol=1e-12)
+
+
+@GEOMETRIES
+@pytest.mark.parametrize("legs", TRIPLES)
+def test_passive_leg_is_the_one_that_inverse_kinematics_finds(geometry, legs):
+    posture, ground = reachable(geometry, seed=5)
+    extension = inverse_kinematics(geometry, posture, ground)
+    (passive,) = set(range(4)) - set(legs)
+    found = passive_extension(geometry, extension[:, legs], ground, posture[:, :2], legs=legs)
+    assert found.shape == (len(posture),)
+    np.testing.assert_allclose(found, extension[:, passive], rtol=0.0, atol=1e-12)
+
+
+def test_passive_extension_satisfies_equation_31_as_printed():
+    posture, ground = reachable(POINT, count=50, seed=6)
+    extension = inverse_kinematics(POINT, posture, ground)
+    fourth = passive_extension(POINT, extension[:, :3], ground, posture[:, :2])
+    for k in range(len(posture)):
+        g = g_123(c_123(ground[k]), posture[k, 1], posture[k, 0])
+        u_14 = u_mn(POINT.legs[0], POINT.legs[3], extension[k, 0], fourth[k])
+        assert u_14 @ g == pytest.approx(0.0, abs=1e-14)
+
+
+# Printed numbers
+
+
+@pytest.mark.parametrize(
+    ("d", "gamma", "p_x", "p_z"),
+    [
+        (0.390, 124.229, 0.507155, 0.454824),
+        (0.400, 115.151, 0.517876, 0.392429),
+        (0.410, 106.927, 0.519710, 0.333529),
+        (0.420, 99.248, 0.514068, 0.277345),
+        (0.450, 77.731, 0.457008, 0.122465),
+    ],
+)
+def test_table_of_one_leg(d, gamma, p_x, p_z):
+    leg = POINT.legs[0]
+    assert math.degrees(z_angle(leg, d) - leg.alpha) == pytest.approx(gamma, abs=6e-4)
+    np.testing.assert_allclose(p_xz(leg, d), (p_x, p_z), atol=6e-7)
+    posture = forward_kinematics(POINT, [d] * 4, LEVEL)
+    np.testing.assert_allclose(posture, (0.0, 0.0, p_z + 0.113), atol=6e-7)
+
+
+def test_longer_actuators_lower_the_platform_by_177_mm_over_the_stroke():
+    d = np.linspace(0.390, 0.420, 31)
+    height = forward_kinematics(POINT, np.repeat(d[:, np.newaxis], 4, axis=1), LEVEL)[:, 2]
+    assert (np.diff(height) < 0.0).all()
+    assert height[0] - height[-1] == pytest.approx(0.1775, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("roll", "pitch", "margin_mm"),
+    [
+        (0.0, 5.0, 4.0), (0.0, 6.0, 1.9), (5.0, 0.0, 6.7), (6.0, 0.0, 5.0), (2.0, 3.0, 5.1),
+        (3.0, 3.0, 3.4), (2.0, 4.0, 2.9), (3.0, 4.0, 1.3), (3.0, 5.0, -0.85), (5.0, 5.0, -4.0),
+    ],
+)  # fmt: skip
+def test_table_of_levelled_grounds(roll, pitch, margin_mm):
+    ground = np.radians((roll, pitch))
+    wide = replace(POINT, extension_min=0.37, extension_max=0.44)
+    heights = np.linspace(0.44, 0.51, 1401)
+    postures = np.column_stack([np.zeros((heights.size, 2)), heights])
+    extension = inverse_kinematics(wide, postures, ground)
+    margins = np.minimum(extension - 0.390, 0.420 - extension).min(axis=1)
+    assert 1e3 * margins.max() == pytest.approx(margin_mm, abs=0.1)
+    assert heights[margins.argmax()] == pytest.approx(0.477, abs=0.006)
+    low, high = height_range(POINT, LEVEL, ground)
+    assert (low <= high) == (margin_mm > 0.0)
+    if margin_mm > 0.0:
+        # 1 mm of margin is about 6 mm of height to either side.
+        assert 0.5 * (high - low) == pytest.approx(5.9e-3 * margin_mm, abs=2e-3)
+
+
+def test_workspace_on_flat_ground():
+    d = np.linspace(0.390, 0.420, 25)
+    three = np.array(list(itertools.product(d, d, d)))
+    posture = forward_kinematics(
+        POINT, np.column_stack([three, three[:, 0]]), LEVEL, legs=(0, 1, 2)
+    )
+    fourth = passive_extension(POINT, three, LEVEL, posture[:, :2])
+    fits = (fourth >= 0.390 - 1e-12) & (fourth <= 0.420 + 1e-12)
+    roll, pitch, height = posture[fits].T
+    assert math.degrees(pitch.max()) == pytest.approx(6.88, abs=0.005)
+    assert math.degrees(pitch.min()) == pytest.approx(-6.88, abs=0.005)
+    assert -9.1 < math.degrees(roll.min()) < -8.6
+    assert 8.6 < math.degrees(roll.max()) < 9.15
+    assert height.min() == pytest.approx(0.3903, abs=5e-5)
+    assert height.max() == pytest.approx(0.5678, abs=5e-5)
+
+
+# The paper's equations
+
+
+@pytest.mark.parametrize("legs", [(0, 1, 2), (1, 3, 0), (2, 3, 1)])
+def test_forward_kinematics_satisfies_equations_10_to_12_as_printed(legs):
+    posture, ground = reachable(POINT, count=60, seed=7)
+    extension = inverse_kinematics(POINT, posture, ground)
+    extension += np.random.default_rng(8).uniform(-0.002, 0.002, extension.shape)
+    for d, inclination in zip(extension, ground, strict=True):
+        phi, theta, h = forward_kinematics(POINT, d, inclination, legs=legs)
+        residual = omega(
+            [POINT.legs[i] for i in legs], [d[i] for i in legs], inclination, theta, phi, h
+        )
+        np.testing.assert_allclose(residual, 0.0, atol=1e-14)
+
+
+def test_newton_on_equations_10_and_11_finds_the_same_posture():
+    posture, ground = reachable(POINT, count=30, seed=9)
+    extension = inverse_kinematics(POINT, posture, ground)
+    for d, inclination, (roll, pitch, height) in zip(extension, ground, posture, strict=True):
+        legs = POINT.legs[:3]
+
+        def residual(y, d=d, inclination=inclination, legs=legs):
+            return omega(legs, d[:3], inclination, y[0], y[1], 0.0)[:2]
+
+        theta, phi = fsolve(residual, (0.0, 0.0))
+        assert (phi, theta) == pytest.approx((roll, pitch), abs=1e-9)
+        h = omega(legs, d[:3], inclination, theta, phi, 0.0)[2]
+        assert h == pytest.approx(height, abs=1e-9)
+
+
+def test_newton_on_equations_10_and_11_finds_the_same_ground():
+    posture, ground = reachable(POINT, count=30, seed=10)
+    extension = inverse_kinematics(POINT, posture, ground)
+    for d, y, inclination in zip(extension, posture, ground, strict=True):
+
+        def residual(n, d=d, y=y):
+            return omega(POINT.legs[:3], d[:3], n, y[1], y[0], 0.0)[:2]
+
+        found = fsolve(residual, (0.0, 0.0))
+        estimate = estimate_ground(POINT, d, y[:2])
+        np.testing.assert_allclose(found, inclination, atol=1e-9)
+        np.testing.assert_allclose(estimate, found, atol=1e-9)
+
+
+@GEOMETRIES
+def test_jacobian_agrees_with_central_differences(geometry):
+    posture, ground = reachable(geometry, count=200, seed=11)
+    wide = replace(geometry, extension_min=0.37, extension_max=0.44)
+    jacobian = posture_jacobian(wide, posture, ground)
+    step = 1e-6
+    for i in range(3):
+        ahead, behind = posture.copy(), posture.copy()
+        ahead[:, i] += step
+        behind[:, i] -= step
+        column = inverse_kinematics(wide, ahead, ground) - inverse_kinematics(wide, behind, ground)
+        np.testing.assert_allclose(jacobian[..., i], column / (2.0 * step), atol=1e-7)
+
+
+@pytest.mark.parametrize("legs", [(0, 1, 2), (3, 1, 0), (2, 0, 3)])
+def test_jacobian_is_equation_26_with_the_appendix(legs):
+    posture, ground = reachable(POINT, count=100, seed=12)
+    extension = inverse_kinematics(POINT, posture, ground)
+    jacobian = posture_jacobian(POINT, posture, ground)
+    for k in range(len(posture)):
+        printed = paper_jacobian(legs, posture[k], ground[k], extension[k])
+        np.testing.assert_allclose(jacobian[k][list(legs)], printed, atol=1e-12)
+
+
+def test_jacobian_at_given_extensions_is_equation_26_at_these():
+    posture, ground = reachable(POINT, count=20, seed=13)
+    extension = inverse_kinematics(POINT, posture, ground)
+    drifted = extension + np.random.default_rng(14).uniform(-0.003, 0.003, extension.shape)
+    jacobian = posture_jacobian(POINT, posture, ground, extension=drifted)
+    # The law of one leg alone takes its own height, so Eq. (25) is compared row by row.
+    for k, i in itertools.product(range(len(posture)), range(4)):
+        leg, (phi, theta, _) = POINT.legs[i], posture[k]
+        legs, d = [leg] * 3, [drifted[k, i]] * 3
+        by_y = gradient_y(legs, d, ground[k], theta, phi)[2, [1, 0, 2]]
+        by_d = gradient_u(legs, d, ground[k], theta, phi)[2, 0]
+        np.testing.assert_allclose(jacobian[k, i], -by_y / by_d, atol=1e-12)
+    without = posture_jacobian(POINT, posture, ground)
+    at_solution = posture_jacobian(POINT, posture, ground, extension=extension)
+    np.testing.assert_allclose(at_solution, without, atol=1e-12)
+    assert np.abs(jacobian - without).max() > 1e-3
+
+
+def test_derivative_of_z_has_the_sign_opposite_to_the_printed_dz():
+    leg, step = POINT.legs[0], 1e-6
+    for d in (0.390, 0.405, 0.420):
+        derivative = (z_angle(leg, d + step) - z_angle(leg, d - step)) / (2.0 * step)
+        assert derivative == pytest.approx(-printed_dz(leg, d), rel=1e-8)
+
+
+def test_jacobian_would_be_wrong_with_dz_read_as_the_derivative_of_z():
+    posture, ground = reachable(POINT, count=20, seed=15)
+    extension = inverse_kinematics(POINT, posture, ground)
+    jacobian = posture_jacobian(POINT, posture, ground)
+    for k in range(len(posture)):
+        misread = paper_jacobian(
+            (0, 1, 2), posture[k], ground[k], extension[k], dz=lambda leg, d: -printed_dz(leg, d)
+        )
+        assert np.abs(jacobian[k, :3] - misread).max() > 0.1
+
+
+def test_rows_of_the_jacobian_of_unreachable_legs_are_nan():
+    jacobian = posture_jacobian(POINT, (0.0, 0.0, 1.5), LEVEL)
+    assert np.isnan(jacobian).all()
+
+
+# Unreachable postures
+
+
+def test_unreachable_posture_names_leg_extension_and_range():
+    posture = (0.0, 0.0, 0.6)
+    wide = replace(POINT, extension_min=0.37)
+    needed = inverse_kinematics(wide, posture, LEVEL)
+    with pytest.raises(UnreachablePosture) as caught:
+        inverse_kinematics(POINT, posture, LEVEL)
+    error = caught.value
+    assert error.leg == 1
+    assert error.extension == pytest.approx(needed[0], abs=1e-15)
+    assert error.admissible == (0.390, 0.420)
+    assert error.missing == pytest.approx(0.390 - needed[0], abs=1e-15)
+    assert error.index is None
+    for text in ("leg 1", f"{1e3 * needed[0]:.2f} mm", "390.0..420.0 mm"):
+        assert text in str(error)
+
+
+@pytest.mark.parametrize(
+    ("ground", "legs"),
+    [((0.06, 0.10), (1, 3)), ((-0.06, 0.10), (2, 4)), ((0.0, 0.13), (1, 2, 3, 4))],
+)
+def test_unreachable_posture_names_the_leg_that_misses_most(ground, legs):
+    posture = (0.0, 0.0, 0.477)
+    wide = replace(POINT, extension_min=0.361, extension_max=0.519)
+    extension = inverse_kinematics(wide, posture, ground)
+    missing = np.maximum(0.390 - extension, extension - 0.420)
+    with pytest.raises(UnreachablePosture) as caught:
+        inverse_kinematics(POINT, posture, ground)
+    assert caught.value.leg == missing.argmax() + 1
+    assert caught.value.leg in legs
+    assert caught.value.missing == pytest.approx(missing.max(), abs=1e-15)
+
+
+def test_posture_that_no_extension_reaches_has_no_extension_to_name():
+    with pytest.raises(UnreachablePosture, match="cannot reach the ground with any") as caught:
+        inverse_kinematics(POINT, (0.0, 0.0, 2.0), LEVEL)
+    assert math.isnan(caught.value.extension)
+    assert caught.value.leg == 1
+
+
+def test_unreachable_posture_of_a_batch_is_named_by_its_index():
+    postures = np.tile((0.0, 0.0, 0.47), (3, 4, 1))
+    postures[1, 2, 2] = postures[2, 0, 2] = 0.9
+    with pytest.raises(UnreachablePosture, match=r"posture \[1, 2\]") as caught:
+        inverse_kinematics(POINT, postures, LEVEL)
+    assert caught.value.index == (1, 2)
+
+
+def test_unreachable_postures_of_a_batch_can_be_marked_and_spare_the_others():
+    postures = np.tile((0.0, 0.0, 0.47), (3, 4, 1))
+    postures[1, 2] = (0.25, 0.0, 0.47)  # tilted by more than the stroke
+    postures[2, 0] = np.nan
+    postures[0, 3] = (0.0, 0.0, 5.0)
+    extension = inverse_kinematics(POINT, postures, LEVEL, on_unreachable="nan")
+    bad = np.zeros((3, 4), dtype=bool)
+    bad[1, 2] = bad[2, 0] = bad[0, 3] = True
+    assert np.isnan(extension[bad]).all()
+    np.testing.assert_array_equal(
+        extension[~bad], np.tile(inverse_kinematics(POINT, (0.0, 0.0, 0.47), LEVEL), (9, 1))
+    )
+
+
+def test_single_unreachable_posture_can_be_marked():
+    extension = inverse_kinematics(POINT, (0.25, 0.0, 0.47), LEVEL, on_unreachable="nan")
+    assert extension.shape == (4,)
+    assert np.isnan(extension).all()
+
+
+def test_ends_of_the_stroke_are_reachable_after_a_round_trip():
+    for d in (0.390, 0.420):
+        posture = forward_kinematics(POINT, [d] * 4, LEVEL)
+        np.testing.assert_allclose(inverse_kinematics(POINT, posture, LEVEL), d, atol=1e-13)
+
+
+@GEOMETRIES
+def test_ends_of_the_height_range_are_reachable_and_just_outside_is_not(geometry):
+    posture, ground = reachable(geometry, count=100, seed=16)
+    low, high = height_range(geometry, posture[:, :2], ground).T
+    for end, outwards in ((low, -1.0), (high, 1.0)):
+        at_end = np.column_stack([posture[:, :2], end])
+        extension = inverse_kinematics(geometry, at_end, ground)
+        margin = np.minimum(extension - 0.390, 0.420 - extension).min(axis=1)
+        np.testing.assert_allclose(margin, 0.0, atol=1e-12)
+        beyond = at_end + np.array((0.0, 0.0, outwards * 1e-7))
+        beyond = inverse_kinematics(geometry, beyond, ground, on_unreachable="nan")
+        assert np.isnan(beyond).all()
+
+
+def test_height_range_is_inverted_where_the_attitude_cannot_be_held():
+    low, high = height_range(POINT, LEVEL, np.radians((5.0, 5.0)))
+    assert low > high
+
+
+# Least squares
+
+
+def postures_of_triples(extension, ground):
+    return np.array(
+        [
+            forward_kinematics(ROLLER, extension, ground, legs=legs)
+            for legs in itertools.combinations(range(4), 3)
+        ]
+    )
+
+
+def test_four_legs_on_one_plane_agree_with_every_triple():
+    posture, ground = reachable(ROLLER, count=40, seed=17)
+    extension = inverse_kinematics(ROLLER, posture, ground)
+    fitted = forward_kinematics(ROLLER, extension, ground)
+    for triple in postures_of_triples(extension, ground):
+        np.testing.assert_allclose(triple, fitted, rtol=0.0, atol=1e-12)
+
+
+def test_four_legs_off_one_plane_give_a_posture_between_those_of_the_triples():
+    rng = np.random.default_rng(18)
+    extension = 0.405 + rng.uniform(-0.002, 0.002, (200, 4))
+    fitted = forward_kinematics(ROLLER, extension, LEVEL)
+    triples = postures_of_triples(extension, LEVEL)
+
+    def plane(posture):
+        """Affine coefficients of the ground seen from the platform."""
+        g = np.array([g_123((0.0, 0.0, 1.0), pitch, roll) for roll, pitch, _ in posture])
+        affine = [g[:, 0] / g[:, 2], g[:, 1] / g[:, 2], (posture[:, 2] - 0.025) / g[:, 2]]
+        return np.stack(affine, axis=-1)
+
+    planes = np.array([plane(posture) for posture in triples])
+    between = plane(fitted)
+    assert (between >= planes.min(axis=0) - 1e-14).all()
+    assert (between <= planes.max(axis=0) + 1e-14).all()
+    assert np.ptp(planes, axis=0).max() > 1e-3
+
+
+# Shapes
+
+
+def test_batches_of_any_shape_are_the_single_results():
+    posture, ground = reachable(ROLLER, count=60, seed=19)
+    posture, ground = posture[:12].reshape(3, 4, 3), ground[:12].reshape(3, 4, 2)
+    extension = inverse_kinematics(ROLLER, posture, ground)
+    assert extension.shape == (3, 4, 4)
+    assert posture_jacobian(ROLLER, posture, ground).shape == (3, 4, 4, 3)
+    assert height_range(ROLLER, posture[..., :2], ground).shape == (3, 4, 2)
+    assert passive_extension(ROLLER, extension[..., :3], ground, posture[..., :2]).shape == (3, 4)
+    for k in np.ndindex(3, 4):
+        single = inverse_kinematics(ROLLER, posture[k], ground[k])
+        np.testing.assert_allclose(extension[k], single, rtol=0.0, atol=1e-15)
+        for whole, one in (
+            (
+                forward_kinematics(ROLLER, extension, ground)[k],
+                forward_kinematics(ROLLER, extension[k], ground[k]),
+            ),
+            (
+                estimate_ground(ROLLER, extension, posture[..., :2])[k],
+                estimate_ground(ROLLER, extension[k], posture[k][:2]),
+            ),
+            (
+                posture_jacobian(ROLLER, posture, ground)[k],
+                posture_jacobian(ROLLER, posture[k], ground[k]),
+            ),
+            (
+                height_range(ROLLER, posture[..., :2], ground)[k],
+                height_range(ROLLER, posture[k][:2], ground[k]),
+            ),
+            (
+                passive_extension(ROLLER, extension[..., :3], ground, posture[..., :2])[k],
+                passive_extension(ROLLER, extension[k][:3], ground[k], posture[k][:2]),
+            ),
+        ):
+            np.testing.assert_allclose(whole, one, rtol=0.0, atol=1e-14)
+
+
+def test_leading_dimensions_broadcast():
+    postures = np.array([(0.0, 0.0, 0.46), (0.01, 0.0, 0.47), (0.0, 0.01, 0.48)])
+    grounds = np.array([(0.0, 0.0), (0.02, -0.01)])
+    extension = inverse_kinematics(POINT, postures[:, np.newaxis], grounds)
+    assert extension.shape == (3, 2, 4)
+    for i, j in np.ndindex(3, 2):
+        single = inverse_kinematics(POINT, postures[i], grounds[j])
+        np.testing.assert_allclose(extension[i, j], single, rtol=0.0, atol=1e-15)
+    one_ground = inverse_kinematics(POINT, postures, grounds[1])
+    np.testing.assert_allclose(one_ground, extension[:, 1], rtol=0.0, atol=1e-15)
+    one_posture = inverse_kinematics(POINT, postures[2], grounds)
+    np.testing.assert_allclose(one_posture, extension[2], rtol=0.0, atol=1e-15)
+
+
+def test_large_batches_are_the_small_ones():
+    posture, ground = reachable(POINT, count=15_000, seed=20)
+    assert len(posture) > 4096
+    extension = inverse_kinematics(POINT, posture, ground)
+    for part in (slice(0, 3), slice(4094, 4099), slice(-3, None)):
+        np.testing.assert_allclose(
+            extension[part],
+            inverse_kinematics(POINT, posture[part], ground[part]),
+            rtol=0.0,
+            atol=1e-15,
+        )
+
+
+def test_empty_batches_give_empty_results():
+    assert inverse_kinematics(POINT, np.empty((0, 3)), LEVEL).shape == (0, 4)
+    assert forward_kinematics(POINT, np.empty((0, 4)), LEVEL).shape == (0, 3)
+    assert estimate_ground(POINT, np.empty((2, 0, 4)), LEVEL).shape == (2, 0, 2)
+    assert posture_jacobian(POINT, np.empty((0, 3)), LEVEL).shape == (0, 4, 3)
+
+
+def test_lists_and_whole_numbers_are_accepted():
+    from_list = forward_kinematics(POINT, [0.40, 0.40, 0.41, 0.41], [0, 0])
+    from_array = forward_kinematics(POINT, np.array((0.40, 0.40, 0.41, 0.41)), np.zeros(2))
+    np.testing.assert_array_equal(from_list, from_array)
+
+
+def test_arguments_are_left_unchanged():
+    posture, ground = reachable(POINT, count=20, seed=21)
+    posture[0, 2] = 9.0
+    before = posture.copy(), ground.copy()
+    extension = inverse_kinematics(POINT, posture, ground, on_unreachable="nan")
+    copy = extension.copy()
+    forward_kinematics(POINT, extension, ground)
+    np.testing.assert_array_equal(posture, before[0])
+    np.testing.assert_array_equal(ground, before[1])
+    np.testing.assert_array_equal(extension, copy)
+
+
+@pytest.mark.parametrize(
+    ("call", "argument"),
+    [
+        (lambda: forward_kinematics(POINT, [0.4] * 3, LEVEL), "extension"),
+        (lambda: forward_kinematics(POINT, 0.4, LEVEL), "extension"),
+        (lambda: forward_kinematics(POINT, [0.4] * 4, [0.0] * 3), "ground"),
+        (lambda: inverse_kinematics(POINT, [0.0] * 4, LEVEL), "posture"),
+        (lambda: inverse_kinematics(POINT, np.zeros((3, 1)), LEVEL), "posture"),
+        (lambda: inverse_kinematics(POINT, [0.0, 0.0, 0.47], 0.0), "ground"),
+        (lambda: inverse_kinematics(POINT, [0.0, 0.0, 0.47], LEVEL, [0.0]), "foot_offsets"),
+        (lambda: estimate_ground(POINT, [0.4] * 3, LEVEL), "extension"),
+        (lambda: estimate_ground(POINT, [0.4] * 4, [0.0] * 3), "attitude"),
+        (lambda: passive_extension(POINT, [0.4] * 4, LEVEL, LEVEL), "extension"),
+        (lambda: passive_extension(POINT, [0.4] * 3, LEVEL, [0.0] * 3), "attitude"),
+        (lambda: posture_jacobian(POINT, [0.0] * 2, LEVEL), "posture"),
+        (lambda: posture_jacobian(POINT, [0.0, 0.0, 0.47], LEVEL, [0.4] * 3), "extension"),
+        (lambda: height_range(POINT, [0.0] * 3, LEVEL), "attitude"),
+        (lambda: height_range(POINT, LEVEL, [0.0] * 3), "ground"),
+    ],
+)
+def test_wrong_shapes_are_refused_by_name(call, argument):
+    with pytest.raises(ValueError, match=f"^{argument} must have shape"):
+        call()
+
+
+def test_batches_that_do_not_broadcast_are_refused():
+    with pytest.raises(ValueError, match="broadcast"):
+        forward_kinematics(POINT, np.full((3, 4), 0.4), np.zeros((2, 2)))
+
+
+@pytest.mark.parametrize("legs", [(0, 1), (0, 1, 1), (0, 1, 4), (-1, 0, 1), (0, 1, 2, 3)])
+def test_legs_that_are_not_three_different_indices_are_refused(legs):
+    with pytest.raises(ValueError, match="three different indices"):
+        forward_kinematics(POINT, [0.4] * 4, LEVEL, legs=legs)
+    with pytest.raises(ValueError, match="three different indices"):
+        passive_extension(POINT, [0.4] * 3, LEVEL, LEVEL, legs=legs)
+
+
+def test_unknown_treatment_of_unreachable_postures_is_refused():
+    with pytest.raises(ValueError, match="on_unreachable"):
+        inverse_kinematics(POINT, (0.0, 0.0, 0.47), LEVEL, on_unreachable="clip")
+
+
+# Numbers that are not finite
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 0.3599, 0.5201])
+def test_extensions_that_cannot_be_built_give_nan_in_their_row_only(bad):
+    extension = np.full((3, 4), 0.405)
+    extension[1, 2] = bad
+    posture = forward_kinematics(POINT, extension, LEVEL)
+    ground = estimate_ground(POINT, extension, LEVEL)
+    for result in (posture, ground):
+        assert np.isnan(result[1]).all()
+        assert np.isfinite(result[[0, 2]]).all()
+    assert np.isnan(forward_kinematics(POINT, extension[1], LEVEL)).all()
+    assert np.isnan(estimate_ground(POINT, extension[1], LEVEL)).all()
+    assert np.isfinite(forward_kinematics(POINT, extension[1], LEVEL, legs=(0, 1, 3))).all()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("element", range(3))
+def test_postures_that_are_not_finite_are_unreachable(bad, element):
+    posture = np.array((0.0, 0.0, 0.47))
+    posture[element] = bad
+    with pytest.raises(UnreachablePosture):
+        inverse_kinematics(POINT, posture, LEVEL)
+    batch = np.array([(0.0, 0.0, 0.47), posture])
+    extension = inverse_kinematics(POINT, batch, LEVEL, on_unreachable="nan")
+    assert np.isfinite(extension[0]).all()
+    assert np.isnan(extension[1]).all()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_grounds_that_are_not_finite_are_unreachable(bad):
+    with pytest.raises(UnreachablePosture):
+        inverse_kinematics(POINT, (0.0, 0.0, 0.47), (bad, 0.0))
+    batch = inverse_kinematics(
+        POINT, (0.0, 0.0, 0.47), [(0.0, bad), (0.0, 0.0)], on_unreachable="nan"
+    )
+    assert np.isnan(batch[0]).all()
+    assert np.isfinite(batch[1]).all()
+
+
+# Symmetry
+
+
+@pytest.mark.parametrize(
+    ("permutation", "signs"),
+    [((1, 0, 3, 2), (-1.0, 1.0)), ((3, 2, 1, 0), (1.0, -1.0)), ((2, 3, 0, 1), (-1.0, -1.0))],
+    ids=["left-right", "front-back", "half turn"],
+)
+def test_mirrored_postures_exchange_the_legs(permutation, signs):
+    posture, ground = reachable(ROLLER, count=60, seed=22)
+    extension = inverse_kinematics(ROLLER, posture, ground)
+    mirrored = inverse_kinematics(ROLLER, posture * (*signs, 1.0), ground * signs)
+    np.testing.assert_allclose(mirrored, extension[:, permutation], rtol=0.0, atol=1e-14)
+    uneven = extension + np.random.default_rng(23).uniform(-0.002, 0.002, extension.shape)
+    np.testing.assert_allclose(
+        forward_kinematics(ROLLER, uneven[:, permutation], ground * signs),
+        forward_kinematics(ROLLER, uneven, ground) * (*signs, 1.0),
+        rtol=0.0,
+        atol=1e-14,
+    )
+
+
+def test_inclining_ground_and_platform_together_about_one_axis_changes_no_extension():
+    for turn in ((0.05, 0.0), (0.0, 0.08)):
+        tilted = inverse_kinematics(POINT, (*turn, 0.47), turn)
+        level = inverse_kinematics(POINT, (0.0, 0.0, 0.47), LEVEL)
+        np.testing.assert_allclose(tilted, level, rtol=0.0, atol=1e-14)
+
+
+# Scalar types
+
+
+def test_autodiff_through_inverse_kinematics_is_the_jacobian():
+    posture, ground = reachable(ROLLER, count=20, seed=24)
+    y = InitializeAutoDiff(posture[0]).flatten()
+    extension = inverse_kinematics(ROLLER, y, ground[0])
+    np.testing.assert_allclose(
+        ExtractValue(extension).flatten(), inverse_kinematics(ROLLER, posture[0], ground[0])
+    )
+    jacobian = posture_jacobian(ROLLER, posture[0], ground[0])
+    np.testing.assert_allclose(ExtractGradient(extension), jacobian, atol=1e-12)
+
+
+@pytest.mark.parametrize("legs", [(0, 1, 2), (3, 2, 0)])
+def test_autodiff_through_forward_kinematics_is_the_inverse_of_the_jacobian(legs):
+    posture, ground = reachable(ROLLER, count=20, seed=25)
+    extension = inverse_kinematics(ROLLER, posture[0], ground[0])
+    returned = forward_kinematics(
+        ROLLER, InitializeAutoDiff(extension).flatten(), ground[0], legs=legs
+    )
+    gradient = ExtractGradient(returned)[:, list(legs)]
+    jacobian = posture_jacobian(ROLLER, posture[0], ground[0])[list(legs)]
+    np.testing.assert_allclose(gradient @ jacobian, np.eye(3), atol=1e-11)
+
+
+def test_autodiff_through_four_legs_undoes_the_jacobian():
+    posture, ground = reachable(ROLLER, count=20, seed=26)
+    extension = inverse_kinematics(ROLLER, posture[0], ground[0])
+    fitted = forward_kinematics(ROLLER, InitializeAutoDiff(extension).flatten(), ground[0])
+    jacobian = posture_jacobian(ROLLER, posture[0], ground[0])
+    np.testing.assert_allclose(ExtractGradient(fitted) @ jacobian, np.eye(3), atol=1e-11)
+
+
+def test_working_branch_has_the_long_side_outboard():
+    posture, ground = reachable(POINT, count=100, seed=27)
+    extension = inverse_kinematics(POINT, posture, ground)
+    psi = swing_angle(POINT.legs[0], extension)
+    assert (np.cos(psi) < 0.0).all()

@@ -1,0 +1,424 @@
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.geometry import Role, SceneGraph
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, SpatialInertia
+from pydrake.systems.framework import DiagramBuilder
+
+from parapod.diagrams.levelling_platform.model import add_platform
+from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatformParams
+from parapod.systems.levelling_platform.kinematics import (
+    PlatformGeometry,
+    forward_kinematics,
+    inverse_kinematics,
+)
+from parapod.systems.levelling_platform.leg import diagonal_angle, foot_to_centre, swing_angle
+from parapod.systems.levelling_platform.parallel_links import ParallelLinks
+from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+from parapod.urdf import MODELS_DIR, configure_parser
+
+VARIANTS = ("full", "reduced")
+FOLDER = MODELS_DIR / "levelling_platform"
+LEGS = MODEL_GEOMETRY.legs
+
+
+class Machine:
+    """A platform with the diagram that keeps it alive."""
+
+    def __init__(self, variant):
+        builder = DiagramBuilder()
+        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
+        self.model = add_platform(self.plant, variant)
+        self.diagram = builder.Build()
+        self.root = self.diagram.CreateDefaultContext()
+        self.context = self.plant.GetMyMutableContextFromRoot(self.root)
+
+    def pose(self, body):
+        return self.plant.EvalBodyPoseInWorld(self.context, body)
+
+    def place(self, extension, posture=None, ground=(0.0, 0.0), arm=(0.0, 0.0)):
+        if posture is None:
+            posture = forward_kinematics(MODEL_GEOMETRY, extension, ground)
+        positions = self.model.positions(extension, posture, ground, arm)
+        self.plant.SetPositions(self.context, positions)
+        return posture
+
+    def in_base(self, body, point=(0.0, 0.0, 0.0)):
+        """A point of a body in the platform's frame F."""
+        X_FB = self.pose(self.model.base).inverse() @ self.pose(body)
+        return X_FB @ np.array(point)
+
+    def in_leg(self, leg, body, point=(0.0, 0.0, 0.0)):
+        """A point of a body in the frame D of its leg, whose x axis points inwards."""
+        hip = self.model.leg_bodies("hip")[leg]
+        return (self.pose(hip).inverse() @ self.pose(body)) @ np.array(point)
+
+
+@pytest.fixture(scope="module", params=VARIANTS)
+def machine(request):
+    return Machine(request.param)
+
+
+@pytest.fixture(scope="module")
+def full():
+    return Machine("full")
+
+
+@pytest.fixture(scope="module")
+def reduced():
+    return Machine("reduced")
+
+
+def random_extensions(count=20, seed=0):
+    return np.random.default_rng(seed).uniform(0.385, 0.455, (count, 4))
+
+
+def bodies(plant):
+    return [plant.get_body(BodyIndex(i)) for i in range(1, plant.num_bodies())]
+
+
+# Parsing
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_directives_parse_on_their_own(variant):
+    plant = MultibodyPlant(1e-3)
+    parser = Parser(plant)
+    parser.SetStrictParsing()
+    configure_parser(parser)
+    parser.AddModels(url=f"package://parapod/levelling_platform/platform_{variant}.dmd.yaml")
+    assert {f"leg_{i}" for i in range(1, 5)} <= {
+        plant.GetModelInstanceName(instance)
+        for instance in {body.model_instance() for body in bodies(plant)}
+    }
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.[us][rd]*f")), ids=lambda path: path.name)
+def test_every_part_parses_without_warnings(path):
+    plant = MultibodyPlant(1e-3)
+    parser = Parser(plant)
+    parser.SetStrictParsing()
+    assert len(parser.AddModels(str(path))) == 1
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.dmd.yaml")), ids=lambda path: path.name)
+def test_directives_name_files_that_exist(path):
+    names = re.findall(r"package://parapod/levelling_platform/(\S+)", path.read_text())
+    assert names
+    assert all((FOLDER / name).is_file() for name in names)
+
+
+def test_unknown_variant_is_refused():
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    with pytest.raises((ValueError, RuntimeError)):
+        add_platform(plant, "half")
+
+
+def test_full_legs_have_rods_and_reduced_ones_none(full, reduced):
+    assert full.model.is_full
+    assert not reduced.model.is_full
+    assert full.plant.num_positions() > reduced.plant.num_positions()
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_wheels_can_be_braked_or_roll(variant):
+    counts = []
+    for wheels in ("braked", "rolling"):
+        builder = DiagramBuilder()
+        plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
+        model = add_platform(plant, variant, wheels)
+        assert model.has_rolling_wheels == (wheels == "rolling")
+        counts.append(plant.num_positions())
+    assert counts[1] - counts[0] == 4
+
+
+# Kinematics
+
+
+def test_hips_stand_where_table_2_puts_them(machine):
+    machine.place([0.405] * 4)
+    for leg, hip in zip(LEGS, machine.model.leg_bodies("hip"), strict=True):
+        expected = (-leg.l_x, -leg.l_y, -leg.l_z)
+        np.testing.assert_allclose(machine.in_base(hip), expected, rtol=0, atol=1e-12)
+
+
+def test_legs_are_turned_by_beta(machine):
+    machine.place([0.405] * 4)
+    X_WF = machine.pose(machine.model.base)
+    for leg, hip in zip(LEGS, machine.model.leg_bodies("hip"), strict=True):
+        R_FD = (X_WF.inverse() @ machine.pose(hip)).rotation().matrix()
+        np.testing.assert_allclose(R_FD[:, 0], (*leg.e_b, 0.0), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(R_FD[:, 2], (0.0, 0.0, 1.0), rtol=0, atol=1e-12)
+
+
+def test_roller_centres_are_those_of_the_closed_form(machine):
+    for extension in random_extensions():
+        machine.place(extension)
+        for leg, d, roller in zip(
+            LEGS, extension, machine.model.leg_bodies("roller"), strict=True
+        ):
+            expected = -np.array(foot_to_centre(leg, float(d)))
+            np.testing.assert_allclose(machine.in_base(roller), expected, rtol=0, atol=1e-12)
+
+
+def test_couplers_never_turn_relative_to_the_platform(machine):
+    for extension in random_extensions(5, seed=1):
+        machine.place(extension)
+        for hip, coupler in zip(
+            machine.model.leg_bodies("hip"), machine.model.leg_bodies("coupler"), strict=True
+        ):
+            R = (machine.pose(hip).inverse() @ machine.pose(coupler)).rotation().matrix()
+            np.testing.assert_allclose(R, np.eye(3), rtol=0, atol=1e-12)
+
+
+def point_k(leg, d):
+    """K of the leg in its frame D: the end of the actuator, d (cos z, sin z)."""
+    z = diagonal_angle(leg, d)
+    return np.array((d * math.cos(z), 0.0, d * math.sin(z)))
+
+
+def test_point_k_of_the_coupler_is_that_of_the_closed_form(machine):
+    for extension in random_extensions(seed=2):
+        machine.place(extension)
+        for i, (leg, d) in enumerate(zip(LEGS, extension.tolist(), strict=True)):
+            p_MK = (leg.l_3 * leg.e_a[0], 0.0, leg.l_3 * leg.e_a[1])
+            coupler = machine.model.leg_bodies("coupler")[i]
+            found = machine.in_leg(i, coupler, p_MK)
+            np.testing.assert_allclose(found, point_k(leg, d), rtol=0, atol=1e-12)
+
+
+def test_rods_end_at_point_k(full):
+    for extension in random_extensions(seed=3):
+        full.place(extension)
+        for i, (leg, d) in enumerate(zip(LEGS, extension.tolist(), strict=True)):
+            rod = full.model.leg_bodies("rod")[i]
+            np.testing.assert_allclose(full.in_leg(i, rod), point_k(leg, d), rtol=0, atol=1e-12)
+
+
+def test_drawn_parallel_links_reach_from_the_short_side_to_point_k(machine):
+    scene_graph = SceneGraph()
+    links = ParallelLinks(machine.model, scene_graph, machine.plant.num_positions())
+    inspector = scene_graph.model_inspector()
+    frames = {inspector.GetName(frame): frame for frame in inspector.GetAllFrameIds()}
+    context = links.CreateDefaultContext()
+    for extension in random_extensions(5, seed=4):
+        machine.place(extension, ground=(0.03, -0.05))
+        positions = machine.plant.GetPositions(machine.context)
+        links.get_input_port().FixValue(context, positions)
+        poses = links.get_output_port().Eval(context)
+        for i, (leg, d) in enumerate(zip(LEGS, extension.tolist(), strict=True)):
+            X_WD = machine.pose(machine.model.leg_bodies("hip")[i])
+            X_DL = X_WD.inverse() @ poses.value(frames[f"parallel_link_{i + 1}"])
+            start, end = X_DL.translation(), X_DL @ np.array((leg.l_4, 0.0, 0.0))
+            corner = (leg.l_3 * leg.e_a[0], 0.0, leg.l_3 * leg.e_a[1])
+            np.testing.assert_allclose(start, corner, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(end, point_k(leg, d), rtol=0, atol=1e-12)
+
+
+def test_mimic_joints_repeat_the_swing(machine):
+    machine.place(random_extensions(1, seed=5)[0])
+    for i, instance in enumerate(machine.model.legs):
+        angles = machine.model.leg_angles(i, 0.405)
+        assert angles["swing"] == pytest.approx(swing_angle(LEGS[i], 0.405), abs=1e-15)
+        assert angles["coupler_swing"] == -angles["swing"]
+        assert machine.plant.HasJointNamed("swing", instance)
+
+
+def test_base_stands_at_the_posture_above_the_origin(machine):
+    ground = (0.03, -0.05)
+    posture = machine.place([0.40, 0.41, 0.40, 0.405], ground=ground)
+    pose = machine.pose(machine.model.base)
+    attitude = RollPitchYaw(pose.rotation()).vector()
+    np.testing.assert_allclose(attitude, (*posture[:2], 0.0), rtol=0, atol=1e-12)
+    n = RollPitchYaw(*ground, 0.0).ToRotationMatrix().matrix()[:, 2]
+    np.testing.assert_allclose(pose.translation(), posture[2] * n, rtol=0, atol=1e-12)
+
+
+def test_arm_stands_upright_at_zero_and_swings_forward(machine):
+    tip = (0.0, 0.0, 2.02)
+    link = machine.plant.GetBodyByName("link", machine.model.arm)
+    base = np.array(KinematicPlatformParams().arm_base)
+    for arm, expected in (
+        ((0.0, 0.0), (0.0, 0.0, 2.02)),
+        ((0.0, 0.5), (2.02 * math.sin(0.5), 0.0, 2.02 * math.cos(0.5))),
+        ((0.5 * math.pi, 0.5), (0.0, 2.02 * math.sin(0.5), 2.02 * math.cos(0.5))),
+    ):
+        machine.place([0.405] * 4, arm=arm)
+        found = machine.in_base(link, tip) - base
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+def test_full_and_reduced_feet_agree(full, reduced):
+    ground = (0.02, -0.04)
+    for extension in random_extensions(10, seed=6):
+        for machine in (full, reduced):
+            machine.place(extension, ground=ground, arm=(0.3, 0.4))
+        for name in ("hip", "lower_link", "coupler", "roller"):
+            for one, other in zip(
+                full.model.leg_bodies(name), reduced.model.leg_bodies(name), strict=True
+            ):
+                assert full.pose(one).IsNearlyEqualTo(reduced.pose(other), 1e-12)
+
+
+# Masses
+
+
+def mass_of(machine, keep):
+    return sum(body.default_mass() for body in bodies(machine.plant) if keep(body))
+
+
+def is_arm_link(machine, body):
+    return body.name() == "link" and body.model_instance() == machine.model.arm
+
+
+def is_ground(body):
+    return body.name() == "ground"
+
+
+def test_machine_without_the_arms_link_weighs_50_kg(machine):
+    mass = mass_of(machine, lambda body: not (is_arm_link(machine, body) or is_ground(body)))
+    assert mass == pytest.approx(50.0, abs=1e-9)
+
+
+def test_arm_with_its_camera_weighs_1_kg(machine):
+    assert mass_of(machine, lambda body: is_arm_link(machine, body)) == pytest.approx(1.0)
+
+
+def test_legs_weigh_the_same_in_both_variants(full, reduced):
+    masses = [
+        mass_of(machine, lambda body, legs=machine.model.legs: body.model_instance() in legs)
+        for machine in (full, reduced)
+    ]
+    assert masses[0] == pytest.approx(masses[1], abs=1e-9)
+    assert masses[0] == pytest.approx(4.0 * 4.2, abs=1e-9)
+
+
+def test_every_inertia_is_physically_valid(machine):
+    for body in bodies(machine.plant):
+        if is_ground(body):
+            continue
+        inertia = machine.plant.get_body(body.index()).default_spatial_inertia()
+        assert isinstance(inertia, SpatialInertia)
+        assert inertia.IsPhysicallyValid(), body.name()
+        about_centre = inertia.Shift(inertia.get_com()).CalcRotationalInertia()
+        principal = np.sort(about_centre.CalcPrincipalMomentsOfInertia())
+        assert principal[0] > 0.0, body.name()
+        assert principal[0] + principal[1] >= principal[2] * (1.0 - 1e-9), body.name()
+
+
+def test_centre_of_mass_is_that_of_the_quasi_static_plant(machine):
+    params = KinematicPlatformParams()
+    machine.place([0.405] * 4)
+    masses, moments = 0.0, np.zeros(3)
+    for body in bodies(machine.plant):
+        if is_ground(body) or is_arm_link(machine, body):
+            continue
+        com = body.default_spatial_inertia().get_com()
+        masses += body.default_mass()
+        moments += body.default_mass() * machine.in_base(body, com)
+    assert masses == pytest.approx(params.mass, abs=1e-9)
+    np.testing.assert_allclose(moments / masses, params.centre_of_mass, rtol=0, atol=0.02)
+    link = machine.plant.GetBodyByName("link", machine.model.arm)
+    centre = link.default_spatial_inertia().get_com()
+    np.testing.assert_allclose(centre, (0.0, 0.0, params.arm_centre), rtol=0, atol=1e-3)
+
+
+# Contact
+
+
+def ground_distances(machine):
+    """Signed distances of the rollers' spheres to the ground's plane, leg by leg."""
+    query = machine.scene_graph.get_query_output_port().Eval(
+        machine.scene_graph.GetMyContextFromRoot(machine.root)
+    )
+    plane = machine.plant.GetCollisionGeometriesForBody(machine.plant.GetBodyByName("ground"))[0]
+    inspector = query.inspector()
+    distances = []
+    for roller in machine.model.leg_bodies("roller"):
+        (sphere,) = machine.plant.GetCollisionGeometriesForBody(roller)
+        radius = inspector.GetShape(sphere).radius()
+        assert radius == MODEL_GEOMETRY.foot_radius
+        X_GS = query.GetPoseInWorld(plane).inverse() @ query.GetPoseInWorld(sphere)
+        distances.append(X_GS.translation()[2] - radius)
+    return np.array(distances)
+
+
+def test_standing_platform_touches_the_inclined_ground_with_all_rollers(machine):
+    rng = np.random.default_rng(7)
+    wide = replace(MODEL_GEOMETRY, extension_min=0.37, extension_max=0.45)
+    for ground in rng.uniform(-0.087, 0.087, (10, 2)):
+        posture = (*rng.uniform(-0.02, 0.02, 2), 0.475)
+        extension = inverse_kinematics(wide, posture, ground)
+        machine.model.stand(machine.context, extension, ground)
+        np.testing.assert_allclose(ground_distances(machine), 0.0, rtol=0, atol=1e-12)
+        slab = machine.pose(machine.plant.GetBodyByName("ground"))
+        expected = RigidTransform(RollPitchYaw(*ground, 0.0), np.zeros(3))
+        assert slab.IsNearlyEqualTo(expected, 1e-12)
+        assert not machine.plant.GetVelocities(machine.context).any()
+
+
+def test_contact_pairs_on_a_slope_have_the_slopes_normal(machine):
+    ground = (0.04, -0.06)
+    wide = replace(MODEL_GEOMETRY, extension_min=0.37, extension_max=0.45)
+    extension = inverse_kinematics(wide, (0.0, 0.0, 0.475), ground)
+    machine.model.stand(machine.context, extension, ground)
+    query = machine.scene_graph.get_query_output_port().Eval(
+        machine.scene_graph.GetMyContextFromRoot(machine.root)
+    )
+    machine.plant.SetPositions(
+        machine.context,
+        machine.model.positions(
+            extension - 1e-5, forward_kinematics(MODEL_GEOMETRY, extension, ground), ground, (0, 0)
+        ),
+    )
+    n = RollPitchYaw(*ground, 0.0).ToRotationMatrix().matrix()[:, 2]
+    pairs = query.ComputePointPairPenetration()
+    assert len(pairs) == 4
+    for pair in pairs:
+        assert abs(pair.nhat_BA_W @ n) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_machine_meets_the_ground_with_nothing_but_its_rollers_in_its_workspace(machine):
+    for d in (0.390, 0.405, 0.419):
+        machine.model.stand(machine.context, [d] * 4, (0.0, 0.0))
+        query = machine.scene_graph.get_query_output_port().Eval(
+            machine.scene_graph.GetMyContextFromRoot(machine.root)
+        )
+        inspector = query.inspector()
+        rollers = {body.index() for body in machine.model.leg_bodies("roller")}
+        for pair in query.ComputePointPairPenetration():
+            frames = [inspector.GetFrameId(geometry) for geometry in (pair.id_A, pair.id_B)]
+            touching = {machine.plant.GetBodyFromFrameId(frame).index() for frame in frames}
+            assert touching & rollers
+
+
+def test_wheels_reach_the_ground_at_the_lowest_supported_pose(machine):
+    # .420 m is the lowest pose: the platform stands on its wheels, h = .390 m.
+    posture = machine.place([0.420] * 4)
+    assert posture[2] == pytest.approx(0.390, abs=1e-3)
+    wheels = [body for body in bodies(machine.plant) if body.name().startswith("wheel")]
+    assert len(wheels) == 4
+    for wheel in wheels:
+        (tyre,) = machine.plant.GetCollisionGeometriesForBody(wheel)
+        radius = machine.scene_graph.model_inspector().GetShape(tyre).radius()
+        assert machine.pose(wheel).translation()[2] - radius == pytest.approx(0.0, abs=1e-3)
+
+
+def test_model_geometry_is_the_papers_with_rollers():
+    assert replace(MODEL_GEOMETRY, foot_radius=0.0) == PlatformGeometry()
+    assert MODEL_GEOMETRY.foot_radius == 0.025
+
+
+def test_every_moving_part_is_drawn(machine):
+    inspector = machine.scene_graph.model_inspector()
+    for name in ("lower_link", "coupler", "roller"):
+        for body in machine.model.leg_bodies(name):
+            frame = machine.plant.GetBodyFrameIdOrThrow(body.index())
+            assert inspector.NumGeometriesForFrameWithRole(frame, Role.kIllustration) > 0
