@@ -88,12 +88,14 @@ def _parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     _add_scenario_arguments(run)
-    run.add_argument("--meshcat", action="store_true", help="show the machine in a browser")
+    run.add_argument(
+        "--meshcat", action="store_true", help="show the machine in a browser, at real time"
+    )
     run.add_argument(
         "--no-live",
         dest="live",
         action="store_false",
-        help="with --meshcat: run as fast as possible instead of in real time",
+        help="with --meshcat: end with the scripted job instead of staying for the sliders",
     )
     for option, what in _OUTPUTS.items():
         run.add_argument(f"--{option}", type=Path, metavar="FILE", help=f"write {what} to FILE")
@@ -113,7 +115,7 @@ _OUTPUTS = {
     "html": "a recording that plays in a browser",
     "json": "the metrics in JSON",
     "log": "the signals in numpy's .npz format",
-    "graphviz": "the system diagram in Graphviz's language",
+    "graphviz": "the system diagram (.dot, .svg, .png or .pdf)",
 }
 
 

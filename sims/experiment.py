@@ -25,7 +25,7 @@ class RunOptions:
 
     Attributes:
         meshcat: show the machine in a browser.
-        live: with `meshcat`, keep pace with real time; False runs as fast as possible.
+        live: with `meshcat`, stay after the scripted job and let the viewer move the machine.
         html: file for a recording that plays in a browser, or None.
         log: file for the signals (`outputs.write_log`), or None.
         graphviz: file for the diagram in Graphviz's language, or None.
@@ -96,7 +96,8 @@ def _module(name: str) -> Callable[[], Experiment]:
 ENTRIES: tuple[Entry, ...] = (
     Entry(
         "level",
-        "The levelling platform lowers its legs on sloping ground and levels itself.",
+        "The platform finds out how the ground slopes, levels itself and follows posture "
+        "commands.",
         _module("parapod.sims.level"),
     ),
 )

@@ -80,7 +80,7 @@ def foot_motion(leg: LegGeometry, extension: Elementwise) -> tuple[Vector3, Vect
 def foot_to_centre_rate(leg: LegGeometry, extension: Elementwise) -> Vector3:
     """Derivative of `foot_to_centre` with respect to the extension, d P_C^F / dd [-].
 
-    Eqs. (27)-(29) with the sign of dz/dd corrected. It grows without bound towards the dead
+    Eqs. (27)-(29), where what is printed as dz is -dz/dd. It grows without bound towards the dead
     points d = l_4 +- l_3, where the parallelogram is flat.
     """
     return foot_motion(leg, extension)[1]

@@ -1,0 +1,108 @@
+"""The time after the job: a person moves the platform by sliders in the browser."""
+
+import copy
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from rich.console import Console
+
+from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.sims.simulate import in_real_time, simulate
+from parapod.systems.levelling_platform.posture_sliders import PostureSliders
+
+RESTART, STOP = "Restart", "Stop"
+# Simulated time between two looks at the buttons [s].
+_LOOK_PERIOD = 0.1
+_HELP = (
+    "Move the platform with the sliders in the browser (open its controls at the top right). "
+    f"'{RESTART}' runs the job again; '{STOP}' or Ctrl-C ends."
+)
+
+
+class LivePlatform:
+    """The scenario's platform, which levels itself and then obeys sliders.
+
+    Args:
+        scenario: the job's; its waypoints and the arm's swing are left out.
+        meshcat: where the platform is drawn and the sliders are.
+    """
+
+    def __init__(self, scenario: LevellingScenario, meshcat: Meshcat):
+        scenario = copy.deepcopy(scenario)
+        scenario.job.arm.angle_deg = 0.0
+        self._job = scenario.job
+        self.sliders = PostureSliders(meshcat, height=1e-3 * scenario.job.height_mm)
+        self._loop = make_closed_loop(
+            scenario, meshcat, command=self.sliders, on_unreachable="clamp", log=()
+        )
+        self._simulator = Simulator(self._loop.diagram)
+        self._posture = self._loop.station.diagram.GetOutputPort("truth.posture")
+
+    @property
+    def posture(self) -> NDArray[np.float64]:
+        """True roll, pitch, height (3) [rad, rad, m]."""
+        machine = self._loop.station.diagram
+        context = machine.GetMyContextFromRoot(self._simulator.get_context())
+        return np.array(self._posture.Eval(context), dtype=float)
+
+    def level(self, console: Console) -> None:
+        """Begins anew: estimates the ground and levels, as fast as possible."""
+        self._loop.reset(self._simulator.get_mutable_context())
+        self._simulator.Initialize()
+        until = self._job.estimate_at + self._job.settled_after
+        simulate(self._simulator, until, console, "levelling for the sliders")
+
+    def advance(self, duration: float) -> None:
+        """Simulates for a duration [s]."""
+        self._simulator.AdvanceTo(self._simulator.get_context().get_time() + duration)
+
+    def obey(self, stop: Callable[[], bool]) -> None:
+        """Obeys the sliders in real time until told to stop."""
+        with in_real_time(self._simulator):
+            while not stop():
+                self.advance(_LOOK_PERIOD)
+
+
+def stay_live(
+    scenario: LevellingScenario, meshcat: Meshcat, console: Console, job: Callable[[], object]
+) -> None:
+    """Lets sliders move the platform until "Stop" or Ctrl-C.
+
+    Args:
+        scenario: the job's.
+        meshcat: where the job was shown.
+        console: where it is said what to do.
+        job: runs the scripted job once more, in real time.
+    """
+    try:
+        platform = LivePlatform(scenario, meshcat)
+        console.print(_HELP, markup=False, highlight=False, soft_wrap=True)
+        while True:
+            platform.level(console)
+            with platform.sliders.shown(), _buttons(meshcat):
+                platform.obey(lambda: _clicked(meshcat, RESTART) or _clicked(meshcat, STOP))
+                if _clicked(meshcat, STOP):
+                    return
+            job()
+    except KeyboardInterrupt:
+        return
+
+
+@contextmanager
+def _buttons(meshcat: Meshcat) -> Iterator[None]:
+    for name in (RESTART, STOP):
+        meshcat.AddButton(name)
+    try:
+        yield
+    finally:
+        for name in (RESTART, STOP):
+            meshcat.DeleteButton(name, strict=False)
+
+
+def _clicked(meshcat: Meshcat, button: str) -> bool:
+    return meshcat.GetButtonClicks(button) > 0
