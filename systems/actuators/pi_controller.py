@@ -85,6 +85,8 @@ def PiController_(T: Any) -> Any:
             LeafSystem_[T].__init__(self, converter)
             self.set_name("pi_controller")
             self.params, self.channels, self.period = params, channels, period
+            self._per_rate = params.rate_feedforward / params.gain
+            self._friction, self._friction_rate = params.friction_feedforward, params.friction_rate
             n = channels
             self._desired = self.DeclareVectorInputPort("desired", n)
             self._desired_rate = self.DeclareVectorInputPort("desired_rate", n)
@@ -103,10 +105,8 @@ def PiController_(T: Any) -> Any:
             Impl._construct(self, other.params, other.channels, other.period, converter=converter)
 
         def _feedforward(self, rate: Any) -> Any:
-            params = self.params
-            friction = params.friction_feedforward[0 if rate > 0.0 else 1]
-            moving = rate / (abs(rate) + params.friction_rate)
-            return params.rate_feedforward / params.gain * rate + friction * moving
+            friction = self._friction[0 if rate > 0.0 else 1]
+            return rate * (self._per_rate + friction / (abs(rate) + self._friction_rate))
 
         def _update_voltage(self, context: Context, discrete_state: Any) -> None:
             n = self.channels
@@ -117,8 +117,8 @@ def PiController_(T: Any) -> Any:
             integrals = elements(context.get_discrete_state(0))
             voltages = elements(context.get_discrete_state(1))
             controls = elements(context.get_discrete_state(2))
-            gains = context.get_numeric_parameter(self._gains).CopyToVector()
-            k_p, k_v, limit = gains.tolist()
+            k_p, k_v, limit = elements(context.get_numeric_parameter(self._gains))
+            k_i = k_p * self.period
             desired = read(self._desired, context)
             measured = read(self._measured, context)
             has_rate = self._desired_rate.HasValue(context)
@@ -133,7 +133,7 @@ def PiController_(T: Any) -> Any:
                     integrals[i], controls[i] = voltages[i] - direct, 1.0
                 voltage = direct + integrals[i]
                 if abs(voltage) <= limit or voltage * error < 0.0:
-                    integrals[i] = integrals[i] + k_p * self.period * error
+                    integrals[i] = integrals[i] + k_i * error
                 voltages[i] = clamp(voltage, -limit, limit)
             discrete_state.set_value(0, np.array(integrals))
             discrete_state.set_value(1, np.array(voltages))

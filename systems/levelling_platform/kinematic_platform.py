@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.common.value import Value
@@ -18,6 +18,7 @@ from parapod.systems.levelling_platform.plane import (
     attitude_seeing,
     cross,
     dot,
+    dot4,
     minus,
     mismatch,
     normal_of,
@@ -51,8 +52,7 @@ class KinematicPlatformParams:
     gravity: float = 9.81
 
 
-@dataclass(frozen=True)
-class _Stance:
+class _Stance(NamedTuple):
     """Everything that follows from four extensions, their rates, the ground and the arm."""
 
     posture: Sequence[float]
@@ -193,14 +193,14 @@ def _carry(
     """Shares of the weight carried by the four feet, and the weight normal to the ground [N]."""
     weight = (params.mass + params.arm_mass) * params.gravity
     weights, excess = mismatch(feet)
-    squared = dot(weights, weights)
+    squared = dot4(weights, weights)
     gap = excess / squared
     flat = [(x, y, z - w * gap) for (x, y, z), w in zip(feet, weights, strict=True)]
     centre, upright = _pressure_point(params, arm, (flat[0], flat[1], flat[2]), n)
     # Any balanced shares plus a multiple of the dependency balance too; springs that give by
     # force / stiffness are balanced where (weights . force) = stiffness * excess.
     three = _barycentric(feet, (0, 1, 2), centre)
-    along = (params.foot_stiffness * excess / weight - dot(weights, three)) / squared
+    along = (params.foot_stiffness * excess / weight - dot4(weights, three)) / squared
     shares = [s + w * along for s, w in zip(three, weights, strict=True)]
     if min(shares) >= 0.0:
         return shares, weight * upright

@@ -34,6 +34,7 @@ from parapod.systems.levelling_platform.plane import (
     attitude_derivatives,
     attitude_seeing,
     dot,
+    dot4,
     mismatch,
     normal_of,
     normal_through,
@@ -290,7 +291,7 @@ def _standing_plane(
     feet = [foot_to_centre(leg, extension[i]) for i, leg in enumerate(geometry.legs)]
     if legs is None:
         weights, excess = mismatch(feet)
-        scale = excess / dot(weights, weights)
+        scale = excess / dot4(weights, weights)
         feet = [(x, y, z - w * scale) for (x, y, z), w in zip(feet, weights, strict=True)]
         legs = (0, 1, 2)
     p, q, r = (feet[i] for i in legs)

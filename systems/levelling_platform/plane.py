@@ -11,9 +11,13 @@ type Vector3 = tuple[Elementwise, Elementwise, Elementwise]
 
 
 def dot(a: Sequence[Elementwise], b: Sequence[Elementwise]) -> Elementwise:
-    """Scalar product of two vectors of three or four components."""
-    total = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    return total + a[3] * b[3] if len(a) == 4 else total
+    """Scalar product of two vectors (of three components)."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def dot4(a: Sequence[Elementwise], b: Sequence[Elementwise]) -> Elementwise:
+    """Scalar product of two rows of four numbers, one a leg."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 
 
 def cross(a: Vector3, b: Vector3) -> Vector3:
@@ -68,7 +72,7 @@ def mismatch(points: Sequence[Vector3]) -> tuple[tuple[Elementwise, ...], Elemen
         twice_area(x1, y1, x2, y2, x4, y4),
         -twice_area(x1, y1, x2, y2, x3, y3),
     )
-    return weights, dot(weights, (z1, z2, z3, z4))
+    return weights, dot4(weights, (z1, z2, z3, z4))
 
 
 def normal_of(roll: Elementwise, pitch: Elementwise) -> Vector3:

@@ -15,7 +15,7 @@ from parapod.systems.levelling_platform.kinematics import (
     height_range,
     inverse_kinematics,
 )
-from parapod.systems.ports import elements, is_on, read_array
+from parapod.systems.ports import elements, is_on, read, read_array
 
 # Layout of the discrete state.
 _COEFFICIENTS = slice(0, 18)  # polynomials of degree 5 of roll, pitch, height
@@ -114,29 +114,24 @@ class PostureReference(LeafSystem):
         return forward_kinematics(self._geometry, extension, ground)
 
     def _update_plan(self, context: Context, discrete_state: Any) -> None:
-        state = context.get_discrete_state_vector().value()
-        enabled = is_on(self._enable, context)
-        started = state[_STARTED] > 0.5
-        if not enabled:
+        plan = elements(context.get_discrete_state_vector())
+        started = plan[_STARTED] > 0.5
+        if not is_on(self._enable, context):
             if started:
                 discrete_state.set_value(np.zeros(_SIZE))
             return
-        command, ground = read_array(self._command, context), read_array(self._ground, context)
-        news = not (
-            started
-            and state[_COMMAND].tolist() == command.tolist()
-            and state[_GROUND].tolist() == ground.tolist()
-        )
-        if not (news and np.isfinite(command).all() and np.isfinite(ground).all()):
+        command, ground = read(self._command, context), read(self._ground, context)
+        if started and plan[_COMMAND] == command and plan[_GROUND] == ground:
+            return
+        if not np.isfinite(command + ground).all():
             return
         now = context.get_time()
         if started:
-            plan = state.tolist()
             start = (_position(plan, now), _rate(plan, now), _acceleration(plan, now))
         else:
             start = (self._measured_posture(context).tolist(), [0.0] * 3, [0.0] * 3)
         if np.isfinite(start).all():
-            discrete_state.set_value(self._plan(now, start, command, ground))
+            discrete_state.set_value(self._plan(now, start, np.array(command), np.array(ground)))
 
     def _plan(
         self,

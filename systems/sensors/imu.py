@@ -203,9 +203,7 @@ class Imu(LeafSystem):
         if not self._noise.HasValue(context):
             return np.zeros(self.NOISE_SIZE)
         noise = self._noise.EvalBasicVector(context).value()
-        if not np.isfinite(noise).all():
-            return np.where(np.isfinite(noise), noise, 0.0)
-        return noise
+        return noise if np.isfinite(noise).all() else np.where(np.isfinite(noise), noise, 0.0)
 
     def _sample(
         self,

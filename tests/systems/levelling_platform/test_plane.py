@@ -10,6 +10,7 @@ from parapod.systems.levelling_platform.plane import (
     attitude_seeing,
     cross,
     dot,
+    dot4,
     minus,
     mismatch,
     normal_of,
@@ -41,7 +42,7 @@ def test_vector_products_are_those_of_linear_algebra():
 
 
 def test_product_of_four_components():
-    assert dot((1.0, 2.0, 3.0, 4.0), (5.0, 6.0, 7.0, 8.0)) == 70.0
+    assert dot4((1.0, 2.0, 3.0, 4.0), (5.0, 6.0, 7.0, 8.0)) == 70.0
 
 
 def test_normal_points_up_whatever_the_order_of_the_points():
@@ -96,7 +97,7 @@ def test_subtracting_the_mismatch_gives_the_plane_of_least_squares():
     for _ in range(20):
         points = rng.normal(size=(4, 3))
         weights, excess = mismatch(points.tolist())
-        fitted = points[:, 2] - np.array(weights) * excess / dot(weights, weights)
+        fitted = points[:, 2] - np.array(weights) * excess / dot4(weights, weights)
         columns = np.column_stack([points[:, :2], np.ones(4)])
         solution = np.linalg.lstsq(columns, points[:, 2], rcond=None)[0]
         np.testing.assert_allclose(fitted, columns @ solution, atol=1e-12)
