@@ -12,13 +12,9 @@ from pydrake.systems.primitives import (
     StateInterpolatorWithDiscreteDerivative,
 )
 
-from parapod.diagrams.levelling_platform.plant import (
-    Drives,
-    Plant,
-    PlantMaker,
-    add_kinematic_plant,
-    add_multibody_plant,
-)
+from parapod.diagrams.levelling_platform.kinematic_plant import add_kinematic_plant
+from parapod.diagrams.levelling_platform.multibody_plant import add_multibody_plant
+from parapod.diagrams.levelling_platform.plant import Drives, Plant, PlantMaker
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import add
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams

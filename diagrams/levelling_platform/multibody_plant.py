@@ -1,0 +1,149 @@
+"""The plant of rigid bodies, with closed loops and contact."""
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import Demultiplexer, MatrixGain, Multiplexer, ZeroOrderHold
+from pydrake.systems.sensors import Accelerometer, Gyroscope
+
+from parapod.diagrams.levelling_platform.model import add_platform
+from parapod.diagrams.levelling_platform.plant import Drives, Plant
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.levelling_platform.visualization import add_visualization
+from parapod.diagrams.wiring import add
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
+from parapod.systems.levelling_platform.leg_transmission import LegTransmission
+from parapod.systems.levelling_platform.platform_model import WHEEL_COUNT, PlatformModel
+from parapod.systems.levelling_platform.platform_truth import FootTruth, PlatformTruth
+
+
+def add_multibody_plant(
+    builder: DiagramBuilder,
+    scenario: LevellingScenario,
+    drives: Drives,
+    meshcat: Meshcat | None,
+) -> Plant:
+    """Adds the plant of rigid bodies with closed loops and contact."""
+    plant, scene_graph = AddMultibodyPlant(
+        MultibodyPlantConfig(
+            time_step=scenario.plant.time_step,
+            contact_model="point",
+            discrete_contact_approximation=scenario.plant.contact_approximation,
+            # Sampled ports would make every step an unrestricted update, which copies the whole
+            # state of the diagram; `_drive_legs` samples the one signal that is fed back.
+            use_sampled_output_ports=False,
+        ),
+        builder,
+    )
+    model = add_platform(plant, scenario.plant.leg_model, scenario.plant.wheels)
+    builder.Connect(drives.arm, plant.get_desired_state_input_port(model.arm))
+    if model.has_rolling_wheels:
+        _drive_wheels(builder, model, drives)
+    load_force = _drive_legs(builder, model, drives, scenario.plant.time_step)
+
+    truth = add(builder, PlatformTruth(model))
+    builder.Connect(plant.get_state_output_port(), truth.GetInputPort("state"))
+    feet = add(builder, FootTruth(model))
+    builder.Connect(plant.get_contact_results_output_port(), feet.GetInputPort("contact_results"))
+    builder.Connect(plant.get_body_poses_output_port(), feet.GetInputPort("body_poses"))
+    gyro, accelerometer = _add_ideal_inertial_sensors(builder, model, scenario.control.period)
+    if meshcat is not None:
+        add_visualization(builder, model, plant.get_state_output_port(), scene_graph, meshcat)
+    signals = {
+        "posture": truth.GetOutputPort("posture"),
+        "attitude": truth.GetOutputPort("attitude"),
+        "angular_velocity": gyro,
+        "specific_force": accelerometer,
+        "load_force": load_force,
+    } | {name: feet.GetOutputPort(name) for name in ("contact_force", "foot_height", "loop_error")}
+    return Plant(signals, (truth, feet), model)
+
+
+def _drive_wheels(builder: DiagramBuilder, model: PlatformModel, drives: Drives) -> None:
+    split = _split_by_joint(builder, "wheel_states", WHEEL_COUNT, drives.wheels)
+    for port, wheel in zip(split, model.wheels, strict=True):
+        builder.Connect(port, model.plant.get_desired_state_input_port(wheel))
+
+
+def _drive_legs(
+    builder: DiagramBuilder, model: PlatformModel, drives: Drives, time_step: float
+) -> OutputPort:
+    """Connects the rods to the legs' joints; returns the force with which they hold (4).
+
+    That force is the one of the step before, which breaks the loop from the actuators' next
+    state through the plant back to their load.
+    """
+    plant = model.plant
+    efforts = add(builder, Multiplexer(LEG_COUNT), "leg_efforts")
+    holding = add(builder, ZeroOrderHold(time_step, LEG_COUNT), "holding_effort")
+    builder.Connect(efforts.get_output_port(0), holding.get_input_port())
+    for i, leg in enumerate(model.legs):
+        builder.Connect(plant.get_net_actuation_output_port(leg), efforts.get_input_port(i))
+    # One step ahead: the plant's implicit drives then arrive where the actuators will be.
+    ahead = drives.rods.GetOutputPort("next_state")
+    load_force = holding.get_output_port()
+    if not model.is_full:
+        transmission = add(builder, LegTransmission(model.geometry))
+        builder.Connect(ahead, transmission.GetInputPort("rod_state"))
+        builder.Connect(
+            drives.rods.GetOutputPort("extension"), transmission.GetInputPort("extension")
+        )
+        builder.Connect(load_force, transmission.GetInputPort("swing_torque"))
+        ahead = transmission.GetOutputPort("swing_state")
+        load_force = transmission.GetOutputPort("load_force")
+    split = _split_by_joint(builder, "leg_states", LEG_COUNT, ahead)
+    for port, leg in zip(split, model.legs, strict=True):
+        builder.Connect(port, plant.get_desired_state_input_port(leg))
+    return load_force
+
+
+def _split_by_joint(
+    builder: DiagramBuilder, name: str, count: int, states: OutputPort
+) -> list[OutputPort]:
+    """Ports with (position, velocity) of each joint, from (all positions, all velocities)."""
+    permutation = np.zeros((2 * count, 2 * count))
+    for i in range(count):
+        permutation[2 * i, i] = permutation[2 * i + 1, count + i] = 1.0
+    by_joint = add(builder, MatrixGain(permutation), f"{name}_by_joint")
+    split = builder.AddNamedSystem(name, Demultiplexer(2 * count, 2))
+    builder.Connect(states, by_joint.get_input_port())
+    builder.Connect(by_joint.get_output_port(), split.get_input_port(0))
+    return [split.get_output_port(i) for i in range(count)]
+
+
+def _add_ideal_inertial_sensors(
+    builder: DiagramBuilder, model: PlatformModel, period: float
+) -> tuple[OutputPort, OutputPort]:
+    """True angular velocity and specific force at the platform's centre.
+
+    The specific force is held for a period, in step with the plant: asked for between its steps,
+    the plant would have to solve its contacts once more.
+    """
+    plant = model.plant
+    gyro = add(builder, Gyroscope(model.base, RigidTransform.Identity()), "true_gyro")
+    gravity = plant.gravity_field().gravity_vector()
+    accelerometer = add(
+        builder,
+        Accelerometer(model.base, RigidTransform.Identity(), gravity),
+        "true_accelerometer",
+    )
+    sensors: tuple[Gyroscope | Accelerometer, ...] = (gyro, accelerometer)
+    for sensor in sensors:
+        inputs = (
+            (plant.get_body_poses_output_port(), sensor.get_body_poses_input_port()),
+            (
+                plant.get_body_spatial_velocities_output_port(),
+                sensor.get_body_velocities_input_port(),
+            ),
+        )
+        for source, port in inputs:
+            builder.Connect(source, port)
+    builder.Connect(
+        plant.get_body_spatial_accelerations_output_port(),
+        accelerometer.get_body_accelerations_input_port(),
+    )
+    held = add(builder, ZeroOrderHold(period, 3), "specific_force")
+    builder.Connect(accelerometer.get_measurement_output_port(), held.get_input_port())
+    return gyro.get_measurement_output_port(), held.get_output_port()
