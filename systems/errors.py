@@ -64,3 +64,7 @@ class OutputError(ParapodError):
     def __init__(self, message: str, path: object = None):
         self.path = path
         super().__init__(message)
+
+
+class WiringError(ParapodError):
+    """Ports that cannot be connected; the text names both."""

@@ -20,7 +20,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingScenario
 from parapod.diagrams.levelling_platform.station import Station, make_station
-from parapod.diagrams.wiring import add
+from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.posture_script import PostureScript, Waypoint
 
@@ -80,12 +80,16 @@ def make_closed_loop(
     script = add(builder, command or make_script(scenario))
 
     for name in ("legs.extension", "imu.gyro", "imu.accel"):
-        builder.Connect(machine.GetOutputPort(name), controller.GetInputPort(name))
-    builder.Connect(controller.GetOutputPort("legs.voltage"), machine.GetInputPort("legs.voltage"))
-    builder.Connect(controller.GetOutputPort("ground_estimated"), script.GetInputPort("ground"))
-    builder.Connect(controller.GetOutputPort("ground_valid"), script.GetInputPort("enable"))
-    builder.Connect(
-        script.GetOutputPort("posture_command"), controller.GetInputPort("posture_command")
+        connect(builder, machine.GetOutputPort(name), controller.GetInputPort(name))
+    connect(
+        builder, controller.GetOutputPort("legs.voltage"), machine.GetInputPort("legs.voltage")
+    )
+    connect(builder, controller.GetOutputPort("ground_estimated"), script.GetInputPort("ground"))
+    connect(builder, controller.GetOutputPort("ground_valid"), script.GetInputPort("enable"))
+    connect(
+        builder,
+        script.GetOutputPort("posture_command"),
+        controller.GetInputPort("posture_command"),
     )
     _add_job(builder, scenario.job, machine, controller)
 
@@ -133,11 +137,11 @@ def _add_job(
         ("arm_trajectory", arm, machine.GetInputPort("arm.position_command")),
     ):
         source = builder.AddNamedSystem(name, TrajectorySource(trajectory))
-        builder.Connect(source.get_output_port(), port)
+        connect(builder, source.get_output_port(), port)
     for name, values in (
         ("turntable.position_command", [0.0]),
         ("wheels.velocity_command", [0.0] * 4),
         ("wheels.brake", [1.0]),
     ):
         idle = add(builder, ConstantVectorSource(np.array(values)), f"idle.{name}")
-        builder.Connect(idle.get_output_port(), machine.GetInputPort(name))
+        connect(builder, idle.get_output_port(), machine.GetInputPort(name))

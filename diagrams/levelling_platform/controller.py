@@ -5,7 +5,7 @@ from typing import Literal
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.wiring import add
+from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.pi_controller import PiController, PiControllerParams
 from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
 from parapod.systems.levelling_platform.kinematic_feedforward import KinematicFeedforward
@@ -74,7 +74,7 @@ def make_controller(
         (passive.GetOutputPort("extension_desired"), pi, "desired"),
         (passive.GetOutputPort("extension_rate_desired"), pi, "desired_rate"),
     ):
-        builder.Connect(source, system.GetInputPort(port))
+        connect(builder, source, system.GetInputPort(port))
 
     builder.ExportInput(attitude.GetInputPort("gyro"), "imu.gyro")
     builder.ExportInput(attitude.GetInputPort("accel"), "imu.accel")

@@ -11,7 +11,7 @@ from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.levelling_platform.plant import Drives, Plant
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.visualization import add_visualization
-from parapod.diagrams.wiring import add
+from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY, PlatformModel
@@ -26,9 +26,9 @@ def add_kinematic_plant(
 ) -> Plant:
     """Adds the quasi-static plant, and with `meshcat` a drawing of it."""
     platform = add(builder, KinematicPlatform(MODEL_GEOMETRY))
-    builder.Connect(drives.rods.GetOutputPort("extension"), platform.GetInputPort("extension"))
-    builder.Connect(drives.rods.GetOutputPort("velocity"), platform.GetInputPort("velocity"))
-    builder.Connect(drives.arm_angles, platform.GetInputPort("arm_position"))
+    connect(builder, drives.rods.GetOutputPort("extension"), platform.GetInputPort("extension"))
+    connect(builder, drives.rods.GetOutputPort("velocity"), platform.GetInputPort("velocity"))
+    connect(builder, drives.arm_angles, platform.GetInputPort("arm_position"))
     names = (
         "posture",
         "attitude",
@@ -41,18 +41,20 @@ def add_kinematic_plant(
     signals = {name: platform.GetOutputPort(name) for name in names}
     # The inertial sensor samples at instants of its own; held, the platform's statics are solved
     # once a period and not again for every sample.
+    holds = {}
     for name in ("attitude", "angular_velocity", "specific_force"):
         held = add(builder, ZeroOrderHold(scenario.control.period, 3), f"held_{name}")
-        builder.Connect(signals[name], held.get_input_port())
+        connect(builder, signals[name], held.get_input_port())
         signals[name] = held.get_output_port()
+        holds[name] = held
     signals["loop_error"] = _zeros(builder, "no_loops")
     if meshcat is None:
-        return Plant(signals, (platform,), None)
+        return Plant(signals, (platform,), holds, None)
     pose, model = _add_drawing(builder, scenario.ground.inclination, meshcat)
-    builder.Connect(drives.rods.GetOutputPort("extension"), pose.GetInputPort("extension"))
-    builder.Connect(signals["posture"], pose.GetInputPort("posture"))
-    builder.Connect(drives.arm_angles, pose.GetInputPort("arm_position"))
-    return Plant(signals, (platform, pose), model)
+    connect(builder, drives.rods.GetOutputPort("extension"), pose.GetInputPort("extension"))
+    connect(builder, signals["posture"], pose.GetInputPort("posture"))
+    connect(builder, drives.arm_angles, pose.GetInputPort("arm_position"))
+    return Plant(signals, (platform, pose), holds, model)
 
 
 def _add_drawing(
@@ -68,10 +70,11 @@ def _add_drawing(
     model = add_platform(plant, "full", ground=ground)
     pose = add(builder, PlatformPose(model))
     to_geometry = add(builder, MultibodyPositionToGeometryPose(plant))
-    builder.Connect(pose.get_output_port(), to_geometry.get_input_port())
+    connect(builder, pose.get_output_port(), to_geometry.get_input_port())
     source_id = plant.get_source_id()
     assert source_id is not None
-    builder.Connect(
+    connect(
+        builder,
         to_geometry.get_output_port(),
         scene_graph.get_source_pose_port(source_id),
     )

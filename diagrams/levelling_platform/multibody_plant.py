@@ -12,7 +12,7 @@ from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.levelling_platform.plant import Drives, Plant
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.visualization import add_visualization
-from parapod.diagrams.wiring import add
+from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.leg_transmission import LegTransmission
 from parapod.systems.levelling_platform.platform_model import WHEEL_COUNT, PlatformModel
@@ -38,33 +38,33 @@ def add_multibody_plant(
         builder,
     )
     model = add_platform(plant, scenario.plant.leg_model, scenario.plant.wheels)
-    builder.Connect(drives.arm, plant.get_desired_state_input_port(model.arm))
+    connect(builder, drives.arm, plant.get_desired_state_input_port(model.arm))
     if model.has_rolling_wheels:
         _drive_wheels(builder, model, drives)
     load_force = _drive_legs(builder, model, drives, scenario.plant.time_step)
 
     truth = add(builder, PlatformTruth(model))
-    builder.Connect(plant.get_state_output_port(), truth.GetInputPort("state"))
+    connect(builder, plant.get_state_output_port(), truth.GetInputPort("state"))
     feet = add(builder, FootTruth(model))
-    builder.Connect(plant.get_contact_results_output_port(), feet.GetInputPort("contact_results"))
-    builder.Connect(plant.get_body_poses_output_port(), feet.GetInputPort("body_poses"))
-    gyro, accelerometer = _add_ideal_inertial_sensors(builder, model, scenario.control.period)
+    connect(builder, plant.get_contact_results_output_port(), feet.GetInputPort("contact_results"))
+    connect(builder, plant.get_body_poses_output_port(), feet.GetInputPort("body_poses"))
+    gyro, held_force = _add_ideal_inertial_sensors(builder, model, scenario.control.period)
     if meshcat is not None:
         add_visualization(builder, model, plant.get_state_output_port(), scene_graph, meshcat)
     signals = {
         "posture": truth.GetOutputPort("posture"),
         "attitude": truth.GetOutputPort("attitude"),
         "angular_velocity": gyro,
-        "specific_force": accelerometer,
+        "specific_force": held_force.get_output_port(),
         "load_force": load_force,
     } | {name: feet.GetOutputPort(name) for name in ("contact_force", "foot_height", "loop_error")}
-    return Plant(signals, (truth, feet), model)
+    return Plant(signals, (truth, feet), {"specific_force": held_force}, model)
 
 
 def _drive_wheels(builder: DiagramBuilder, model: PlatformModel, drives: Drives) -> None:
     split = _split_by_joint(builder, "wheel_states", WHEEL_COUNT, drives.wheels)
     for port, wheel in zip(split, model.wheels, strict=True):
-        builder.Connect(port, model.plant.get_desired_state_input_port(wheel))
+        connect(builder, port, model.plant.get_desired_state_input_port(wheel))
 
 
 def _drive_legs(
@@ -78,24 +78,24 @@ def _drive_legs(
     plant = model.plant
     efforts = add(builder, Multiplexer(LEG_COUNT), "leg_efforts")
     holding = add(builder, ZeroOrderHold(time_step, LEG_COUNT), "holding_effort")
-    builder.Connect(efforts.get_output_port(0), holding.get_input_port())
+    connect(builder, efforts.get_output_port(0), holding.get_input_port())
     for i, leg in enumerate(model.legs):
-        builder.Connect(plant.get_net_actuation_output_port(leg), efforts.get_input_port(i))
+        connect(builder, plant.get_net_actuation_output_port(leg), efforts.get_input_port(i))
     # One step ahead: the plant's implicit drives then arrive where the actuators will be.
     ahead = drives.rods.GetOutputPort("next_state")
     load_force = holding.get_output_port()
     if not model.is_full:
         transmission = add(builder, LegTransmission(model.geometry))
-        builder.Connect(ahead, transmission.GetInputPort("rod_state"))
-        builder.Connect(
-            drives.rods.GetOutputPort("extension"), transmission.GetInputPort("extension")
+        connect(builder, ahead, transmission.GetInputPort("rod_state"))
+        connect(
+            builder, drives.rods.GetOutputPort("extension"), transmission.GetInputPort("extension")
         )
-        builder.Connect(load_force, transmission.GetInputPort("swing_torque"))
+        connect(builder, load_force, transmission.GetInputPort("swing_torque"))
         ahead = transmission.GetOutputPort("swing_state")
         load_force = transmission.GetOutputPort("load_force")
     split = _split_by_joint(builder, "leg_states", LEG_COUNT, ahead)
     for port, leg in zip(split, model.legs, strict=True):
-        builder.Connect(port, plant.get_desired_state_input_port(leg))
+        connect(builder, port, plant.get_desired_state_input_port(leg))
     return load_force
 
 
@@ -108,18 +108,19 @@ def _split_by_joint(
         permutation[2 * i, i] = permutation[2 * i + 1, count + i] = 1.0
     by_joint = add(builder, MatrixGain(permutation), f"{name}_by_joint")
     split = builder.AddNamedSystem(name, Demultiplexer(2 * count, 2))
-    builder.Connect(states, by_joint.get_input_port())
-    builder.Connect(by_joint.get_output_port(), split.get_input_port(0))
+    connect(builder, states, by_joint.get_input_port())
+    connect(builder, by_joint.get_output_port(), split.get_input_port(0))
     return [split.get_output_port(i) for i in range(count)]
 
 
 def _add_ideal_inertial_sensors(
     builder: DiagramBuilder, model: PlatformModel, period: float
-) -> tuple[OutputPort, OutputPort]:
+) -> tuple[OutputPort, ZeroOrderHold]:
     """True angular velocity and specific force at the platform's centre.
 
     The specific force is held for a period, in step with the plant: asked for between its steps,
-    the plant would have to solve its contacts once more.
+    the plant would have to solve its contacts once more. It begins with the second period, when
+    the feet have taken up the load.
     """
     plant = model.plant
     gyro = add(builder, Gyroscope(model.base, RigidTransform.Identity()), "true_gyro")
@@ -139,11 +140,12 @@ def _add_ideal_inertial_sensors(
             ),
         )
         for source, port in inputs:
-            builder.Connect(source, port)
-    builder.Connect(
+            connect(builder, source, port)
+    connect(
+        builder,
         plant.get_body_spatial_accelerations_output_port(),
         accelerometer.get_body_accelerations_input_port(),
     )
-    held = add(builder, ZeroOrderHold(period, 3), "specific_force")
-    builder.Connect(accelerometer.get_measurement_output_port(), held.get_input_port())
-    return gyro.get_measurement_output_port(), held.get_output_port()
+    held = add(builder, ZeroOrderHold(period, 3, offset_sec=period), "specific_force")
+    connect(builder, accelerometer.get_measurement_output_port(), held.get_input_port())
+    return gyro.get_measurement_output_port(), held

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.primitives import ZeroOrderHold
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
@@ -36,11 +37,14 @@ class Plant:
         signals: ports by name: posture, attitude, angular_velocity, specific_force,
             contact_force, foot_height, load_force, loop_error.
         on_ground: systems that must be told how the ground is inclined.
+        holds: holds of attitude, angular_velocity or specific_force, by that name, which begin
+            at rest and must be told what that is.
         model: bodies and joints; None where nothing is simulated or drawn as such.
     """
 
     signals: dict[str, OutputPort]
     on_ground: tuple[OnInclinedGround, ...]
+    holds: dict[str, ZeroOrderHold]
     model: PlatformModel | None
 
 

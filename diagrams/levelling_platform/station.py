@@ -16,12 +16,14 @@ from parapod.diagrams.levelling_platform.kinematic_plant import add_kinematic_pl
 from parapod.diagrams.levelling_platform.multibody_plant import add_multibody_plant
 from parapod.diagrams.levelling_platform.plant import Drives, Plant, PlantMaker
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.wiring import add
+from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
 from parapod.systems.actuators.wheel_drive import WheelDrive
 from parapod.systems.errors import ScenarioError
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
-from parapod.systems.levelling_platform.platform_model import PlatformModel
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
+from parapod.systems.levelling_platform.plane import to_platform
+from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY, PlatformModel
 from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.sensors.encoder import Encoder
 from parapod.systems.sensors.imu import Imu, ImuParams, add_imu, seed_noise
@@ -31,7 +33,8 @@ PLANTS: dict[str, PlantMaker] = {
     "multibody": add_multibody_plant,
     "kinematic": add_kinematic_plant,
 }
-_STANDARD_GRAVITY = 9.80665
+_GRAVITY = 9.81  # of both plants [m/s^2]
+_STANDARD_GRAVITY = 9.80665  # what an accelerometer's mg are counted in [m/s^2]
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,15 @@ class Station:
 
         for system in self.plant.on_ground:
             system.set_ground(system.GetMyMutableContextFromRoot(root_context), ground)
+        posture = forward_kinematics(MODEL_GEOMETRY, extension, ground)
+        at_rest = {
+            "attitude": np.array([*posture[:2], 0.0]),
+            "angular_velocity": np.zeros(3),
+            "specific_force": np.array(to_platform((0.0, 0.0, _GRAVITY), *posture[:2].tolist())),
+        }
+        for name, hold in self.plant.holds.items():
+            context = hold.GetMyMutableContextFromRoot(root_context)
+            hold.SetVectorState(context, at_rest[name])
         if self.model is not None and scenario.backend == "multibody":
             plant_context = self.model.plant.GetMyMutableContextFromRoot(root_context)
             self.model.stand(plant_context, extension, ground)
@@ -123,7 +135,7 @@ def make_station(scenario: LevellingScenario, meshcat: Meshcat | None = None) ->
     drives = _add_arm_drive(builder, period, actuators, wheels)
 
     plant = PLANTS[scenario.backend](builder, scenario, drives, meshcat)
-    builder.Connect(plant.signals["load_force"], actuators.GetInputPort("load_force"))
+    connect(builder, plant.signals["load_force"], actuators.GetInputPort("load_force"))
     imu, noise = _add_sensors(builder, scenario, actuators, wheels, plant)
     for name in ("posture", "contact_force", "foot_height", "load_force", "loop_error"):
         builder.ExportOutput(plant.signals[name], f"truth.{name}")
@@ -140,7 +152,7 @@ def _add_arm_drive(
     """Position commands of turntable and arm, with the velocity that goes with them."""
     command = add(builder, Multiplexer(2), "arm_command")
     drive = add(builder, StateInterpolatorWithDiscreteDerivative(2, period), "arm_drive")
-    builder.Connect(command.get_output_port(), drive.get_input_port())
+    connect(builder, command.get_output_port(), drive.get_input_port())
     builder.ExportInput(command.get_input_port(1), "arm.position_command")
     builder.ExportInput(command.get_input_port(0), "turntable.position_command")
     return Drives(
@@ -166,19 +178,19 @@ def _add_sensors(
             resolution=1e-3 * sensors.encoder_resolution_mm, gate_time=scenario.control.period
         ),
     )
-    builder.Connect(actuators.GetOutputPort("extension"), encoder.GetInputPort("position"))
-    builder.Connect(actuators.GetOutputPort("velocity"), encoder.GetInputPort("velocity"))
+    connect(builder, actuators.GetOutputPort("extension"), encoder.GetInputPort("position"))
+    connect(builder, actuators.GetOutputPort("velocity"), encoder.GetInputPort("velocity"))
     builder.ExportOutput(encoder.GetOutputPort("position_measured"), "legs.extension")
     builder.ExportOutput(encoder.GetOutputPort("velocity_measured"), "legs.velocity")
 
     switches = add(builder, LimitSwitches())
-    builder.Connect(actuators.GetOutputPort("extension"), switches.GetInputPort("extension"))
-    builder.Connect(plant.signals["contact_force"], switches.GetInputPort("contact_force"))
+    connect(builder, actuators.GetOutputPort("extension"), switches.GetInputPort("extension"))
+    connect(builder, plant.signals["contact_force"], switches.GetInputPort("contact_force"))
     builder.ExportOutput(switches.GetOutputPort("limits"), "legs.limits")
 
     imu, noise = add_imu(builder, ImuParams() if sensors.imu_noise else ImuParams.ideal())
     for name in ("angular_velocity", "specific_force", "attitude"):
-        builder.Connect(plant.signals[name], imu.GetInputPort(name))
+        connect(builder, plant.signals[name], imu.GetInputPort(name))
     for name in ("gyro", "accel", "mag"):
         builder.ExportOutput(imu.GetOutputPort(name), f"imu.{name}")
 

@@ -3,7 +3,7 @@
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, SceneGraph
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from parapod.diagrams.wiring import add
+from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.parallel_links import ParallelLinks
 from parapod.systems.levelling_platform.platform_model import PlatformModel
 
@@ -25,8 +25,8 @@ def add_visualization(
         meshcat: where.
     """
     links = add(builder, ParallelLinks(model, scene_graph, positions.size()))
-    builder.Connect(positions, links.get_input_port())
-    builder.Connect(links.get_output_port(), scene_graph.get_source_pose_port(links.source_id))
+    connect(builder, positions, links.get_input_port())
+    connect(builder, links.get_output_port(), scene_graph.get_source_pose_port(links.source_id))
     # Not `ApplyVisualizationConfig`, which wants the plant to be part of the diagram.
     params = MeshcatVisualizerParams(
         publish_period=1.0 / 30.0, prefix="platform", delete_on_initialization_event=False

@@ -4,15 +4,14 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
-from pydrake.common.value import Value
 from pydrake.systems.framework import (  # type: ignore[attr-defined]
     BasicVector_,
     Context,
     LeafSystem_,
-    ValueProducer,
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from parapod.systems.caching import declare_cached
 from parapod.systems.elementwise import Elementwise
 from parapod.systems.levelling_platform.geometry import LegGeometry, PlatformGeometry
 from parapod.systems.levelling_platform.leg import extension_on_plane, extension_rate_on_plane
@@ -102,10 +101,8 @@ def KinematicFeedforward_(T: Any) -> Any:
                 state = self.DeclareDiscreteState(BasicVector_[T](np.zeros(4)))
                 self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_integral)
                 tickets |= {self.discrete_state_ticket(state), self._measured.ticket()}
-            self._motion = self.DeclareCacheEntry(
-                "motion", ValueProducer(Value[object], self._calc_motion), tickets
-            )
-            motion = {self._motion.ticket()}
+            self._motion = declare_cached(self, "motion", self._calc_motion, tickets)
+            motion = {self._motion.ticket}
             self.DeclareVectorOutputPort("extension_desired", 3, self._calc_extension, motion)
             self.DeclareVectorOutputPort("extension_rate_desired", 3, self._calc_rate, motion)
 
@@ -120,12 +117,12 @@ def KinematicFeedforward_(T: Any) -> Any:
             )
 
         def _calc_extension(self, context: Context, output: Any) -> None:
-            output.SetFromVector(self._motion.Eval(context)[0])
+            output.SetFromVector(self._motion.of(self, context)[0])
 
         def _calc_rate(self, context: Context, output: Any) -> None:
-            output.SetFromVector(self._motion.Eval(context)[1])
+            output.SetFromVector(self._motion.of(self, context)[1])
 
-        def _calc_motion(self, context: Any, value: Any) -> None:
+        def _calc_motion(self, context: Context) -> Any:
             """Extensions and their rates, which share the plane that they stand on."""
             roll, pitch, height = read(self._posture, context)
             roll_rate, pitch_rate, height_rate = read(self._posture_rate, context)
@@ -142,7 +139,7 @@ def KinematicFeedforward_(T: Any) -> Any:
                 extension_rate_on_plane(leg, d, g, g_rate, height_rate)
                 for leg, d in zip(self._legs, extension, strict=True)
             ]
-            value.set_value((np.array(extension), np.array(rate)))
+            return np.array(extension), np.array(rate)
 
         def _integral(self, context: Context) -> list[Any]:
             """Integrated extensions, or the measured ones before the integration starts."""
@@ -157,7 +154,7 @@ def KinematicFeedforward_(T: Any) -> Any:
             if not is_on(self._enable, context):
                 discrete_state.set_value(np.array([*extension, 0.0]))
                 return
-            rate = self._motion.Eval(context)[1].tolist()
+            rate = self._motion.of(self, context)[1].tolist()
             ahead = [d + self.period * v for d, v in zip(extension, rate, strict=True)]
             discrete_state.set_value(np.array([*ahead, 1.0]))
 

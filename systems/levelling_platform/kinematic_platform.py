@@ -1,14 +1,17 @@
 """Quasi-static plant of the levelling platform: closed-form statics on the feet that carry."""
 
+import functools
 import math
+import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, ValueProducer
+from numpy.typing import NDArray
+from pydrake.systems.framework import BasicVector, Context
 
+from parapod.systems.caching import declare_cached
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
 from parapod.systems.levelling_platform.leg import foot_motion
@@ -100,9 +103,10 @@ class KinematicPlatform(OnInclinedGround):
         self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
         self._velocity = self.DeclareVectorInputPort("velocity", LEG_COUNT)
         self._arm = self.DeclareVectorInputPort("arm_position", 2)
-        entry = self.DeclareCacheEntry(
+        self._stance = declare_cached(
+            self,
             "stance",
-            ValueProducer(allocate=Value[object], calc=self._calc_stance),
+            self._calc_stance,
             {
                 self._extension.ticket(),
                 self._velocity.ticket(),
@@ -110,7 +114,6 @@ class KinematicPlatform(OnInclinedGround):
                 self.all_parameters_ticket(),
             },
         )
-        self._stance = entry
         for name, size in (
             ("posture", 3),
             ("attitude", 3),
@@ -120,24 +123,32 @@ class KinematicPlatform(OnInclinedGround):
             ("load_force", 4),
             ("foot_height", 4),
         ):
+            calc = functools.partial(_copy_signal, weakref.ref(self), name)
+            self.DeclareVectorOutputPort(name, size, calc, {self._stance.ticket})
 
-            def calc(context: Context, output: BasicVector, name: str = name) -> None:
-                output.SetFromVector(np.array(getattr(self._stance.Eval(context), name)))
+    def signal(self, context: Context, name: str) -> NDArray[np.float64]:
+        """The signal of that name, from the one solution that all of them share."""
+        return np.array(getattr(self._stance.of(self, context), name))
 
-            self.DeclareVectorOutputPort(name, size, calc, {entry.ticket()})
-
-    def _calc_stance(self, context: Any, value: Any) -> None:
+    def _calc_stance(self, context: Context) -> _Stance:
         arm = read(self._arm, context) if self._arm.HasValue(context) else [0.0, 0.0]
-        value.set_value(
-            stand(
-                self._geometry,
-                self._params,
-                read(self._extension, context),
-                read(self._velocity, context),
-                self._ground_of(context),
-                arm,
-            )
+        return stand(
+            self._geometry,
+            self._params,
+            read(self._extension, context),
+            read(self._velocity, context),
+            self._ground_of(context),
+            arm,
         )
+
+
+def _copy_signal(
+    platform: weakref.ref[KinematicPlatform], name: str, context: Context, output: BasicVector
+) -> None:
+    """Calculates one output port; knows the system weakly, as a port must not keep it alive."""
+    system = platform()
+    assert system is not None
+    output.SetFromVector(system.signal(context, name))
 
 
 def stand(

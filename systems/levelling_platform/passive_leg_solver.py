@@ -5,14 +5,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import Value
 from pydrake.systems.framework import (  # type: ignore[attr-defined]
     Context,
     LeafSystem_,
-    ValueProducer,
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from parapod.systems.caching import declare_cached
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematic_feedforward import ACTIVE_LEGS, moving_plane
 from parapod.systems.levelling_platform.leg import (
@@ -61,9 +60,10 @@ def PassiveLegSolver_(T: Any) -> Any:
             self._posture = self.DeclareVectorInputPort("posture_desired", 3)
             self._posture_rate = self.DeclareVectorInputPort("posture_rate_desired", 3)
             self._ground = self.DeclareVectorInputPort("ground", 2)
-            self._motion = self.DeclareCacheEntry(
+            self._motion = declare_cached(
+                self,
                 "motion",
-                ValueProducer(Value[object], self._calc_motion),
+                self._calc_motion,
                 {
                     self._active.ticket(),
                     self._active_rate.ticket(),
@@ -72,7 +72,7 @@ def PassiveLegSolver_(T: Any) -> Any:
                     self._ground.ticket(),
                 },
             )
-            motion = {self._motion.ticket()}
+            motion = {self._motion.ticket}
             self.DeclareVectorOutputPort("extension_desired", 4, self._calc_extension, motion)
             self.DeclareVectorOutputPort("extension_rate_desired", 4, self._calc_rate, motion)
 
@@ -80,12 +80,12 @@ def PassiveLegSolver_(T: Any) -> Any:
             Impl._construct(self, other.geometry, other.active_legs, converter=converter)
 
         def _calc_extension(self, context: Context, output: Any) -> None:
-            output.SetFromVector(self._motion.Eval(context)[0])
+            output.SetFromVector(self._motion.of(self, context)[0])
 
         def _calc_rate(self, context: Context, output: Any) -> None:
-            output.SetFromVector(self._motion.Eval(context)[1])
+            output.SetFromVector(self._motion.of(self, context)[1])
 
-        def _calc_motion(self, context: Any, value: Any) -> None:
+        def _calc_motion(self, context: Context) -> Any:
             """Extensions and their rates, which share the plane that they stand on."""
             active = read(self._active, context)
             active_rate = read(self._active_rate, context)
@@ -100,7 +100,7 @@ def PassiveLegSolver_(T: Any) -> Any:
             height_rate = dot(g, slope) * active_rate[0] + dot(g_rate, foot)
             extension = extension_on_plane(passive, g, dot(g, foot))
             rate = extension_rate_on_plane(passive, extension, g, g_rate, height_rate)
-            value.set_value((self._merge(active, extension), self._merge(active_rate, rate)))
+            return self._merge(active, extension), self._merge(active_rate, rate)
 
         def _merge(self, active: Sequence[Any], passive: Any) -> NDArray[Any]:
             merged = [passive] * LEG_COUNT

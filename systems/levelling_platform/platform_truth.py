@@ -124,6 +124,7 @@ class FootTruth(OnInclinedGround):
 
     def _calc_loop_error(self, context: Context, output: BasicVector) -> None:
         if not self._loops:
+            output.SetFromVector(np.zeros(LEG_COUNT))
             return
         poses: Any = self._poses.Eval(context)
         output.SetFromVector(

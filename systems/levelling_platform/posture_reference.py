@@ -21,7 +21,12 @@ from parapod.systems.ports import elements, is_on, read, read_array
 _COEFFICIENTS = slice(0, 18)  # polynomials of degree 5 of roll, pitch, height
 _START, _DURATION, _STARTED = 18, 19, 20
 _COMMAND, _GROUND = slice(21, 24), slice(24, 26)
-_SIZE = 26
+_BRAKING = 26
+_SIZE = 27
+# How long it takes to come to rest where the direct way to a command would leave the stroke [s].
+_BRAKE_TIME = 0.3
+# Points of a planned path that are checked.
+_CHECKS = np.linspace(0.0, 1.0, 17)
 
 
 @dataclass(frozen=True)
@@ -54,13 +59,15 @@ class PostureReference(LeafSystem):
     When it is enabled the reference starts at rest from the measured posture, so that nothing
     jumps. Each new command is approached by polynomials of degree 5 from the reference's present
     position, rate and acceleration to rest at the command (minimum jerk when it starts at rest).
+    Where that path would overshoot the stroke, the reference comes to rest first.
 
     A command outside the workspace is refused: with `on_unreachable="raise"` the simulation stops
     with `UnreachablePosture`, before anything moves; with `"clamp"` the reference goes as far
     towards it as the legs reach.
 
     State: discrete, polynomials (18), start time and duration (2), whether started (1), the last
-    command (3) and the ground it was planned for (2), updated every period.
+    command (3), the ground it was planned for (2) and whether it comes to rest before obeying
+    (1), updated every period.
 
     Bad input: a command or ground that is not finite is ignored, and so are measurements that
     are not when the reference should start: it starts with the first good ones.
@@ -121,7 +128,10 @@ class PostureReference(LeafSystem):
                 discrete_state.set_value(np.zeros(_SIZE))
             return
         command, ground = read(self._command, context), read(self._ground, context)
-        if started and plan[_COMMAND] == command and plan[_GROUND] == ground:
+        if started and plan[_BRAKING] > 0.5:
+            if context.get_time() < plan[_START] + plan[_DURATION]:
+                return
+        elif started and plan[_COMMAND] == command and plan[_GROUND] == ground:
             return
         if not np.isfinite(command + ground).all():
             return
@@ -151,11 +161,21 @@ class PostureReference(LeafSystem):
                 for at, goal, limit in zip(start[0], target, limits, strict=True)
             ),
         )
-        state = np.empty(_SIZE)
-        state[_COEFFICIENTS] = _quintics(*start, target.tolist(), duration)
-        state[_START], state[_DURATION], state[_STARTED] = now, duration, 1.0
+        state = _state(now, start, target, duration)
         state[_COMMAND], state[_GROUND] = command, ground
+        if any(start[1]) and not self._stays_inside(state, ground):
+            # At rest at the end of the way that braking takes.
+            way = 0.5 * _BRAKE_TIME * np.array(start[1])
+            state = _state(now, start, np.array(start[0]) + way, _BRAKE_TIME)
+            state[_COMMAND], state[_GROUND], state[_BRAKING] = command, ground, 1.0
         return state
+
+    def _stays_inside(self, state: NDArray[np.float64], ground: NDArray[np.float64]) -> bool:
+        """Whether the legs reach all of a planned path."""
+        plan = state.tolist()
+        path = [_position(plan, plan[_START] + share * plan[_DURATION]) for share in _CHECKS]
+        extension = inverse_kinematics(self._geometry, path, ground, on_unreachable="nan")
+        return bool(np.isfinite(extension).all())
 
     def _reachable(
         self,
@@ -220,6 +240,19 @@ def _quintics(
             (6.0 * d - 3.0 * v * t - 0.5 * a * t * t) / t**5,
         ]
     return coefficients
+
+
+def _state(
+    now: float,
+    start: tuple[list[float], list[float], list[float]],
+    target: NDArray[np.float64],
+    duration: float,
+) -> NDArray[np.float64]:
+    """State of a plan that begins now and ends at rest at the target."""
+    state = np.zeros(_SIZE)
+    state[_COEFFICIENTS] = _quintics(*start, target.tolist(), duration)
+    state[_START], state[_DURATION], state[_STARTED] = now, duration, 1.0
+    return state
 
 
 def _elapsed(state: list[float], time: float) -> float:

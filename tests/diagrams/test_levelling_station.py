@@ -1,0 +1,589 @@
+import re
+
+"""The station through its ports: the same for every backend, honest about the machine behind."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.math import RollPitchYaw
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPortIndex
+from pydrake.systems.primitives import ConstantVectorSource
+
+from parapod.diagrams.levelling_platform.controller import make_controller
+from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUTPUTS
+from parapod.diagrams.levelling_platform.scenario import (
+    GroundScenario,
+    LevellingScenario,
+    SensorScenario,
+)
+from parapod.diagrams.levelling_platform.station import PLANTS, make_station
+from parapod.diagrams.wiring import add, connect
+from parapod.systems.actuators.linear_actuator import LinearActuatorParams
+from parapod.systems.errors import ScenarioError, WiringError
+from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+from parapod.systems.sensors.imu import ImuParams
+
+BACKENDS = tuple(PLANTS)
+SPECS = (*INPUTS, *OUTPUTS, *TRUTH_OUTPUTS)
+PERIOD = LevellingScenario().control.period
+IMU_PERIOD = 8.0 / 819.2
+REAR, FRONT = [0, 1], [2, 3]
+# Of the leg that carries most on the default ground, so that its corner follows it.
+LOADED = 2
+
+
+def scenario_of(backend, ground=(2.0, 3.0), seed=0, **plant):
+    scenario = LevellingScenario(backend=backend, seed=seed, ground=GroundScenario(*ground))
+    for key, value in plant.items():
+        setattr(scenario.plant, key, value)
+    return scenario
+
+
+def perfect(scenario):
+    """The same scenario without anything random."""
+    scenario.sensors = SensorScenario(0.0, False, 0.0, 0.0)
+    scenario.actuators.gain_error = 0.0
+    return scenario
+
+
+class Machine:
+    """A station on its feet whose inputs are set, and whose outputs are read, by port name."""
+
+    def __init__(self, scenario):
+        self.station = make_station(scenario)
+        self.simulator = Simulator(self.station.diagram)
+        self.context = self.simulator.get_mutable_context()
+        self.reset()
+
+    def reset(self, scenario=None):
+        self.station.diagram.SetDefaultContext(self.context)
+        self.context.SetTime(0.0)
+        for spec in INPUTS:
+            self.set(spec.name, np.zeros(spec.size))
+        self.set("wheels.brake", 1.0)
+        self.station.reset(self.context, scenario)
+        self.simulator.Initialize()
+
+    def set(self, name, value):
+        port = self.station.diagram.GetInputPort(name)
+        port.FixValue(self.context, np.broadcast_to(value, port.size()).astype(float))
+
+    def read(self, name):
+        return np.array(self.station.diagram.GetOutputPort(name).Eval(self.context))
+
+    def run(self, duration):
+        self.simulator.AdvanceTo(self.context.get_time() + duration)
+
+    def record(self, duration, *names, period=PERIOD):
+        """Samples (n, size) of outputs, taken every period."""
+        rows = []
+        for _ in range(round(duration / period)):
+            self.run(period)
+            rows.append([self.read(name) for name in names])
+        return [np.array(column) for column in zip(*rows, strict=True)]
+
+    def swing_arm(self, angle, duration=0.5):
+        """A command that does not jump."""
+        steps = round(duration / PERIOD)
+        for k in range(1, steps + 1):
+            self.set("arm.position_command", angle * (0.5 - 0.5 * math.cos(math.pi * k / steps)))
+            self.run(PERIOD)
+
+    def parameter(self, system):
+        """The numbers drawn for a system of the station."""
+        part = self.station.diagram.GetSubsystemByName(system)
+        return part.GetMyContextFromRoot(self.context).get_numeric_parameter(0).CopyToVector()
+
+    def joints(self, *names):
+        """Angles and rates of the multibody plant's joints."""
+        plant = self.station.model.plant
+        context = plant.GetMyContextFromRoot(self.context)
+        joints = [plant.GetJointByName(name) for name in names]
+        return np.array([(j.get_angle(context), j.get_angular_rate(context)) for j in joints]).T
+
+
+@pytest.fixture(scope="module")
+def shared():
+    """shared(backend): one machine a backend on its default ground, at its beginning again."""
+    machines = {}
+
+    def get(backend):
+        if backend not in machines:
+            machines[backend] = Machine(scenario_of(backend))
+        machines[backend].reset()
+        return machines[backend]
+
+    return get
+
+
+@pytest.fixture(scope="module")
+def exact():
+    """exact(backend): likewise, without anything random."""
+    machines = {}
+
+    def get(backend):
+        if backend not in machines:
+            machines[backend] = Machine(perfect(scenario_of(backend)))
+        machines[backend].reset()
+        return machines[backend]
+
+    return get
+
+
+def ports_of(diagram):
+    """The exported ports as (name, size), inputs and outputs."""
+    inputs = [diagram.get_input_port(InputPortIndex(i)) for i in range(diagram.num_input_ports())]
+    outputs = [
+        diagram.get_output_port(OutputPortIndex(i)) for i in range(diagram.num_output_ports())
+    ]
+    return tuple({(port.get_name(), port.size()) for port in ports} for ports in (inputs, outputs))
+
+
+def corner_heights(posture, ground):
+    """Heights of the hips above the ground's plane."""
+    roll, pitch, height = posture
+    R_WF = RollPitchYaw(roll, pitch, 0.0).ToRotationMatrix().matrix()
+    n = RollPitchYaw(*ground, 0.0).ToRotationMatrix().matrix()[:, 2]
+    hips = np.array([(-leg.l_x, -leg.l_y, -leg.l_z) for leg in MODEL_GEOMETRY.legs])
+    return height + hips @ R_WF.T @ n
+
+
+# Ports
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("plant", [{}, {"leg_model": "reduced"}, {"wheels": "rolling"}], ids=str)
+def test_ports_are_those_of_the_table(backend, plant):
+    inputs, outputs = ports_of(make_station(scenario_of(backend, **plant)).diagram)
+    assert inputs == {(spec.name, spec.size) for spec in INPUTS}
+    assert outputs == {(spec.name, spec.size) for spec in (*OUTPUTS, *TRUTH_OUTPUTS)}
+
+
+def test_backends_have_the_same_ports(shared):
+    first, *others = (ports_of(shared(backend).station.diagram) for backend in BACKENDS)
+    assert all(ports == first for ports in others)
+
+
+def test_port_names_are_unique_in_each_direction():
+    for specs in (INPUTS, (*OUTPUTS, *TRUTH_OUTPUTS)):
+        names = [spec.name for spec in specs]
+        assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
+def test_every_port_has_a_unit_and_a_meaning(spec):
+    assert spec.unit.strip()
+    assert spec.meaning.strip()
+    assert "\n" not in spec.meaning
+    assert spec.size > 0
+
+
+def test_truth_is_told_apart_by_its_name():
+    assert all(spec.name.startswith("truth.") for spec in TRUTH_OUTPUTS)
+    assert not any(spec.name.startswith("truth.") for spec in (*INPUTS, *OUTPUTS))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_every_output_is_finite_from_the_start_and_after_steps(shared, backend):
+    machine = shared(backend)
+    for _ in range(2):
+        for spec in (*OUTPUTS, *TRUTH_OUTPUTS):
+            assert np.isfinite(machine.read(spec.name)).all(), spec.name
+        machine.run(0.05)
+
+
+def test_every_output_of_a_platform_with_reduced_legs_is_finite():
+    machine = Machine(scenario_of("multibody", leg_model="reduced"))
+    machine.run(0.05)
+    names = [spec.name for spec in (*OUTPUTS, *TRUTH_OUTPUTS)]
+    assert [name for name in names if not np.isfinite(machine.read(name)).all()] == []
+
+
+def test_controller_reads_no_truth():
+    inputs, _ = ports_of(make_controller(LevellingScenario()))
+    assert not any(name.startswith("truth.") for name, _ in inputs)
+
+
+def test_controller_and_station_agree_about_the_ports_they_share():
+    inputs, outputs = map(dict, ports_of(make_controller(LevellingScenario())))
+    measured = {spec.name: spec.size for spec in OUTPUTS}
+    commanded = {spec.name: spec.size for spec in INPUTS}
+    assert {"legs.extension", "imu.gyro", "imu.accel"} <= inputs.keys() & measured.keys()
+    assert all(inputs[name] == measured[name] for name in inputs.keys() & measured.keys())
+    assert "legs.voltage" in outputs.keys() & commanded.keys()
+    assert all(outputs[name] == commanded[name] for name in outputs.keys() & commanded.keys())
+
+
+def test_unknown_backend_is_refused_with_the_allowed_ones():
+    with pytest.raises(ScenarioError) as refusal:
+        make_station(LevellingScenario(backend="hardware"))
+    assert all(name in str(refusal.value) for name in ("hardware", *BACKENDS))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("spec", INPUTS, ids=lambda spec: spec.name)
+def test_second_source_of_a_port_is_refused_by_the_ports_name(backend, spec):
+    builder = DiagramBuilder()
+    station = add(builder, make_station(scenario_of(backend)).diagram)
+    first, second = (
+        add(builder, ConstantVectorSource(np.zeros(spec.size)), name)
+        for name in ("first", "second")
+    )
+    connect(builder, first.get_output_port(), station.GetInputPort(spec.name))
+    with pytest.raises(WiringError, match=re.escape(f"'{spec.name}' of 'station'")):
+        connect(builder, second.get_output_port(), station.GetInputPort(spec.name))
+
+
+# Reset
+
+
+SIGNALS = ("imu.gyro", "imu.accel", "imu.mag", "truth.extension", "truth.posture")
+
+
+def run_of(machine):
+    """Everything that is drawn from the seed, and a short moving run."""
+    machine.set("legs.voltage", [1.0, -1.0, 1.0, -1.0])
+    signals = machine.record(0.1, *SIGNALS)
+    drawn = {name: machine.parameter(name) for name in ("linear_actuator", "imu")}
+    return drawn | dict(zip(SIGNALS, signals, strict=True))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_same_seed_gives_the_same_gains_biases_noise_and_signals(shared, backend):
+    one = run_of(shared(backend))
+    for other in (run_of(shared(backend)), run_of(Machine(scenario_of(backend)))):
+        for name, value in one.items():
+            np.testing.assert_array_equal(other[name], value, err_msg=name)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_another_seed_gives_other_gains_biases_and_noise(shared, backend):
+    one = run_of(shared(backend))
+    biases = {one["imu"].tobytes()}
+    machine = shared(backend)
+    for seed in (1, 2, 3):
+        machine.reset(scenario_of(backend, seed=seed))
+        other = run_of(machine)
+        biases.add(other["imu"].tobytes())
+        for name in set(one) - {"imu"}:
+            assert not np.array_equal(other[name], one[name]), name
+    # Biases have one size and random signs, so two seeds may share them.
+    assert len(biases) > 1
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_station_serves_another_ground_and_seed_without_being_rebuilt(shared, backend):
+    other = scenario_of(backend, ground=(-3.0, 1.0), seed=5)
+    other.job.initial_extension_mm = 402.0
+    other.actuators.gain_error = 0.05
+    other.sensors.accel_bias_mg = 3.0
+    machine = shared(backend)
+    machine.set("legs.voltage", 1.0)
+    machine.set("arm.position_command", 0.001)
+    machine.run(0.05)
+    machine.reset(other)
+    built = Machine(other)
+    one, fresh = run_of(machine), run_of(built)
+    for name, value in fresh.items():
+        np.testing.assert_array_equal(one[name], value, err_msg=name)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_gains_stay_within_the_stated_error(shared, backend):
+    nominal = LinearActuatorParams().motor_constant
+    machine = shared(backend)
+    for seed in range(5):
+        scenario = scenario_of(backend, seed=seed)
+        machine.reset(scenario)
+        scale = machine.parameter("linear_actuator") / nominal
+        assert np.abs(scale - 1.0).max() <= scenario.actuators.gain_error
+        assert len(set(scale.tolist())) == 4
+
+
+# Legs
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("ground", [(0.0, 0.0), (4.0, -3.0)], ids=str)
+def test_platform_stands_still_without_voltage(shared, backend, ground):
+    machine = shared(backend)
+    machine.reset(scenario_of(backend, ground=ground))
+    extension, posture = machine.read("truth.extension"), machine.read("truth.posture")
+    machine.run(1.0)
+    # Self-locking: to the last bit.
+    np.testing.assert_array_equal(machine.read("truth.extension"), extension)
+    moved = np.abs(machine.read("truth.posture") - posture)
+    assert (moved < (1e-4, 1e-4, 1e-4)).all()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_driven_leg_extends_at_its_gain_and_lowers_its_corner(exact, backend):
+    machine = exact(backend)
+    machine.run(0.1)
+    extension, posture = machine.read("truth.extension"), machine.read("truth.posture")
+    voltage = np.zeros(4)
+    voltage[LOADED] = 1.0
+    machine.set("legs.voltage", voltage)
+    machine.run(0.5)
+    moved = machine.read("truth.extension") - extension
+    params = LinearActuatorParams()
+    # Friction takes its share of a volt.
+    share = 1.0 - params.coulomb_friction / params.motor_constant
+    assert moved[LOADED] == pytest.approx(0.5 * share * params.gain, rel=0.05)
+    assert np.delete(moved, LOADED).tolist() == [0.0] * 3
+    ground = machine.station.scenario.ground.inclination
+    sunk = corner_heights(posture, ground) - corner_heights(machine.read("truth.posture"), ground)
+    assert sunk[LOADED] > 1e-3
+    assert int(np.argmax(sunk)) == LOADED
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_platform_is_lowered_faster_than_it_is_lifted(exact, backend):
+    machine = exact(backend)
+    machine.run(0.5 * PERIOD)  # out of step with all updates
+    moved = []
+    for voltage in (1.0, -1.0):
+        start = machine.read("truth.extension")
+        machine.set("legs.voltage", voltage)
+        machine.run(0.1)
+        machine.set("legs.voltage", 0.0)
+        machine.run(0.1)
+        moved.append(machine.read("truth.extension") - start)
+    down, up = moved
+    assert (up < 0.0).all()
+    assert (down > -up).all()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_voltage_beyond_the_supply_is_saturated(exact, backend):
+    reached = []
+    for voltage in (12.0, 100.0, 10.0):
+        machine = exact(backend)
+        machine.set("legs.voltage", -voltage)
+        machine.run(0.1)
+        reached.append(machine.read("truth.extension"))
+    np.testing.assert_array_equal(reached[0], reached[1])
+    assert (reached[0] < reached[2]).all()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_legs_stop_at_their_end_stops_and_close_the_end_switches(exact, backend):
+    params = LinearActuatorParams()
+    machine = exact(backend)
+    machine.set("legs.voltage", -12.0)
+    machine.run(0.5)
+    np.testing.assert_array_equal(machine.read("truth.extension"), [params.stop_min] * 4)
+    assert machine.read("legs.limits")[:8].tolist() == [0.0] * 4 + [1.0] * 4
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_measured_extensions_are_the_true_ones_in_whole_counts(shared, backend):
+    machine = shared(backend)
+    machine.set("legs.voltage", [1.0, -1.0, 0.5, -0.5])
+    measured, true = machine.record(0.1, "legs.extension", "truth.extension")
+    count = 1e-3 * machine.station.scenario.sensors.encoder_resolution_mm
+    counts = measured / count
+    np.testing.assert_allclose(counts, np.round(counts), rtol=0.0, atol=1e-6)
+    assert np.abs(measured - true).max() <= 0.5 * count * (1.0 + 1e-9)
+    assert np.abs(measured - true).max() > 0.0
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_ideal_encoders_tell_the_true_extensions_and_rates(exact, backend):
+    machine = exact(backend)
+    machine.set("legs.voltage", [1.0, -1.0, 0.5, -0.5])
+    machine.run(0.1 + 0.5 * PERIOD)  # out of step with all updates
+    before = machine.read("truth.extension")
+    np.testing.assert_array_equal(machine.read("legs.extension"), before)
+    (rate,) = machine.record(0.2, "legs.velocity")
+    change = machine.read("truth.extension") - before
+    np.testing.assert_allclose(0.2 * rate.mean(axis=0), change, rtol=0.01)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_standing_legs_close_the_contact_switches_and_no_end_switch(shared, backend):
+    machine = shared(backend)
+    machine.run(0.1)
+    assert machine.read("legs.limits").tolist() == [0.0] * 8 + [1.0] * 4
+
+
+# Inertial sensor
+
+
+def gravity_in_platform(machine):
+    posture = machine.read("truth.posture")
+    R_WF = RollPitchYaw(*posture[:2], 0.0).ToRotationMatrix().matrix()
+    return R_WF.T @ (0.0, 0.0, 9.81)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_ideal_inertial_sensor_at_rest_reads_gravity_in_the_platforms_frame(exact, backend):
+    machine = exact(backend)
+    machine.run(0.5)
+    np.testing.assert_allclose(
+        machine.read("imu.accel"), gravity_in_platform(machine), rtol=0.0, atol=2e-4
+    )
+    np.testing.assert_allclose(machine.read("imu.gyro"), 0.0, rtol=0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_inertial_sensor_measures_from_its_first_sample(exact, backend):
+    machine = exact(backend)
+    np.testing.assert_allclose(
+        machine.read("imu.accel"), gravity_in_platform(machine), rtol=0.0, atol=0.1
+    )
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_inertial_sensor_at_rest_reads_gravity_within_bias_and_noise(shared, backend):
+    machine = shared(backend)
+    machine.run(0.3)
+    accel, gyro = machine.record(0.7, "imu.accel", "imu.gyro")
+    params, to_deviation = ImuParams(), math.sqrt(0.5 / IMU_PERIOD)
+    drawn = machine.parameter("imu")
+    for reading, expected, density, drift, count in (
+        (
+            accel,
+            gravity_in_platform(machine) + drawn[3:],
+            params.accel_noise_density,
+            params.accel_bias_instability,
+            params.accel_resolution,
+        ),
+        (
+            gyro,
+            drawn[:3],
+            params.gyro_noise_density,
+            params.gyro_bias_instability,
+            params.gyro_resolution,
+        ),
+    ):
+        sigma = math.hypot(density * to_deviation, count / math.sqrt(12.0))
+        mean_error = np.abs(reading.mean(axis=0) - expected)
+        assert (mean_error < 4.0 * (sigma / math.sqrt(len(reading)) + drift)).all()
+        assert (np.abs(reading - expected) < 5.0 * (sigma + drift)).all()
+        assert (reading.std(axis=0) > 0.5 * sigma).all()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_gyro_integrates_to_the_change_of_attitude(exact, backend):
+    machine = exact(backend)
+    machine.run(0.1)
+    before = machine.read("truth.posture")
+    machine.set("legs.voltage", [1.0, 1.0, -1.0, -1.0])  # pitch alone
+    (gyro,) = machine.record(0.3, "imu.gyro")
+    machine.set("legs.voltage", 0.0)
+    (rest,) = machine.record(0.1, "imu.gyro")
+    turned = PERIOD * np.concatenate((gyro, rest))[:, 1].sum()
+    change = machine.read("truth.posture")[1] - before[1]
+    assert abs(change) > 5e-3
+    assert turned == pytest.approx(change, rel=0.05)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_ages_are_never_negative_and_stay_below_the_devices_periods(shared, backend):
+    machine = shared(backend)
+    # A step that falls in with neither the sensor's nor the controller's period.
+    (age,) = machine.record(0.3, "status.age", period=0.0007)
+    assert (age >= 0.0).all()
+    assert (age < (1e-12, IMU_PERIOD, PERIOD, 1e-12)).all()
+    assert (age[:, 1:3].max(axis=0) > (0.9 * IMU_PERIOD, 0.9 * PERIOD)).all()
+    assert not machine.read("status.fault").any()
+
+
+# Arm and wheels
+
+
+def test_arm_follows_its_command(shared):
+    machine = shared("multibody")
+    machine.swing_arm(0.5)
+    machine.run(0.5)
+    ((turntable, arm), rates) = machine.joints("turntable", "arm")
+    assert arm == pytest.approx(0.5, abs=0.01)
+    assert turntable == pytest.approx(0.0, abs=0.01)
+    np.testing.assert_allclose(rates, 0.0, rtol=0.0, atol=0.01)
+
+
+def test_jump_of_the_arms_command_leaves_the_platform_on_its_feet(shared):
+    machine = shared("multibody")
+    machine.run(0.2)
+    before = machine.read("truth.posture")
+    machine.set("arm.position_command", 0.2)
+    machine.run(1.0)
+    (_, arm), _ = machine.joints("turntable", "arm")
+    assert arm == pytest.approx(0.2, abs=0.01)
+    assert np.abs(machine.read("truth.posture") - before).max() < 2e-3
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_arm_that_swings_forward_shifts_the_load_to_the_front(shared, backend):
+    machine = shared(backend)
+    machine.run(0.2)
+    before = machine.read("truth.contact_force")
+    machine.swing_arm(math.pi / 4.0)
+    machine.run(0.2)
+    shift = machine.read("truth.contact_force") - before
+    assert shift.sum() == pytest.approx(0.0, abs=0.5)
+    assert (shift[FRONT] > 1.0).all()
+    assert (shift[REAR] < -1.0).all()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_turned_turntable_swings_the_arm_to_the_left(shared, backend):
+    machine = shared(backend)
+    for k in range(1, 51):
+        machine.set("turntable.position_command", 0.5 * math.pi * k / 50.0)
+        machine.run(PERIOD)
+    before = machine.read("truth.contact_force")
+    machine.swing_arm(math.pi / 4.0)
+    machine.run(0.2)
+    shift = machine.read("truth.contact_force") - before
+    left = [i for i, leg in enumerate(MODEL_GEOMETRY.legs) if leg.l_y < 0.0]
+    right = [i for i, leg in enumerate(MODEL_GEOMETRY.legs) if leg.l_y > 0.0]
+    assert (shift[left] > 1.0).all()
+    assert (shift[right] < -1.0).all()
+
+
+WHEELS = tuple(f"wheel_{i}" for i in range(1, 5))
+
+
+def test_rolling_wheels_follow_their_velocities_and_hold_with_the_brake():
+    machine = Machine(scenario_of("multibody", wheels="rolling"))
+    velocities = [2.0, -1.0, 0.5, 3.0]
+    machine.set("wheels.brake", 0.0)
+    machine.set("wheels.velocity_command", velocities)
+    machine.run(0.5 + 0.5 * PERIOD)
+    before, _ = machine.joints(*WHEELS)
+    machine.run(0.2)
+    angles, _ = machine.joints(*WHEELS)
+    np.testing.assert_allclose((angles - before) / 0.2, velocities, rtol=0.01)
+    np.testing.assert_allclose(machine.read("wheels.velocity"), velocities, rtol=0.01, atol=0.02)
+    np.testing.assert_allclose(angles, machine.read("wheels.position"), rtol=0.0, atol=0.05)
+    machine.set("wheels.brake", 1.0)
+    machine.run(0.7)
+    held, rates = machine.joints(*WHEELS)
+    np.testing.assert_allclose(rates, 0.0, rtol=0.0, atol=1e-3)
+    machine.run(0.3)
+    np.testing.assert_allclose(machine.joints(*WHEELS)[0], held, rtol=0.0, atol=1e-3)
+    np.testing.assert_allclose(held, machine.read("wheels.position"), rtol=0.0, atol=1e-2)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_wheel_encoders_answer_with_braked_wheels(shared, backend):
+    machine = shared(backend)
+    machine.run(0.05)
+    np.testing.assert_array_equal(machine.read("wheels.position"), np.zeros(4))
+    np.testing.assert_array_equal(machine.read("wheels.velocity"), np.zeros(4))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_commanded_wheels_of_braked_machines_do_not_move_the_platform(shared, backend):
+    machine = shared(backend)
+    machine.run(0.2)
+    posture = machine.read("truth.posture")
+    machine.set("wheels.brake", 0.0)
+    machine.set("wheels.velocity_command", 5.0)
+    machine.run(0.3)
+    np.testing.assert_allclose(machine.read("truth.posture"), posture, rtol=0.0, atol=1e-6)
+    assert np.isfinite(machine.read("wheels.position")).all()
