@@ -1,8 +1,7 @@
-import re
-
 """The station through its ports: the same for every backend, honest about the machine behind."""
 
 import math
+import re
 
 import numpy as np
 import pytest
