@@ -6,7 +6,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Demultiplexer, MatrixGain, Multiplexer, ZeroOrderHold
-from pydrake.systems.sensors import Accelerometer, Gyroscope
+from pydrake.systems.sensors import Gyroscope
 
 from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.levelling_platform.plant import Drives, Plant
@@ -17,6 +17,7 @@ from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.leg_transmission import LegTransmission
 from parapod.systems.levelling_platform.platform_model import WHEEL_COUNT, PlatformModel
 from parapod.systems.levelling_platform.platform_truth import FootTruth, PlatformTruth
+from parapod.systems.sensors.averaging_accelerometer import AveragingAccelerometer
 
 
 def add_multibody_plant(
@@ -48,17 +49,19 @@ def add_multibody_plant(
     feet = add(builder, FootTruth(model))
     connect(builder, plant.get_contact_results_output_port(), feet.GetInputPort("contact_results"))
     connect(builder, plant.get_body_poses_output_port(), feet.GetInputPort("body_poses"))
-    gyro, held_force = _add_ideal_inertial_sensors(builder, model, scenario.control.period)
+    gyro, specific_force = _add_ideal_inertial_sensors(
+        builder, model, truth.GetOutputPort("attitude")
+    )
     if meshcat is not None:
         add_visualization(builder, model, plant.get_state_output_port(), scene_graph, meshcat)
     signals = {
         "posture": truth.GetOutputPort("posture"),
         "attitude": truth.GetOutputPort("attitude"),
         "angular_velocity": gyro,
-        "specific_force": held_force.get_output_port(),
+        "specific_force": specific_force,
         "load_force": load_force,
     } | {name: feet.GetOutputPort(name) for name in ("contact_force", "foot_height", "loop_error")}
-    return Plant(signals, (truth, feet), {"specific_force": held_force}, model)
+    return Plant(signals, (truth, feet), {}, model)
 
 
 def _drive_wheels(builder: DiagramBuilder, model: PlatformModel, drives: Drives) -> None:
@@ -114,38 +117,21 @@ def _split_by_joint(
 
 
 def _add_ideal_inertial_sensors(
-    builder: DiagramBuilder, model: PlatformModel, period: float
-) -> tuple[OutputPort, ZeroOrderHold]:
-    """True angular velocity and specific force at the platform's centre.
-
-    The specific force is held for a period, in step with the plant: asked for between its steps,
-    the plant would have to solve its contacts once more. It begins with the second period, when
-    the feet have taken up the load.
-    """
+    builder: DiagramBuilder, model: PlatformModel, attitude: OutputPort
+) -> tuple[OutputPort, OutputPort]:
+    """True angular velocity and specific force at the platform's centre (section 2.1)."""
     plant = model.plant
     gyro = add(builder, Gyroscope(model.base, RigidTransform.Identity()), "true_gyro")
-    gravity = plant.gravity_field().gravity_vector()
-    accelerometer = add(
-        builder,
-        Accelerometer(model.base, RigidTransform.Identity(), gravity),
-        "true_accelerometer",
-    )
-    sensors: tuple[Gyroscope | Accelerometer, ...] = (gyro, accelerometer)
-    for sensor in sensors:
-        inputs = (
-            (plant.get_body_poses_output_port(), sensor.get_body_poses_input_port()),
-            (
-                plant.get_body_spatial_velocities_output_port(),
-                sensor.get_body_velocities_input_port(),
-            ),
-        )
-        for source, port in inputs:
-            connect(builder, source, port)
-    connect(
-        builder,
-        plant.get_body_spatial_accelerations_output_port(),
-        accelerometer.get_body_accelerations_input_port(),
-    )
-    held = add(builder, ZeroOrderHold(period, 3, offset_sec=period), "specific_force")
-    connect(builder, accelerometer.get_measurement_output_port(), held.get_input_port())
-    return gyro.get_measurement_output_port(), held
+    connect(builder, plant.get_body_poses_output_port(), gyro.get_body_poses_input_port())
+    velocities = plant.get_body_spatial_velocities_output_port()
+    connect(builder, velocities, gyro.get_body_velocities_input_port())
+
+    # The base's translational velocities are the last three of its six.
+    start = plant.num_positions() + model.base.floating_velocities_start_in_v() + 3
+    selection = np.eye(plant.num_multibody_states())[start : start + 3]
+    velocity = add(builder, MatrixGain(selection), "base_velocity")
+    connect(builder, plant.get_state_output_port(), velocity.get_input_port())
+    accelerometer = add(builder, AveragingAccelerometer())
+    connect(builder, velocity.get_output_port(), accelerometer.GetInputPort("velocity"))
+    connect(builder, attitude, accelerometer.GetInputPort("attitude"))
+    return gyro.get_measurement_output_port(), accelerometer.get_output_port()

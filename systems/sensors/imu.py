@@ -16,8 +16,8 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import RandomSource
 
-from parapod.systems.elementwise import sin_cos
 from parapod.systems.ports import read
+from parapod.systems.sensors.averaging_accelerometer import in_body
 
 _DEGREE = math.radians(1.0)
 _STANDARD_GRAVITY = 9.80665
@@ -214,7 +214,7 @@ class Imu(LeafSystem):
     ) -> None:
         field = self.params.magnetic_field
         if self._attitude.HasValue(context):
-            field = _in_body(field, *read(self._attitude, context))
+            field = in_body(field, *read(self._attitude, context))
         reading = np.array(
             [*read(self._angular_velocity, context), *read(self._specific_force, context), *field]
         )
@@ -264,12 +264,3 @@ def _gauss_markov(deviation: float, correlation_time: float, period: float) -> t
 
 def _per_axis(gyro: float, accel: float, mag: float) -> NDArray[np.float64]:
     return np.repeat([gyro, accel, mag], 3)
-
-
-def _in_body(field: Vector3, roll: float, pitch: float, yaw: float) -> Vector3:
-    """The world's vector in the axes of a body with R = R_z(yaw) R_y(pitch) R_x(roll)."""
-    (s_r, c_r), (s_p, c_p), (s_y, c_y) = sin_cos(roll), sin_cos(pitch), sin_cos(yaw)
-    x, y, z = field
-    x, y = c_y * x + s_y * y, c_y * y - s_y * x
-    x, z = c_p * x - s_p * z, s_p * x + c_p * z
-    return x, c_r * y + s_r * z, c_r * z - s_r * y
