@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 ARGS ?=
 
-# The newest interpreter that Drake has wheels for; PYTHON=/path/to/python overrides it.
+# The newest interpreter that is new enough; PYTHON=/path/to/python overrides it.
 PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3; do \
   if $$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' >/dev/null 2>&1; then command -v $$p; break; fi; done)
 
@@ -18,10 +18,12 @@ $(VENV)/.installed: pyproject.toml
 	  echo "parapod needs Python 3.12 or newer (Drake has no wheels for older ones), and none was found."; \
 	  echo "Install one (apt install python3.12 python3.12-venv, brew install python@3.13, pyenv install 3.12, uv python install 3.12)"; \
 	  echo "or name it: make setup PYTHON=/path/to/python3.12"; exit 1; fi
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 12))' >/dev/null 2>&1 || { \
+	  echo "$(PYTHON) is not Python 3.12 or newer, which parapod needs: $$($(PYTHON) --version 2>&1)"; exit 1; }
 	@echo "setting up $(VENV) with $$($(PYTHON) --version)"
-	@$(PYTHON) -m venv $(VENV) || { echo "$(PYTHON) has no venv module: install it (apt install python3-venv)"; exit 1; }
+	@$(PYTHON) -m venv --clear $(VENV) || { echo "$(PYTHON) has no venv module: install it (apt install python3-venv)"; exit 1; }
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade "pip>=24"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[test]"
+	@PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[test]"
 	@touch $@
 
 demo: setup

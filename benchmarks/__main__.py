@@ -1,4 +1,7 @@
-"""`python -m benchmarks [kinematics] [realtime] [accuracy]`: measures and prints."""
+"""`python -m benchmarks [--strict] [kinematics] [realtime] [accuracy]`: measures and prints.
+
+With `--strict` a missed bound is an exit code of 1; what a busy machine misses is no error.
+"""
 
 import sys
 
@@ -10,8 +13,10 @@ from benchmarks.report import Measurement, print_measurements
 _GROUPS = ("kinematics", "realtime", "accuracy")
 
 
-def main(names: list[str]) -> int:
+def main(arguments: list[str]) -> int:
     console = Console()
+    names = [name for name in arguments if name != "--strict"]
+    strict = len(names) < len(arguments)
     unknown = [name for name in names if name not in _GROUPS]
     if unknown:
         print(f"there is no benchmark '{unknown[0]}'; there are: {', '.join(_GROUPS)}")
@@ -29,7 +34,7 @@ def main(names: list[str]) -> int:
     missed = [m.name for m in results if not m.passed]
     if missed:
         console.print(f"missed: {', '.join(missed)}", highlight=False)
-    return 0 if not missed else 1
+    return 1 if missed and strict else 0
 
 
 if __name__ == "__main__":

@@ -97,7 +97,7 @@ def load_scenario[T](
         default_file: the experiment's own scenario; may name all keys or only some.
         file: the user's scenario; only the keys it names change.
         overrides: `dotted.key=value` with the value in YAML; elements of a list are named by
-            their number, as in `script.0.roll_deg=1`.
+            their number, as in `waypoints.0.roll_deg=1`.
 
     Raises:
         ScenarioError: anything wrong with a file or an override.

@@ -22,7 +22,7 @@ _EPILOG = """\
 examples:
   parapod list
   parapod run level --meshcat
-  parapod run level --set ground.pitch_deg=8 seed=3 --json level.json
+  parapod run level --set ground.pitch_deg=4 seed=3 --json level.json
   parapod scenario level > mine.yaml; parapod run level --scenario mine.yaml
 
 exit codes: 0 all bounds held, 1 a bound is broken, 2 a mistake in the command, a scenario or
@@ -64,6 +64,11 @@ def main(argv: Sequence[str] | None = None, entries: "Sequence[Entry] | None" = 
         # The reader, such as head, has seen enough. Python must not try to flush again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _HELD
+    except OSError as error:
+        # Standard output cannot be written: a full disk, say.
+        print(f"parapod: error: {error.strerror or error}", file=sys.stderr)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _MISTAKE
     return code
 
 
@@ -131,7 +136,7 @@ def _add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
         action="extend",
         default=[],
         metavar="KEY=VALUE",
-        help="change keys, as in ground.pitch_deg=8 or script.0.roll_deg=1; may be repeated",
+        help="change keys, as in ground.pitch_deg=4 or job.waypoints.0.time=8; may be repeated",
     )
     parser.add_argument("--backend", metavar="B", help="short for --set backend=B")
     parser.add_argument("--seed", metavar="N", help="short for --set seed=N")
@@ -208,6 +213,12 @@ def _run(entry: "Entry", arguments: argparse.Namespace) -> int:
     finally:
         # Even if the disk is full by now: the run may have been long.
         print_table(result, Console())
+        for path in (arguments.html, arguments.json, arguments.log, arguments.graphviz):
+            if path is not None and path.is_file():
+                print(f"wrote {path}")
+        sys.stdout.flush()
+    if result.afterwards is not None:
+        result.afterwards()
     return _HELD if result.passed else _BROKEN
 
 

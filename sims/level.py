@@ -7,6 +7,8 @@ after the other, and holds while the arm swings.
 
 import math
 from contextlib import nullcontext
+from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from itertools import pairwise
 from typing import Any
@@ -104,7 +106,8 @@ def run(scenario: LevellingScenario, options: RunOptions) -> Result:
     scale = np.asarray(script.GetOutputPort("scale").Eval(script.GetMyContextFromRoot(context)))
     result = _result(scenario, time, signals, float(scale[0]), until / elapsed)
     if meshcat is not None and options.meshcat and options.live:
-        stay_live(scenario, meshcat, options.console, job)
+        go_live = partial(stay_live, scenario, meshcat, options.console, job)
+        return replace(result, afterwards=go_live)
     return result
 
 

@@ -62,6 +62,14 @@ def check_writable(path: Path) -> None:
             raise _cannot_write(path, "it is not a regular file")
         if not os.access(target, os.W_OK):
             raise _cannot_write(path, "no permission to replace it")
+    # What the permissions promise, some file systems do not keep.
+    probe = os.path.join(folder, f".parapod-{secrets.token_hex(6)}")
+    try:
+        with open(probe, "xb"):
+            pass
+        os.unlink(probe)
+    except OSError as error:
+        raise _cannot_write(path, error.strerror or str(error)) from None
 
 
 @contextmanager

@@ -1,7 +1,8 @@
 """What an experiment measured, the bounds it had to hold, and how both are shown."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -60,6 +61,7 @@ class Result:
         seed: seed of every random number in the run.
         metrics: what was measured, in the order in which it is shown.
         notes: sentences shown below the metrics.
+        afterwards: what goes on once the result has been shown and written, or None.
     """
 
     experiment: str
@@ -67,6 +69,7 @@ class Result:
     seed: int
     metrics: tuple[Metric, ...]
     notes: tuple[str, ...] = ()
+    afterwards: Callable[[], None] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         keys = [*_RESERVED, *(metric.key for metric in self.metrics)]

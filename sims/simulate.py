@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.geometry import Meshcat, MeshcatAnimation, MeshcatParams
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 from rich.console import Console
@@ -81,8 +81,8 @@ def make_viewer(camera: Sequence[float], target: Sequence[float]) -> Meshcat:
         log.setLevel(level)
     for path in ("/Axes", "/Grid"):
         meshcat.SetProperty(path, "visible", False)
-    meshcat.SetProperty("/Background", "top_color", [0.80, 0.87, 0.94])
-    meshcat.SetProperty("/Background", "bottom_color", [0.97, 0.98, 0.99])
+    meshcat.SetProperty("/Background/<object>", "top_color", [0.80, 0.87, 0.94])
+    meshcat.SetProperty("/Background/<object>", "bottom_color", [0.97, 0.98, 0.99])
     meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.9)
     # A longer lens than Meshcat's own 75 deg, which distorts what is near.
     meshcat.SetCamera(Meshcat.PerspectiveCamera(fov=36.0, near=0.1, far=100.0))
@@ -107,6 +107,8 @@ def recording(meshcat: Meshcat, path: Path) -> Iterator[None]:
     finally:
         meshcat.StopRecording()
         meshcat.DeleteRecording()
+        # An open page would go on playing what was published; nothing to play stops it.
+        meshcat.SetAnimation(MeshcatAnimation(_FRAMES_PER_SECOND))
 
 
 def write_graphviz(path: Path, diagram: Diagram) -> None:

@@ -62,8 +62,9 @@ class PostureReference(LeafSystem):
     Where that path would overshoot the stroke, the reference comes to rest first.
 
     A command outside the workspace is refused: with `on_unreachable="raise"` the simulation stops
-    with `UnreachablePosture`, before anything moves; with `"clamp"` the reference goes as far
-    towards it as the legs reach.
+    with `UnreachablePosture`, before anything moves; with `"clamp"` it takes the
+    nearest height that the legs reach at the commanded angles, and where there is none it goes as
+    far towards the angles as they reach.
 
     State: discrete, polynomials (18), start time and duration (2), whether started (1), the last
     command (3), the ground it was planned for (2) and whether it comes to rest before obeying
@@ -195,13 +196,15 @@ class PostureReference(LeafSystem):
                     error.admissible,
                     hint=describe_range(self._geometry, command, ground),
                 ) from None
-        shares = np.linspace(0.0, 1.0, 129)[:, np.newaxis]
-        path = start + shares * (command - start)
-        extension = inverse_kinematics(self._geometry, path, ground, on_unreachable="nan")
-        blocked = np.isnan(extension[:, 0])
-        # Measured start postures may lie a hair outside the stroke; the end must not.
-        reached = np.flatnonzero(~blocked)
-        return path[reached[-1]] if reached.size else start
+        # Height gives way first, and only where no height will do the angles.
+        shares = np.linspace(1.0, 0.0, 129)[:, np.newaxis]
+        attitudes = start[:2] + shares * (command[:2] - start[:2])
+        low, high = height_range(self._geometry, attitudes, ground).T
+        fits = np.flatnonzero(low <= high)
+        if not fits.size:
+            return start
+        best = fits[0]
+        return np.array([*attitudes[best], np.clip(command[2], low[best], high[best])])
 
 
 def describe_range(
@@ -211,7 +214,7 @@ def describe_range(
     low, high = height_range(geometry, posture[:2], ground)
     roll, pitch, ground_roll, ground_pitch = np.degrees([*posture[:2], *ground])
     at = (
-        f"at roll {roll:.2f}, pitch {pitch:.2f} deg on ground inclined by "
+        f"at roll {roll:.2f}, pitch {pitch:.2f} deg on ground estimated at "
         f"roll {ground_roll:.2f}, pitch {ground_pitch:.2f} deg"
     )
     if low <= high:

@@ -203,7 +203,7 @@ def test_clamped_commands_keep_the_legs_inside_their_stroke(period):
         assert extension.min() > low - margin, name
         assert extension.max() < high + margin, name
     # The faster the commands jump, the more of the time goes into stopping.
-    assert np.ptp(signals["truth.extension"], axis=0).min() > 4e-3 * min(1.0, period)
+    assert np.ptp(signals["truth.extension"], axis=0).max() > 5e-3 * min(1.0, period)
     assert np.abs(signals["legs.voltage"]).max() <= scenario.control.voltage_limit
 
 

@@ -31,6 +31,8 @@ from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.level import EXPERIMENT, check_job, run
 from parapod.sims.live import RESTART, STOP, LivePlatform, stay_live
 from parapod.systems.errors import OutputError, ScenarioError, UnreachablePosture
+from parapod.systems.levelling_platform.kinematics import height_range
+from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.posture_sliders import PostureSliders
 
 DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "level.yaml"
@@ -328,10 +330,14 @@ def test_sliders_beyond_the_stroke_move_the_platform_as_far_as_it_goes(meshcat, 
     with platform.sliders.shown():
         meshcat.SetSliderValue(PostureSliders.ROLL, 7.0)
         meshcat.SetSliderValue(PostureSliders.HEIGHT, 560.0)
-        platform.advance(10.0)
-    roll, _, height = platform.posture
-    assert np.radians(2.0) < roll < np.radians(6.9)
-    assert 0.49 < height < 0.56
+        platform.advance(12.0)
+    roll, pitch, height = platform.posture
+    assert roll == pytest.approx(np.radians(7.0), abs=2e-3)
+    _, highest = height_range(
+        MODEL_GEOMETRY, (roll, pitch), scenario_with(*BRIEF).ground.inclination
+    )
+    assert height == pytest.approx(highest, abs=1e-3)
+    assert highest < 0.55
 
 
 def test_restart_runs_the_job_again_and_stop_ends(meshcat, options):

@@ -308,18 +308,34 @@ def test_heights_named_by_the_error_are_reachable(fix):
 
 
 @pytest.mark.parametrize("command", [(0.0, 0.0, 0.7), (0.0, 0.0, 0.3), (0.3, -0.3, 0.47)])
-def test_clamped_command_goes_as_far_towards_it_as_the_legs_reach(fix, command):
+def test_clamped_command_gives_way_in_height_and_then_in_its_angles(fix, command):
     reference = Reference(fix, "clamp", posture_command=command)
     _, postures, rates = reference.record(20.0, step=0.05)
     inverse_kinematics(GEOMETRY, postures, GROUND)  # raises where one is out of reach
     end = postures[-1]
-    share = np.dot(end - START, command - START) / np.dot(command - START, command - START)
-    np.testing.assert_allclose(end, START + share * (command - START), rtol=0, atol=1e-12)
-    assert 0.0 < share < 1.0
-    beyond = START + (share + 1.0 / 128.0 + 1e-9) * (command - START)
-    with pytest.raises(UnreachablePosture):
-        inverse_kinematics(GEOMETRY, beyond, GROUND)
+    low, high = height_range(GEOMETRY, end[:2], GROUND)
+    assert end[2] == pytest.approx(np.clip(command[2], low, high), abs=1e-12)
     np.testing.assert_allclose(rates[-1], 0.0, atol=1e-12)
+
+    low, high = height_range(GEOMETRY, command[:2], GROUND)
+    if low <= high:
+        np.testing.assert_allclose(end[:2], command[:2], rtol=0, atol=1e-12)
+        return
+    way = np.array(command[:2]) - START[:2]
+    share = np.dot(end[:2] - START[:2], way) / np.dot(way, way)
+    np.testing.assert_allclose(end[:2], START[:2] + share * way, rtol=0, atol=1e-12)
+    low, high = height_range(GEOMETRY, START[:2] + (share + 1.0 / 128.0) * way, GROUND)
+    assert low > high
+
+
+def test_clamped_command_is_the_same_wherever_it_comes_from(fix):
+    high = (0.0, 0.0, 0.57)
+    direct = Reference(fix, "clamp", posture_command=high).run(20.0)[0]
+    detour = Reference(fix, "clamp", posture_command=(0.1, 0.1, 0.39))
+    detour.run(10.0)
+    detour.set(posture_command=high)
+    np.testing.assert_allclose(detour.run(30.0)[0], direct, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(direct[:2], 0.0, atol=1e-12)
 
 
 def test_reachable_command_is_not_clamped(fix):
