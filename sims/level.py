@@ -5,7 +5,6 @@ is estimated, and the platform levels itself at `job.height_mm`, takes the waypo
 after the other, and holds while the arm swings.
 """
 
-import math
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
@@ -14,19 +13,19 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import Cylinder, Meshcat, Rgba
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
 from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUTPUTS
-from parapod.diagrams.levelling_platform.scenario import BACKENDS, JobScenario, LevellingScenario
+from parapod.diagrams.levelling_platform.scenario import BACKENDS, LevellingScenario
 from parapod.diagrams.scenario import dump_scenario
 from parapod.sims.experiment import Experiment, RunOptions
+from parapod.sims.level_metrics import Signals, measure
 from parapod.sims.live import stay_live
 from parapod.sims.outputs import write_log
-from parapod.sims.results import Metric, Result
+from parapod.sims.results import Result
 from parapod.sims.simulate import (
     in_real_time,
     make_viewer,
@@ -35,15 +34,6 @@ from parapod.sims.simulate import (
     write_graphviz,
 )
 from parapod.systems.errors import ScenarioError
-from parapod.systems.levelling_platform.kinematics import inverse_kinematics
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-
-# What the paper's closed loop stayed within (section 7), and what counts as level.
-_ANGLE_BOUND = 0.2  # [deg]
-_HEIGHT_BOUND = 2.0  # [mm]
-# A passive foot that is higher than this does not carry [mm].
-_LIFT_BOUND = 1.0
-_PASSIVE_LEG = 3  # index of leg 4
 
 # What the metrics are made of; everything else is recorded only for a log.
 _NEEDED = (
@@ -63,8 +53,6 @@ _CONTROLLER_UNITS = {
     "ground_valid": "0/1",
     "attitude_estimated": "rad",
 }
-
-type Signals = dict[str, NDArray[Any]]
 
 
 def run(scenario: LevellingScenario, options: RunOptions) -> Result:
@@ -104,7 +92,7 @@ def run(scenario: LevellingScenario, options: RunOptions) -> Result:
         write_log(options.log, time, signals, _metadata(scenario, signals))
     script = loop.diagram.GetSubsystemByName("posture_script")
     scale = np.asarray(script.GetOutputPort("scale").Eval(script.GetMyContextFromRoot(context)))
-    result = _result(scenario, time, signals, float(scale[0]), until / elapsed)
+    result = measure(scenario, time, signals, float(scale[0]), until / elapsed)
     if meshcat is not None and options.meshcat and options.live:
         go_live = partial(stay_live, scenario, meshcat, options.console, job)
         return replace(result, afterwards=go_live)
@@ -158,160 +146,6 @@ def _viewer(scenario: LevellingScenario) -> Meshcat:
     meshcat.SetObject("/floor", Cylinder(4.5, 0.02), Rgba(0.86, 0.89, 0.91))
     meshcat.SetTransform("/floor", RigidTransform(np.array([0.0, 0.0, floor - 0.01])))
     return meshcat
-
-
-def _result(
-    scenario: LevellingScenario,
-    time: NDArray[np.float64],
-    signals: Signals,
-    scale: float,
-    realtime_factor: float,
-) -> Result:
-    metrics = (
-        *_ground_metrics(scenario, signals),
-        *_posture_metrics(scenario, time, signals),
-        *_leg_metrics(scenario, time, signals),
-        Metric(
-            "posture_scale", scale, meaning="share of the waypoints' size that fits the stroke"
-        ),
-        Metric("realtime_factor", realtime_factor, meaning="simulated time by wall-clock time"),
-    )
-    notes = []
-    if scale < 1.0:
-        notes.append(
-            f"waypoints scaled to {100.0 * scale:.0f} %: {_stroke_left(scenario, signals)}"
-        )
-    return Result("level", scenario.backend, scenario.seed, metrics, tuple(notes))
-
-
-def _ground_metrics(scenario: LevellingScenario, signals: Signals) -> list[Metric]:
-    error = np.degrees(np.abs(signals["ground_estimated"][-1] - scenario.ground.inclination))
-    return [
-        Metric(
-            f"ground_{axis}_error_deg",
-            float(error[i]),
-            "deg",
-            _ANGLE_BOUND,
-            meaning=f"of the estimate of the ground's {axis}",
-        )
-        for i, axis in enumerate(("roll", "pitch"))
-    ]
-
-
-def _posture_metrics(
-    scenario: LevellingScenario, time: NDArray[np.float64], signals: Signals
-) -> list[Metric]:
-    posture = _in_deg_and_mm(signals["truth.posture"])
-    desired = _in_deg_and_mm(signals["posture_desired"])
-    roll, pitch, height = _largest(posture - desired, _settled(scenario.job, time))
-    attitude = np.degrees(signals["attitude_estimated"]) - posture[:, :2]
-    return [
-        Metric(
-            "roll_error_deg",
-            roll,
-            "deg",
-            _ANGLE_BOUND,
-            paper=0.2,
-            meaning="largest after settling, against gravity",
-        ),
-        Metric("pitch_error_deg", pitch, "deg", _ANGLE_BOUND, paper=0.2, meaning="likewise"),
-        Metric(
-            "height_error_mm",
-            height,
-            "mm",
-            _HEIGHT_BOUND,
-            paper=2.0,
-            meaning="largest after settling, above the ground's plane",
-        ),
-        Metric(
-            "settling_time_s",
-            _settling_time(scenario.job, time, posture),
-            "s",
-            scenario.job.settled_after,
-            meaning=f"until level within {_ANGLE_BOUND:g} deg and {_HEIGHT_BOUND:g} mm",
-        ),
-        Metric(
-            "attitude_estimate_error_deg",
-            max(_largest(attitude, time >= scenario.job.estimate_at)),
-            "deg",
-            _ANGLE_BOUND,
-            meaning="largest of roll and pitch once levelling has begun",
-        ),
-    ]
-
-
-def _leg_metrics(
-    scenario: LevellingScenario, time: NDArray[np.float64], signals: Signals
-) -> list[Metric]:
-    lift = 1e3 * signals["truth.foot_height"][_settled(scenario.job, time)].max(axis=0)
-    active = np.delete(lift, _PASSIVE_LEG)
-    metrics = [
-        Metric(
-            "peak_voltage_V",
-            float(np.abs(signals["legs.voltage"]).max()),
-            "V",
-            scenario.actuators.supply_voltage,
-            meaning="largest command to a motor",
-        ),
-        Metric(
-            "passive_leg_lift_mm",
-            max(0.0, float(lift[_PASSIVE_LEG])),
-            "mm",
-            _LIFT_BOUND,
-            meaning="how far leg 4's foot leaves the ground",
-        ),
-        Metric(
-            "active_leg_lift_mm",
-            max(0.0, float(active.max())),
-            "mm",
-            _LIFT_BOUND,
-            meaning="how far another foot leaves the ground",
-        ),
-    ]
-    if scenario.backend == "multibody" and scenario.plant.leg_model == "full":
-        gap = 1e6 * float(signals["truth.loop_error"].max())
-        metrics.append(
-            Metric("closure_error_um", gap, "um", meaning="largest gap in the legs' closed loops")
-        )
-    return metrics
-
-
-def _largest(error: NDArray[np.float64], when: NDArray[np.bool_]) -> list[float]:
-    """Largest absolute value of each column in the rows that count."""
-    return np.abs(error[when]).max(axis=0).tolist()
-
-
-def _in_deg_and_mm(posture: NDArray[np.float64]) -> NDArray[np.float64]:
-    return posture * [math.degrees(1.0), math.degrees(1.0), 1e3]
-
-
-def _settled(job: JobScenario, time: NDArray[np.float64]) -> NDArray[np.bool_]:
-    return time >= job.estimate_at + job.settled_after
-
-
-def _settling_time(
-    job: JobScenario, time: NDArray[np.float64], posture: NDArray[np.float64]
-) -> float:
-    """From the estimate until the platform stays level [s]; infinite if it does not."""
-    first = job.waypoints[0].time if job.waypoints else job.end
-    levelling = (time >= job.estimate_at) & (time < job.estimate_at + first)
-    away = np.abs(posture[levelling] - [0.0, 0.0, job.height_mm])
-    outside = np.flatnonzero((away > [_ANGLE_BOUND, _ANGLE_BOUND, _HEIGHT_BOUND]).any(axis=1))
-    if not outside.size:
-        return 0.0
-    last = int(outside[-1]) + 1
-    times = time[levelling]
-    return float(times[last] - job.estimate_at) if last < times.size else math.inf
-
-
-def _stroke_left(scenario: LevellingScenario, signals: Signals) -> str:
-    """How much stroke the level posture leaves to the waypoints, in words."""
-    geometry = MODEL_GEOMETRY
-    level = (0.0, 0.0, 1e-3 * scenario.job.height_mm)
-    extension = inverse_kinematics(geometry, level, signals["ground_estimated"][-1])
-    left = np.minimum(extension - geometry.extension_min, geometry.extension_max - extension)
-    leg = int(np.argmin(left))
-    return f"once level, the ground leaves leg {leg + 1} only {1e3 * left[leg]:.1f} mm of stroke"
 
 
 def _metadata(scenario: LevellingScenario, signals: Signals) -> dict[str, Any]:

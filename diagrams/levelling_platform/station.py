@@ -26,7 +26,7 @@ from parapod.systems.levelling_platform.plane import to_platform
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY, PlatformModel
 from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.sensors.encoder import Encoder
-from parapod.systems.sensors.imu import Imu, ImuParams, add_imu, seed_noise
+from parapod.systems.sensors.imu import STANDARD_GRAVITY, Imu, ImuParams, add_imu, seed_noise
 from parapod.systems.sensors.limit_switches import LimitSwitches
 
 PLANTS: dict[str, PlantMaker] = {
@@ -34,7 +34,6 @@ PLANTS: dict[str, PlantMaker] = {
     "kinematic": add_kinematic_plant,
 }
 _GRAVITY = 9.81  # of both plants [m/s^2]
-_STANDARD_GRAVITY = 9.80665  # what an accelerometer's mg are counted in [m/s^2]
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ class Station:
         self._imu.set_turn_on_bias(
             self._imu.GetMyMutableContextFromRoot(root_context),
             gyro=math.radians(scenario.sensors.gyro_bias_deg_s) * signs[:3],
-            accel=1e-3 * _STANDARD_GRAVITY * scenario.sensors.accel_bias_mg * signs[3:],
+            accel=1e-3 * STANDARD_GRAVITY * scenario.sensors.accel_bias_mg * signs[3:],
         )
         seed_noise(self._noise, root_context, int(random.integers(2**31)))
 

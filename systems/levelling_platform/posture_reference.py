@@ -98,9 +98,7 @@ class PostureReference(LeafSystem):
             self._measured.ticket(),
             self._ground.ticket(),
         }
-        self._posture = self.DeclareVectorOutputPort(
-            "posture_desired", 3, self._calc_posture, prerequisites
-        )
+        self.DeclareVectorOutputPort("posture_desired", 3, self._calc_posture, prerequisites)
         self.DeclareVectorOutputPort(
             "posture_rate_desired", 3, self._calc_rate, {state, self.time_ticket()}
         )

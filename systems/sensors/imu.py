@@ -20,7 +20,8 @@ from parapod.systems.ports import read
 from parapod.systems.sensors.averaging_accelerometer import in_body
 
 _DEGREE = math.radians(1.0)
-_STANDARD_GRAVITY = 9.80665
+# What an accelerometer's g and mg are counted in [m/s^2].
+STANDARD_GRAVITY = 9.80665
 _GAUSS = 1e-4
 _SAMPLE_RATE = 819.2
 _NO_BIAS = (0.0, 0.0, 0.0)
@@ -60,19 +61,19 @@ class ImuParams:
     """
 
     gyro_noise_density: float = 0.0135 * _DEGREE
-    accel_noise_density: float = 0.23e-3 * _STANDARD_GRAVITY
+    accel_noise_density: float = 0.23e-3 * STANDARD_GRAVITY
     mag_noise_density: float = 0.06e-3 * _GAUSS
     gyro_bias_instability: float = 14.5 / 3600.0 * _DEGREE
-    accel_bias_instability: float = 0.25e-3 * _STANDARD_GRAVITY
+    accel_bias_instability: float = 0.25e-3 * STANDARD_GRAVITY
     gyro_bias_correlation_time: float = 1000.0
     accel_bias_correlation_time: float = 300.0
     gyro_turn_on_bias: Vector3 = (0.0, 0.0, 0.0)
     accel_turn_on_bias: Vector3 = (0.0, 0.0, 0.0)
     gyro_resolution: float = 0.04 * _DEGREE
-    accel_resolution: float = _STANDARD_GRAVITY / 1200.0
+    accel_resolution: float = STANDARD_GRAVITY / 1200.0
     mag_resolution: float = 1e-3 / 7.0 * _GAUSS
     gyro_range: float = 1000.0 * _DEGREE
-    accel_range: float = 18.0 * _STANDARD_GRAVITY
+    accel_range: float = 18.0 * STANDARD_GRAVITY
     mag_range: float = 1.9 * _GAUSS
     magnetic_field: Vector3 = (22e-6, 0.0, -42e-6)
 
