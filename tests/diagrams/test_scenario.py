@@ -311,7 +311,11 @@ def test_a_file_that_is_no_mapping_in_yaml_is_refused(message, text, start):
 
 
 def test_a_scenario_made_in_python_passes_the_same_check():
-    check(Scenario(gain=np.float64(2.0), seed=np.int64(3), gust=Ground()))
+    made = Scenario(gain=np.float64(2.0), seed=np.int64(3), gust=Ground())
+    check(made)
+    made.gain = np.float64(math.inf)
+    with pytest.raises(ScenarioError, match="gain must be a finite number"):
+        check(made)
 
 
 @pytest.mark.parametrize(
