@@ -50,10 +50,12 @@ class ClosedLoop:
             log.FindMutableLog(context).Clear()
 
     def recorded(self, context: Context) -> tuple[NDArray[np.float64], dict[str, NDArray]]:
-        """Times (n) [s], and for each port name the samples (n, size)."""
-        found = {name: log.FindLog(context) for name, log in self.logs.items()}
-        time = next(iter(found.values())).sample_times().copy()
-        return time, {name: log.data().T.copy() for name, log in found.items()}
+        """Times (n) [s], and for each port name the samples (n, size); empty without logs."""
+        time, samples = np.empty(0), {}
+        for name, sink in self.logs.items():
+            log = sink.FindLog(context)
+            time, samples[name] = log.sample_times().copy(), log.data().T.copy()
+        return time, samples
 
 
 def make_closed_loop(
@@ -136,7 +138,7 @@ def _add_job(
         ("trigger", trigger, controller.GetInputPort("estimate_ground")),
         ("arm_trajectory", arm, machine.GetInputPort("arm.position_command")),
     ):
-        source = builder.AddNamedSystem(name, TrajectorySource(trajectory))
+        source = add(builder, TrajectorySource(trajectory), name)
         connect(builder, source.get_output_port(), port)
     for name, values in (
         ("turntable.position_command", [0.0]),

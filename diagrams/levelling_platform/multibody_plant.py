@@ -110,7 +110,7 @@ def _split_by_joint(
     for i in range(count):
         permutation[2 * i, i] = permutation[2 * i + 1, count + i] = 1.0
     by_joint = add(builder, MatrixGain(permutation), f"{name}_by_joint")
-    split = builder.AddNamedSystem(name, Demultiplexer(2 * count, 2))
+    split = add(builder, Demultiplexer(2 * count, 2), name)
     connect(builder, states, by_joint.get_input_port())
     connect(builder, by_joint.get_output_port(), split.get_input_port(0))
     return [split.get_output_port(i) for i in range(count)]

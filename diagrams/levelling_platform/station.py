@@ -65,7 +65,9 @@ class Station:
 
         Args:
             root_context: context, at its defaults, of the diagram that contains the station.
-            scenario: ground, job, errors and seed; None for what the station was built from.
+            scenario: its ground, initial extension, gain error, biases and seed are taken; None
+                for what the station was built from. What is built in, such as the plant, the
+                sensors' resolution and the job's times, stays.
         """
         scenario = scenario or self.scenario
         random = np.random.default_rng(scenario.seed)
@@ -97,7 +99,8 @@ class Station:
         for name, hold in self.plant.holds.items():
             context = hold.GetMyMutableContextFromRoot(root_context)
             hold.SetVectorState(context, at_rest[name])
-        if self.model is not None and scenario.backend == "multibody":
+        # A kinematic plant's model is only drawn: it is not part of the diagram.
+        if self.model is not None and self.scenario.backend == "multibody":
             plant_context = self.model.plant.GetMyMutableContextFromRoot(root_context)
             self.model.stand(plant_context, extension, ground)
 

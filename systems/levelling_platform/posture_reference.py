@@ -62,7 +62,7 @@ class PostureReference(LeafSystem):
     Where that path would overshoot the stroke, the reference comes to rest first.
 
     A command outside the workspace is refused: with `on_unreachable="raise"` the simulation stops
-    with `UnreachablePosture`, before anything moves; with `"clamp"` it takes the
+    with `UnreachablePosture`, before anything moves towards it; with `"clamp"` it takes the
     nearest height that the legs reach at the commanded angles, and where there is none it goes as
     far towards the angles as they reach.
 

@@ -387,3 +387,20 @@ def test_waypoints_are_taken():
     found = signals["truth.posture"][-1]
     np.testing.assert_allclose(found[:2], expected[:2], rtol=0.0, atol=np.radians(0.02))
     assert found[2] == pytest.approx(expected[2], abs=2e-4)
+
+
+def test_loop_without_logs_records_nothing():
+    loop = make_closed_loop(scenario_of(), log=())
+    time, signals = simulate(loop, 0.1)
+    assert time.size == 0
+    assert signals == {}
+
+
+def test_reset_does_not_ask_the_scenario_it_is_given_for_the_backend():
+    loop = make_closed_loop(LevellingScenario(backend="multibody"), log=("truth.posture",))
+    other = LevellingScenario(backend="kinematic")
+    other.ground.roll_deg, other.ground.pitch_deg = -1.0, 2.0
+    _, signals = simulate(loop, 0.02, other)
+    np.testing.assert_allclose(
+        np.degrees(signals["truth.posture"][:, :2]), [[-1.0, 2.0]] * 3, atol=1e-3
+    )
