@@ -15,7 +15,7 @@ from parapod.diagrams.levelling_platform.scenario import (
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
 
-_LOG = ("truth.posture", "truth.extension", "truth.loop_error", "posture_desired")
+_LOG = ("truth.posture", "truth.extension", "truth.loop_error", "posture_desired_state")
 # The grounds that the stroke can level, out to its edge: roll, pitch [deg].
 _GROUNDS = ((0, 0), (5, 0), (0, 5), (-5, 0), (0, -5), (4, 2), (2, 4), (-4, 2), (-2, -4), (3, 3))
 

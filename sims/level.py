@@ -40,15 +40,15 @@ _NEEDED = (
     "truth.posture",
     "truth.foot_height",
     "truth.loop_error",
-    "posture_desired",
+    "posture_desired_state",
     "attitude_estimated",
     "ground_estimated",
     "legs.voltage",
 )
 _CONTROLLER_UNITS = {
     "posture_command": "rad, rad, m",
-    "posture_desired": "rad, rad, m",
-    "extension_desired": "m",
+    "posture_desired_state": "rad, rad, m, and their rates",
+    "extension_desired_state": "m, m/s",
     "ground_estimated": "rad",
     "ground_valid": "0/1",
     "attitude_estimated": "rad",

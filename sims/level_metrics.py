@@ -73,7 +73,7 @@ def _posture_metrics(
     scenario: LevellingScenario, time: NDArray[np.float64], signals: Signals
 ) -> list[Metric]:
     posture = _in_deg_and_mm(signals["truth.posture"])
-    desired = _in_deg_and_mm(signals["posture_desired"])
+    desired = _in_deg_and_mm(signals["posture_desired_state"][:, :3])
     roll, pitch, height = _largest(posture - desired, _settled(scenario.job, time))
     attitude = np.degrees(signals["attitude_estimated"]) - posture[:, :2]
     return [

@@ -22,7 +22,7 @@ def make_controller(
 
     Inputs: `legs.extension` (4), `imu.gyro` (3), `imu.accel` (3), `posture_command` (3) and
     `estimate_ground` (1), whose rise makes the ground be estimated and control begin.
-    Outputs: `legs.voltage` (4), `posture_desired` (3), `extension_desired` (4),
+    Outputs: `legs.voltage` (4), `posture_desired_state` (6), `extension_desired_state` (8),
     `ground_estimated` (2), `ground_valid` (1), `attitude_estimated` (2).
 
     Args:
@@ -65,14 +65,10 @@ def make_controller(
         (ground.GetOutputPort("valid"), reference, "enable"),
         (ground.GetOutputPort("valid"), feedforward, "enable"),
         (ground.GetOutputPort("valid"), pi, "enable"),
-        (reference.GetOutputPort("posture_desired"), feedforward, "posture_desired"),
-        (reference.GetOutputPort("posture_rate_desired"), feedforward, "posture_rate_desired"),
-        (reference.GetOutputPort("posture_desired"), passive, "posture_desired"),
-        (reference.GetOutputPort("posture_rate_desired"), passive, "posture_rate_desired"),
-        (feedforward.GetOutputPort("extension_desired"), passive, "extension_active"),
-        (feedforward.GetOutputPort("extension_rate_desired"), passive, "extension_rate_active"),
-        (passive.GetOutputPort("extension_desired"), pi, "desired"),
-        (passive.GetOutputPort("extension_rate_desired"), pi, "desired_rate"),
+        (reference.GetOutputPort("posture_desired_state"), feedforward, "posture_desired_state"),
+        (reference.GetOutputPort("posture_desired_state"), passive, "posture_desired_state"),
+        (feedforward.GetOutputPort("active_desired_state"), passive, "active_desired_state"),
+        (passive.GetOutputPort("extension_desired_state"), pi, "desired_state"),
     ):
         connect(builder, source, system.GetInputPort(port))
 
@@ -86,8 +82,8 @@ def make_controller(
     builder.ConnectInput(extension, feedforward.GetInputPort("extension_measured"))
     for output, name in (
         (pi.GetOutputPort("voltage"), "legs.voltage"),
-        (reference.GetOutputPort("posture_desired"), "posture_desired"),
-        (passive.GetOutputPort("extension_desired"), "extension_desired"),
+        (reference.GetOutputPort("posture_desired_state"), "posture_desired_state"),
+        (passive.GetOutputPort("extension_desired_state"), "extension_desired_state"),
         (ground.GetOutputPort("ground"), "ground_estimated"),
         (ground.GetOutputPort("valid"), "ground_valid"),
         (attitude.GetOutputPort("attitude"), "attitude_estimated"),

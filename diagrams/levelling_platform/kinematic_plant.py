@@ -1,21 +1,17 @@
 """The quasi-static plant: closed-form statics instead of bodies."""
 
 import numpy as np
-from pydrake.geometry import Meshcat, SceneGraph
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
-from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
-from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.levelling_platform.plant import Drives, Plant
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.levelling_platform.visualization import add_visualization
+from parapod.diagrams.levelling_platform.visualization import add_drawing
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY, PlatformModel
-from parapod.systems.levelling_platform.platform_truth import PlatformPose
+from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
 
 
 def add_kinematic_plant(
@@ -48,38 +44,18 @@ def add_kinematic_plant(
         signals[name] = held.get_output_port()
         holds[name] = held
     signals["loop_error"] = _zeros(builder, "no_loops")
+    plant = Plant(signals, (platform,), holds, None)
     if meshcat is None:
-        return Plant(signals, (platform,), holds, None)
-    pose, model = _add_drawing(builder, scenario.ground.inclination, meshcat)
-    connect(builder, drives.rods.GetOutputPort("extension"), pose.GetInputPort("extension"))
-    connect(builder, signals["posture"], pose.GetInputPort("posture"))
-    connect(builder, drives.arm_angles, pose.GetInputPort("arm_position"))
-    return Plant(signals, (platform, pose), holds, model)
-
-
-def _add_drawing(
-    builder: DiagramBuilder, ground: tuple[float, float], meshcat: Meshcat
-) -> tuple[PlatformPose, PlatformModel]:
-    """A scene graph that shows the joint positions which `PlatformPose` computes.
-
-    The slab is drawn as inclined as the ground was when the diagram was built.
-    """
-    plant = MultibodyPlant(time_step=1.0)
-    scene_graph = add(builder, SceneGraph())
-    plant.RegisterAsSourceForSceneGraph(scene_graph)
-    model = add_platform(plant, "full", ground=ground)
-    pose = add(builder, PlatformPose(model))
-    to_geometry = add(builder, MultibodyPositionToGeometryPose(plant))
-    connect(builder, pose.get_output_port(), to_geometry.get_input_port())
-    source_id = plant.get_source_id()
-    assert source_id is not None
-    connect(
+        return plant
+    add_drawing(
         builder,
-        to_geometry.get_output_port(),
-        scene_graph.get_source_pose_port(source_id),
+        scenario.ground.inclination,
+        meshcat,
+        drives.rods.GetOutputPort("extension"),
+        platform.GetOutputPort("base_pose"),
+        drives.arm_angles,
     )
-    add_visualization(builder, model, pose.get_output_port(), scene_graph, meshcat)
-    return pose, model
+    return plant
 
 
 def _zeros(builder: DiagramBuilder, name: str) -> OutputPort:

@@ -2,22 +2,25 @@
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.primitives import Demultiplexer, MatrixGain, Multiplexer, ZeroOrderHold
-from pydrake.systems.sensors import Gyroscope
+from pydrake.systems.primitives import Demultiplexer, MatrixGain, ZeroOrderHold
 
 from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.levelling_platform.plant import Drives, Plant
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.levelling_platform.visualization import add_visualization
+from parapod.diagrams.levelling_platform.visualization import (
+    add_drawing,
+    add_visualization,
+    remove_visuals,
+)
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.leg_transmission import LegTransmission
 from parapod.systems.levelling_platform.platform_model import WHEEL_COUNT, PlatformModel
 from parapod.systems.levelling_platform.platform_truth import FootTruth, PlatformTruth
-from parapod.systems.sensors.averaging_accelerometer import AveragingAccelerometer
+from parapod.systems.sensors.imu import sample_period
+from parapod.systems.sensors.inertial_motion import InertialMotion
 
 
 def add_multibody_plant(
@@ -49,19 +52,43 @@ def add_multibody_plant(
     feet = add(builder, FootTruth(model))
     connect(builder, plant.get_contact_results_output_port(), feet.GetInputPort("contact_results"))
     connect(builder, plant.get_body_poses_output_port(), feet.GetInputPort("body_poses"))
-    gyro, specific_force = _add_ideal_inertial_sensors(
-        builder, model, truth.GetOutputPort("attitude")
-    )
-    if meshcat is not None:
+    attitude, angular_velocity, specific_force = _add_inertial_motion(builder, model)
+    if meshcat is not None and model.is_full:
         add_visualization(builder, model, plant.get_state_output_port(), scene_graph, meshcat)
+    else:
+        remove_visuals(plant, scene_graph)
+    if meshcat is not None and not model.is_full:
+        _draw_as_full(builder, scenario, model, drives, meshcat)
     signals = {
         "posture": truth.GetOutputPort("posture"),
-        "attitude": truth.GetOutputPort("attitude"),
-        "angular_velocity": gyro,
+        "attitude": attitude,
+        "angular_velocity": angular_velocity,
         "specific_force": specific_force,
         "load_force": load_force,
     } | {name: feet.GetOutputPort(name) for name in ("contact_force", "foot_height", "loop_error")}
     return Plant(signals, (truth, feet), {}, model)
+
+
+def _draw_as_full(
+    builder: DiagramBuilder,
+    scenario: LevellingScenario,
+    model: PlatformModel,
+    drives: Drives,
+    meshcat: Meshcat,
+) -> None:
+    """Draws reduced legs as what they stand for."""
+    plant = model.plant
+    start = model.base.floating_positions_start()
+    joints = [plant.get_joint(i) for i in plant.GetJointIndices(model.arm)]
+    turned = [joint.position_start() for joint in joints if joint.num_positions()]
+    parts = []
+    for name, indices in (("base_pose", range(start, start + 7)), ("arm_position", turned)):
+        selection = np.eye(plant.num_multibody_states())[list(indices)]
+        part = add(builder, MatrixGain(selection), f"drawn_{name}")
+        connect(builder, plant.get_state_output_port(), part.get_input_port())
+        parts.append(part.get_output_port())
+    rods = drives.rods.GetOutputPort("extension")
+    add_drawing(builder, scenario.ground.inclination, meshcat, rods, *parts)
 
 
 def _drive_wheels(builder: DiagramBuilder, model: PlatformModel, drives: Drives) -> None:
@@ -79,14 +106,15 @@ def _drive_legs(
     state through the plant back to their load.
     """
     plant = model.plant
-    efforts = add(builder, Multiplexer(LEG_COUNT), "leg_efforts")
-    holding = add(builder, ZeroOrderHold(time_step, LEG_COUNT), "holding_effort")
-    connect(builder, efforts.get_output_port(0), holding.get_input_port())
-    for i, leg in enumerate(model.legs):
-        connect(builder, plant.get_net_actuation_output_port(leg), efforts.get_input_port(i))
+    count = plant.num_actuators()
+    holding = add(builder, ZeroOrderHold(time_step, count), "holding_effort")
+    connect(builder, plant.get_net_actuation_output_port(), holding.get_input_port())
+    # The legs' actuators come first.
+    parts = add(builder, Demultiplexer([LEG_COUNT, count - LEG_COUNT]), "efforts")
+    connect(builder, holding.get_output_port(), parts.get_input_port(0))
     # One step ahead: the plant's implicit drives then arrive where the actuators will be.
     ahead = drives.rods.GetOutputPort("next_state")
-    load_force = holding.get_output_port()
+    load_force = parts.get_output_port(0)
     if not model.is_full:
         transmission = add(builder, LegTransmission(model.geometry))
         connect(builder, ahead, transmission.GetInputPort("rod_state"))
@@ -116,22 +144,23 @@ def _split_by_joint(
     return [split.get_output_port(i) for i in range(count)]
 
 
-def _add_ideal_inertial_sensors(
-    builder: DiagramBuilder, model: PlatformModel, attitude: OutputPort
-) -> tuple[OutputPort, OutputPort]:
-    """True angular velocity and specific force at the platform's centre (section 2.1)."""
-    plant = model.plant
-    gyro = add(builder, Gyroscope(model.base, RigidTransform.Identity()), "true_gyro")
-    connect(builder, plant.get_body_poses_output_port(), gyro.get_body_poses_input_port())
-    velocities = plant.get_body_spatial_velocities_output_port()
-    connect(builder, velocities, gyro.get_body_velocities_input_port())
-
-    # The base's translational velocities are the last three of its six.
-    start = plant.num_positions() + model.base.floating_velocities_start_in_v() + 3
-    selection = np.eye(plant.num_multibody_states())[start : start + 3]
-    velocity = add(builder, MatrixGain(selection), "base_velocity")
-    connect(builder, plant.get_state_output_port(), velocity.get_input_port())
-    accelerometer = add(builder, AveragingAccelerometer())
-    connect(builder, velocity.get_output_port(), accelerometer.GetInputPort("velocity"))
-    connect(builder, attitude, accelerometer.GetInputPort("attitude"))
-    return gyro.get_measurement_output_port(), accelerometer.get_output_port()
+def _add_inertial_motion(builder: DiagramBuilder, model: PlatformModel) -> list[OutputPort]:
+    """True attitude, angular velocity and specific force at the platform's centre."""
+    plant, state = model.plant, model.plant.get_state_output_port()
+    period = sample_period()
+    motion = add(
+        builder,
+        InertialMotion(
+            plant.num_multibody_states(),
+            model.base.floating_positions_start(),
+            plant.num_positions() + model.base.floating_velocities_start_in_v(),
+            period,
+        ),
+    )
+    last = add(builder, ZeroOrderHold(period, plant.num_multibody_states()), "last_state")
+    connect(builder, state, last.get_input_port())
+    connect(builder, state, motion.GetInputPort("state"))
+    connect(builder, last.get_output_port(), motion.GetInputPort("last_state"))
+    parts = add(builder, Demultiplexer(9, 3), "inertial_motion_parts")
+    connect(builder, motion.get_output_port(), parts.get_input_port(0))
+    return [parts.get_output_port(i) for i in range(3)]

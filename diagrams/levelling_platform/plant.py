@@ -39,7 +39,7 @@ class Plant:
         on_ground: systems that must be told how the ground is inclined.
         holds: holds of attitude, angular_velocity or specific_force, by that name, which begin
             at rest and must be told what that is.
-        model: bodies and joints; None where nothing is simulated or drawn as such.
+        model: bodies and joints; None where none are simulated.
     """
 
     signals: dict[str, OutputPort]

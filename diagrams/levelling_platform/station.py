@@ -55,7 +55,7 @@ class Station:
 
     @property
     def model(self) -> PlatformModel | None:
-        """Bodies and joints of the plant or of its drawing; None where nothing is drawn."""
+        """Bodies and joints of the plant; None where none are simulated."""
         return self.plant.model
 
     def reset(self, root_context: Context, scenario: LevellingScenario | None = None) -> None:
@@ -99,8 +99,7 @@ class Station:
         for name, hold in self.plant.holds.items():
             context = hold.GetMyMutableContextFromRoot(root_context)
             hold.SetVectorState(context, at_rest[name])
-        # A kinematic plant's model is only drawn: it is not part of the diagram.
-        if self.model is not None and self.scenario.backend == "multibody":
+        if self.model is not None:
             plant_context = self.model.plant.GetMyMutableContextFromRoot(root_context)
             self.model.stand(plant_context, extension, ground)
 

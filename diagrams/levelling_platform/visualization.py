@@ -1,11 +1,21 @@
 """Draws the levelling platform in Meshcat."""
 
-from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, SceneGraph
+from pydrake.geometry import (
+    Meshcat,
+    MeshcatVisualizer,
+    MeshcatVisualizerParams,
+    Role,
+    SceneGraph,
+)
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
+from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.parallel_links import ParallelLinks
 from parapod.systems.levelling_platform.platform_model import PlatformModel
+from parapod.systems.levelling_platform.platform_truth import PlatformPose
 
 
 def add_visualization(
@@ -32,3 +42,47 @@ def add_visualization(
         publish_period=1.0 / 30.0, prefix="platform", delete_on_initialization_event=False
     )
     MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
+
+
+def add_drawing(
+    builder: DiagramBuilder,
+    ground: tuple[float, float],
+    meshcat: Meshcat,
+    extension: OutputPort,
+    base_pose: OutputPort,
+    arm_position: OutputPort,
+) -> None:
+    """Adds a drawing of the full model for a plant that is simulated with fewer joints or none.
+
+    Args:
+        builder: of the diagram that holds the plant.
+        ground: roll and pitch that the drawn slab keeps [rad].
+        meshcat: where to draw.
+        extension: extensions (4) [m].
+        base_pose: quaternion and position (7) of the platform.
+        arm_position: turntable and arm angle (2) [rad].
+    """
+    plant = MultibodyPlant(time_step=1.0)
+    scene_graph = add(builder, SceneGraph(), "drawing")
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    model = add_platform(plant, "full", ground=ground)
+    pose = add(builder, PlatformPose(model))
+    connect(builder, extension, pose.GetInputPort("extension"))
+    connect(builder, base_pose, pose.GetInputPort("base_pose"))
+    connect(builder, arm_position, pose.GetInputPort("arm_position"))
+    to_geometry = add(builder, MultibodyPositionToGeometryPose(plant))
+    connect(builder, pose.get_output_port(), to_geometry.get_input_port())
+    source_id = plant.get_source_id()
+    assert source_id is not None
+    connect(builder, to_geometry.get_output_port(), scene_graph.get_source_pose_port(source_id))
+    add_visualization(builder, model, pose.get_output_port(), scene_graph, meshcat)
+
+
+def remove_visuals(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
+    """Removes what is there to be seen only, so that a step does not compute its pose."""
+    inspector = scene_graph.model_inspector()
+    touched = set(inspector.GetAllGeometryIds(Role.kProximity))
+    source_id = plant.get_source_id()
+    assert source_id is not None
+    for geometry in set(inspector.GetAllGeometryIds()) - touched:
+        scene_graph.RemoveGeometry(source_id, geometry)

@@ -59,13 +59,12 @@ def PiController_(T: Any) -> Any:
 
         | port | size | unit | meaning |
         |---|---|---|---|
-        | in `desired` | n | m | desired positions |
-        | in `desired_rate` | n | m/s | their rates; unconnected: not fed forward |
+        | in `desired_state` | 2n | m, m/s | desired positions and their rates |
         | in `measured` | n | m | measured positions |
         | in `enable` | 1 | - | above 0.5: control; otherwise 0 V; unconnected: always control |
         | out `voltage` | n | V | commands, held between samples, within the limit |
 
-        State: discrete, integrals (n) [V], voltages (n) [V], whether in control (n). The integrals
+        State: discrete, voltages (n) [V]; integrals (n) [V] and whether in control (n). Integrals
         are held while the output is saturated and integration would drive it further out
         (conditional integration). When control begins, the integrals are set so that the first
         voltage is the last one held: nothing jumps, however far the reference is.
@@ -88,16 +87,14 @@ def PiController_(T: Any) -> Any:
             self._per_rate = params.rate_feedforward / params.gain
             self._friction, self._friction_rate = params.friction_feedforward, params.friction_rate
             n = channels
-            self._desired = self.DeclareVectorInputPort("desired", n)
-            self._desired_rate = self.DeclareVectorInputPort("desired_rate", n)
+            self._desired = self.DeclareVectorInputPort("desired_state", 2 * n)
             self._measured = self.DeclareVectorInputPort("measured", n)
             self._enable = self.DeclareVectorInputPort("enable", 1)
             self._gains = self.DeclareNumericParameter(
                 BasicVector_[T]([params.k_p, params.k_v, params.voltage_limit])
             )
-            self.DeclareDiscreteState(BasicVector_[T](np.zeros(n)))
             voltage = self.DeclareDiscreteState(BasicVector_[T](np.zeros(n)))
-            self.DeclareDiscreteState(BasicVector_[T](np.zeros(n)))
+            self.DeclareDiscreteState(BasicVector_[T](np.zeros(2 * n)))
             self.DeclareStateOutputPort("voltage", voltage)
             self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_voltage)
 
@@ -111,33 +108,31 @@ def PiController_(T: Any) -> Any:
         def _update_voltage(self, context: Context, discrete_state: Any) -> None:
             n = self.channels
             if self._enable.HasValue(context) and not is_on(self._enable, context):
-                discrete_state.set_value(1, np.zeros(n))
-                discrete_state.set_value(2, np.zeros(n))
+                discrete_state.set_value(0, np.zeros(n))
+                inner = elements(context.get_discrete_state(1))
+                inner[n:] = [0.0] * n
+                discrete_state.set_value(1, np.array(inner))
                 return
-            integrals = elements(context.get_discrete_state(0))
-            voltages = elements(context.get_discrete_state(1))
-            controls = elements(context.get_discrete_state(2))
+            voltages = elements(context.get_discrete_state(0))
+            inner = elements(context.get_discrete_state(1))
             k_p, k_v, limit = elements(context.get_numeric_parameter(self._gains))
             k_i = k_p * self.period
             desired = read(self._desired, context)
             measured = read(self._measured, context)
-            has_rate = self._desired_rate.HasValue(context)
-            rates = read(self._desired_rate, context) if has_rate else [0.0] * n
             for i in range(n):
                 error = desired[i] - measured[i]
-                direct = k_v * error + self._feedforward(rates[i])
+                direct = k_v * error + self._feedforward(desired[n + i])
                 if not math.isfinite(direct if type(direct) is float else direct.value()):
                     voltages[i] = 0.0
                     continue
-                if not controls[i] > 0.5:
-                    integrals[i], controls[i] = voltages[i] - direct, 1.0
-                voltage = direct + integrals[i]
+                if not inner[n + i] > 0.5:
+                    inner[i], inner[n + i] = voltages[i] - direct, 1.0
+                voltage = direct + inner[i]
                 if abs(voltage) <= limit or voltage * error < 0.0:
-                    integrals[i] = integrals[i] + k_i * error
+                    inner[i] = inner[i] + k_i * error
                 voltages[i] = clamp(voltage, -limit, limit)
-            discrete_state.set_value(0, np.array(integrals))
-            discrete_state.set_value(1, np.array(voltages))
-            discrete_state.set_value(2, np.array(controls))
+            discrete_state.set_value(0, np.array(voltages))
+            discrete_state.set_value(1, np.array(inner))
 
     return Impl
 

@@ -41,8 +41,9 @@ class GroundEstimator(LeafSystem):
 
     def _update_estimate(self, context: Context, discrete_state: Any) -> None:
         triggered = is_on(self._trigger, context)
-        rises = triggered and not context.get_discrete_state(2)[0] > 0.5
-        if rises:
+        if triggered == (context.get_discrete_state(2)[0] > 0.5):
+            return
+        if triggered:
             ground = estimate_ground(
                 self._geometry,
                 read_array(self._extension, context),

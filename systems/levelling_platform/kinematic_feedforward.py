@@ -11,7 +11,6 @@ from pydrake.systems.framework import (  # type: ignore[attr-defined]
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from parapod.systems.caching import declare_cached
 from parapod.systems.elementwise import Elementwise
 from parapod.systems.levelling_platform.geometry import LegGeometry, PlatformGeometry
 from parapod.systems.levelling_platform.leg import extension_on_plane, extension_rate_on_plane
@@ -53,13 +52,11 @@ def KinematicFeedforward_(T: Any) -> Any:
 
         | port | size | unit | meaning |
         |---|---|---|---|
-        | in `posture_desired` | 3 | rad, rad, m | desired roll, pitch, height |
-        | in `posture_rate_desired` | 3 | rad/s, rad/s, m/s | its rate |
+        | in `posture_desired_state` | 6 | rad, rad, m and rates | desired roll, pitch, height |
         | in `ground` | 2 | rad | roll and pitch of the ground |
         | in `extension_measured` | 4 | m | start of the integration (differential law only) |
         | in `enable` | 1 | - | above 0.5: integrate (differential law only) |
-        | out `extension_desired` | 3 | m | of the active legs |
-        | out `extension_rate_desired` | 3 | m/s | their rates |
+        | out `active_desired_state` | 6 | m, m/s | extensions of the active legs, their rates |
 
         With `law="exact"` the inverse kinematics is solved in closed form at every evaluation:
         no state, no drift. With `law="differential"` the extensions are the paper's Eq. (26)
@@ -87,24 +84,18 @@ def KinematicFeedforward_(T: Any) -> Any:
             self.geometry, self.law, self.period = geometry, law, period
             self.active_legs = tuple(active_legs)
             self._legs: tuple[LegGeometry, ...] = tuple(geometry.legs[i] for i in active_legs)
-            self._posture = self.DeclareVectorInputPort("posture_desired", 3)
-            self._posture_rate = self.DeclareVectorInputPort("posture_rate_desired", 3)
+            self._posture = self.DeclareVectorInputPort("posture_desired_state", 6)
             self._ground = self.DeclareVectorInputPort("ground", 2)
             self._measured = self.DeclareVectorInputPort("extension_measured", 4)
             self._enable = self.DeclareVectorInputPort("enable", 1)
-            tickets = {
-                self._posture.ticket(),
-                self._posture_rate.ticket(),
-                self._ground.ticket(),
-            }
+            tickets = {self._posture.ticket(), self._ground.ticket()}
             if law == "differential":
                 state = self.DeclareDiscreteState(BasicVector_[T](np.zeros(4)))
                 self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_integral)
                 tickets |= {self.discrete_state_ticket(state), self._measured.ticket()}
-            self._motion = declare_cached(self, "motion", self._calc_motion, tickets)
-            motion = {self._motion.ticket}
-            self.DeclareVectorOutputPort("extension_desired", 3, self._calc_extension, motion)
-            self.DeclareVectorOutputPort("extension_rate_desired", 3, self._calc_rate, motion)
+            self._desired = self.DeclareVectorOutputPort(
+                "active_desired_state", 6, self._calc_desired_state, tickets
+            )
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Impl._construct(
@@ -116,16 +107,8 @@ def KinematicFeedforward_(T: Any) -> Any:
                 converter=converter,
             )
 
-        def _calc_extension(self, context: Context, output: Any) -> None:
-            output.SetFromVector(self._motion.of(self, context)[0])
-
-        def _calc_rate(self, context: Context, output: Any) -> None:
-            output.SetFromVector(self._motion.of(self, context)[1])
-
-        def _calc_motion(self, context: Context) -> Any:
-            """Extensions and their rates, which share the plane that they stand on."""
-            roll, pitch, height = read(self._posture, context)
-            roll_rate, pitch_rate, height_rate = read(self._posture_rate, context)
+        def _calc_desired_state(self, context: Context, output: Any) -> None:
+            roll, pitch, height, roll_rate, pitch_rate, height_rate = read(self._posture, context)
             g, g_rate = moving_plane(
                 read(self._ground, context), (roll, pitch), (roll_rate, pitch_rate)
             )
@@ -139,7 +122,7 @@ def KinematicFeedforward_(T: Any) -> Any:
                 extension_rate_on_plane(leg, d, g, g_rate, height_rate)
                 for leg, d in zip(self._legs, extension, strict=True)
             ]
-            return np.array(extension), np.array(rate)
+            output.SetFromVector(np.array(extension + rate))
 
         def _integral(self, context: Context) -> list[Any]:
             """Integrated extensions, or the measured ones before the integration starts."""
@@ -154,7 +137,7 @@ def KinematicFeedforward_(T: Any) -> Any:
             if not is_on(self._enable, context):
                 discrete_state.set_value(np.array([*extension, 0.0]))
                 return
-            rate = self._motion.of(self, context)[1].tolist()
+            rate = self._desired.Eval(context)[3:].tolist()
             ahead = [d + self.period * v for d, v in zip(extension, rate, strict=True)]
             discrete_state.set_value(np.array([*ahead, 1.0]))
 

@@ -28,6 +28,7 @@ from parapod.systems.levelling_platform.plane import (
     normal_through,
     to_platform,
 )
+from parapod.systems.levelling_platform.platform_model import standing_pose
 from parapod.systems.ports import read
 
 
@@ -82,6 +83,7 @@ class KinematicPlatform(OnInclinedGround):
     | out `contact_force` | 4 | N | of the ground on the feet, normal to the ground |
     | out `load_force` | 4 | N | force with which the actuators hold, positive to extend |
     | out `foot_height` | 4 | m | of the feet above the ground, zero where they carry |
+    | out `base_pose` | 7 | -, m | quaternion (w, x, y, z) and position, above the origin |
 
     Four springs on a rigid ground share the load when the feet nearly lie in one plane; where
     one would have to pull, its foot lifts and the other three carry. Ideal friction: the feet
@@ -125,10 +127,20 @@ class KinematicPlatform(OnInclinedGround):
         ):
             calc = functools.partial(_copy_signal, weakref.ref(self), name)
             self.DeclareVectorOutputPort(name, size, calc, {self._stance.ticket})
+        self.DeclareVectorOutputPort(
+            "base_pose",
+            7,
+            self._calc_base_pose,
+            {self._stance.ticket, self.all_parameters_ticket()},
+        )
 
     def signal(self, context: Context, name: str) -> NDArray[np.float64]:
         """The signal of that name, from the one solution that all of them share."""
         return np.array(getattr(self._stance.of(self, context), name))
+
+    def _calc_base_pose(self, context: Context, output: BasicVector) -> None:
+        posture = self._stance.of(self, context).posture
+        output.SetFromVector(standing_pose(posture, self._ground_of(context)))
 
     def _calc_stance(self, context: Context) -> _Stance:
         arm = read(self._arm, context) if self._arm.HasValue(context) else [0.0, 0.0]

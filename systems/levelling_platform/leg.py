@@ -31,9 +31,14 @@ def long_side(leg: LegGeometry, extension: Elementwise) -> tuple[Elementwise, El
 
 def swing_angle(leg: LegGeometry, extension: Elementwise) -> Elementwise:
     """Angle psi of the long side in the leg's plane [rad], in (0, 2 pi) on the working branch."""
+    return swing_motion(leg, extension)[0]
+
+
+def swing_motion(leg: LegGeometry, extension: Elementwise) -> tuple[Elementwise, Elementwise]:
+    """`swing_angle` and `swing_rate` in one go."""
     x, z = long_side(leg, extension)
     # Measured from -x, so that the branch cut of atan2 is far from the working range.
-    return atan2(-z, -x) + math.pi
+    return atan2(-z, -x) + math.pi, _swing_rate(leg, extension, x, z)
 
 
 def swing_rate(leg: LegGeometry, extension: Elementwise) -> Elementwise:

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.leg import swing_angle, swing_rate
+from parapod.systems.levelling_platform.leg import swing_motion, swing_rate
 from parapod.systems.ports import read
 
 
@@ -41,11 +41,11 @@ class LegTransmission(LeafSystem):
 
     def _calc_swing(self, context: Context, output: BasicVector) -> None:
         rods = read(self._rods, context)
-        extension, rate = rods[:LEG_COUNT], rods[LEG_COUNT:]
-        angles = [swing_angle(leg, d) for leg, d in zip(self._legs, extension, strict=True)]
-        rates = [
-            swing_rate(leg, d) * v for leg, d, v in zip(self._legs, extension, rate, strict=True)
-        ]
+        angles, rates = [], []
+        for i, leg in enumerate(self._legs):
+            angle, ratio = swing_motion(leg, rods[i])
+            angles.append(angle)
+            rates.append(ratio * rods[LEG_COUNT + i])
         output.SetFromVector(np.array(angles + rates))
 
     def _calc_load(self, context: Context, output: BasicVector) -> None:

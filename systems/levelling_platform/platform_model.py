@@ -22,6 +22,21 @@ MODEL_GEOMETRY = PlatformGeometry(foot_radius=0.025)
 WHEEL_COUNT = 4
 
 
+def standing_pose(posture: ArrayLike, ground: ArrayLike) -> NDArray[np.float64]:
+    """Quaternion (w, x, y, z) and position (7) of a platform with this posture.
+
+    Its centre stands above the world's origin, through which the ground's plane goes.
+
+    Args:
+        posture: (3) roll, pitch, height [rad, rad, m].
+        ground: (2) roll and pitch of the ground [rad].
+    """
+    roll, pitch, height = np.asarray(posture).tolist()
+    normal = normal_of(*np.asarray(ground).tolist())
+    quaternion = RollPitchYaw(roll, pitch, 0.0).ToQuaternion().wxyz()
+    return np.concatenate((quaternion, height * np.array(normal)))
+
+
 @dataclass(frozen=True)
 class PlatformModel:
     """A finalized plant that holds the platform of `parapod.urdf.levelling_platform`.
@@ -76,8 +91,9 @@ class PlatformModel:
         """Positions of a leg's joints at an extension, in closed form."""
         dimensions = self.geometry.legs[leg]
         swing = swing_angle(dimensions, extension)
-        angles = {"swing": swing, "coupler_swing": -swing}
+        angles = {"swing": swing}
         if self.is_full:
+            angles["coupler_swing"] = -swing
             angles["cylinder_swing"] = diagonal_angle(dimensions, extension)
             angles["extension"] = extension
         return angles
@@ -96,23 +112,30 @@ class PlatformModel:
     ) -> NDArray[np.float64]:
         """All positions of the plant, loops closed and feet on the ground.
 
-        The platform's centre stands above the world's origin, through which the ground's plane
-        goes; wheels and rollers are at zero.
-
         Args:
             extension: (4) extensions [m].
             posture: (3) roll, pitch, height [rad, rad, m].
             ground: (2) roll and pitch of the ground [rad].
             arm: (2) turntable and arm angle [rad].
         """
+        return self.positions_at(extension, standing_pose(posture, ground), arm)
+
+    def positions_at(
+        self, extension: ArrayLike, base_pose: ArrayLike, arm: ArrayLike
+    ) -> NDArray[np.float64]:
+        """All positions of the plant, loops closed; wheels and rollers are at zero.
+
+        Args:
+            extension: (4) extensions [m].
+            base_pose: (7) quaternion (w, x, y, z) and position [m] of the platform.
+            arm: (2) turntable and arm angle [rad].
+        """
         q = np.zeros(self.plant.num_positions())
         for leg, d in enumerate(np.asarray(extension).tolist()):
             for joint, value in self.leg_angles(leg, d).items():
                 q[self._position_starts[leg][joint]] = value
-        roll, pitch, height = np.asarray(posture).tolist()
         start = self.base.floating_positions_start()
-        q[start : start + 4] = RollPitchYaw(roll, pitch, 0.0).ToQuaternion().wxyz()
-        q[start + 4 : start + 7] = height * np.array(normal_of(*np.asarray(ground).tolist()))
+        q[start : start + 7] = base_pose
         self.plant.SetPositionsInArray(self.arm, np.asarray(arm, dtype=float), q)
         return q
 

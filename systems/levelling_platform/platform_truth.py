@@ -1,28 +1,27 @@
 """What a simulation knows and no sensor tells: the platform's true posture, feet and loops."""
 
-import math
 from typing import Any
 
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import ContactResults
-from pydrake.systems.framework import BasicVector, Context
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
 from parapod.systems.levelling_platform.plane import dot, normal_of
 from parapod.systems.levelling_platform.platform_model import PlatformModel
 from parapod.systems.ports import read_array
+from parapod.systems.rotations import Axes
 
 
 class PlatformTruth(OnInclinedGround):
-    """True posture and attitude of the platform, from the plant's state.
+    """True posture of the platform, from the plant's state.
 
     | port | size | unit | meaning |
     |---|---|---|---|
     | in `state` | n | - | state of the plant |
-    | out `attitude` | 3 | rad | roll, pitch, yaw |
     | out `posture` | 3 | rad, rad, m | roll, pitch, height above the ground |
 
     State: none. Parameters (Context): roll and pitch of the ground (2) [rad], see `set_ground`.
@@ -33,37 +32,18 @@ class PlatformTruth(OnInclinedGround):
         self.set_name("platform_truth")
         self._start = model.base.floating_positions_start()
         self._state = self.DeclareVectorInputPort("state", model.plant.num_multibody_states())
-        tickets = {self._state.ticket()}
-        self.DeclareVectorOutputPort("attitude", 3, self._calc_attitude, tickets)
-        self._attitude: Any = self.GetOutputPort("attitude")
         self.DeclareVectorOutputPort(
-            "posture", 3, self._calc_posture, tickets | {self.all_parameters_ticket()}
-        )
-
-    def _part(self, context: Context, start: int, size: int) -> list[float]:
-        """A few of the plant's many states."""
-        state: Any = self._state.EvalBasicVector(context)
-        return state.value()[start : start + size].tolist()
-
-    def _calc_attitude(self, context: Context, output: BasicVector) -> None:
-        start = self._start
-        w, x, y, z = self._part(context, start, 4)
-        scale = 2.0 / (w * w + x * x + y * y + z * z)
-        output.SetFromVector(
-            np.array(
-                [
-                    math.atan2(scale * (y * z + w * x), 1.0 - scale * (x * x + y * y)),
-                    math.asin(min(1.0, max(-1.0, scale * (w * y - x * z)))),
-                    math.atan2(scale * (x * y + w * z), 1.0 - scale * (y * y + z * z)),
-                ]
-            )
+            "posture",
+            3,
+            self._calc_posture,
+            {self._state.ticket(), self.all_parameters_ticket()},
         )
 
     def _calc_posture(self, context: Context, output: BasicVector) -> None:
-        start = self._start + 4
-        roll, pitch, _ = self._attitude.Eval(context).tolist()
-        n = normal_of(*self._ground_of(context))
-        height = dot(n, self._part(context, start, 3))
+        state: Any = self._state.EvalBasicVector(context)
+        pose = state.value()[self._start : self._start + 7].tolist()
+        roll, pitch, _ = Axes.from_quaternion(pose[:4]).roll_pitch_yaw()
+        height = dot(normal_of(*self._ground_of(context)), pose[4:])
         output.SetFromVector(np.array([roll, pitch, height]))
 
 
@@ -137,17 +117,17 @@ class FootTruth(OnInclinedGround):
         )
 
 
-class PlatformPose(OnInclinedGround):
-    """Positions of all joints of the platform's model, for drawing a quasi-static plant.
+class PlatformPose(LeafSystem):
+    """Positions of all joints of a platform's model, for drawing a plant that has no such joints.
 
     | port | size | unit | meaning |
     |---|---|---|---|
     | in `extension` | 4 | m | extensions |
-    | in `posture` | 3 | rad, rad, m | roll, pitch, height |
+    | in `base_pose` | 7 | -, m | quaternion (w, x, y, z) and position of the platform |
     | in `arm_position` | 2 | rad | turntable and arm angle |
-    | out `positions` | n | - | positions of the plant |
+    | out `positions` | n | - | positions of the model's plant |
 
-    State: none. Parameters (Context): roll and pitch of the ground (2) [rad], see `set_ground`.
+    State: none.
     """
 
     def __init__(self, model: PlatformModel):
@@ -155,25 +135,19 @@ class PlatformPose(OnInclinedGround):
         self.set_name("platform_pose")
         self._model = model
         self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
-        self._posture = self.DeclareVectorInputPort("posture", 3)
+        self._base_pose = self.DeclareVectorInputPort("base_pose", 7)
         self._arm = self.DeclareVectorInputPort("arm_position", 2)
         self.DeclareVectorOutputPort(
             "positions",
             model.plant.num_positions(),
             self._calc_positions,
-            {
-                self._extension.ticket(),
-                self._posture.ticket(),
-                self._arm.ticket(),
-                self.all_parameters_ticket(),
-            },
+            {self._extension.ticket(), self._base_pose.ticket(), self._arm.ticket()},
         )
 
     def _calc_positions(self, context: Context, output: BasicVector) -> None:
-        q = self._model.positions(
+        q = self._model.positions_at(
             read_array(self._extension, context),
-            read_array(self._posture, context),
-            self._ground_of(context),
+            read_array(self._base_pose, context),
             read_array(self._arm, context),
         )
         output.SetFromVector(q)

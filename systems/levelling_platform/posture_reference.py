@@ -53,8 +53,7 @@ class PostureReference(LeafSystem):
     | in `extension_measured` | 4 | m | where the reference starts |
     | in `ground` | 2 | rad | estimated roll and pitch of the ground |
     | in `enable` | 1 | - | above 0.5: follow commands |
-    | out `posture_desired` | 3 | rad, rad, m | reference, twice continuously differentiable |
-    | out `posture_rate_desired` | 3 | rad/s, rad/s, m/s | its rate |
+    | out `posture_desired_state` | 6 | rad, rad, m and rates | the reference, C2 in the posture |
 
     When it is enabled the reference starts at rest from the measured posture, so that nothing
     jumps. Each new command is approached by polynomials of degree 5 from the reference's present
@@ -98,22 +97,18 @@ class PostureReference(LeafSystem):
             self._measured.ticket(),
             self._ground.ticket(),
         }
-        self.DeclareVectorOutputPort("posture_desired", 3, self._calc_posture, prerequisites)
         self.DeclareVectorOutputPort(
-            "posture_rate_desired", 3, self._calc_rate, {state, self.time_ticket()}
+            "posture_desired_state", 6, self._calc_desired_state, prerequisites
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_plan)
 
-    def _calc_posture(self, context: Context, output: BasicVector) -> None:
+    def _calc_desired_state(self, context: Context, output: BasicVector) -> None:
         state = elements(context.get_discrete_state_vector())
         if state[_STARTED] > 0.5:
-            output.SetFromVector(np.array(_position(state, context.get_time())))
+            now = context.get_time()
+            output.SetFromVector(np.array(_position(state, now) + _rate(state, now)))
         else:
-            output.SetFromVector(self._measured_posture(context))
-
-    def _calc_rate(self, context: Context, output: BasicVector) -> None:
-        state = elements(context.get_discrete_state_vector())
-        output.SetFromVector(np.array(_rate(state, context.get_time())))
+            output.SetFromVector(np.append(self._measured_posture(context), np.zeros(3)))
 
     def _measured_posture(self, context: Context) -> NDArray[np.float64]:
         extension, ground = read_array(self._measured, context), read_array(self._ground, context)

@@ -1,12 +1,13 @@
 """A list of postures to take one after the other, shrunk to what the ground allows."""
 
+import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
@@ -45,7 +46,9 @@ class PostureScript(LeafSystem):
     one of them can be reached. Whether the level posture itself can be reached is not decided
     here but by `PostureReference`, which refuses it by name.
 
-    State: discrete, whether begun (1), start time (1), scale (1), updated every period.
+    State: discrete, commanded posture (3); scale (1); whether begun, start time and number of
+    waypoints commanded so far (3); updated every period, so a waypoint is commanded up to a
+    period after its time.
 
     Bad input: a ground that is not finite does not start the script.
     """
@@ -76,37 +79,43 @@ class PostureScript(LeafSystem):
             raise ValueError(f"the waypoints' times must not decrease, but are {self._times}")
         self._ground = self.DeclareVectorInputPort("ground", 2)
         self._enable = self.DeclareVectorInputPort("enable", 1)
-        state = self.discrete_state_ticket(self.DeclareDiscreteState(3))
-        self.DeclareVectorOutputPort(
-            "posture_command", 3, self._calc_command, {state, self.time_ticket()}
-        )
-        self.DeclareVectorOutputPort("scale", 1, self._calc_scale, {state})
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_start)
+        self._level = np.array([0.0, 0.0, height])
+        self.DeclareStateOutputPort("posture_command", self.DeclareDiscreteState(self._level))
+        self.DeclareStateOutputPort("scale", self.DeclareDiscreteState(1))
+        self.DeclareDiscreteState(3)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_command)
 
-    def _calc_command(self, context: Context, output: BasicVector) -> None:
-        begun, start, scale = elements(context.get_discrete_state_vector())
-        posture = [0.0, 0.0, self._height]
-        if begun > 0.5:
-            elapsed = context.get_time() - start + 1e-9
-            count = sum(time <= elapsed for time in self._times)
-            if count:
-                posture = self._posture(self._waypoints[count - 1], scale)
-        output.SetFromVector(np.array(posture))
-
-    def _calc_scale(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state_vector().value()[2:3])
-
-    def _update_start(self, context: Context, discrete_state: Any) -> None:
-        begun = context.get_discrete_state_vector().value()[0] > 0.5
+    def _update_command(self, context: Context, discrete_state: Any) -> None:
+        begun, start, count = elements(context.get_discrete_state(2))
         enabled = is_on(self._enable, context)
-        if begun == enabled:
+        if begun != float(enabled):
+            self._begin_or_end(context, discrete_state, enabled)
             return
-        if not enabled:
-            discrete_state.set_value(np.zeros(3))
-            return
+        done = self._count_until(context.get_time() - start) if begun else 0
+        if done > count:
+            scale = context.get_discrete_state(1)[0]
+            discrete_state.set_value(0, self._commanded(done, scale))
+            discrete_state.set_value(2, np.array([1.0, start, float(done)]))
+
+    def _begin_or_end(self, context: Context, discrete_state: Any, enabled: bool) -> None:
+        """Begins the script once the ground is known; ends it at the level posture."""
         ground = read_array(self._ground, context)
-        if np.isfinite(ground).all():
-            discrete_state.set_value(np.array([1.0, context.get_time(), self._fit(ground)]))
+        if enabled and not np.isfinite(ground).all():
+            return
+        scale = self._fit(ground) if enabled else 0.0
+        done = self._count_until(0.0) if enabled else 0
+        discrete_state.set_value(0, self._commanded(done, scale))
+        discrete_state.set_value(1, np.array([scale]))
+        progress = [float(enabled), context.get_time() if enabled else 0.0, float(done)]
+        discrete_state.set_value(2, np.array(progress))
+
+    def _count_until(self, elapsed: float) -> int:
+        """Number of waypoints whose time has come."""
+        return bisect.bisect_right(self._times, elapsed + 1e-9)
+
+    def _commanded(self, done: int, scale: float) -> NDArray[np.float64]:
+        """Posture commanded once that many waypoints have been."""
+        return np.array(self._posture(self._waypoints[done - 1], scale)) if done else self._level
 
     def _posture(self, waypoint: Waypoint, scale: float) -> list[float]:
         return [

@@ -123,8 +123,12 @@ class AttitudeEstimator(LeafSystem):
         if count > 0.0 and not _is_close(gyro, bias, self.params.rest_rate):
             count = _RUNNING
         if count == _RUNNING:
-            rate = [0.5 * (a + b) for a, b in zip(last, gyro, strict=True)]
-            tau = context.get_numeric_parameter(self._time_constant).value().item()
+            rate = [
+                0.5 * (last[0] + gyro[0]),
+                0.5 * (last[1] + gyro[1]),
+                0.5 * (last[2] + gyro[2]),
+            ]
+            tau = context.get_numeric_parameter(self._time_constant)[0]
             self._correct(up, bias, rate, accel, norm, tau)
         elif count > 0.0 or self._may_start(norm):
             count = self._average(up, bias, gyro, accel, norm, count)

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from parapod.systems.sensors.imu import sample_period
+
 # Two instants closer than this are the same one: sample times are sums and products of periods.
 _SAME_INSTANT = 1e-9
 
@@ -31,7 +33,7 @@ class DeviceStatus(LeafSystem):
     def __init__(
         self,
         devices: Sequence[str] = ("legs", "imu", "wheels", "arm"),
-        periods: Sequence[float] = (0.0, 8.0 / 819.2, 0.0, 0.0),
+        periods: Sequence[float] = (0.0, sample_period(), 0.0, 0.0),
     ) -> None:
         super().__init__()
         if len(devices) != len(periods):

@@ -70,11 +70,13 @@ class Encoder(LeafSystem):
 
 def _counted(values: list[float], count: float) -> NDArray[np.float64]:
     """Values rounded to whole counts, or unchanged for a count of zero."""
-    values = [value if math.isfinite(value) else 0.0 for value in values]
     # A value too large to be divided by the count is its own rounding.
+    largest = 1e15 * count
     return np.array(
         [
-            round(value / count) * count if count > 0.0 and abs(value) < 1e15 * count else value
+            round(value / count) * count
+            if -largest < value < largest
+            else (value if math.isfinite(value) else 0.0)
             for value in values
         ]
     )

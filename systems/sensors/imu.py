@@ -2,10 +2,10 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common import RandomDistribution, RandomGenerator
 from pydrake.systems.framework import (
     BasicVector,
@@ -16,14 +16,16 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import RandomSource
 
-from parapod.systems.ports import read
-from parapod.systems.sensors.averaging_accelerometer import in_body
+from parapod.systems.ports import elements, read
+from parapod.systems.rotations import Axes
 
 _DEGREE = math.radians(1.0)
 # What an accelerometer's g and mg are counted in [m/s^2].
 STANDARD_GRAVITY = 9.80665
 _GAUSS = 1e-4
 _SAMPLE_RATE = 819.2
+# Eight samples are averaged: the rate nearest to a controller's 100 Hz.
+_DECIMATION = 3
 _NO_BIAS = (0.0, 0.0, 0.0)
 
 type Vector3 = tuple[float, float, float]
@@ -131,13 +133,11 @@ class Imu(LeafSystem):
 
     NOISE_SIZE = 15  # gyro 3, accel 3, mag 3, gyro bias 3, accel bias 3
 
-    def __init__(self, params: ImuParams = ImuParams(), decimation: int = 3) -> None:
+    def __init__(self, params: ImuParams = ImuParams(), decimation: int = _DECIMATION) -> None:
         super().__init__()
-        if decimation < 0:
-            raise ValueError(f"decimation must be 0 or more, not {decimation}")
         self.set_name("imu")
         self.params, self.decimation = params, decimation
-        self.period = 2.0**decimation / _SAMPLE_RATE
+        self.period = sample_period(decimation)
         self._angular_velocity: Any = self.DeclareVectorInputPort("angular_velocity", 3)
         self._specific_force: Any = self.DeclareVectorInputPort("specific_force", 3)
         self._attitude: Any = self.DeclareVectorInputPort("attitude", 3)
@@ -151,31 +151,26 @@ class Imu(LeafSystem):
         self.DeclareInitializationDiscreteUpdateEvent(self._update_first_sample)
         self.DeclarePeriodicDiscreteUpdateEvent(self.period, 0.0, self._update_sample)
 
-        # One element an axis: gyro, accelerometer, magnetometer.
         to_deviation = math.sqrt(0.5 / self.period)
-        self._deviation = to_deviation * _per_axis(
-            params.gyro_noise_density, params.accel_noise_density, params.mag_noise_density
+        sensors = (
+            (params.gyro_noise_density, params.gyro_resolution, params.gyro_range),
+            (params.accel_noise_density, params.accel_resolution, params.accel_range),
+            (params.mag_noise_density, params.mag_resolution, params.mag_range),
         )
-        resolution = _per_axis(
-            params.gyro_resolution, params.accel_resolution, params.mag_resolution
-        )
-        self._is_counted = resolution > 0.0
-        self._resolution = np.where(self._is_counted, resolution, 1.0)
-        limit = _per_axis(params.gyro_range, params.accel_range, params.mag_range)
-        # Whole counts, so that a rounded reading cannot exceed the range.
-        counts = np.floor(limit / self._resolution + 1e-6)
-        self._limit = np.where(self._is_counted, counts * self._resolution, limit)
-
-        decay_kick = np.array(
-            [
-                _gauss_markov(deviation, correlation_time, self.period)
-                for deviation, correlation_time in (
-                    (params.gyro_bias_instability, params.gyro_bias_correlation_time),
-                    (params.accel_bias_instability, params.accel_bias_correlation_time),
-                )
-            ]
-        )
-        self._decay, self._kick = np.repeat(decay_kick, 3, axis=0).T
+        # One element an axis: gyro, accelerometer, magnetometer.
+        self._axes = [
+            _Axis(to_deviation * density, resolution, _largest(limit, resolution))
+            for density, resolution, limit in sensors
+            for _ in range(3)
+        ]
+        self._drifts = [
+            _gauss_markov(deviation, correlation_time, self.period)
+            for deviation, correlation_time in (
+                (params.gyro_bias_instability, params.gyro_bias_correlation_time),
+                (params.accel_bias_instability, params.accel_bias_correlation_time),
+            )
+            for _ in range(3)
+        ]
 
     def set_turn_on_bias(
         self, context: Context, gyro: ArrayLike = 0.0, accel: ArrayLike = 0.0
@@ -191,50 +186,93 @@ class Imu(LeafSystem):
         context.get_mutable_numeric_parameter(self._turn_on_bias).SetFromVector(bias)
 
     def _update_first_sample(self, context: Context, discrete_state: DiscreteValues) -> None:
-        drift = context.get_discrete_state(3).value()
+        drift = elements(context.get_discrete_state(3))
         self._sample(context, discrete_state, self._read_noise(context), drift)
 
     def _update_sample(self, context: Context, discrete_state: DiscreteValues) -> None:
         noise = self._read_noise(context)
-        drift = self._decay * context.get_discrete_state(3).value() + self._kick * noise[9:]
-        discrete_state.set_value(3, drift)
+        drift = [
+            decay * bias + kick * sample
+            for (decay, kick), bias, sample in zip(
+                self._drifts, elements(context.get_discrete_state(3)), noise[9:], strict=True
+            )
+        ]
+        discrete_state.set_value(3, np.array(drift))
         self._sample(context, discrete_state, noise, drift)
 
-    def _read_noise(self, context: Context) -> NDArray[np.float64]:
+    def _read_noise(self, context: Context) -> list[float]:
         if not self._noise.HasValue(context):
-            return np.zeros(self.NOISE_SIZE)
-        noise = self._noise.EvalBasicVector(context).value()
-        return noise if np.isfinite(noise).all() else np.where(np.isfinite(noise), noise, 0.0)
+            return [0.0] * self.NOISE_SIZE
+        return [sample if math.isfinite(sample) else 0.0 for sample in read(self._noise, context)]
 
     def _sample(
         self,
         context: Context,
         discrete_state: DiscreteValues,
-        noise: NDArray[np.float64],
-        drift: NDArray[np.float64],
+        noise: list[float],
+        drift: list[float],
     ) -> None:
         field = self.params.magnetic_field
         if self._attitude.HasValue(context):
-            field = in_body(field, *read(self._attitude, context))
+            axes = Axes.from_roll_pitch_yaw(*read(self._attitude, context))
+            field = axes.components(field)
+        moved = read(self._angular_velocity, context) + read(self._specific_force, context)
+        constant = elements(context.get_numeric_parameter(self._turn_on_bias))
+        truth = [a + b + c for a, b, c in zip(moved, constant, drift, strict=True)]
         reading = np.array(
-            [*read(self._angular_velocity, context), *read(self._specific_force, context), *field]
+            [
+                axis.read(value, sample)
+                for axis, value, sample in zip(
+                    self._axes, (*truth, *field), noise[:9], strict=True
+                )
+            ]
         )
-        reading += self._deviation * noise[:9]
-        reading[:6] += context.get_numeric_parameter(self._turn_on_bias).value() + drift
-        if not np.isfinite(reading).all():
-            reading = np.nan_to_num(reading, posinf=math.inf, neginf=-math.inf)
-        reading = np.minimum(np.maximum(reading, -self._limit), self._limit)
-        counted = np.rint(reading / self._resolution) * self._resolution
-        reading = np.where(self._is_counted, counted, reading)
         discrete_state.set_value(0, reading[:3])
         discrete_state.set_value(1, reading[3:6])
         discrete_state.set_value(2, reading[6:])
 
 
+class _Axis(NamedTuple):
+    """How one axis turns a value into a reading.
+
+    Attributes:
+        deviation: of a sample's noise.
+        resolution: one count; 0 for none.
+        limit: largest reading.
+    """
+
+    deviation: float
+    resolution: float
+    limit: float
+
+    def read(self, value: float, noise: float) -> float:
+        """The reading, in whole counts and within the limit; zero for NaN.
+
+        Args:
+            value: what is measured, with its biases.
+            noise: unit Gaussian.
+        """
+        value += self.deviation * noise
+        if not -self.limit < value < self.limit:
+            return 0.0 if value != value else math.copysign(self.limit, value)
+        return round(value / self.resolution) * self.resolution if self.resolution else value
+
+
+def sample_period(decimation: int = _DECIMATION) -> float:
+    """Time between two samples of the ADIS16448, 2^decimation / 819.2 s (data sheet) [s].
+
+    Raises:
+        ValueError: negative decimation.
+    """
+    if decimation < 0:
+        raise ValueError(f"decimation must be 0 or more, not {decimation}")
+    return 2.0**decimation / _SAMPLE_RATE
+
+
 def add_imu(
     builder: DiagramBuilder,
     params: ImuParams = ImuParams(),
-    decimation: int = 3,
+    decimation: int = _DECIMATION,
     name: str = "imu",
 ) -> tuple[Imu, RandomSource]:
     """Adds an IMU and the source of its noise, connected. Seed the source with `seed_noise`."""
@@ -263,5 +301,6 @@ def _gauss_markov(deviation: float, correlation_time: float, period: float) -> t
     return decay, deviation * math.sqrt(1.0 - decay * decay)
 
 
-def _per_axis(gyro: float, accel: float, mag: float) -> NDArray[np.float64]:
-    return np.repeat([gyro, accel, mag], 3)
+def _largest(limit: float, resolution: float) -> float:
+    """The range in whole counts, so that a rounded reading cannot exceed it."""
+    return math.floor(limit / resolution + 1e-6) * resolution if resolution else limit

@@ -190,16 +190,16 @@ class WildCommand(LeafSystem):
 @pytest.mark.parametrize("period", [0.25, 0.5, 1.0, 2.0])
 def test_clamped_commands_keep_the_legs_inside_their_stroke(period):
     scenario = scenario_of(ideal=True)
-    names = ("truth.extension", "extension_desired", "legs.voltage", "posture_command")
+    names = ("truth.extension", "extension_desired_state", "legs.voltage", "posture_command")
     loop = make_closed_loop(
         scenario, command=WildCommand(period), on_unreachable="clamp", log=names
     )
     _, signals = simulate(loop, BEGIN + 8.0)
     low, high = MODEL_GEOMETRY.extension_min, MODEL_GEOMETRY.extension_max
     # Some overshoot of a leg that follows is no fault of the reference.
-    for name, margin in (("extension_desired", 1e-4), ("truth.extension", 5e-4)):
-        extension = signals[name]
-        assert np.isfinite(extension).all()
+    for name, margin in (("extension_desired_state", 1e-4), ("truth.extension", 5e-4)):
+        assert np.isfinite(signals[name]).all()
+        extension = signals[name][:, :4]
         assert extension.min() > low - margin, name
         assert extension.max() < high + margin, name
     # The faster the commands jump, the more of the time goes into stopping.
@@ -376,7 +376,9 @@ def test_controller_that_holds_still_asks_for_the_extensions_of_the_command():
     np.testing.assert_allclose(
         controller.read("ground_estimated"), controller.GROUND, rtol=0.0, atol=1e-6
     )
-    np.testing.assert_allclose(controller.read("extension_desired"), expected, rtol=0.0, atol=1e-6)
+    extension, rate = np.split(controller.read("extension_desired_state"), 2)
+    np.testing.assert_allclose(extension, expected, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(rate, 0.0, atol=1e-12)
 
 
 def test_waypoints_are_taken():

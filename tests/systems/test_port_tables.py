@@ -71,6 +71,8 @@ def system(name, request):
     if name == "ParallelLinks":
         platform, _ = request.getfixturevalue("model")
         return SYSTEMS[name](platform, SceneGraph(), platform.plant.num_positions())
+    if name == "InertialMotion":
+        return SYSTEMS[name](state_size=13, pose_start=0, velocity_start=7, period=0.01)
     if name in NEED_MESHCAT:
         return SYSTEMS[name](request.getfixturevalue("meshcat"))
     return SYSTEMS[name]()

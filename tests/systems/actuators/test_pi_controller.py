@@ -18,6 +18,28 @@ INTEGRATOR = LinearActuatorParams(
 AT_REST = {"desired": (0.4,), "measured": (0.4,), "enable": (1.0,)}
 
 
+@pytest.fixture
+def fix(fix):
+    """fix(...) that takes the halves of `desired_state` apart, as `desired` and `desired_rate`.
+
+    A half that is not given stays as it is; the rates begin at zero.
+    """
+
+    def fix_halves(controller, context, **inputs):
+        names = ("desired", "desired_rate")
+        given = {name: inputs.pop(name) for name in names if name in inputs}
+        if given:
+            port = controller.GetInputPort("desired_state")
+            n = controller.channels
+            halves = np.split(port.Eval(context) if port.HasValue(context) else np.zeros(2 * n), 2)
+            state = [given.get(name, half) for name, half in zip(names, halves, strict=True)]
+            assert [len(half) for half in state] == [n, n]
+            inputs["desired_state"] = np.concatenate(state)
+        fix(controller, context, **inputs)
+
+    return fix_halves
+
+
 class Loop:
     """One actuator under PI control, whose inputs are fixed by the test."""
 
@@ -31,7 +53,7 @@ class Loop:
         builder.Connect(
             self.plant.GetOutputPort("extension"), self.controller.GetInputPort("measured")
         )
-        for name in ("desired", "desired_rate", "enable"):
+        for name in ("desired_state", "enable"):
             builder.ExportInput(self.controller.GetInputPort(name), name)
         position = LogVectorOutput(self.plant.GetOutputPort("extension"), builder, period)
         voltage = LogVectorOutput(self.controller.GetOutputPort("voltage"), builder, period)
@@ -40,11 +62,14 @@ class Loop:
         self.context = self.simulator.get_mutable_context()
         self.plant.set_extension(self.plant.GetMyMutableContextFromRoot(self.context), start)
         self.logs = [log.FindLog(self.context) for log in (position, voltage)]
-        self.set(desired=start, desired_rate=0.0, enable=1.0)
+        self.state = [start, 0.0]
+        self.diagram.GetInputPort("enable").FixValue(self.context, [1.0])
+        self.set()
 
-    def set(self, **inputs):
-        for name, value in inputs.items():
-            self.diagram.GetInputPort(name).FixValue(self.context, [value])
+    def set(self, **halves):
+        for name, value in halves.items():
+            self.state[("desired", "desired_rate").index(name)] = value
+        self.diagram.GetInputPort("desired_state").FixValue(self.context, self.state)
 
     def run(self, until):
         self.simulator.AdvanceTo(until)
@@ -238,9 +263,12 @@ def test_friction_is_fed_forward_by_direction_and_fades_with_the_rate(fix):
     np.testing.assert_allclose(tick(controller, context), expected, atol=1e-4)
 
 
-def test_unconnected_rate_is_not_fed_forward(fix):
-    controller = PiController(PiControllerParams(rate_feedforward=1.0), channels=1)
-    context = begun(controller, fix)
+def test_rate_of_zero_feeds_nothing_forward(fix):
+    params = PiControllerParams(rate_feedforward=1.0, friction_feedforward=(0.3, 0.2))
+    controller = PiController(params, channels=1)
+    context = begun(controller, fix, desired_rate=(0.0,))
+    # The integral, which takes up whatever is fed forward when control begins, is left at zero.
+    assert context.get_discrete_state(1).value().tolist() == [0.0, 1.0]
     assert tick(controller, context).tolist() == [0.0]
 
 
@@ -253,13 +281,13 @@ def test_channel_with_bad_input_outputs_nothing_and_keeps_its_integral(fix, name
     fix(controller, context, desired=(0.401, 0.401))
     for _ in range(5):
         tick(controller, context)
-    integral = context.get_discrete_state(0)[0]
-    good = controller.GetInputPort(name).Eval(context).copy()
+    integral = context.get_discrete_state(1)[0]
+    good = (twos | {"desired": (0.401, 0.401), "desired_rate": (0.0, 0.0)})[name]
     fix(controller, context, **{name: (bad, good[1])})
     voltage = tick(controller, context)
     assert voltage[0] == 0.0
     assert voltage[1] > 0.0
-    assert context.get_discrete_state(0)[0] == integral
+    assert context.get_discrete_state(1)[0] == integral
     fix(controller, context, **{name: good})
     assert tick(controller, context)[0] == pytest.approx(2000.0 * 0.001 + integral, rel=1e-9)
 
@@ -341,9 +369,8 @@ def test_derivatives_of_an_update_agree_with_differences(assert_gradient_agrees,
 
     def update(system, x):
         context = system.CreateDefaultContext()
-        context.SetDiscreteState(0, x[:2])
-        begun = np.ones(context.get_discrete_state(2).size())
-        context.SetDiscreteState(2, 0.0 * x[0] + begun)
+        begun = 0.0 * x[:2] + 1.0
+        context.SetDiscreteState(1, np.concatenate([x[:2], begun]))
         fix(system, context, desired=x[2:4], desired_rate=x[4:6], measured=x[6:8])
         fix(system, context, enable=0.0 * x[:1] + 1.0)
         state = system.EvalUniquePeriodicDiscreteUpdate(context)

@@ -20,8 +20,8 @@ POSTURE = np.array((0.01, -0.02, 0.475))
 RATE = np.array((0.02, 0.01, 0.005))
 GROUND = np.array((0.02, -0.03))
 INPUTS = {
-    "posture_desired": POSTURE,
-    "posture_rate_desired": RATE,
+    "posture": POSTURE,
+    "posture_rate": RATE,
     "ground": GROUND,
     "extension_measured": np.full(4, 0.405),
     "enable": (0.0,),
@@ -29,66 +29,85 @@ INPUTS = {
 TRIPLES = pytest.mark.parametrize("active", [(0, 1, 2), (0, 1, 3), (3, 2, 1), (2, 0, 3)])
 
 
-def evaluated(system, fix, read, **inputs):
+def ports(**inputs):
+    """Values of the input ports, posture and rate in one; `INPUTS` where nothing is said."""
+    values = INPUTS | inputs
+    state = np.concatenate([values.pop("posture"), values.pop("posture_rate")])
+    return values | {"posture_desired_state": state}
+
+
+def changed(before, after):
+    """The entries of `after` that differ."""
+    return {name: after[name] for name in before if not np.array_equal(before[name], after[name])}
+
+
+def output_of(system, context):
+    """Extensions and rates by name."""
+    state = system.GetOutputPort("active_desired_state").Eval(context).copy()
+    extension, rate = np.split(state, 2)
+    return {"extension": extension, "extension_rate": rate}
+
+
+def evaluated(system, fix, **inputs):
     context = system.CreateDefaultContext()
-    fix(system, context, **(INPUTS | inputs))
-    return read(system, context)
+    fix(system, context, **ports(**inputs))
+    return output_of(system, context)
 
 
-def test_extension_on_level_ground_is_that_of_the_digests_table(fix, read):
+def test_extension_on_level_ground_is_that_of_the_digests_table(fix):
     # d = .400: h = .505429 m.
     output = evaluated(
         KinematicFeedforward(),
         fix,
-        read,
-        posture_desired=(0.0, 0.0, 0.505429),
+        posture=(0.0, 0.0, 0.505429),
         ground=(0.0, 0.0),
-        posture_rate_desired=(0.0, 0.0, 1.0),
+        posture_rate=(0.0, 0.0, 1.0),
     )
-    np.testing.assert_allclose(output["extension_desired"], 0.400, atol=1e-7)
+    np.testing.assert_allclose(output["extension"], 0.400, atol=1e-7)
     # dp_z/dd = -6.047 there.
-    np.testing.assert_allclose(output["extension_rate_desired"], -1.0 / 6.047, rtol=1e-4)
+    np.testing.assert_allclose(output["extension_rate"], -1.0 / 6.047, rtol=1e-4)
 
 
 @TRIPLES
-def test_exact_law_is_inverse_kinematics_and_its_jacobian(fix, read, active):
-    output = evaluated(KinematicFeedforward(GEOMETRY, active_legs=active), fix, read)
+def test_exact_law_is_inverse_kinematics_and_its_jacobian(fix, active):
+    output = evaluated(KinematicFeedforward(GEOMETRY, active_legs=active), fix)
     extension = inverse_kinematics(GEOMETRY, POSTURE, GROUND)[list(active)]
     jacobian = posture_jacobian(GEOMETRY, POSTURE, GROUND)[list(active)]
-    np.testing.assert_allclose(output["extension_desired"], extension, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(output["extension_rate_desired"], jacobian @ RATE, atol=1e-14)
+    np.testing.assert_allclose(output["extension"], extension, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(output["extension_rate"], jacobian @ RATE, atol=1e-14)
 
 
-def test_rate_is_the_derivative_of_the_extension_along_the_motion(fix, read):
+def test_rate_is_the_derivative_of_the_extension_along_the_motion(fix):
     system, step = KinematicFeedforward(GEOMETRY), 1e-6
     ahead, behind = (
-        evaluated(system, fix, read, posture_desired=POSTURE + t * RATE)["extension_desired"]
-        for t in (step, -step)
+        evaluated(system, fix, posture=POSTURE + t * RATE)["extension"] for t in (step, -step)
     )
-    rate = evaluated(system, fix, read)["extension_rate_desired"]
+    rate = evaluated(system, fix)["extension_rate"]
     np.testing.assert_allclose(rate, (ahead - behind) / (2.0 * step), atol=1e-9)
 
 
-def test_leg_that_cannot_reach_is_nan_and_the_others_are_not_clamped(fix, read):
-    output = evaluated(
-        KinematicFeedforward(GEOMETRY), fix, read, posture_desired=(0.0, 0.75, 0.477)
-    )
-    extension = output["extension_desired"]
+def test_leg_that_cannot_reach_is_nan_and_the_others_are_not_clamped(fix):
+    output = evaluated(KinematicFeedforward(GEOMETRY), fix, posture=(0.0, 0.75, 0.477))
+    extension = output["extension"]
     bad = np.isnan(extension)
     assert bad.any()
     assert not bad.all()
-    assert np.isnan(output["extension_rate_desired"][bad]).all()
+    assert np.isnan(output["extension_rate"][bad]).all()
     assert ((extension[~bad] < 0.390) | (extension[~bad] > 0.420)).all()
 
 
-@pytest.mark.parametrize("name", ["posture_desired", "posture_rate_desired", "ground"])
-def test_nan_input_gives_nan(fix, read, name):
+@pytest.mark.parametrize("name", ["posture", "posture_rate", "ground"])
+def test_nan_input_gives_nan(fix, name):
+    system = KinematicFeedforward(GEOMETRY)
     bad = np.array(INPUTS[name], dtype=float)
     bad[0] = math.nan
-    output = evaluated(KinematicFeedforward(GEOMETRY), fix, read, **{name: bad})
-    assert np.isnan(output["extension_rate_desired"]).all()
-    is_rate = name == "posture_rate_desired"
-    assert np.isnan(output["extension_desired"]).all() != is_rate
+    output = evaluated(system, fix, **{name: bad})
+    assert np.isnan(output["extension_rate"]).all()
+    if name == "posture_rate":
+        good = evaluated(system, fix)
+        np.testing.assert_array_equal(output["extension"], good["extension"])
+    else:
+        assert np.isnan(output["extension"]).all()
 
 
 def test_unknown_law_is_refused():
@@ -96,29 +115,32 @@ def test_unknown_law_is_refused():
         KinematicFeedforward(GEOMETRY, law="newton")
 
 
-BOTH = {"extension_desired", "extension_rate_desired"}
+BOTH = {"extension", "extension_rate"}
 
 
 @pytest.mark.parametrize(
     ("law", "name", "value", "names"),
     [
-        ("exact", "posture_desired", POSTURE + 0.001, BOTH),
-        ("exact", "posture_rate_desired", 2.0 * RATE, {"extension_rate_desired"}),
+        ("exact", "posture", POSTURE + 0.001, BOTH),
+        ("exact", "posture_rate", 2.0 * RATE, {"extension_rate"}),
         ("exact", "ground", GROUND + 0.001, BOTH),
         ("exact", "extension_measured", np.full(4, 0.41), set()),
         ("exact", "enable", (1.0,), set()),
-        ("differential", "posture_desired", POSTURE + 0.001, {"extension_rate_desired"}),
-        ("differential", "posture_rate_desired", 2.0 * RATE, {"extension_rate_desired"}),
-        ("differential", "ground", GROUND + 0.001, {"extension_rate_desired"}),
+        ("differential", "posture", POSTURE + 0.001, {"extension_rate"}),
+        ("differential", "posture_rate", 2.0 * RATE, {"extension_rate"}),
+        ("differential", "ground", GROUND + 0.001, {"extension_rate"}),
         ("differential", "extension_measured", np.full(4, 0.41), BOTH),
         ("differential", "enable", (1.0,), set()),
     ],
 )
-def test_each_input_moves_what_depends_on_it(fix, moved, law, name, value, names):
+def test_each_input_moves_what_depends_on_it(fix, law, name, value, names):
     system = KinematicFeedforward(GEOMETRY, law=law)
     context = system.CreateDefaultContext()
-    fix(system, context, **INPUTS)
-    assert moved(system, context, lambda: fix(system, context, **{name: value})) == names
+    fix(system, context, **ports())
+    before = output_of(system, context)
+    # The other ports are left alone, so that they do not invalidate anything.
+    fix(system, context, **changed(ports(), ports(**{name: value})))
+    assert set(changed(before, output_of(system, context))) == names
 
 
 def test_exact_law_has_no_state():
@@ -141,8 +163,8 @@ def driven(law, period):
     builder = DiagramBuilder()
     system = builder.AddSystem(KinematicFeedforward(GEOMETRY, law=law, period=period))
     for name, source in (
-        ("posture_desired", TrajectorySource(motion)),
-        ("posture_rate_desired", TrajectorySource(motion.MakeDerivative())),
+        # Drake puts the values first, then their derivatives.
+        ("posture_desired_state", TrajectorySource(motion, output_derivative_order=1)),
         ("ground", ConstantVectorSource(GROUND)),
         ("extension_measured", ConstantVectorSource(start)),
         ("enable", ConstantVectorSource([1.0])),
@@ -156,7 +178,7 @@ def driven(law, period):
         # An update at t counts once the simulation goes on from there.
         simulator.AdvanceTo(t + 1e-6)
         own = system.GetMyContextFromRoot(context)
-        extension = system.GetOutputPort("extension_desired").Eval(own)
+        extension = output_of(system, own)["extension"]
         elapsed = period * (math.floor(t / period + 1e-9) + 1.0) if law == "differential" else t
         posture = motion.value(min(elapsed, 2.0)).flatten()
         exact = inverse_kinematics(GEOMETRY, posture, GROUND)[:3]
@@ -181,40 +203,46 @@ def test_differential_law_starts_from_the_measured_extensions(fix, active):
     simulator = Simulator(system)
     context = simulator.get_mutable_context()
     measured = np.array((0.400, 0.403, 0.406, 0.409))
-    fix(system, context, **(INPUTS | {"extension_measured": measured}))
-    output = system.GetOutputPort("extension_desired")
-    np.testing.assert_array_equal(output.Eval(context), measured[list(active)])
+    fix(system, context, **ports(extension_measured=measured))
+
+    def extension():
+        return output_of(system, context)["extension"]
+
+    np.testing.assert_array_equal(extension(), measured[list(active)])
     simulator.AdvanceTo(0.055)
-    np.testing.assert_array_equal(output.Eval(context), measured[list(active)])
+    np.testing.assert_array_equal(extension(), measured[list(active)])
     fix(system, context, extension_measured=measured + 0.001)
-    np.testing.assert_array_equal(output.Eval(context), measured[list(active)] + 0.001)
+    np.testing.assert_array_equal(extension(), measured[list(active)] + 0.001)
 
 
 def test_differential_law_integrates_while_enabled_and_starts_anew_after(fix):
     system = KinematicFeedforward(GEOMETRY, law="differential", period=0.01)
     simulator = Simulator(system)
     context = simulator.get_mutable_context()
-    fix(system, context, **(INPUTS | {"enable": (1.0,)}))
-    output = system.GetOutputPort("extension_desired")
-    rate = system.GetOutputPort("extension_rate_desired").Eval(context).copy()
+    fix(system, context, **ports(enable=(1.0,)))
+
+    def extension():
+        return output_of(system, context)["extension"]
+
+    rate = output_of(system, context)["extension_rate"]
     simulator.AdvanceTo(0.005)
-    np.testing.assert_allclose(output.Eval(context), 0.405 + 0.01 * rate, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(extension(), 0.405 + 0.01 * rate, rtol=0, atol=1e-15)
     # Once it integrates, measurements no longer count.
     fix(system, context, extension_measured=np.full(4, 0.39))
     simulator.AdvanceTo(0.5)
-    assert (np.abs(output.Eval(context) - 0.39) > 1e-4).all()
+    assert (np.abs(extension() - 0.39) > 1e-4).all()
     fix(system, context, enable=(0.0,))
     simulator.AdvanceTo(0.525)
-    np.testing.assert_allclose(output.Eval(context), 0.39, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(extension(), 0.39, rtol=0, atol=1e-15)
 
 
 def test_differential_law_at_rest_stays(fix):
     system = KinematicFeedforward(GEOMETRY, law="differential")
     simulator = Simulator(system)
     context = simulator.get_mutable_context()
-    fix(system, context, **(INPUTS | {"enable": (1.0,), "posture_rate_desired": np.zeros(3)}))
+    fix(system, context, **ports(enable=(1.0,), posture_rate=np.zeros(3)))
     simulator.AdvanceTo(1.0)
-    extension = system.GetOutputPort("extension_desired").Eval(context)
+    extension = output_of(system, context)["extension"]
     np.testing.assert_array_equal(extension, np.full(3, 0.405))
 
 
@@ -225,10 +253,9 @@ def test_differential_law_at_rest_stays(fix):
 def test_derivatives_agree_with_differences(assert_gradient_agrees, fix, law):
     def evaluate(system, x):
         context = system.CreateDefaultContext()
-        fix(system, context, posture_desired=x[:3], posture_rate_desired=x[3:6], ground=x[6:8])
+        fix(system, context, posture_desired_state=x[:6], ground=x[6:8])
         fix(system, context, extension_measured=x[8:12], enable=0.0 * x[:1])
-        ports = ("extension_desired", "extension_rate_desired")
-        return np.concatenate([system.GetOutputPort(name).Eval(context) for name in ports])
+        return system.GetOutputPort("active_desired_state").Eval(context)
 
     x = np.concatenate([POSTURE, RATE, GROUND, (0.401, 0.404, 0.407, 0.41)])
     system = KinematicFeedforward(GEOMETRY, law=law, active_legs=(1, 2, 3))
@@ -240,7 +267,7 @@ def test_derivatives_of_the_differential_laws_update_agree_with_differences(
 ):
     def update(system, x):
         context = system.CreateDefaultContext()
-        fix(system, context, posture_desired=x[:3], posture_rate_desired=x[3:6], ground=x[6:8])
+        fix(system, context, posture_desired_state=x[:6], ground=x[6:8])
         fix(system, context, extension_measured=x[8:12], enable=0.0 * x[:1] + 1.0)
         state = system.EvalUniquePeriodicDiscreteUpdate(context)
         return np.asarray(state.value(0)).flatten()
@@ -256,8 +283,8 @@ def test_converted_system_keeps_its_settings():
     assert (system.law, system.active_legs, system.period) == ("differential", (3, 1, 0), 0.004)
 
 
-def test_posture_comes_back_from_forward_kinematics(fix, read):
-    output = evaluated(KinematicFeedforward(GEOMETRY), fix, read)
-    extension = np.append(output["extension_desired"], 0.4)
+def test_posture_comes_back_from_forward_kinematics(fix):
+    output = evaluated(KinematicFeedforward(GEOMETRY), fix)
+    extension = np.append(output["extension"], 0.4)
     posture = forward_kinematics(GEOMETRY, extension, GROUND, legs=(0, 1, 2))
     np.testing.assert_allclose(posture, POSTURE, rtol=0, atol=1e-13)

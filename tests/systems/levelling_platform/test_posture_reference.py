@@ -49,30 +49,28 @@ class Reference:
     def set(self, **inputs):
         self._fix(self.system, self.context, **inputs)
 
-    def output(self, name, context=None):
-        port = self.system.GetOutputPort(name)
-        return port.Eval(self.context if context is None else context).copy()
+    def output(self, context=None):
+        """Posture and rate."""
+        port = self.system.GetOutputPort("posture_desired_state")
+        return np.split(port.Eval(self.context if context is None else context).copy(), 2)
 
     @property
     def posture(self):
-        return self.output("posture_desired")
+        return self.output()[0]
 
     @property
     def rate(self):
-        return self.output("posture_rate_desired")
+        return self.output()[1]
 
     def run(self, until):
         self.simulator.AdvanceTo(until)
-        return self.posture, self.rate
+        return self.output()
 
     def at(self, time):
         """Posture and rate that the present plan has at another time."""
         context = self.context.Clone()
         context.SetTime(time)
-        return (
-            self.output("posture_desired", context),
-            self.output("posture_rate_desired", context),
-        )
+        return self.output(context)
 
     def acceleration(self, time, side):
         """One-sided second derivative of the present plan."""
@@ -85,6 +83,18 @@ class Reference:
         samples = [self.run(float(t)) for t in times]
         postures, rates = np.array(samples).transpose(1, 0, 2)
         return times, postures, rates
+
+
+def halves_moved(reference, change):
+    """Which of posture and rate calling `change` moves."""
+    before = reference.output()
+    change()
+    after = reference.output()
+    return {
+        name
+        for name, one, other in zip(("posture", "rate"), before, after, strict=True)
+        if not np.array_equal(one, other)
+    }
 
 
 def test_before_it_is_enabled_it_follows_the_measured_posture(fix):
@@ -363,18 +373,24 @@ def test_unknown_treatment_of_unreachable_commands_is_refused():
     ("name", "value"),
     [("extension_measured", np.full(4, 0.41)), ("ground", np.zeros(2))],
 )
-def test_measured_posture_follows_its_inputs(fix, moved, name, value):
+def test_measured_posture_follows_its_inputs(fix, name, value):
     reference = Reference(fix, enable=(0.0,))
-    names = moved(reference.system, reference.context, lambda: reference.set(**{name: value}))
-    assert names == {"posture_desired"}
+    assert halves_moved(reference, lambda: reference.set(**{name: value})) == {"posture"}
 
 
-def test_time_moves_both_outputs(fix, moved):
+def test_time_moves_posture_and_rate(fix):
+    reference = Reference(fix)
+    reference.run(0.5)
+    assert halves_moved(reference, lambda: reference.context.SetTime(0.6)) == {"posture", "rate"}
+
+
+def test_state_moves_posture_and_rate_at_the_same_time(fix):
     reference = Reference(fix)
     reference.run(0.5)
     context = reference.context
-    names = moved(reference.system, context, lambda: context.SetTime(0.6))
-    assert names == {"posture_desired", "posture_rate_desired"}
+    idle = np.zeros(context.get_discrete_state_vector().size())
+    names = halves_moved(reference, lambda: context.SetDiscreteState(idle))
+    assert names == {"posture", "rate"}
 
 
 @pytest.mark.parametrize(
@@ -396,4 +412,4 @@ def test_command_does_not_feed_through():
     reference = PostureReference()
     for port in ("posture_command", "enable"):
         index = reference.GetInputPort(port).get_index()
-        assert not any(reference.HasDirectFeedthrough(index, i) for i in range(2))
+        assert not reference.HasDirectFeedthrough(index, 0)

@@ -1,0 +1,74 @@
+"""What an ideal inertial sensor in a simulated floating body would sense."""
+
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from parapod.systems.rotations import Axes
+
+
+class InertialMotion(LeafSystem):
+    """Attitude, angular velocity and mean specific force at a floating body's origin.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `state` | n | - | state of the `MultibodyPlant` |
+    | in `last_state` | n | - | the same at the sensor's last sample; at first at rest |
+    | out `motion` | 9 | rad, rad/s, m/s^2 | roll, pitch, yaw; angular velocity; specific force |
+
+    The angles are those of R = R_z R_y R_x, the vectors are along the body's axes.
+
+    The specific force is the mean one since the last sample, as a decimation filter gives it: a
+    difference of velocities. An acceleration taken at an instant would alias whatever happens in
+    step with the controller. Evaluate the output at the instants at which the sensor samples.
+
+    State: none; a `ZeroOrderHold` with the sensor's period carries `last_state`.
+
+    Bad input: what is not finite is passed on; `Imu` bounds it.
+
+    Args:
+        state_size: n, positions and velocities of the plant.
+        pose_start: where the body's quaternion and position begin in the state.
+        velocity_start: where its angular and translational velocity begin in the state.
+        period: of the sensor [s].
+        gravity: [m/s^2].
+    """
+
+    def __init__(
+        self,
+        state_size: int,
+        pose_start: int,
+        velocity_start: int,
+        period: float,
+        gravity: float = 9.81,
+    ):
+        super().__init__()
+        self.set_name("inertial_motion")
+        self._period, self._gravity = period, gravity
+        self._quaternion = slice(pose_start, pose_start + 4)
+        self._velocities = slice(velocity_start, velocity_start + 6)
+        self._translation = slice(velocity_start + 3, velocity_start + 6)
+        self._state: Any = self.DeclareVectorInputPort("state", state_size)
+        self._last: Any = self.DeclareVectorInputPort("last_state", state_size)
+        self.DeclareVectorOutputPort(
+            "motion", 9, self._calc_motion, {self._state.ticket(), self._last.ticket()}
+        )
+
+    def _calc_motion(self, context: Context, output: BasicVector) -> None:
+        state = self._state.EvalBasicVector(context).value()
+        last = self._last.EvalBasicVector(context).value()[self._translation].tolist()
+        axes = Axes.from_quaternion(state[self._quaternion].tolist())
+        w_x, w_y, w_z, *velocity = state[self._velocities].tolist()
+        f_x, f_y, f_z = (
+            (now - before) / self._period for now, before in zip(velocity, last, strict=True)
+        )
+        output.SetFromVector(
+            np.array(
+                (
+                    *axes.roll_pitch_yaw(),
+                    *axes.components((w_x, w_y, w_z)),
+                    *axes.components((f_x, f_y, f_z + self._gravity)),
+                )
+            )
+        )

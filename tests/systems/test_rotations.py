@@ -1,0 +1,42 @@
+import math
+
+import numpy as np
+import pytest
+from pydrake.math import RollPitchYaw
+
+from parapod.systems.rotations import Axes
+
+ANGLES = [(0.0, 0.0, 0.0), (0.3, -0.4, 1.2), (-3.0, 1.5, 2.0), (0.1, 0.5 * math.pi, 0.0)]
+
+
+@pytest.mark.parametrize("angles", ANGLES)
+def test_axes_are_the_columns_of_the_rotation_matrix(angles):
+    R = RollPitchYaw(angles).ToRotationMatrix()
+    expected = R.matrix().T
+    np.testing.assert_allclose(Axes.from_roll_pitch_yaw(*angles), expected, atol=1e-15)
+    for scale in (1.0, -1.0, 3.0):
+        quaternion = scale * R.ToQuaternion().wxyz()
+        np.testing.assert_allclose(Axes.from_quaternion(quaternion), expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("angles", ANGLES[:3])
+def test_angles_come_back(angles):
+    axes = Axes.from_roll_pitch_yaw(*angles)
+    np.testing.assert_allclose(axes.roll_pitch_yaw(), angles, atol=1e-12)
+
+
+def test_rounding_beyond_the_vertical_gives_a_right_angle():
+    axes = Axes((0.0, 0.0, -1.0 - 1e-15), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
+    assert axes.roll_pitch_yaw()[1] == pytest.approx(0.5 * math.pi)
+
+
+def test_components_keep_the_length_and_are_undone_by_the_rotation():
+    angles, vector = (0.3, -0.4, 1.2), np.array((1.0, 2.0, -3.0))
+    seen = Axes.from_roll_pitch_yaw(*angles).components(vector)
+    R = RollPitchYaw(angles).ToRotationMatrix()
+    np.testing.assert_allclose(R.multiply(np.array(seen)), vector, atol=1e-14)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_angles_that_are_not_finite_give_nan(bad):
+    assert np.isnan(Axes.from_roll_pitch_yaw(0.1, bad, 0.2).components((1.0, 2.0, 3.0))).all()
