@@ -102,6 +102,15 @@ def _parser() -> argparse.ArgumentParser:
         action="store_false",
         help="with --meshcat: end with the scripted job instead of staying for the sliders",
     )
+    run.add_argument(
+        "--figures", type=Path, metavar="DIR", help="draw the figures into DIR, as SVG"
+    )
+    run.add_argument(
+        "--seeds",
+        type=_count,
+        metavar="N",
+        help="run N seeds, from the scenario's on, and show smallest, middle and largest values",
+    )
     for option, what in _OUTPUTS.items():
         run.add_argument(f"--{option}", type=Path, metavar="FILE", help=f"write {what} to FILE")
     scenario = commands.add_parser(
@@ -198,6 +207,8 @@ def _run(entry: "Entry", arguments: argparse.Namespace) -> int:
 
     experiment = entry.load()
     scenario = _load(entry, experiment, arguments)
+    if arguments.seeds is not None:
+        return _sweep(experiment, scenario, arguments)
     options = RunOptions(
         meshcat=arguments.meshcat,
         live=arguments.live,
@@ -207,19 +218,49 @@ def _run(entry: "Entry", arguments: argparse.Namespace) -> int:
         console=Console(stderr=True),
     )
     result = experiment.run(scenario, options)
+    drawn: list[Path] = []
     try:
         if arguments.json is not None:
             write_json(arguments.json, result.as_json())
+        if arguments.figures is not None:
+            from parapod.sims.figures import write_figures
+
+            drawn = write_figures(arguments.figures, result.figures)
     finally:
         # Even if the disk is full by now: the run may have been long.
         print_table(result, Console())
-        for path in (arguments.html, arguments.json, arguments.log, arguments.graphviz):
+        for path in (arguments.html, arguments.json, arguments.log, arguments.graphviz, *drawn):
             if path is not None and path.is_file():
                 print(f"wrote {path}")
         sys.stdout.flush()
     if result.afterwards is not None:
         result.afterwards()
     return _HELD if result.passed else _BROKEN
+
+
+def _sweep(experiment: "Experiment", scenario: Any, arguments: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from parapod.sims.outputs import write_json
+    from parapod.sims.sweep import as_json, print_spread, run_seeds
+
+    alone = ("meshcat", "html", "log", "graphviz", "figures")
+    for option in alone:
+        if getattr(arguments, option):
+            raise _UsageError(f"--{option} shows a single run and does not go with --seeds")
+    results = run_seeds(experiment, scenario, arguments.seeds, Console(stderr=True))
+    if arguments.json is not None:
+        write_json(arguments.json, as_json(results))
+    print_spread(results, Console())
+    if arguments.json is not None:
+        print(f"wrote {arguments.json}")
+    return _HELD if all(result.passed for result in results) else _BROKEN
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number of 1 or more, not '{text}'")
+    return int(text)
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:

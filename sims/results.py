@@ -10,6 +10,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from parapod.sims.figures import Figure
+
 # Keys of `Result.as_json` that no metric may take.
 _RESERVED = ("experiment", "backend", "seed", "passed")
 
@@ -22,7 +24,8 @@ class Metric:
         key: name in JSON, for machines.
         value: the number, in `unit`.
         unit: unit of value and bound; "" for none.
-        bound: largest admissible |value|; None for a number that is only reported.
+        bound: largest admissible |value|; None for none.
+        at_least: smallest admissible value; None for none.
         paper: what the paper reports, in the same unit, or in words; None if it does not.
         meaning: what was measured, for people.
     """
@@ -33,22 +36,42 @@ class Metric:
     bound: float | None = None
     paper: float | str | None = None
     meaning: str = ""
+    at_least: float | None = None
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether there is a bound, and the number is not only reported."""
+        return self.bound is not None or self.at_least is not None
 
     @property
     def passed(self) -> bool:
-        """Whether the value is finite and within its bound."""
-        return math.isfinite(self.value) and (self.bound is None or abs(self.value) <= self.bound)
+        """Whether the value is finite and within its bounds."""
+        return (
+            math.isfinite(self.value)
+            and (self.bound is None or abs(self.value) <= self.bound)
+            and (self.at_least is None or self.value >= self.at_least)
+        )
+
+    @property
+    def limits(self) -> str:
+        """The bounds as people write them: "<= 2", ">= 5" or "1..3"; empty for none."""
+        if self.at_least is None:
+            return "" if self.bound is None else f"<= {amount(self.bound)}"
+        if self.bound is None:
+            return f">= {amount(self.at_least)}"
+        return f"{amount(self.at_least)}..{amount(self.bound)}"
 
     @property
     def verdict(self) -> str:
         """One word for the table: held, BROKEN, or - for a number that is only reported."""
         if not self.passed:
             return "BROKEN"
-        return "-" if self.bound is None else "held"
+        return "held" if self.is_bounded else "-"
 
     def __str__(self) -> str:
-        bound = "no bound" if self.bound is None else f"bound {_amount(self.bound, self.unit)}"
-        return f"{self.key} = {_amount(self.value, self.unit)} ({bound})"
+        bound = f"bound {self.limits.removeprefix('<= ')} {self.unit}".rstrip()
+        bound = bound if self.is_bounded else "no bound"
+        return f"{self.key} = {amount(self.value, self.unit)} ({bound})"
 
 
 @dataclass(frozen=True)
@@ -61,6 +84,7 @@ class Result:
         seed: seed of every random number in the run.
         metrics: what was measured, in the order in which it is shown.
         notes: sentences shown below the metrics.
+        figures: what can be drawn of the run.
         afterwards: what goes on once the result has been shown and written, or None.
     """
 
@@ -69,6 +93,7 @@ class Result:
     seed: int
     metrics: tuple[Metric, ...]
     notes: tuple[str, ...] = ()
+    figures: tuple[Figure, ...] = field(default=(), compare=False)
     afterwards: Callable[[], None] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -110,7 +135,7 @@ def print_table(result: Result, console: Console) -> None:
     console.print(table)
     for note in result.notes:
         console.print(Text(note))
-    bounded = sum(metric.bound is not None for metric in result.metrics)
+    bounded = sum(metric.is_bounded for metric in result.metrics)
     for metric in result.broken:
         console.print(Text(f"broken: {metric}", style="bold red"))
     if result.passed:
@@ -121,17 +146,19 @@ def _row(metric: Metric) -> tuple[Text, ...]:
     name = Text(f"{metric.key} [{metric.unit}]" if metric.unit else metric.key)
     if metric.meaning:
         name.append(f"\n{metric.meaning}", style="dim")
-    bound = "" if metric.bound is None else f"<= {_amount(metric.bound)}"
-    if metric.paper is None or isinstance(metric.paper, str):
-        paper = metric.paper or ""
-    else:
-        paper = _amount(metric.paper)
     style = {"held": "green", "BROKEN": "bold red"}.get(metric.verdict, "")
     verdict = Text(metric.verdict, style=style)
-    return name, Text(_amount(metric.value)), Text(bound), Text(paper), verdict
+    paper = Text(as_words(metric.paper))
+    return name, Text(amount(metric.value)), Text(metric.limits), paper, verdict
 
 
-def _amount(value: float, unit: str = "") -> str:
+def as_words(paper: float | str | None) -> str:
+    """What a paper reports, as it is shown."""
+    return amount(paper) if isinstance(paper, float | int) else paper or ""
+
+
+def amount(value: float, unit: str = "") -> str:
+    """A number with its unit, as it is shown."""
     return f"{value:.5g} {unit}".rstrip()
 
 

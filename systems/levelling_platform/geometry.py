@@ -1,8 +1,10 @@
 """Dimensions of the levelling platform (Tables 1 and 2) and of each of its legs."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
+
+import numpy as np
 
 LEG_COUNT = 4
 
@@ -66,6 +68,40 @@ class LegGeometry:
 
 
 @dataclass(frozen=True)
+class LegDeviation:
+    """How one leg as built differs from its drawing; each is added to the field of that name.
+
+    The parallelogram stays one: opposite sides differ by the same amount.
+
+    Attributes:
+        l_x: [m].
+        l_y: [m].
+        l_z: [m].
+        beta: [rad].
+        l_3: [m].
+        l_4: [m].
+        l_6: [m].
+        l_7: [m].
+        alpha: [rad].
+    """
+
+    l_x: float = 0.0
+    l_y: float = 0.0
+    l_z: float = 0.0
+    beta: float = 0.0
+    l_3: float = 0.0
+    l_4: float = 0.0
+    l_6: float = 0.0
+    l_7: float = 0.0
+    alpha: float = 0.0
+
+
+# Names of a leg's dimensions, in the order of `LegDeviation`'s fields, and which are angles.
+DIMENSIONS = tuple(field.name for field in fields(LegDeviation))
+ANGLES = ("beta", "alpha")
+
+
+@dataclass(frozen=True)
 class PlatformGeometry:
     """The whole platform; the defaults are the paper's Tables 1 and 2.
 
@@ -82,6 +118,7 @@ class PlatformGeometry:
         foot_radius: radius of the foot's rollers [m]; the paper's model has points, 0.
         extension_min: smallest extension of the actuators on the ground (highest pose) [m].
         extension_max: largest extension on the ground (the wheels touch) [m].
+        deviations: of each leg from its drawing (4); empty for legs as drawn.
     """
 
     l_c1: float = 0.400
@@ -96,6 +133,11 @@ class PlatformGeometry:
     foot_radius: float = 0.0
     extension_min: float = 0.390
     extension_max: float = 0.420
+    deviations: tuple[LegDeviation, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.deviations) not in (0, LEG_COUNT):
+            raise ValueError(f"deviations must be 0 or {LEG_COUNT}, not {len(self.deviations)}")
 
     @cached_property
     def legs(self) -> tuple[LegGeometry, ...]:
@@ -106,20 +148,36 @@ class PlatformGeometry:
             (-1.0, 1.0, math.pi - self.beta),
             (-1.0, -1.0, math.pi + self.beta),
         )
+        deviations = self.deviations or (LegDeviation(),) * LEG_COUNT
         return tuple(
             LegGeometry(
-                l_x=sign_x * self.l_c1,
-                l_y=sign_y * self.l_c2,
-                l_z=self.l_c3,
-                beta=beta,
-                l_3=self.l_3,
-                l_4=self.l_4,
-                l_6=self.l_6,
-                l_7=self.l_7,
-                alpha=self.alpha,
+                l_x=sign_x * self.l_c1 + deviation.l_x,
+                l_y=sign_y * self.l_c2 + deviation.l_y,
+                l_z=self.l_c3 + deviation.l_z,
+                beta=beta + deviation.beta,
+                l_3=self.l_3 + deviation.l_3,
+                l_4=self.l_4 + deviation.l_4,
+                l_6=self.l_6 + deviation.l_6,
+                l_7=self.l_7 + deviation.l_7,
+                alpha=self.alpha + deviation.alpha,
                 foot_radius=self.foot_radius,
                 extension_min=self.extension_min,
                 extension_max=self.extension_max,
             )
-            for sign_x, sign_y, beta in quadrants
+            for (sign_x, sign_y, beta), deviation in zip(quadrants, deviations, strict=True)
         )
+
+
+def drawn_deviations(
+    random: np.random.Generator, length: float, angle: float
+) -> tuple[LegDeviation, ...]:
+    """Deviations (4) of which each dimension is uniform within a tolerance.
+
+    Args:
+        random: where they are drawn from.
+        length: tolerance of the lengths, either way [m].
+        angle: tolerance of the angles, either way [rad].
+    """
+    tolerance = np.array([angle if name in ANGLES else length for name in DIMENSIONS])
+    drawn = tolerance * random.uniform(-1.0, 1.0, (LEG_COUNT, len(DIMENSIONS)))
+    return tuple(LegDeviation(*row) for row in drawn.tolist())
