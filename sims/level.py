@@ -51,6 +51,7 @@ _CONTROLLER_UNITS = {
     "extension_desired_state": "m, m/s",
     "ground_estimated": "rad",
     "ground_valid": "0/1",
+    "foot_offsets_estimated": "m",
     "attitude_estimated": "rad",
 }
 

@@ -16,6 +16,11 @@ def read(port: InputPort, context: Context) -> list[Any]:
     return elements(port.EvalBasicVector(context))
 
 
+def read_or_zeros(port: InputPort, context: Context) -> list[Any]:
+    """The numbers at an input port; zeros if it is not connected."""
+    return read(port, context) if port.HasValue(context) else [0.0] * port.size()
+
+
 def read_array(port: InputPort, context: Context) -> NDArray[np.float64]:
     """The vector at an input port, copied; an object array for AutoDiffXd."""
     array: Any = port.Eval(context)

@@ -88,6 +88,9 @@ def make_closed_loop(
     )
     connect(builder, controller.GetOutputPort("ground_estimated"), script.GetInputPort("ground"))
     connect(builder, controller.GetOutputPort("ground_valid"), script.GetInputPort("enable"))
+    if script.HasInputPort("foot_offsets"):
+        offsets = controller.GetOutputPort("foot_offsets_estimated")
+        connect(builder, offsets, script.GetInputPort("foot_offsets"))
     connect(
         builder,
         script.GetOutputPort("posture_command"),

@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import add, connect
@@ -11,6 +11,7 @@ from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
 from parapod.systems.levelling_platform.kinematic_feedforward import KinematicFeedforward
 from parapod.systems.levelling_platform.passive_leg_solver import PassiveLegSolver
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.posture_loop import PostureLoop, PostureLoopParams
 from parapod.systems.levelling_platform.posture_reference import PostureReference
 from parapod.systems.sensors.attitude_estimator import AttitudeEstimator
 
@@ -23,7 +24,8 @@ def make_controller(
     Inputs: `legs.extension` (4), `imu.gyro` (3), `imu.accel` (3), `posture_command` (3) and
     `estimate_ground` (1), whose rise makes the ground be estimated and control begin.
     Outputs: `legs.voltage` (4), `posture_desired_state` (6), `extension_desired_state` (8),
-    `ground_estimated` (2), `ground_valid` (1), `attitude_estimated` (2).
+    `ground_estimated` (2), `ground_valid` (1), `foot_offsets_estimated` (4),
+    `attitude_estimated` (2).
 
     Args:
         scenario: its `control` part is used.
@@ -57,16 +59,23 @@ def make_controller(
         ),
     )
 
+    posture = reference.GetOutputPort("posture_desired_state")
+    if control.outer_loop:
+        posture = _add_posture_loop(builder, scenario, posture, attitude, ground)
+
     for source, system, port in (
         (attitude.GetOutputPort("attitude"), ground, "attitude"),
         (ground.GetOutputPort("ground"), reference, "ground"),
         (ground.GetOutputPort("ground"), feedforward, "ground"),
         (ground.GetOutputPort("ground"), passive, "ground"),
+        (ground.GetOutputPort("foot_offsets"), reference, "foot_offsets"),
+        (ground.GetOutputPort("foot_offsets"), feedforward, "foot_offsets"),
+        (ground.GetOutputPort("foot_offsets"), passive, "foot_offsets"),
         (ground.GetOutputPort("valid"), reference, "enable"),
         (ground.GetOutputPort("valid"), feedforward, "enable"),
         (ground.GetOutputPort("valid"), pi, "enable"),
-        (reference.GetOutputPort("posture_desired_state"), feedforward, "posture_desired_state"),
-        (reference.GetOutputPort("posture_desired_state"), passive, "posture_desired_state"),
+        (posture, feedforward, "posture_desired_state"),
+        (posture, passive, "posture_desired_state"),
         (feedforward.GetOutputPort("active_desired_state"), passive, "active_desired_state"),
         (passive.GetOutputPort("extension_desired_state"), pi, "desired_state"),
     ):
@@ -86,9 +95,30 @@ def make_controller(
         (passive.GetOutputPort("extension_desired_state"), "extension_desired_state"),
         (ground.GetOutputPort("ground"), "ground_estimated"),
         (ground.GetOutputPort("valid"), "ground_valid"),
+        (ground.GetOutputPort("foot_offsets"), "foot_offsets_estimated"),
         (attitude.GetOutputPort("attitude"), "attitude_estimated"),
     ):
         builder.ExportOutput(output, name)
     diagram = builder.Build()
     diagram.set_name("controller")
     return diagram
+
+
+def _add_posture_loop(
+    builder: DiagramBuilder,
+    scenario: LevellingScenario,
+    desired: OutputPort,
+    attitude: AttitudeEstimator,
+    ground: GroundEstimator,
+) -> OutputPort:
+    """Puts the outer inclination loop behind the reference; returns the corrected one."""
+    params = PostureLoopParams(
+        gain=scenario.control.outer_loop_gain,
+        lag=PostureLoopParams().lag + 1e-3 * scenario.sensors.imu_delay_ms,
+    )
+    loop = add(builder, PostureLoop(params, period=scenario.control.period))
+    connect(builder, desired, loop.GetInputPort("posture_desired_state"))
+    connect(builder, attitude.GetOutputPort("attitude"), loop.GetInputPort("attitude"))
+    connect(builder, ground.GetOutputPort("valid"), loop.GetInputPort("enable"))
+    port: OutputPort = loop.get_output_port()
+    return port

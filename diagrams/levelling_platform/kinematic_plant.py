@@ -5,13 +5,13 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
+from parapod.diagrams.levelling_platform.model import geometry_as_built
 from parapod.diagrams.levelling_platform.plant import Drives, Plant
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.visualization import add_drawing
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
 
 
 def add_kinematic_plant(
@@ -21,7 +21,7 @@ def add_kinematic_plant(
     meshcat: Meshcat | None,
 ) -> Plant:
     """Adds the quasi-static plant, and with `meshcat` a drawing of it."""
-    platform = add(builder, KinematicPlatform(MODEL_GEOMETRY))
+    platform = add(builder, KinematicPlatform(geometry_as_built(scenario)))
     connect(builder, drives.rods.GetOutputPort("extension"), platform.GetInputPort("extension"))
     connect(builder, drives.rods.GetOutputPort("velocity"), platform.GetInputPort("velocity"))
     connect(builder, drives.arm_angles, platform.GetInputPort("arm_position"))

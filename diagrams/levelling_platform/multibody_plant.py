@@ -6,7 +6,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Demultiplexer, MatrixGain, ZeroOrderHold
 
-from parapod.diagrams.levelling_platform.model import add_platform
+from parapod.diagrams.levelling_platform.model import add_platform, geometry_as_built
 from parapod.diagrams.levelling_platform.plant import Drives, Plant
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.visualization import (
@@ -41,7 +41,13 @@ def add_multibody_plant(
         ),
         builder,
     )
-    model = add_platform(plant, scenario.plant.leg_model, scenario.plant.wheels)
+    model = add_platform(
+        plant,
+        scenario.plant.leg_model,
+        scenario.plant.wheels,
+        geometry=geometry_as_built(scenario),
+        foot_offsets=scenario.ground.foot_offsets,
+    )
     connect(builder, drives.arm, plant.get_desired_state_input_port(model.arm))
     if model.has_rolling_wheels:
         _drive_wheels(builder, model, drives)

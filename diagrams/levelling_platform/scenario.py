@@ -15,15 +15,22 @@ class GroundScenario:
     Attributes:
         roll_deg: roll of the ground [deg].
         pitch_deg: pitch of the ground [deg].
+        foot_heights_mm: how far the ground under each foot is above the ground's plane [mm].
     """
 
     roll_deg: float = quantity(2.0, -15.0, 15.0)
     pitch_deg: float = quantity(3.0, -15.0, 15.0)
+    foot_heights_mm: list[float] = quantity([0.0] * 4, -50.0, 50.0, length=4)
 
     @property
     def inclination(self) -> tuple[float, float]:
         """Roll and pitch [rad]."""
         return math.radians(self.roll_deg), math.radians(self.pitch_deg)
+
+    @property
+    def foot_offsets(self) -> tuple[float, ...]:
+        """Heights under the feet (4) [m]."""
+        return tuple(1e-3 * height for height in self.foot_heights_mm)
 
 
 @dataclass
@@ -35,6 +42,9 @@ class PlantScenario:
             transmission (multibody backend).
         time_step: of the multibody plant and of the actuators [s]; the kinematic backend steps
             its actuators with the controller's period.
+        length_error_mm: each length of each leg as built is off by up to this, drawn from the
+            seed; the controller knows the drawing only [mm].
+        angle_error_deg: likewise each angle [deg].
         wheels: "braked" makes them part of the base, "rolling" gives them joints that the wheel
             drives turn (multibody backend).
         contact_approximation: Drake's discrete contact approximation.
@@ -43,6 +53,8 @@ class PlantScenario:
     leg_model: str = choice("full", ("full", "reduced"))
     wheels: str = choice("braked", ("braked", "rolling"))
     time_step: float = quantity(1e-3, 1e-4, 2e-2)
+    length_error_mm: float = quantity(0.0, 0.0, 5.0)
+    angle_error_deg: float = quantity(0.0, 0.0, 2.0)
     contact_approximation: str = choice("lagged", ("lagged", "similar", "sap"))
 
 
@@ -73,12 +85,15 @@ class SensorScenario:
         accel_bias_mg: accelerometer bias left after levelling calibration; each axis has this
             size, with a sign drawn from the seed [mg].
         gyro_bias_deg_s: turn-on bias of the gyro, likewise [deg/s].
+        imu_delay_ms: age of the inertial sensor's samples when they are shown, in whole samples
+            of 9.77 ms [ms].
     """
 
     encoder_resolution_mm: float = quantity(0.01, 0.0, 1.0)
     imu_noise: bool = True
     accel_bias_mg: float = quantity(1.0, 0.0, 50.0)
     gyro_bias_deg_s: float = quantity(0.5, 0.0, 5.0)
+    imu_delay_ms: float = quantity(0.0, 0.0, 200.0)
 
 
 @dataclass
@@ -93,6 +108,8 @@ class ControlScenario:
         friction_feedforward: voltages that overcome friction and the platform's weight when a leg
             extends and when it retracts [V, V].
         feedforward: "exact" inverse kinematics, or the paper's "differential" law (Eq. 26).
+        outer_loop: whether the estimated attitude corrects the inclination.
+        outer_loop_gain: integral gain of that loop [1/s].
     """
 
     period: float = quantity(0.01, 0.001, 0.05)
@@ -101,6 +118,8 @@ class ControlScenario:
     rate_feedforward: float = quantity(1.0, 0.0, 1.5)
     friction_feedforward: list[float] = quantity([0.05, 0.12], 0.0, 10.0, length=2)
     feedforward: str = choice("exact", ("exact", "differential"))
+    outer_loop: bool = False
+    outer_loop_gain: float = quantity(1.0, 0.0, 5.0)
 
 
 @dataclass
@@ -140,7 +159,8 @@ class JobScenario:
     """What the platform is asked to do.
 
     Attributes:
-        initial_extension_mm: of all four legs, feet on the ground [mm].
+        initial_extension_mm: of legs 1 to 3, feet on the ground; leg 4 is lowered until its foot
+            touches, which on a plane is the same [mm].
         estimate_at: when the ground is estimated and the levelling begins [s].
         height_mm: of the level posture above the ground's plane [mm].
         settled_after: when the level posture is taken, from the start of the levelling [s].

@@ -1,18 +1,21 @@
 """The levelling platform seen through its ports, with a plant that can be exchanged."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import (
+    DiscreteTimeDelay,
     Multiplexer,
     RandomSource,
     StateInterpolatorWithDiscreteDerivative,
 )
 
 from parapod.diagrams.levelling_platform.kinematic_plant import add_kinematic_plant
+from parapod.diagrams.levelling_platform.model import geometry_as_built
 from parapod.diagrams.levelling_platform.multibody_plant import add_multibody_plant
 from parapod.diagrams.levelling_platform.plant import Drives, Plant, PlantMaker
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
@@ -20,10 +23,10 @@ from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
 from parapod.systems.actuators.wheel_drive import WheelDrive
 from parapod.systems.errors import ScenarioError
-from parapod.systems.levelling_platform.geometry import LEG_COUNT
-from parapod.systems.levelling_platform.kinematics import forward_kinematics
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 from parapod.systems.levelling_platform.plane import to_platform
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY, PlatformModel
+from parapod.systems.levelling_platform.platform_model import PlatformModel
 from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.sensors.encoder import Encoder
 from parapod.systems.sensors.imu import STANDARD_GRAVITY, Imu, ImuParams, add_imu, seed_noise
@@ -34,6 +37,7 @@ PLANTS: dict[str, PlantMaker] = {
     "kinematic": add_kinematic_plant,
 }
 _GRAVITY = 9.81  # of both plants [m/s^2]
+_STOPS = LinearActuatorParams()
 
 
 @dataclass(frozen=True)
@@ -66,13 +70,14 @@ class Station:
         Args:
             root_context: context, at its defaults, of the diagram that contains the station.
             scenario: its ground, initial extension, gain error, biases and seed are taken; None
-                for what the station was built from. What is built in, such as the plant, the
-                sensors' resolution and the job's times, stays.
+                for what the station was built from. What is built in, such as the plant with its
+                dimensions, the sensors' resolution and the job's times, stays.
         """
         scenario = scenario or self.scenario
         random = np.random.default_rng(scenario.seed)
-        ground = scenario.ground.inclination
-        extension = np.full(LEG_COUNT, 1e-3 * scenario.job.initial_extension_mm)
+        ground, foot_offsets = scenario.ground.inclination, scenario.ground.foot_offsets
+        geometry = geometry_as_built(self.scenario)
+        extension, posture = _touchdown(geometry, scenario)
 
         actuators = self._actuators.GetMyMutableContextFromRoot(root_context)
         self._actuators.set_extension(actuators, extension)
@@ -89,8 +94,9 @@ class Station:
         seed_noise(self._noise, root_context, int(random.integers(2**31)))
 
         for system in self.plant.on_ground:
-            system.set_ground(system.GetMyMutableContextFromRoot(root_context), ground)
-        posture = forward_kinematics(MODEL_GEOMETRY, extension, ground)
+            system.set_ground(
+                system.GetMyMutableContextFromRoot(root_context), ground, foot_offsets
+            )
         at_rest = {
             "attitude": np.array([*posture[:2], 0.0]),
             "angular_velocity": np.zeros(3),
@@ -101,7 +107,24 @@ class Station:
             hold.SetVectorState(context, at_rest[name])
         if self.model is not None:
             plant_context = self.model.plant.GetMyMutableContextFromRoot(root_context)
-            self.model.stand(plant_context, extension, ground)
+            self.model.stand(plant_context, extension, ground, foot_offsets)
+
+
+def _touchdown(
+    geometry: PlatformGeometry, scenario: LevellingScenario
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Extensions (4) with which all four feet touch, and the posture that follows.
+
+    Raises:
+        UnreachablePosture: the fourth foot does not reach the ground.
+    """
+    ground, foot_offsets = scenario.ground.inclination, scenario.ground.foot_offsets
+    extension = np.full(LEG_COUNT, 1e-3 * scenario.job.initial_extension_mm)
+    if geometry.deviations or any(foot_offsets):
+        posture = forward_kinematics(geometry, extension, ground, (0, 1, 2), foot_offsets)
+        whole = replace(geometry, extension_min=_STOPS.stop_min, extension_max=_STOPS.stop_max)
+        extension = inverse_kinematics(whole, posture, ground, foot_offsets)
+    return extension, forward_kinematics(geometry, extension, ground, (0, 1, 2), foot_offsets)
 
 
 def make_station(scenario: LevellingScenario, meshcat: Meshcat | None = None) -> Station:
@@ -192,15 +215,23 @@ def _add_sensors(
     imu, noise = add_imu(builder, ImuParams() if sensors.imu_noise else ImuParams.ideal())
     for name in ("angular_velocity", "specific_force", "attitude"):
         connect(builder, plant.signals[name], imu.GetInputPort(name))
+    late = round(1e-3 * sensors.imu_delay_ms / imu.period)
     for name in ("gyro", "accel", "mag"):
-        builder.ExportOutput(imu.GetOutputPort(name), f"imu.{name}")
+        sample = imu.GetOutputPort(name)
+        if late:
+            delay = add(builder, DiscreteTimeDelay(imu.period, late, 3), f"delayed_{name}")
+            connect(builder, sample, delay.get_input_port())
+            sample = delay.get_output_port()
+        builder.ExportOutput(sample, f"imu.{name}")
 
     for name in ("position", "velocity"):
         builder.ExportOutput(wheels.GetOutputPort(f"{name}_measured"), f"wheels.{name}")
     status = add(
         builder,
         DeviceStatus(
-            ("legs", "imu", "wheels", "arm"), (0.0, imu.period, scenario.control.period, 0.0)
+            ("legs", "imu", "wheels", "arm"),
+            (0.0, imu.period, scenario.control.period, 0.0),
+            (0.0, late * imu.period, 0.0, 0.0),
         ),
     )
     for name in ("age", "fault"):

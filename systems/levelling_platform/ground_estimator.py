@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
-from parapod.systems.levelling_platform.geometry import PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import estimate_ground
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import estimate_ground, unevenness
 from parapod.systems.ports import is_on, read_array
 
 
@@ -20,8 +20,13 @@ class GroundEstimator(LeafSystem):
     | in `trigger` | 1 | - | the estimate is taken when this rises above 0.5 |
     | out `ground` | 2 | rad | estimated roll and pitch of the ground; 0 before the first |
     | out `valid` | 1 | - | 1 once there is an estimate |
+    | out `foot_offsets` | 4 | m | how far each foot stands above that ground |
 
-    State: discrete, ground (2), valid (1), last trigger (1), updated every period.
+    The ground is the plane of least squares through the feet; the offsets are what is left, of
+    uneven ground and of legs that are not built as drawn. The feet move by millimetres only, so
+    what was measured at touchdown stays valid.
+
+    State: discrete, ground (2), valid (1), offsets (4), last trigger (1), updated every period.
 
     Bad input: a sample whose extensions or attitude are not finite, or cannot be built, is not
     taken; the trigger stays armed and the next period tries again.
@@ -36,21 +41,21 @@ class GroundEstimator(LeafSystem):
         self._trigger = self.DeclareVectorInputPort("trigger", 1)
         self.DeclareStateOutputPort("ground", self.DeclareDiscreteState(2))
         self.DeclareStateOutputPort("valid", self.DeclareDiscreteState(1))
+        self.DeclareStateOutputPort("foot_offsets", self.DeclareDiscreteState(LEG_COUNT))
         self.DeclareDiscreteState(1)  # the last trigger
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_estimate)
 
     def _update_estimate(self, context: Context, discrete_state: Any) -> None:
         triggered = is_on(self._trigger, context)
-        if triggered == (context.get_discrete_state(2)[0] > 0.5):
+        if triggered == (context.get_discrete_state(3)[0] > 0.5):
             return
         if triggered:
-            ground = estimate_ground(
-                self._geometry,
-                read_array(self._extension, context),
-                read_array(self._attitude, context),
-            )
+            extension = read_array(self._extension, context)
+            attitude = read_array(self._attitude, context)
+            ground = estimate_ground(self._geometry, extension, attitude)
             if not np.isfinite(ground).all():
                 return
             discrete_state.set_value(0, ground)
             discrete_state.set_value(1, np.ones(1))
-        discrete_state.set_value(2, np.array([float(triggered)]))
+            discrete_state.set_value(2, unevenness(self._geometry, extension))
+        discrete_state.set_value(3, np.array([float(triggered)]))

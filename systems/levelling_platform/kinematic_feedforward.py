@@ -12,7 +12,7 @@ from pydrake.systems.framework import (  # type: ignore[attr-defined]
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from parapod.systems.elementwise import Elementwise
-from parapod.systems.levelling_platform.geometry import LegGeometry, PlatformGeometry
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, LegGeometry, PlatformGeometry
 from parapod.systems.levelling_platform.leg import extension_on_plane, extension_rate_on_plane
 from parapod.systems.levelling_platform.plane import (
     Vector3,
@@ -20,7 +20,7 @@ from parapod.systems.levelling_platform.plane import (
     normal_of,
     to_platform,
 )
-from parapod.systems.ports import elements, is_on, read, read_array
+from parapod.systems.ports import elements, is_on, read, read_array, read_or_zeros
 
 ACTIVE_LEGS = (0, 1, 2)
 
@@ -54,6 +54,7 @@ def KinematicFeedforward_(T: Any) -> Any:
         |---|---|---|---|
         | in `posture_desired_state` | 6 | rad, rad, m and rates | desired roll, pitch, height |
         | in `ground` | 2 | rad | roll and pitch of the ground |
+        | in `foot_offsets` | 4 | m | how far each foot stands above the ground; unconnected: 0 |
         | in `extension_measured` | 4 | m | start of the integration (differential law only) |
         | in `enable` | 1 | - | above 0.5: integrate (differential law only) |
         | out `active_desired_state` | 6 | m, m/s | extensions of the active legs, their rates |
@@ -86,9 +87,10 @@ def KinematicFeedforward_(T: Any) -> Any:
             self._legs: tuple[LegGeometry, ...] = tuple(geometry.legs[i] for i in active_legs)
             self._posture = self.DeclareVectorInputPort("posture_desired_state", 6)
             self._ground = self.DeclareVectorInputPort("ground", 2)
+            self._offsets = self.DeclareVectorInputPort("foot_offsets", LEG_COUNT)
             self._measured = self.DeclareVectorInputPort("extension_measured", 4)
             self._enable = self.DeclareVectorInputPort("enable", 1)
-            tickets = {self._posture.ticket(), self._ground.ticket()}
+            tickets = {self._posture.ticket(), self._ground.ticket(), self._offsets.ticket()}
             if law == "differential":
                 state = self.DeclareDiscreteState(BasicVector_[T](np.zeros(4)))
                 self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_integral)
@@ -115,8 +117,10 @@ def KinematicFeedforward_(T: Any) -> Any:
             if self.law == "differential":
                 extension = self._integral(context)
             else:
+                offsets = read_or_zeros(self._offsets, context)
                 extension = [
-                    extension_on_plane(leg, g, height - leg.foot_radius) for leg in self._legs
+                    extension_on_plane(leg, g, height - leg.foot_radius - offsets[i])
+                    for i, leg in zip(self.active_legs, self._legs, strict=True)
                 ]
             rate = [
                 extension_rate_on_plane(leg, d, g, g_rate, height_rate)

@@ -25,6 +25,7 @@ from parapod.systems.levelling_platform.plane import (
     minus,
     mismatch,
     normal_of,
+    normal_over,
     normal_through,
     to_platform,
 )
@@ -89,7 +90,7 @@ class KinematicPlatform(OnInclinedGround):
     one would have to pull, its foot lifts and the other three carry. Ideal friction: the feet
     stay where they stand sideways, and yaw is zero.
 
-    State: none. Parameters (Context): roll and pitch of the ground (2) [rad], see `set_ground`.
+    State: none. Parameters (Context): the ground, see `OnInclinedGround`.
 
     Bad input: NaN where an extension cannot be built.
     """
@@ -151,6 +152,7 @@ class KinematicPlatform(OnInclinedGround):
             read(self._velocity, context),
             self._ground_of(context),
             arm,
+            self._offsets_of(context),
         )
 
 
@@ -170,11 +172,19 @@ def stand(
     velocity: list[float],
     ground: list[float],
     arm: list[float],
+    foot_offsets: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
 ) -> _Stance:
     """The platform at rest on its feet."""
     legs = geometry.legs
     motions = [foot_motion(leg, d) for leg, d in zip(legs, extension, strict=True)]
     feet = [foot for foot, _ in motions]
+    if any(foot_offsets):
+        # A foot that stands higher is a leg that is longer by as much, along the vertical.
+        upright = normal_over(feet[:3], foot_offsets[:3])[2]
+        feet = [
+            (x, y, z + offset / upright)
+            for (x, y, z), offset in zip(feet, foot_offsets, strict=True)
+        ]
     slopes = [slope for _, slope in motions]
     n = normal_of(*ground)
 

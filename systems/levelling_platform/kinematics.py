@@ -35,8 +35,10 @@ from parapod.systems.levelling_platform.plane import (
     attitude_seeing,
     dot,
     dot4,
+    minus,
     mismatch,
     normal_of,
+    normal_over,
     normal_through,
     to_platform,
     to_world,
@@ -51,6 +53,8 @@ __all__ = [
     "inverse_kinematics",
     "passive_extension",
     "posture_jacobian",
+    "resting_posture",
+    "unevenness",
 ]
 
 # Rows of a batch that are worked on at a time, so that temporaries stay in the cache.
@@ -68,6 +72,7 @@ def forward_kinematics(
     extension: ArrayLike,
     ground: ArrayLike,
     legs: Sequence[int] | None = None,
+    foot_offsets: ArrayLike | None = None,
 ) -> NDArray[np.float64]:
     """Posture of the platform standing on its legs, Eqs. (10)-(12) in closed form.
 
@@ -77,6 +82,8 @@ def forward_kinematics(
         ground: (..., 2) roll and pitch of the ground [rad].
         legs: indices 0..3 of the three legs that stand on the ground; None for the plane that
             fits all four feet best (least squares).
+        foot_offsets: (..., 4) how far each foot stands above the ground's plane [m]; None for
+            feet on it.
 
     Returns:
         (..., 3) posture [rad, rad, m]; NaN where an extension cannot be built.
@@ -84,9 +91,93 @@ def forward_kinematics(
     Raises:
         ValueError: wrong shapes, or legs that are not three different indices.
     """
-    (d, n), shape = _columns((extension, 4, "extension"), (ground, 2, "ground"))
-    g, height = _standing_plane(geometry, d, _three(legs))
+    if foot_offsets is None:
+        (d, n), shape = _columns((extension, 4, "extension"), (ground, 2, "ground"))
+        g, height = _standing_plane(geometry, d, _three(legs))
+    else:
+        (d, n, o), shape = _columns(
+            (extension, 4, "extension"), (ground, 2, "ground"), (foot_offsets, 4, "foot_offsets")
+        )
+        g, height = _standing_plane(geometry, d, _three(legs), o)
     return _stack((*attitude_seeing(g, normal_of(*n)), height), shape)
+
+
+@_nan_without_warning
+def unevenness(geometry: PlatformGeometry, extension: ArrayLike) -> NDArray[np.float64]:
+    """How far each foot is above the plane of least squares through all four.
+
+    With all feet in contact, these are the `foot_offsets` of uneven ground, however it and the
+    platform are inclined, and of legs that are not built as drawn.
+
+    Args:
+        geometry: the platform.
+        extension: (..., 4) actuator extensions [m].
+
+    Returns:
+        (..., 4) offsets [m]; NaN where an extension cannot be built.
+    """
+    (d,), shape = _columns((extension, 4, "extension"))
+    g, height = _standing_plane(geometry, d, None)
+    feet = [foot_to_centre(leg, d[i]) for i, leg in enumerate(geometry.legs)]
+    return _stack([height - geometry.foot_radius - dot(g, foot) for foot in feet], shape)
+
+
+@_nan_without_warning
+def resting_posture(
+    geometry: PlatformGeometry,
+    extension: ArrayLike,
+    ground: ArrayLike,
+    foot_offsets: ArrayLike = (0.0, 0.0, 0.0, 0.0),
+) -> NDArray[np.float64]:
+    """Posture of a rigid platform at rest on the three legs that carry it.
+
+    Four legs of any lengths do not stand in one plane: one foot is in the air, an end of the
+    shorter diagonal. Of its two ends it is the one on the far side of the weight, which is taken
+    to act at the centre F.
+
+    Args:
+        geometry: the platform.
+        extension: (4) actuator extensions [m].
+        ground: (2) roll and pitch of the ground [rad].
+        foot_offsets: (4) how far each foot stands above the ground's plane [m].
+
+    Returns:
+        (3) roll, pitch [rad], height [m].
+    """
+    d = np.asarray(extension, dtype=float).tolist()
+    o = np.asarray(foot_offsets, dtype=float).tolist()
+    normal = normal_of(*np.asarray(ground, dtype=float).tolist())
+    feet = [foot_to_centre(leg, d[i]) for i, leg in enumerate(geometry.legs)]
+    best, posture = -np.inf, np.full(3, np.nan)
+    for lifted in range(LEG_COUNT):
+        legs = [(lifted + k) % LEG_COUNT for k in (1, 2, 3)]
+        standing = forward_kinematics(geometry, extension, ground, legs, foot_offsets)
+        roll, pitch, height = standing.tolist()
+        g = to_platform(normal, roll, pitch)
+        sunk = dot(g, feet[lifted]) + o[lifted] - (height - geometry.foot_radius)
+        down = to_platform((0.0, 0.0, -1.0), roll, pitch)
+        share = _share_of_middle(feet[legs[0]], feet[legs[1]], feet[legs[2]], down)
+        if sunk <= _STROKE_TOLERANCE and share > best:
+            best, posture = share, standing
+    return posture
+
+
+def _share_of_middle(a: Vector3, b: Vector3, c: Vector3, down: Vector3) -> float:
+    """Share of a weight at F that the second of three feet carries.
+
+    Args:
+        a: vector from the first foot to F; b and c likewise.
+        b: in the middle between a and c.
+        c: see a.
+        down: direction of gravity, in the frame of the others.
+    """
+    normal, _ = normal_through(a, b, c)
+    # Feet are at minus these vectors; F's weight meets their plane at `fall` times `down`.
+    fall = -dot(normal, a) / dot(normal, down)
+    x, y = a[0] + fall * down[0], a[1] + fall * down[1]
+    side, edge = minus(b, a), minus(c, a)
+    share: float = (edge[1] * x - edge[0] * y) / (edge[0] * side[1] - edge[1] * side[0])
+    return share
 
 
 @_nan_without_warning
@@ -223,7 +314,10 @@ def posture_jacobian(
 
 @_nan_without_warning
 def height_range(
-    geometry: PlatformGeometry, attitude: ArrayLike, ground: ArrayLike
+    geometry: PlatformGeometry,
+    attitude: ArrayLike,
+    ground: ArrayLike,
+    foot_offsets: ArrayLike = (0.0, 0.0, 0.0, 0.0),
 ) -> NDArray[np.float64]:
     """Heights that all four legs can reach at an attitude, in closed form.
 
@@ -234,20 +328,24 @@ def height_range(
         geometry: the platform.
         attitude: (..., 2) roll and pitch of the platform [rad].
         ground: (..., 2) roll and pitch of the ground [rad].
+        foot_offsets: (..., 4) how far each foot stands above the ground's plane [m].
 
     Returns:
         (..., 2) smallest and largest height [m]; the first exceeds the second where no height
         can be reached at that attitude.
     """
-    (a, n), shape = _columns((attitude, 2, "attitude"), (ground, 2, "ground"))
-    g = to_platform(normal_of(*n), a[0], a[1])
-    low, high = (
-        [dot(g, foot_to_centre(leg, end)) + leg.foot_radius for leg, end in ends]
-        for ends in (
-            [(leg, leg.extension_max) for leg in geometry.legs],
-            [(leg, leg.extension_min) for leg in geometry.legs],
-        )
+    (a, n, o), shape = _columns(
+        (attitude, 2, "attitude"), (ground, 2, "ground"), (foot_offsets, 4, "foot_offsets")
     )
+    g = to_platform(normal_of(*n), a[0], a[1])
+
+    def heights(end: str) -> list[Elementwise]:
+        return [
+            dot(g, foot_to_centre(leg, getattr(leg, end))) + leg.foot_radius + offset
+            for leg, offset in zip(geometry.legs, o, strict=True)
+        ]
+
+    low, high = heights("extension_max"), heights("extension_min")
     return _stack((np.max(low, axis=0), np.min(high, axis=0)), shape)
 
 
@@ -285,10 +383,18 @@ def _within_stroke(
 
 
 def _standing_plane(
-    geometry: PlatformGeometry, extension: Sequence[Elementwise], legs: tuple[int, ...] | None
+    geometry: PlatformGeometry,
+    extension: Sequence[Elementwise],
+    legs: tuple[int, ...] | None,
+    offsets: Sequence[Elementwise] | None = None,
 ) -> tuple[Vector3, Elementwise]:
     """Unit normal of the ground in the platform's frame, and the height of F above it."""
     feet = [foot_to_centre(leg, extension[i]) for i, leg in enumerate(geometry.legs)]
+    if offsets is not None:
+        three = legs or (0, 1, 2)
+        upright = normal_over([feet[i] for i in three], [offsets[i] for i in three])[2]
+        # A foot that stands higher is a leg that is longer by as much, along the vertical.
+        feet = [(x, y, z + o / upright) for (x, y, z), o in zip(feet, offsets, strict=True)]
     if legs is None:
         weights, excess = mismatch(feet)
         scale = excess / dot4(weights, weights)

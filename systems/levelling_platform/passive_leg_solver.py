@@ -18,7 +18,7 @@ from parapod.systems.levelling_platform.leg import (
     foot_motion,
 )
 from parapod.systems.levelling_platform.plane import dot
-from parapod.systems.ports import read
+from parapod.systems.ports import read, read_or_zeros
 
 
 @TemplateSystem.define("PassiveLegSolver_")
@@ -33,6 +33,7 @@ def PassiveLegSolver_(T: Any) -> Any:
         | in `active_desired_state` | 6 | m, m/s | extensions of the active legs, their rates |
         | in `posture_desired_state` | 6 | rad, rad, m and rates | for its attitude (Eq. 31) |
         | in `ground` | 2 | rad | roll and pitch of the ground |
+        | in `foot_offsets` | 4 | m | how far each foot stands above the ground; unconnected: 0 |
         | out `extension_desired_state` | 8 | m, m/s | of legs 1..4, and their rates |
 
         State: none. The height comes from the first active leg, i_1 of Eq. (31).
@@ -53,11 +54,17 @@ def PassiveLegSolver_(T: Any) -> Any:
             self._active = self.DeclareVectorInputPort("active_desired_state", 6)
             self._posture = self.DeclareVectorInputPort("posture_desired_state", 6)
             self._ground = self.DeclareVectorInputPort("ground", 2)
+            self._offsets = self.DeclareVectorInputPort("foot_offsets", LEG_COUNT)
             self.DeclareVectorOutputPort(
                 "extension_desired_state",
                 2 * LEG_COUNT,
                 self._calc_desired_state,
-                {self._active.ticket(), self._posture.ticket(), self._ground.ticket()},
+                {
+                    self._active.ticket(),
+                    self._posture.ticket(),
+                    self._ground.ticket(),
+                    self._offsets.ticket(),
+                },
             )
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
@@ -71,7 +78,9 @@ def PassiveLegSolver_(T: Any) -> Any:
             passive = self.geometry.legs[self._passive]
             foot, slope = foot_motion(first, active[0])
             height_rate = dot(g, slope) * active[3] + dot(g_rate, foot)
-            extension = extension_on_plane(passive, g, dot(g, foot))
+            offsets = read_or_zeros(self._offsets, context)
+            rise = offsets[self.active_legs[0]] - offsets[self._passive]
+            extension = extension_on_plane(passive, g, dot(g, foot) + rise)
             rate = extension_rate_on_plane(passive, extension, g, g_rate, height_rate)
             desired = [extension] * LEG_COUNT + [rate] * LEG_COUNT
             for k, leg in enumerate(self.active_legs):

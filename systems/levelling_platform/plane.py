@@ -43,6 +43,23 @@ def normal_through(p: Vector3, q: Vector3, r: Vector3) -> tuple[Vector3, Element
     return normal, sqrt(dot(normal, normal)) * (normal[2] / abs(normal[2]))
 
 
+def normal_over(points: Sequence[Vector3], offsets: Sequence[Elementwise]) -> Vector3:
+    """Unit normal g, pointing up, for which g . P + offset is the same for three points P."""
+    p, q, r = points
+    u, v = minus(p, q), minus(p, r)
+    normal, length = normal_through(p, q, r)
+    along_u, along_v = offsets[1] - offsets[0], offsets[2] - offsets[0]
+    a, b = cross(v, normal), cross(normal, u)
+    squared = length * length
+    leaning = tuple((along_u * a[i] + along_v * b[i]) / squared for i in range(3))
+    upright = sqrt(1.0 - dot(leaning, leaning)) / length
+    return (
+        leaning[0] + upright * normal[0],
+        leaning[1] + upright * normal[1],
+        leaning[2] + upright * normal[2],
+    )
+
+
 def mismatch(points: Sequence[Vector3]) -> tuple[tuple[Elementwise, ...], Elementwise]:
     """How far four points are from lying in one plane.
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +13,7 @@ from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex, RigidBo
 from pydrake.systems.framework import Context
 
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import forward_kinematics
+from parapod.systems.levelling_platform.kinematics import resting_posture
 from parapod.systems.levelling_platform.leg import diagonal_angle, swing_angle
 from parapod.systems.levelling_platform.plane import normal_of
 
@@ -44,7 +45,7 @@ class PlatformModel:
     Attributes:
         plant: the plant.
         ground_mount: frame on the world that carries the ground and can be inclined.
-        geometry: dimensions that the files have.
+        geometry: dimensions of the machine as built; the files have those of `MODEL_GEOMETRY`.
     """
 
     plant: MultibodyPlant
@@ -150,18 +151,57 @@ class PlatformModel:
         """Angle psi of a leg's lower link at these positions of the plant [rad]."""
         return float(positions[self._position_starts[leg]["swing"]])
 
-    def stand(self, context: Context, extension: ArrayLike, ground: ArrayLike) -> None:
+    def _build(self, context: Context) -> None:
+        """Gives the legs in this context the dimensions that they were built with."""
+        legs = zip(self.legs, self.geometry.legs, MODEL_GEOMETRY.legs, strict=True)
+        for i, (instance, leg, drawn) in enumerate(legs):
+            hip: Any = self.plant.GetFrameByName(f"hip_{i + 1}")
+            p_FE = np.array([-leg.l_x, -leg.l_y, -leg.l_z])
+            turned = RotationMatrix.MakeZRotation(leg.beta)
+            hip.SetPoseInParentFrame(context, RigidTransform(turned, p_FE))
+            p_MC = -leg.l_6 * _in_plane(*leg.e_a) - _in_plane(0.0, leg.l_7 - leg.foot_radius)
+            along = np.array([leg.l_4, 0.0, 0.0])
+            if self.is_full:
+                # The coupler only translates, so what it is longer at K, the pivot may recede.
+                longer = leg.l_3 * _in_plane(*leg.e_a) - drawn.l_3 * _in_plane(*drawn.e_a)
+                origins = {"coupler_swing": along, "roll": p_MC, "cylinder_swing": -longer}
+            else:
+                origins = {"swing": p_MC, "roll": along}
+            for joint, origin in origins.items():
+                frame: Any = self.plant.GetJointByName(joint, instance).frame_on_parent()
+                frame.SetPoseInParentFrame(context, RigidTransform(origin))
+
+    def stand(
+        self,
+        context: Context,
+        extension: ArrayLike,
+        ground: ArrayLike,
+        foot_offsets: ArrayLike = (0.0, 0.0, 0.0, 0.0),
+    ) -> None:
         """Inclines the ground and puts the platform at rest on it with these extensions.
 
         Args:
             context: the plant's context.
             extension: (4) extensions [m].
             ground: (2) roll and pitch of the ground [rad].
+            foot_offsets: (4) heights under the feet above the ground's plane, which the model
+                must have been built with [m].
         """
         roll, pitch = np.asarray(ground).tolist()
-        X_WG = RigidTransform(RollPitchYaw(roll, pitch, 0.0), np.zeros(3))
+        # The model's plane is the lowest part of the ground.
+        lowest = min(0.0, float(np.min(np.asarray(foot_offsets))))
+        X_WG = RigidTransform(
+            RollPitchYaw(roll, pitch, 0.0), lowest * np.array(normal_of(roll, pitch))
+        )
         self.ground_mount.SetPoseInParentFrame(context, X_WG)
-        posture = forward_kinematics(self.geometry, extension, ground)
+        if self.geometry != MODEL_GEOMETRY:
+            self._build(context)
+        posture = resting_posture(self.geometry, extension, ground, foot_offsets)
         q = self.positions(extension, posture, ground, (0.0, 0.0))
         self.plant.SetPositions(context, q)
         self.plant.SetVelocities(context, np.zeros(self.plant.num_velocities()))
+
+
+def _in_plane(x: float, z: float) -> NDArray[np.float64]:
+    """A vector of a leg's plane."""
+    return np.array([x, 0.0, z])

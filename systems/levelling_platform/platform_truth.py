@@ -11,7 +11,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
 from parapod.systems.levelling_platform.plane import dot, normal_of
-from parapod.systems.levelling_platform.platform_model import PlatformModel
+from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY, PlatformModel
 from parapod.systems.ports import read_array
 from parapod.systems.rotations import Axes
 
@@ -24,7 +24,7 @@ class PlatformTruth(OnInclinedGround):
     | in `state` | n | - | state of the plant |
     | out `posture` | 3 | rad, rad, m | roll, pitch, height above the ground |
 
-    State: none. Parameters (Context): roll and pitch of the ground (2) [rad], see `set_ground`.
+    State: none. Parameters (Context): the ground, see `OnInclinedGround`.
     """
 
     def __init__(self, model: PlatformModel):
@@ -58,7 +58,7 @@ class FootTruth(OnInclinedGround):
     | out `foot_height` | 4 | m | lowest point of the rollers above the ground |
     | out `loop_error` | 4 | m | distance of rod end and coupler at K; zero for reduced legs |
 
-    State: none. Parameters (Context): roll and pitch of the ground (2) [rad], see `set_ground`.
+    State: none. Parameters (Context): the ground, see `OnInclinedGround`.
     """
 
     def __init__(self, model: PlatformModel):
@@ -68,7 +68,7 @@ class FootTruth(OnInclinedGround):
         self._rollers = [body.index() for body in model.leg_bodies("roller")]
         self._loops = []
         if model.is_full:
-            leg = model.geometry.legs[0]
+            leg = MODEL_GEOMETRY.legs[0]  # `stand` moves the actuator's pivot, not K
             self._p_MK = np.array([leg.l_3 * leg.e_a[0], 0.0, leg.l_3 * leg.e_a[1]])
             rods, couplers = (model.leg_bodies(name) for name in ("rod", "coupler"))
             self._loops = [(a.index(), b.index()) for a, b in zip(rods, couplers, strict=True)]
@@ -100,7 +100,15 @@ class FootTruth(OnInclinedGround):
         poses: Any = self._poses.Eval(context)
         n = normal_of(*self._ground_of(context))
         centres = [poses[i].translation().tolist() for i in self._rollers]
-        output.SetFromVector(np.array([dot(n, centre) - self._radius for centre in centres]))
+        offsets = self._offsets_of(context)
+        output.SetFromVector(
+            np.array(
+                [
+                    dot(n, centre) - self._radius - offset
+                    for centre, offset in zip(centres, offsets, strict=True)
+                ]
+            )
+        )
 
     def _calc_loop_error(self, context: Context, output: BasicVector) -> None:
         if not self._loops:

@@ -2,20 +2,20 @@
 
 from dataclasses import dataclass
 from math import radians
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.errors import UnreachablePosture
-from parapod.systems.levelling_platform.geometry import PlatformGeometry
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
     height_range,
     inverse_kinematics,
 )
-from parapod.systems.ports import elements, is_on, read, read_array
+from parapod.systems.ports import elements, is_on, read, read_array, read_or_zeros
 
 # Layout of the discrete state.
 _COEFFICIENTS = slice(0, 18)  # polynomials of degree 5 of roll, pitch, height
@@ -52,6 +52,7 @@ class PostureReference(LeafSystem):
     | in `posture_command` | 3 | rad, rad, m | commanded roll, pitch, height; may jump |
     | in `extension_measured` | 4 | m | where the reference starts |
     | in `ground` | 2 | rad | estimated roll and pitch of the ground |
+    | in `foot_offsets` | 4 | m | how far each foot stands above the ground; unconnected: 0 |
     | in `enable` | 1 | - | above 0.5: follow commands |
     | out `posture_desired_state` | 6 | rad, rad, m and rates | the reference, C2 in the posture |
 
@@ -89,6 +90,7 @@ class PostureReference(LeafSystem):
         self._command = self.DeclareVectorInputPort("posture_command", 3)
         self._measured = self.DeclareVectorInputPort("extension_measured", 4)
         self._ground = self.DeclareVectorInputPort("ground", 2)
+        self._offsets = self.DeclareVectorInputPort("foot_offsets", LEG_COUNT)
         self._enable = self.DeclareVectorInputPort("enable", 1)
         state = self.discrete_state_ticket(self.DeclareDiscreteState(_SIZE))
         prerequisites = {
@@ -96,6 +98,7 @@ class PostureReference(LeafSystem):
             self.time_ticket(),
             self._measured.ticket(),
             self._ground.ticket(),
+            self._offsets.ticket(),
         }
         self.DeclareVectorOutputPort(
             "posture_desired_state", 6, self._calc_desired_state, prerequisites
@@ -112,7 +115,8 @@ class PostureReference(LeafSystem):
 
     def _measured_posture(self, context: Context) -> NDArray[np.float64]:
         extension, ground = read_array(self._measured, context), read_array(self._ground, context)
-        return forward_kinematics(self._geometry, extension, ground)
+        offsets = read_or_zeros(self._offsets, context)
+        return forward_kinematics(self._geometry, extension, ground, foot_offsets=offsets)
 
     def _update_plan(self, context: Context, discrete_state: Any) -> None:
         plan = elements(context.get_discrete_state_vector())
@@ -135,17 +139,18 @@ class PostureReference(LeafSystem):
         else:
             start = (self._measured_posture(context).tolist(), [0.0] * 3, [0.0] * 3)
         if np.isfinite(start).all():
-            discrete_state.set_value(self._plan(now, start, np.array(command), np.array(ground)))
+            standing = _Standing(np.array(ground), np.array(read_or_zeros(self._offsets, context)))
+            discrete_state.set_value(self._plan(now, start, np.array(command), standing))
 
     def _plan(
         self,
         now: float,
         start: tuple[list[float], list[float], list[float]],
         command: NDArray[np.float64],
-        ground: NDArray[np.float64],
+        standing: "_Standing",
     ) -> NDArray[np.float64]:
         """State that leads from a position, rate and acceleration to the command."""
-        target = self._reachable(np.array(start[0]), command, ground)
+        target = self._reachable(np.array(start[0]), command, standing)
         limits = (self._params.angle_rate, self._params.angle_rate, self._params.height_rate)
         # A minimum-jerk move from rest to rest peaks at 15/8 of its mean rate.
         duration = max(
@@ -156,30 +161,30 @@ class PostureReference(LeafSystem):
             ),
         )
         state = _state(now, start, target, duration)
-        state[_COMMAND], state[_GROUND] = command, ground
-        if any(start[1]) and not self._stays_inside(state, ground):
+        state[_COMMAND], state[_GROUND] = command, standing.ground
+        if any(start[1]) and not self._stays_inside(state, standing):
             # At rest at the end of the way that braking takes.
             way = 0.5 * _BRAKE_TIME * np.array(start[1])
             state = _state(now, start, np.array(start[0]) + way, _BRAKE_TIME)
-            state[_COMMAND], state[_GROUND], state[_BRAKING] = command, ground, 1.0
+            state[_COMMAND], state[_GROUND], state[_BRAKING] = command, standing.ground, 1.0
         return state
 
-    def _stays_inside(self, state: NDArray[np.float64], ground: NDArray[np.float64]) -> bool:
+    def _stays_inside(self, state: NDArray[np.float64], standing: "_Standing") -> bool:
         """Whether the legs reach all of a planned path."""
         plan = state.tolist()
         path = [_position(plan, plan[_START] + share * plan[_DURATION]) for share in _CHECKS]
-        extension = inverse_kinematics(self._geometry, path, ground, on_unreachable="nan")
+        extension = inverse_kinematics(self._geometry, path, *standing, on_unreachable="nan")
         return bool(np.isfinite(extension).all())
 
     def _reachable(
         self,
         start: NDArray[np.float64],
         command: NDArray[np.float64],
-        ground: NDArray[np.float64],
+        standing: "_Standing",
     ) -> NDArray[np.float64]:
         """The command, or what `on_unreachable` asks for where the legs do not reach it."""
         try:
-            inverse_kinematics(self._geometry, command, ground)
+            inverse_kinematics(self._geometry, command, *standing)
             return command
         except UnreachablePosture as error:
             if self._on_unreachable == "raise":
@@ -187,12 +192,12 @@ class PostureReference(LeafSystem):
                     error.leg,
                     error.extension,
                     error.admissible,
-                    hint=describe_range(self._geometry, command, ground),
+                    hint=describe_range(self._geometry, command, *standing),
                 ) from None
         # Height gives way first, and only where no height will do the angles.
         shares = np.linspace(1.0, 0.0, 129)[:, np.newaxis]
         attitudes = start[:2] + shares * (command[:2] - start[:2])
-        low, high = height_range(self._geometry, attitudes, ground).T
+        low, high = height_range(self._geometry, attitudes, *standing).T
         fits = np.flatnonzero(low <= high)
         if not fits.size:
             return start
@@ -200,11 +205,21 @@ class PostureReference(LeafSystem):
         return np.array([*attitudes[best], np.clip(command[2], low[best], high[best])])
 
 
+class _Standing(NamedTuple):
+    """What the feet stand on."""
+
+    ground: NDArray[np.float64]
+    foot_offsets: NDArray[np.float64]
+
+
 def describe_range(
-    geometry: PlatformGeometry, posture: NDArray[np.float64], ground: NDArray[np.float64]
+    geometry: PlatformGeometry,
+    posture: NDArray[np.float64],
+    ground: NDArray[np.float64],
+    foot_offsets: ArrayLike = (0.0, 0.0, 0.0, 0.0),
 ) -> str:
     """What can be reached at a posture's attitude on a ground, as the end of an error's line."""
-    low, high = height_range(geometry, posture[:2], ground)
+    low, high = height_range(geometry, posture[:2], ground, foot_offsets)
     roll, pitch, ground_roll, ground_pitch = np.degrees([*posture[:2], *ground])
     at = (
         f"at roll {roll:.2f}, pitch {pitch:.2f} deg on ground estimated at "

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, LeafSystem
 
-from parapod.systems.levelling_platform.geometry import PlatformGeometry
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
-from parapod.systems.ports import elements, is_on, read_array
+from parapod.systems.ports import elements, is_on, read_array, read_or_zeros
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,7 @@ class PostureScript(LeafSystem):
     | port | size | unit | meaning |
     |---|---|---|---|
     | in `ground` | 2 | rad | estimated roll and pitch of the ground |
+    | in `foot_offsets` | 4 | m | how far each foot stands above the ground; unconnected: 0 |
     | in `enable` | 1 | - | the script begins when this rises above 0.5 |
     | out `posture_command` | 3 | rad, rad, m | commanded roll, pitch, height |
     | out `scale` | 1 | - | share of the waypoints' size that fits the stroke |
@@ -78,6 +79,7 @@ class PostureScript(LeafSystem):
         if self._times != sorted(self._times):
             raise ValueError(f"the waypoints' times must not decrease, but are {self._times}")
         self._ground = self.DeclareVectorInputPort("ground", 2)
+        self._offsets = self.DeclareVectorInputPort("foot_offsets", LEG_COUNT)
         self._enable = self.DeclareVectorInputPort("enable", 1)
         self._level = np.array([0.0, 0.0, height])
         self.DeclareStateOutputPort("posture_command", self.DeclareDiscreteState(self._level))
@@ -102,7 +104,8 @@ class PostureScript(LeafSystem):
         ground = read_array(self._ground, context)
         if enabled and not np.isfinite(ground).all():
             return
-        scale = self._fit(ground) if enabled else 0.0
+        offsets = read_or_zeros(self._offsets, context)
+        scale = self._fit(ground, offsets) if enabled else 0.0
         done = self._count_until(0.0) if enabled else 0
         discrete_state.set_value(0, self._commanded(done, scale))
         discrete_state.set_value(1, np.array([scale]))
@@ -124,13 +127,15 @@ class PostureScript(LeafSystem):
             self._height + scale * waypoint.height,
         ]
 
-    def _fit(self, ground: NDArray[np.float64]) -> float:
+    def _fit(self, ground: NDArray[np.float64], offsets: Sequence[float]) -> float:
         """Largest factor of 0, 0.01, ... 1 with which the legs reach every waypoint."""
         if not self._waypoints:
             return 1.0
         scales = np.linspace(1.0, 0.0, 101)
         postures = np.array([[self._posture(w, s) for w in self._waypoints] for s in scales])
-        extension = inverse_kinematics(self._geometry, postures, ground, on_unreachable="nan")
+        extension = inverse_kinematics(
+            self._geometry, postures, ground, offsets, on_unreachable="nan"
+        )
         low = self._geometry.extension_min + self._margin
         high = self._geometry.extension_max - self._margin
         fits = ((extension >= low) & (extension <= high)).all(axis=(1, 2))

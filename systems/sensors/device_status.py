@@ -28,12 +28,14 @@ class DeviceStatus(LeafSystem):
         devices: names of the devices, in the ports' order.
         periods: their sampling periods [s]; 0 for one that is always up to date. By default
             that of the ADIS16448 averaging 8 samples at 819.2 Hz for the IMU.
+        delays: how old a sample is already when it is shown [s]; empty for fresh ones.
     """
 
     def __init__(
         self,
         devices: Sequence[str] = ("legs", "imu", "wheels", "arm"),
         periods: Sequence[float] = (0.0, sample_period(), 0.0, 0.0),
+        delays: Sequence[float] = (),
     ) -> None:
         super().__init__()
         if len(devices) != len(periods):
@@ -42,6 +44,7 @@ class DeviceStatus(LeafSystem):
             raise ValueError(f"periods must be 0 or more, not {tuple(periods)}")
         self.set_name("device_status")
         self.devices, self.periods = tuple(devices), tuple(periods)
+        self.delays = tuple(delays) or (0.0,) * len(devices)
         self.DeclareVectorOutputPort(
             "age",
             len(devices),
@@ -60,7 +63,11 @@ class DeviceStatus(LeafSystem):
 
     def _calc_age(self, context: Context, output: BasicVector) -> None:
         time = context.get_time()
-        output.SetFromVector(np.array([_age(time, period) for period in self.periods]))
+        ages = [
+            delay + _age(time, period)
+            for period, delay in zip(self.periods, self.delays, strict=True)
+        ]
+        output.SetFromVector(np.array(ages))
 
     def _calc_fault(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(np.zeros(len(self.devices)))
