@@ -43,21 +43,7 @@ def make_controller(
         builder, KinematicFeedforward(geometry, law=control.feedforward, period=period)
     )
     passive = add(builder, PassiveLegSolver(geometry))
-    pi = add(
-        builder,
-        PiController(
-            PiControllerParams(
-                pole=control.pole,
-                voltage_limit=control.voltage_limit,
-                rate_feedforward=control.rate_feedforward,
-                friction_feedforward=(
-                    control.friction_feedforward[0],
-                    control.friction_feedforward[1],
-                ),
-            ),
-            period=period,
-        ),
-    )
+    pi = add(builder, PiController(pi_params(scenario), period=period))
 
     posture = reference.GetOutputPort("posture_desired_state")
     if control.outer_loop:
@@ -104,6 +90,26 @@ def make_controller(
     return diagram
 
 
+def pi_params(scenario: LevellingScenario) -> PiControllerParams:
+    """Design of the actuators' position controllers."""
+    control = scenario.control
+    extending, retracting = control.friction_feedforward
+    return PiControllerParams(
+        pole=control.pole,
+        voltage_limit=control.voltage_limit,
+        rate_feedforward=control.rate_feedforward,
+        friction_feedforward=(extending, retracting),
+    )
+
+
+def posture_loop_params(scenario: LevellingScenario) -> PostureLoopParams:
+    """Design of the outer inclination loop."""
+    return PostureLoopParams(
+        gain=scenario.control.outer_loop_gain,
+        lag=PostureLoopParams().lag + 1e-3 * scenario.sensors.imu_delay_ms,
+    )
+
+
 def _add_posture_loop(
     builder: DiagramBuilder,
     scenario: LevellingScenario,
@@ -112,11 +118,7 @@ def _add_posture_loop(
     ground: GroundEstimator,
 ) -> OutputPort:
     """Puts the outer inclination loop behind the reference; returns the corrected one."""
-    params = PostureLoopParams(
-        gain=scenario.control.outer_loop_gain,
-        lag=PostureLoopParams().lag + 1e-3 * scenario.sensors.imu_delay_ms,
-    )
-    loop = add(builder, PostureLoop(params, period=scenario.control.period))
+    loop = add(builder, PostureLoop(posture_loop_params(scenario), period=scenario.control.period))
     connect(builder, desired, loop.GetInputPort("posture_desired_state"))
     connect(builder, attitude.GetOutputPort("attitude"), loop.GetInputPort("attitude"))
     connect(builder, ground.GetOutputPort("valid"), loop.GetInputPort("enable"))

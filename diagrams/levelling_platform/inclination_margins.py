@@ -1,0 +1,208 @@
+"""How stable the outer inclination loop is: its open loop, linearised, and its margins."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from parapod.diagrams.levelling_platform.controller import pi_params, posture_loop_params
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.wiring import add, connect
+from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
+from parapod.systems.actuators.pi_controller import PiController
+from parapod.systems.levelling_platform.forward_kinematics import ForwardKinematics
+from parapod.systems.levelling_platform.kinematic_feedforward import KinematicFeedforward
+from parapod.systems.levelling_platform.kinematics import inverse_kinematics
+from parapod.systems.levelling_platform.passive_leg_solver import PassiveLegSolver
+from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.posture_loop import PostureLoop
+
+# Time that the inner loops are given to settle before the diagram is linearised [s].
+_SETTLING = 3.0
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Stability margins of one axis.
+
+    Attributes:
+        gain: factor by which the loop's gain may grow [-].
+        phase: by which the phase may fall at the crossover [rad].
+        crossover: frequency at which the loop's gain is 1 [rad/s].
+    """
+
+    gain: float
+    phase: float
+    crossover: float
+
+    @property
+    def gain_db(self) -> float:
+        """The gain margin in decibel."""
+        return 20.0 * math.log10(self.gain)
+
+    @property
+    def delay(self) -> float:
+        """Further delay that the loop bears [s]."""
+        return self.phase / self.crossover
+
+
+@dataclass(frozen=True)
+class OpenLoop:
+    """x' = A x + B u, y = C x: from measured roll and pitch to what the legs make of them.
+
+    Attributes:
+        a: (n, n).
+        b: (n, 2).
+        c: (2, n).
+        period: of the discrete-time system [s].
+    """
+
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+    c: NDArray[np.float64]
+    period: float
+
+    def response(self, frequency: ArrayLike, delay: float = 0.0) -> NDArray[np.complex128]:
+        """Loop gain L(jw) of roll and pitch (m, 2, 2), negative feedback taken out.
+
+        Args:
+            frequency: (m) [rad/s], below the Nyquist frequency pi / period.
+            delay: of the measurement, added to that of the sampling [s].
+        """
+        w = np.asarray(frequency, dtype=float)[:, np.newaxis, np.newaxis]
+        states = np.exp(1j * w * self.period) * np.eye(len(self.a)) - self.a
+        return -np.exp(-1j * w * delay) * (self.c @ np.linalg.solve(states, self.b + 0j))
+
+
+def open_loop(scenario: LevellingScenario, gain_scale: float = 1.0) -> OpenLoop:
+    """Linearises reference, feedforward, passive leg, actuators and kinematics as one diagram.
+
+    The loop is opened where the attitude enters `PostureLoop`. The actuators are the K/s of Eq.
+    (17); the attitude filter passes what the gyro measures and counts as 1.
+
+    Args:
+        scenario: its ground, height and control part are used.
+        gain_scale: the actuators' K over its nominal value [-].
+    """
+    diagram, context = _settled(scenario, gain_scale)
+    size = sum(_group_sizes(context))
+    gradient = _derivatives(diagram, context)
+    moved, posture = gradient[:size], gradient[size:]
+    return OpenLoop(moved[:, :size], moved[:, size:], posture[:2, :size], scenario.control.period)
+
+
+def _derivatives(diagram: Diagram, context: Context) -> NDArray[np.float64]:
+    """Next state and output (rows) by state and input (columns).
+
+    Drake's `Linearize` wants all discrete state in one group; a diagram has one a system.
+    """
+    system = diagram.ToAutoDiffXd()
+    variable = system.CreateDefaultContext()
+    variable.SetTimeStateAndParametersFrom(context)
+    groups = [group.CopyToVector() for group in context.get_discrete_state().get_data()]
+    attitude = diagram.GetInputPort("attitude").Eval(context)
+    values = InitializeAutoDiff(np.concatenate([*groups, attitude])).ravel()
+    start = 0
+    for i, group in enumerate(groups):
+        variable.SetDiscreteState(i, values[start : start + len(group)])
+        start += len(group)
+    system.GetInputPort("attitude").FixValue(variable, values[start:])
+    ahead = system.EvalUniquePeriodicDiscreteUpdate(variable)
+    rows: list[Any] = [group.CopyToVector() for group in ahead.get_data()]
+    rows.append(system.GetOutputPort("posture").Eval(variable))
+    return np.asarray(ExtractGradient(np.concatenate(rows).reshape(-1, 1)))
+
+
+def _group_sizes(context: Context) -> list[int]:
+    return [group.size() for group in context.get_discrete_state().get_data()]
+
+
+def margins(loop: OpenLoop, delay: float = 0.0) -> tuple[Margins, Margins]:
+    """Margins of the roll and of the pitch loop, each with the other one closed.
+
+    Args:
+        loop: the open loop.
+        delay: of the measurement [s].
+    """
+    nyquist = math.pi / loop.period
+    frequency = np.geomspace(1e-3, 0.999 * nyquist, 4000)
+    response = loop.response(frequency, delay)
+    return tuple(_margins(frequency, alone(response, axis)) for axis in range(2))  # type: ignore[return-value]
+
+
+def alone(response: NDArray[np.complex128], axis: int) -> NDArray[np.complex128]:
+    """Loop gain (m) of one axis while the loop of the other one is closed."""
+    i, j = axis, 1 - axis
+    coupling = response[:, i, j] * response[:, j, i] / (1.0 + response[:, j, j])
+    return response[:, i, i] - coupling
+
+
+def _margins(frequency: NDArray[np.float64], gain: NDArray[np.complex128]) -> Margins:
+    magnitude, phase = np.abs(gain), np.unwrap(np.angle(gain))
+    phase -= 2.0 * math.pi * round((phase[0] + 0.5 * math.pi) / (2.0 * math.pi))
+    falls = magnitude <= 1.0
+    crossover = _crossing(frequency, np.log(magnitude), 0.0) if falls.any() else math.nan
+    at_crossover = float(np.interp(crossover, frequency, phase))
+    turned = _crossing(frequency, phase, -math.pi) if (phase <= -math.pi).any() else math.nan
+    at_turn = float(np.interp(turned, frequency, magnitude))
+    return Margins(
+        gain=1.0 / at_turn if math.isfinite(turned) else math.inf,
+        phase=math.pi + at_crossover,
+        crossover=crossover,
+    )
+
+
+def _crossing(x: NDArray[np.float64], y: NDArray[np.float64], level: float) -> float:
+    """Where y first falls to the level."""
+    k = max(1, int(np.argmax(y <= level)))
+    return float(np.interp(level, [y[k], y[k - 1]], [x[k], x[k - 1]]))
+
+
+def _settled(scenario: LevellingScenario, gain_scale: float) -> tuple[Diagram, Context]:
+    """The open loop's diagram, at rest at the level posture."""
+    builder = DiagramBuilder()
+    period, ground = scenario.control.period, np.array(scenario.ground.inclination)
+    posture = np.array([0.0, 0.0, 1e-3 * scenario.job.height_mm])
+    loop = add(builder, PostureLoop(posture_loop_params(scenario), period))
+    feedforward = add(builder, KinematicFeedforward(MODEL_GEOMETRY, period=period))
+    passive = add(builder, PassiveLegSolver(MODEL_GEOMETRY))
+    pi = add(builder, PiController(pi_params(scenario), period=period))
+    actuators = add(
+        builder, LinearActuator(LinearActuatorParams(model="integrator"), time_step=period)
+    )
+    kinematics = add(builder, ForwardKinematics(MODEL_GEOMETRY))
+
+    desired = add(builder, ConstantVectorSource(np.append(posture, np.zeros(3))), "desired")
+    slope = add(builder, ConstantVectorSource(ground), "ground")
+    enable = add(builder, ConstantVectorSource(np.ones(1)), "enable")
+    for system in (loop, pi):
+        connect(builder, enable.get_output_port(), system.GetInputPort("enable"))
+    for system in (feedforward, passive, kinematics):
+        connect(builder, slope.get_output_port(), system.GetInputPort("ground"))
+    connect(builder, desired.get_output_port(), loop.GetInputPort("posture_desired_state"))
+    for system in (feedforward, passive):
+        connect(builder, loop.get_output_port(), system.GetInputPort("posture_desired_state"))
+    active = passive.GetInputPort("active_desired_state")
+    connect(builder, feedforward.get_output_port(), active)
+    connect(builder, passive.get_output_port(), pi.GetInputPort("desired_state"))
+    connect(builder, pi.get_output_port(), actuators.GetInputPort("voltage"))
+    for system, name in ((pi, "measured"), (kinematics, "extension")):
+        connect(builder, actuators.GetOutputPort("extension"), system.GetInputPort(name))
+    builder.ExportInput(loop.GetInputPort("attitude"), "attitude")
+    builder.ExportOutput(kinematics.get_output_port(), "posture")
+    diagram = builder.Build()
+
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    own = actuators.GetMyMutableContextFromRoot(context)
+    actuators.set_extension(own, inverse_kinematics(MODEL_GEOMETRY, posture, ground))
+    actuators.set_gain_scale(own, gain_scale)
+    diagram.GetInputPort("attitude").FixValue(context, posture[:2])
+    simulator.AdvanceTo(_SETTLING)
+    return diagram, context
