@@ -51,8 +51,11 @@ def main(argv: Sequence[str] | None = None, entries: "Sequence[Entry] | None" = 
     Returns:
         The exit code.
     """
+    from parapod.sims.experiment import ENTRIES
+
+    listed = ENTRIES if entries is None else entries
     try:
-        code = _dispatch(_parser().parse_args(argv), entries)
+        code = _dispatch(_parser(listed).parse_args(argv), listed)
         sys.stdout.flush()
     except ParapodError as error:
         print(f"parapod: error: {error}", file=sys.stderr)
@@ -72,7 +75,7 @@ def main(argv: Sequence[str] | None = None, entries: "Sequence[Entry] | None" = 
     return code
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(entries: "Sequence[Entry]") -> argparse.ArgumentParser:
     formatter = argparse.RawDescriptionHelpFormatter
     parser = _Parser(
         prog="parapod",
@@ -92,7 +95,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=formatter,
         allow_abbrev=False,
     )
-    _add_scenario_arguments(run)
+    _add_scenario_arguments(run, entries)
     run.add_argument(
         "--meshcat", action="store_true", help="show the machine in a browser, at real time"
     )
@@ -121,7 +124,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=formatter,
         allow_abbrev=False,
     )
-    _add_scenario_arguments(scenario)
+    _add_scenario_arguments(scenario, entries)
     return parser
 
 
@@ -133,7 +136,7 @@ _OUTPUTS = {
 }
 
 
-def _add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
+def _add_scenario_arguments(parser: argparse.ArgumentParser, entries: "Sequence[Entry]") -> None:
     parser.add_argument("name", metavar="NAME", help="an experiment; see `parapod list`")
     parser.add_argument(
         "--scenario", type=Path, metavar="FILE", help="YAML with the keys to change"
@@ -149,21 +152,27 @@ def _add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--backend", metavar="B", help="short for --set backend=B")
     parser.add_argument("--seed", metavar="N", help="short for --set seed=N")
+    switches: dict[str, list[str]] = {}
+    for entry in entries:
+        for name, (override, what) in entry.switches.items():
+            text = f"{entry.name}: {what}; short for --set {override}"
+            switches.setdefault(name, []).append(text)
+    for name, texts in switches.items():
+        parser.add_argument(
+            f"--{name}", dest="switches", action="append_const", const=name, help=". ".join(texts)
+        )
+    parser.set_defaults(switches=[])
 
 
-def _dispatch(arguments: argparse.Namespace, given: "Sequence[Entry] | None") -> int:
+def _dispatch(arguments: argparse.Namespace, entries: "Sequence[Entry]") -> int:
     if arguments.version:
         from importlib.metadata import version
 
         print(f"parapod {version('parapod')}")
         return _HELD
     if arguments.command is None:
-        _parser().print_help()
+        _parser(entries).print_help()
         return _HELD
-
-    from parapod.sims.experiment import ENTRIES
-
-    entries = ENTRIES if given is None else given
     if arguments.command == "list":
         _list(entries)
         return _HELD
@@ -278,10 +287,18 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
             raise OutputError(f"--{other} and --{option} would both write '{path}'", path)
 
 
+def _switched(entry: "Entry", switches: Sequence[str]) -> list[str]:
+    """The overrides that the given switches are short for."""
+    for name in switches:
+        if name not in entry.switches:
+            raise _UsageError(f"the experiment '{entry.name}' has no option --{name}")
+    return [entry.switches[name][0] for name in switches]
+
+
 def _load(entry: "Entry", experiment: "Experiment", arguments: argparse.Namespace) -> Any:
     from parapod.diagrams.scenario import load_scenario
 
-    overrides = list(arguments.overrides)
+    overrides = [*arguments.overrides, *_switched(entry, arguments.switches)]
     for key in ("backend", "seed"):
         value = getattr(arguments, key)
         if value is not None:

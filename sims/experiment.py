@@ -3,7 +3,7 @@
 import importlib
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -68,12 +68,15 @@ class Entry:
         summary: the experiment's summary.
         load: imports the experiment.
         scenarios: folder of its default scenario `<name>.yaml`; None for parapod's own.
+        switches: options of its own, which need no value: name -> the override of the scenario
+            that it is short for, and its help.
     """
 
     name: str
     summary: str
     load: Callable[[], Experiment]
     scenarios: Path | None = None
+    switches: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     @property
     def default_scenario(self) -> Path:
@@ -99,6 +102,17 @@ ENTRIES: tuple[Entry, ...] = (
         "The platform finds out how the ground slopes, levels itself and follows posture "
         "commands.",
         _module("parapod.sims.level"),
+    ),
+    Entry(
+        "workspace",
+        "Where the platform can bring the tip of its arm, beside the paper's eight surfaces.",
+        _module("parapod.sims.workspace"),
+        switches={"turntable": ("turntable=true", "let the motor in the arm's base turn it")},
+    ),
+    Entry(
+        "calibrate",
+        "Leg geometry, encoder offsets and accelerometer bias are identified from recorded poses.",
+        _module("parapod.sims.calibrate"),
     ),
 )
 

@@ -1,5 +1,7 @@
 """The one exception tree of parapod. Every error carries the data a caller needs to react."""
 
+from collections.abc import Sequence
+
 
 class ParapodError(Exception):
     """Base of every error that parapod raises on purpose; its text is one readable line."""
@@ -40,6 +42,30 @@ class UnreachablePosture(ParapodError):
         else:
             text = f"leg {leg} cannot reach the ground with any extension (its stroke is {stroke})"
         super().__init__(where + text + hint)
+
+
+class UndeterminedCalibration(ParapodError):
+    """A recording that leaves open what a calibration asks.
+
+    Attributes:
+        directions: what is not determined, each a parameter or a few that change together.
+        advice: which poses would determine it.
+    """
+
+    # More than these make no line that anybody reads; the attributes have them all.
+    _SHOWN = 5
+
+    def __init__(self, directions: Sequence[str], advice: Sequence[str]):
+        self.directions = tuple(directions)
+        self.advice = tuple(advice)
+        shown = list(self.directions[: self._SHOWN])
+        more = len(self.directions) - len(shown)
+        if more:
+            shown.append(f"and {more} more")
+        super().__init__(
+            f"the recording does not determine {'; '.join(shown)} "
+            f"(what helps: {'; '.join(self.advice)})"
+        )
 
 
 class ScenarioError(ParapodError):

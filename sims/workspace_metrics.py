@@ -1,0 +1,287 @@
+"""What the experiment `workspace` measures."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize  # type: ignore[import-untyped]
+
+from parapod.sims.results import Metric
+from parapod.sims.workspace_scenario import WorkspaceScenario
+from parapod.systems.levelling_platform.geometry import PlatformGeometry
+from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatformParams
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
+from parapod.systems.levelling_platform.turntable import stability_margin, swept_volume
+from parapod.systems.levelling_platform.workspace import (
+    ArmGeometry,
+    extensions_reaching,
+    reaches,
+    tip_of_extensions,
+)
+from parapod.systems.levelling_platform.workspace_surfaces import (
+    COEFFICIENTS,
+    enclosed_points,
+    inside_surfaces,
+    surface_margins,
+)
+from parapod.systems.levelling_platform.workspace_volume import (
+    faces,
+    posture_grid,
+    tips_and_volumes,
+)
+
+# The paper's model: point feet.
+GEOMETRY = PlatformGeometry()
+_PAPER_SHARE = 0.97
+_ROUND_TRIPS = 10_000
+_ROUND_TRIP_BOUND = 1e-12  # [m]
+# Largest difference of a volume to that at half the resolution.
+_RESOLUTION_BOUND = 0.1
+# Resolution of what is worked out many times over.
+_COARSE = 32
+# Half a unit of the printed coefficients' last decimal, and how often they are drawn.
+_ROUNDING = 0.005
+_ROUNDINGS = 200
+# Points along the edge of a face for extents, and turns of the turntable for the stability.
+_EDGE = 25
+_TURNS = 36
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What there is to say on one matter.
+
+    Attributes:
+        metrics: the numbers.
+        notes: sentences that explain them.
+    """
+
+    metrics: tuple[Metric, ...]
+    notes: tuple[str, ...] = ()
+
+
+def measure_volume(scenario: WorkspaceScenario) -> Finding:
+    """Volume and extents of the workspace, and the closed form's round trip."""
+    arm = scenario.arm.upright
+    grid = posture_grid(GEOMETRY, scenario.resolution)
+    volume = float(tips_and_volumes(GEOMETRY, arm, grid)[1].sum())
+    half = posture_grid(GEOMETRY, scenario.resolution // 2)
+    coarser = float(tips_and_volumes(GEOMETRY, arm, half)[1].sum())
+    tips = tip_of_extensions(GEOMETRY, arm, boundary())
+    extents = [
+        Metric(f"extent_{axis}_mm", 1e3 * float(np.ptp(tips[:, i])), "mm")
+        for i, axis in enumerate("xyz")
+    ]
+    return Finding(
+        (
+            Metric("volume_m3", volume, "m^3", meaning="of all points that the tip reaches"),
+            Metric(
+                "volume_resolution_error",
+                abs(coarser / volume - 1.0),
+                "",
+                _RESOLUTION_BOUND,
+                meaning="relative difference to the volume at half the resolution",
+            ),
+            *extents,
+            Metric(
+                "round_trip_error_m",
+                _round_trip_error(scenario, arm),
+                "m",
+                _ROUND_TRIP_BOUND,
+                meaning=f"extensions to tip and back, largest of {_ROUND_TRIPS}, inclined ground",
+            ),
+        )
+    )
+
+
+def boundary() -> NDArray[np.float64]:
+    """Extensions (n, 4) on all faces of the workspace [m]."""
+    return np.concatenate([e.reshape(-1, 4) for e in faces(GEOMETRY, _EDGE).values()])
+
+
+def _round_trip_error(scenario: WorkspaceScenario, arm: ArmGeometry) -> float:
+    low, high = GEOMETRY.extension_min, GEOMETRY.extension_max
+    random = np.random.default_rng(scenario.seed)
+    extension = random.uniform(low, high, (_ROUND_TRIPS, 3))
+    ground = scenario.ground.inclination
+    tip = tip_of_extensions(GEOMETRY, arm, extension, ground)
+    _, needed = extensions_reaching(GEOMETRY, arm, tip, ground)
+    return float(np.abs(needed[:, :3] - extension).max())
+
+
+def compare_surfaces(scenario: WorkspaceScenario) -> Finding:
+    """How the eight printed surfaces compare with the workspace, and why so."""
+    arm = scenario.arm.upright
+    grid = posture_grid(GEOMETRY, scenario.resolution)
+    tips, volume = tips_and_volumes(GEOMETRY, arm, grid)
+    is_inside = inside_surfaces(tips).all(axis=-1)
+    enclosed, cell = enclosed_points(scenario.resolution)
+    unreachable = 1.0 - float(reaches(GEOMETRY, arm, enclosed).mean())
+    best = best_offset(arm)
+    best_tips, best_volume = tips_and_volumes(GEOMETRY, replace(arm, offset=best), grid)
+    share = _share(best_volume, inside_surfaces(best_tips).all(axis=-1))
+    metrics = (
+        Metric(
+            "inside_fraction",
+            _share(volume, is_inside),
+            paper=_PAPER_SHARE,
+            meaning="share of the workspace's volume inside the eight printed surfaces",
+        ),
+        Metric(
+            "inside_fraction_counted",
+            _share(grid.count, is_inside),
+            paper=_PAPER_SHARE,
+            meaning="likewise of points that are uniform in the extensions of legs 1 to 3",
+        ),
+        Metric(
+            "inside_fraction_best",
+            share,
+            paper=_PAPER_SHARE,
+            meaning="of the volume, with the arm's base where it is largest",
+        ),
+        Metric(
+            "unreachable_fraction",
+            unreachable,
+            paper=0.0,
+            meaning="share of what the surfaces enclose that the tip does not reach",
+        ),
+        Metric("enclosed_volume_m3", cell * len(enclosed), "m^3", meaning="by the surfaces"),
+    )
+    return Finding(metrics, (_why_not_more(arm, best, share), _about_rounding(scenario, best)))
+
+
+def _share(weight: NDArray[np.float64], which: NDArray[np.bool_]) -> float:
+    return float(weight[which].sum() / weight.sum())
+
+
+def best_offset(arm: ArmGeometry) -> tuple[float, float, float]:
+    """Base of the arm for which the largest share of the volume is inside the surfaces [m]."""
+    grid = posture_grid(GEOMETRY, _COARSE)
+
+    def outside(offset: NDArray[np.float64]) -> float:
+        x, y, z = offset.tolist()
+        tips, volume = tips_and_volumes(GEOMETRY, replace(arm, offset=(x, y, z)), grid)
+        return 1.0 - _share(volume, inside_surfaces(tips).all(axis=-1))
+
+    start = np.array(ArmGeometry().offset)
+    simplex = start + np.vstack([np.zeros(3), 0.01 * np.eye(3)])
+    found = minimize(
+        outside,
+        start,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "xatol": 2e-4, "fatol": 1e-5},
+    )
+    x, y, z = found.x.tolist()
+    return x, y, z
+
+
+def _why_not_more(arm: ArmGeometry, best: tuple[float, float, float], share: float) -> str:
+    def words(offset: tuple[float, float, float]) -> str:
+        return "(" + ", ".join(f"{1e3 * value:.0f}" for value in offset) + ") mm"
+
+    return (
+        f"The share hangs on where the arm's base stands, which is lost with Eq. (13): "
+        f"{words(arm.offset)} is assumed, {words(best)} gives {100.0 * share:.1f} %."
+    )
+
+
+def _about_rounding(scenario: WorkspaceScenario, best: tuple[float, float, float]) -> str:
+    arm = replace(scenario.arm.upright, offset=best)
+    tips, volume = tips_and_volumes(GEOMETRY, arm, posture_grid(GEOMETRY, _COARSE))
+    random = np.random.default_rng(scenario.seed)
+    is_rounded = COEFFICIENTS != 0.0
+    is_rounded[:, 0] = False
+    shares = []
+    for _ in range(_ROUNDINGS):
+        error = _ROUNDING * is_rounded * random.uniform(-1.0, 1.0, COEFFICIENTS.shape)
+        is_inside = (surface_margins(tips, COEFFICIENTS + error) > 0.0).all(axis=-1)
+        shares.append(_share(volume, is_inside))
+    low, high = 100.0 * np.percentile(shares, (5.0, 95.0))
+    return (
+        f"With the base there, changing the printed coefficients by up to half a unit of their "
+        f"second decimal gives {low:.0f} to {high:.0f} % (5th to 95th percentile): two decimals "
+        f"do not define the surfaces better."
+    )
+
+
+def check_inclined_ground(scenario: WorkspaceScenario) -> Finding:
+    """Eq. (14): is the workspace on inclined ground that of level ground, rotated?"""
+    arm = scenario.arm.upright
+    ground = scenario.ground.inclination
+    grid = posture_grid(GEOMETRY, scenario.resolution // 2)
+    level, volume = tips_and_volumes(GEOMETRY, arm, grid)
+    inclined = tip_of_extensions(GEOMETRY, arm, grid.extension, ground)
+    turn = np.arctan2(inclined[:, 1], inclined[:, 0]) - np.arctan2(level[:, 1], level[:, 0])
+    apart = np.linalg.norm(inclined - level, axis=-1)
+    is_lost = ~reaches(GEOMETRY, arm, level, ground)
+    metrics = (
+        Metric(
+            "inclined_difference_mm",
+            1e3 * float(apart.max()),
+            "mm",
+            paper=0.0,
+            meaning="largest between the tip on inclined ground and Eq. (14), same extensions",
+        ),
+        Metric(
+            "inclined_difference_fraction",
+            _share(volume, is_lost),
+            paper=0.0,
+            meaning="share of Eq. (14)'s workspace that the tip does not reach on that ground",
+        ),
+    )
+    note = (
+        "Eq. (14) is not exact: legs, roll and pitch of the platform against the ground are the "
+        "same on any ground, but yaw is zero against gravity, so that each point is turned about "
+        f"the ground's normal through foot 2, by up to {math.degrees(np.abs(turn).max()):.2f} deg "
+        "here."
+    )
+    return Finding(metrics, (note,))
+
+
+def measure_turntable(scenario: WorkspaceScenario) -> Finding:
+    """What a leaning arm reaches without and with the turntable, and whether that is stable."""
+    arm = replace(scenario.arm.upright, lean=scenario.arm.lean)
+    grid = posture_grid(GEOMETRY, scenario.resolution)
+    leaning = float(tips_and_volumes(GEOMETRY, arm, grid)[1].sum())
+    swept = swept_volume(GEOMETRY, arm, scenario.resolution)
+    coarser = swept_volume(GEOMETRY, arm, scenario.resolution // 2)
+    metrics = (
+        Metric("leaning_volume_m3", leaning, "m^3", meaning="reached by the leaning arm alone"),
+        Metric("swept_volume_m3", swept, "m^3", meaning="reached with the turntable turning it"),
+        Metric(
+            "swept_resolution_error",
+            abs(coarser / swept - 1.0),
+            "",
+            _RESOLUTION_BOUND,
+            meaning="relative difference to cells of twice the size",
+        ),
+        Metric("swept_gain", swept / leaning, meaning="swept by leaning volume"),
+        Metric(
+            "stability_margin_mm",
+            1e3 * _least_stability(arm, boundary()),
+            "mm",
+            at_least=0.0,
+            meaning="least distance of the centre of mass from the edges between the feet",
+        ),
+    )
+    note = (
+        "The turntable's axis goes through the arm's base: it moves the tip of a leaning arm "
+        f"only. Swept volume: {scenario.resolution} by {scenario.resolution} cells in each of "
+        f"{scenario.resolution // 2} directions from that axis."
+    )
+    return Finding(metrics, (note,))
+
+
+def _least_stability(arm: ArmGeometry, extension: NDArray[np.float64]) -> float:
+    """Smallest `stability_margin` over these extensions (n, 4), level ground and all turns."""
+    params = KinematicPlatformParams()
+    attitude = forward_kinematics(GEOMETRY, extension, (0.0, 0.0))[:, :2]
+    margins = []
+    for turn in 2.0 * math.pi * np.arange(_TURNS) / _TURNS:
+        turned = replace(arm, turn=float(turn))
+        on_arm = np.array(turned.point_at(params.arm_centre / arm.length))
+        moment = params.mass * np.array(params.centre_of_mass) + params.arm_mass * on_arm
+        centre = moment / (params.mass + params.arm_mass)
+        margins.append(stability_margin(GEOMETRY, extension, attitude, centre).min())
+    return float(min(margins))

@@ -1,0 +1,74 @@
+"""Typed scenario of the experiment `workspace`."""
+
+import math
+from dataclasses import dataclass, field
+
+from parapod.diagrams.scenario import choice, quantity
+from parapod.systems.levelling_platform.workspace import ArmGeometry
+
+BACKENDS = ("exact",)
+
+
+@dataclass
+class SlopeScenario:
+    """The ground on which Eq. (14) is checked.
+
+    Attributes:
+        roll_deg: [deg].
+        pitch_deg: [deg].
+    """
+
+    roll_deg: float = quantity(3.0, -30.0, 30.0)
+    pitch_deg: float = quantity(5.0, -30.0, 30.0)
+
+    @property
+    def inclination(self) -> tuple[float, float]:
+        """Roll and pitch [rad]."""
+        return math.radians(self.roll_deg), math.radians(self.pitch_deg)
+
+
+@dataclass
+class ReachScenario:
+    """The arm whose tip is looked at.
+
+    Attributes:
+        offset_mm: its base, from the platform's centre F [mm].
+        length_mm: [mm].
+        lean_deg: from upright while the turntable turns; otherwise it is upright [deg].
+    """
+
+    offset_mm: list[float] = quantity([10.0, 20.0, 145.0], -500.0, 500.0, length=3)
+    length_mm: float = quantity(2020.0, 100.0, 10000.0)
+    lean_deg: float = quantity(45.0, 20.0, 80.0)
+
+    @property
+    def upright(self) -> ArmGeometry:
+        """The arm as in section 4."""
+        x, y, z = (1e-3 * value for value in self.offset_mm)
+        return ArmGeometry(offset=(x, y, z), length=1e-3 * self.length_mm)
+
+    @property
+    def lean(self) -> float:
+        """[rad]."""
+        return math.radians(self.lean_deg)
+
+
+@dataclass
+class WorkspaceScenario:
+    """What is asked about the workspace.
+
+    Attributes:
+        backend: "exact".
+        seed: of the points of the round trip and of the roundings that are tried.
+        resolution: cells in each of three dimensions of a volume.
+        ground: on which Eq. (14) is checked; everything else is on level ground.
+        arm: see `ReachScenario`.
+        turntable: whether the motor in the arm's base may turn it.
+    """
+
+    backend: str = choice("exact", BACKENDS)
+    seed: int = quantity(0, 0, 2**31 - 1)
+    resolution: int = quantity(64, 16, 128)
+    ground: SlopeScenario = field(default_factory=SlopeScenario)
+    arm: ReachScenario = field(default_factory=ReachScenario)
+    turntable: bool = False
