@@ -104,6 +104,21 @@ ENTRIES: tuple[Entry, ...] = (
         _module("parapod.sims.level"),
     ),
     Entry(
+        "validate-kinematics",
+        "The kinematic model beside the multibody plant, with legs as drawn and as built.",
+        _module("parapod.sims.validate_kinematics"),
+    ),
+    Entry(
+        "track-posture",
+        "Postures followed with legs as drawn, as built, and with the outer inclination loop.",
+        _module("parapod.sims.track_posture"),
+    ),
+    Entry(
+        "uneven-ground",
+        "The platform levels itself where its feet stand at different heights.",
+        _module("parapod.sims.uneven_ground"),
+    ),
+    Entry(
         "workspace",
         "Where the platform can bring the tip of its arm, beside the paper's eight surfaces.",
         _module("parapod.sims.workspace"),

@@ -5,35 +5,15 @@ is estimated, and the platform levels itself at `job.height_mm`, takes the waypo
 after the other, and holds while the arm swings.
 """
 
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
-from importlib.metadata import version
-from itertools import pairwise
-from typing import Any
 
-import numpy as np
-from pydrake.geometry import Cylinder, Meshcat, Rgba
-from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.systems.analysis import Simulator
-
-from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
-from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUTPUTS
 from parapod.diagrams.levelling_platform.scenario import BACKENDS, LevellingScenario
-from parapod.diagrams.scenario import dump_scenario
 from parapod.sims.experiment import Experiment, RunOptions
-from parapod.sims.level_metrics import Signals, measure
+from parapod.sims.level_metrics import measure
+from parapod.sims.levelling_job import run_job
 from parapod.sims.live import stay_live
-from parapod.sims.outputs import write_log
 from parapod.sims.results import Result
-from parapod.sims.simulate import (
-    in_real_time,
-    make_viewer,
-    recording,
-    simulate,
-    write_graphviz,
-)
-from parapod.systems.errors import ScenarioError
 
 # What the metrics are made of; everything else is recorded only for a log.
 _NEEDED = (
@@ -45,15 +25,6 @@ _NEEDED = (
     "ground_estimated",
     "legs.voltage",
 )
-_CONTROLLER_UNITS = {
-    "posture_command": "rad, rad, m",
-    "posture_desired_state": "rad, rad, m, and their rates",
-    "extension_desired_state": "m, m/s",
-    "ground_estimated": "rad",
-    "ground_valid": "0/1",
-    "foot_offsets_estimated": "m",
-    "attitude_estimated": "rad",
-}
 
 
 def run(scenario: LevellingScenario, options: RunOptions) -> Result:
@@ -64,100 +35,13 @@ def run(scenario: LevellingScenario, options: RunOptions) -> Result:
         UnreachablePosture: the level posture is out of reach on this ground.
         OutputError: a file cannot be written.
     """
-    check_job(scenario)
-    meshcat = _viewer(scenario) if options.meshcat or options.html else None
-    loop = make_closed_loop(scenario, meshcat, log=_NEEDED if options.log is None else None)
-    if options.graphviz is not None:
-        write_graphviz(options.graphviz, loop.diagram)
-    simulator = Simulator(loop.diagram)
+    job = run_job(scenario, options, "level", _NEEDED)
     until = scenario.job.estimate_at + scenario.job.end
-
-    def job() -> float:
-        loop.reset(simulator.get_mutable_context())
-        simulator.Initialize()
-        with in_real_time(simulator) if options.meshcat else nullcontext():
-            return simulate(simulator, until, options.console, "levelling")
-
-    if meshcat is not None and options.meshcat:
-        where = f"The platform is shown at {meshcat.web_url()}"
-        options.console.print(where, markup=False, highlight=False, soft_wrap=True)
-    if meshcat is not None and options.html is not None:
-        with recording(meshcat, options.html):
-            elapsed = job()
-    else:
-        elapsed = job()
-
-    context = simulator.get_context()
-    time, signals = loop.recorded(context)
-    if options.log is not None:
-        write_log(options.log, time, signals, _metadata(scenario, signals))
-    script = loop.diagram.GetSubsystemByName("posture_script")
-    scale = np.asarray(script.GetOutputPort("scale").Eval(script.GetMyContextFromRoot(context)))
-    result = measure(scenario, time, signals, float(scale[0]), until / elapsed)
-    if meshcat is not None and options.meshcat and options.live:
-        go_live = partial(stay_live, scenario, meshcat, options.console, job)
+    result = measure(scenario, job.time, job.signals, job.scale, until / job.elapsed)
+    if job.meshcat is not None and options.meshcat and options.live:
+        go_live = partial(stay_live, scenario, job.meshcat, options.console, job.again)
         return replace(result, afterwards=go_live)
     return result
-
-
-def check_job(scenario: LevellingScenario) -> None:
-    """Refuses a scenario whose parts do not fit together.
-
-    Raises:
-        ScenarioError: names the key.
-    """
-    job, plant, control = scenario.job, scenario.plant, scenario.control
-    times = [waypoint.time for waypoint in job.waypoints]
-    for i, (earlier, later) in enumerate(pairwise(times), start=1):
-        if later < earlier:
-            _refuse(
-                f"job.waypoints.{i}.time", later, f"earlier than the waypoint before, {earlier:g}"
-            )
-    if times and times[0] < job.settled_after:
-        why = f"earlier than job.settled_after = {job.settled_after:g}"
-        _refuse("job.waypoints.0.time", times[0], why)
-    swung = job.arm.start + job.arm.duration
-    for what, at in (
-        ("job.settled_after", job.settled_after),
-        ("the last waypoint", max(times, default=0.0)),
-        ("the end of the arm's swing", swung),
-    ):
-        if job.end <= at:
-            _refuse("job.end", job.end, f"not after {what}, {at:g}")
-    if scenario.backend == "multibody" and control.period < plant.time_step:
-        _refuse("control.period", control.period, f"below plant.time_step = {plant.time_step:g}")
-
-
-def _refuse(key: str, value: float, why: str) -> None:
-    raise ScenarioError(f"{key} = {value:g} s is {why} s", key)
-
-
-def _viewer(scenario: LevellingScenario) -> Meshcat:
-    """A scene in which the ground's slope shows against a horizontal floor."""
-    meshcat = make_viewer(camera=(1.5, -5.4, 1.2), target=(0.25, 0.0, 1.0))
-    R_WG = RollPitchYaw(*scenario.ground.inclination, 0.0).ToRotationMatrix()
-    # Under the slab of `ground.sdf`, which is 2.6 m by 2.2 m and 0.04 m thick.
-    rim = np.array([(-1.3, -1.1), (1.3, -1.1), (1.3, 1.1), (-1.3, 1.1)])
-    top = R_WG @ np.column_stack([rim, np.full(4, -0.04)]).T
-    floor = top[2].min() - 0.05
-    vertices = np.hstack([top, np.vstack([top[:2], np.full(4, floor)])])
-    sides = [(i, 4 + i, 4 + (i + 1) % 4) for i in range(4)]
-    sides += [(i, 4 + (i + 1) % 4, (i + 1) % 4) for i in range(4)]
-    meshcat.SetTriangleMesh("/ground", vertices, np.array(sides).T, Rgba(0.50, 0.46, 0.41))
-    meshcat.SetObject("/floor", Cylinder(4.5, 0.02), Rgba(0.86, 0.89, 0.91))
-    meshcat.SetTransform("/floor", RigidTransform(np.array([0.0, 0.0, floor - 0.01])))
-    return meshcat
-
-
-def _metadata(scenario: LevellingScenario, signals: Signals) -> dict[str, Any]:
-    ports = (*INPUTS, *OUTPUTS, *TRUTH_OUTPUTS)
-    units = {port.name: port.unit for port in ports} | _CONTROLLER_UNITS
-    return {
-        "experiment": "level",
-        "parapod": version("parapod"),
-        "scenario": dump_scenario(scenario),
-        "units": {name: units[name] for name in signals},
-    }
 
 
 EXPERIMENT = Experiment(

@@ -1,12 +1,13 @@
 """What the experiment `level` measures."""
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingScenario
+from parapod.sims.levelling_job import Signals
+from parapod.sims.posture_errors import in_deg_and_mm
 from parapod.sims.results import Metric, Result
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
@@ -17,9 +18,6 @@ _HEIGHT_BOUND = 2.0  # [mm]
 # A passive foot that is higher than this does not carry [mm].
 _LIFT_BOUND = 1.0
 _PASSIVE_LEG = 3  # index of leg 4
-
-
-type Signals = dict[str, NDArray[Any]]
 
 
 def measure(
@@ -72,8 +70,8 @@ def _ground_metrics(scenario: LevellingScenario, signals: Signals) -> list[Metri
 def _posture_metrics(
     scenario: LevellingScenario, time: NDArray[np.float64], signals: Signals
 ) -> list[Metric]:
-    posture = _in_deg_and_mm(signals["truth.posture"])
-    desired = _in_deg_and_mm(signals["posture_desired_state"][:, :3])
+    posture = in_deg_and_mm(signals["truth.posture"])
+    desired = in_deg_and_mm(signals["posture_desired_state"][:, :3])
     roll, pitch, height = _largest(posture - desired, _settled(scenario.job, time))
     attitude = np.degrees(signals["attitude_estimated"]) - posture[:, :2]
     return [
@@ -150,10 +148,6 @@ def _leg_metrics(
 def _largest(error: NDArray[np.float64], when: NDArray[np.bool_]) -> list[float]:
     """Largest absolute value of each column in the rows that count."""
     return np.abs(error[when]).max(axis=0).tolist()
-
-
-def _in_deg_and_mm(posture: NDArray[np.float64]) -> NDArray[np.float64]:
-    return posture * [math.degrees(1.0), math.degrees(1.0), 1e3]
 
 
 def _settled(job: JobScenario, time: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -28,7 +28,8 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario, Wayp
 from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.cli import main
 from parapod.sims.experiment import ENTRIES, RunOptions
-from parapod.sims.level import EXPERIMENT, check_job, run
+from parapod.sims.level import EXPERIMENT, run
+from parapod.sims.levelling_job import check_job
 from parapod.sims.live import RESTART, STOP, LivePlatform, stay_live
 from parapod.systems.errors import OutputError, ScenarioError, UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import height_range

@@ -1,0 +1,264 @@
+"""Postures followed by the closed loop: Figs. 20 to 22, and the outer loop beyond them.
+
+Three machines follow the same postures: one with legs as drawn, one with manufacturing errors,
+and the second one again with the outer inclination loop that the paper leaves as its next step,
+with delayed inertial measurements. The loop's stability margins are computed from the
+linearised diagram.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.diagrams.levelling_platform.inclination_margins import alone, margins, open_loop
+from parapod.diagrams.levelling_platform.scenario import BACKENDS, LevellingScenario
+from parapod.sims.experiment import Experiment, RunOptions
+from parapod.sims.figures import Figure
+from parapod.sims.levelling_job import Job, run_job
+from parapod.sims.posture_errors import error_metrics, in_deg_and_mm, posture_figure
+from parapod.sims.results import Metric, Result
+from parapod.systems.sensors.imu import sample_period
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+_NEEDED = (
+    "truth.posture",
+    "truth.extension",
+    "posture_desired_state",
+    "extension_desired_state",
+)
+_PAPER = (0.2, 0.2, 2.0)
+_OUTER_BOUND = 0.05  # of roll and pitch at rest [deg]
+# What an accelerometer bias of 0.25 mg on two axes makes of the inclination, which no loop can
+# see: a machine that happens to be built better than that has nothing to gain [deg].
+_SENSOR = 0.02
+# After a posture has been reached the outer loop is given this long to settle [s].
+_SETTLING = 4.0
+# Margins that are asked for with every gain and delay below: usual values of loop shaping.
+_GAIN_MARGIN, _PHASE_MARGIN = 6.0, 45.0  # [dB, deg]
+_GAIN_SCALES = (0.85, 1.0, 1.15)
+_DELAYS = (0.0, 0.02)  # [s]
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A machine's errors.
+
+    Attributes:
+        job: what was recorded.
+        truth: (n, 3) [deg, deg, mm].
+        desired: (n, 3) [deg, deg, mm].
+        at_rest: (n) whether the reference has rested for a while.
+        moving: (n) whether the reference moves, once the level posture has been taken.
+    """
+
+    job: Job
+    truth: NDArray[np.float64]
+    desired: NDArray[np.float64]
+    at_rest: NDArray[np.bool_]
+    moving: NDArray[np.bool_]
+
+    @property
+    def error(self) -> NDArray[np.float64]:
+        return self.truth - self.desired
+
+    @property
+    def moving_error(self) -> float:
+        """Root mean square of the inclination's error while moving [deg]."""
+        return float(np.sqrt((self.error[self.moving, :2] ** 2).sum(axis=1).mean()))
+
+
+def run(scenario: LevellingScenario, options: RunOptions) -> Result:
+    """Follows the scenario's postures with three machines.
+
+    The scenario's `plant.length_error_mm` and `plant.angle_error_deg` are those of the second
+    and third, its `control.outer_loop_gain` and `sensors.imu_delay_ms` those of the third.
+
+    Raises:
+        ScenarioError: a scenario whose parts do not fit together.
+        UnreachablePosture: a posture is out of reach.
+        OutputError: a file cannot be written.
+    """
+    inner = replace(scenario.control, outer_loop=False)
+    prompt = replace(scenario.sensors, imu_delay_ms=0.0)
+    perturbed = replace(scenario, control=inner, sensors=prompt)
+    as_drawn = replace(scenario.plant, length_error_mm=0.0, angle_error_deg=0.0)
+    outer = replace(scenario, control=replace(scenario.control, outer_loop=True))
+    quiet = replace(options, meshcat=False, html=None, log=None, graphviz=None)
+    nominal_run = _follow(replace(perturbed, plant=as_drawn), quiet)
+    perturbed_run = _follow(perturbed, quiet)
+    outer_run = _follow(outer, options)
+    metrics = (
+        *_errors(nominal_run, "", (_PAPER[0], _PAPER[2]), "legs as drawn"),
+        *_errors(perturbed_run, "perturbed_", (None, None), "legs as built"),
+        *_errors(outer_run, "outer_loop_", (_OUTER_BOUND, None), "with the outer loop"),
+        *_moving(nominal_run, perturbed_run, outer_run),
+        *_stability(outer),
+    )
+    figures = (*_tracking(nominal_run, perturbed_run, outer_run), _bode(outer))
+    return Result("track-posture", scenario.backend, scenario.seed, metrics, figures=figures)
+
+
+def _follow(scenario: LevellingScenario, options: RunOptions) -> _Run:
+    job = run_job(scenario, options, "track-posture", _NEEDED)
+    state = job.signals["posture_desired_state"]
+    changing = (np.abs(state[:, 3:]) > 1e-9).any(axis=1)
+    began = scenario.job.estimate_at + scenario.job.settled_after
+    last = np.maximum.accumulate(np.where(changing, job.time, began))
+    return _Run(
+        job,
+        in_deg_and_mm(job.signals["truth.posture"]),
+        in_deg_and_mm(state[:, :3]),
+        at_rest=job.time >= last + _SETTLING,
+        moving=changing & (job.time >= began),
+    )
+
+
+def _errors(
+    run: _Run, prefix: str, bounds: tuple[float | None, float | None], whose: str
+) -> list[Metric]:
+    meaning = f"largest at rest, {whose}"
+    return error_metrics(run.error[run.at_rest], prefix, bounds, _PAPER, meaning)
+
+
+def _moving(nominal: _Run, perturbed: _Run, outer: _Run) -> list[Metric]:
+    largest = np.abs(nominal.error[nominal.moving, :2]).max()
+    return [
+        Metric(
+            "moving_error_deg",
+            float(largest),
+            "deg",
+            _PAPER[0],
+            paper=_PAPER[0],
+            meaning="largest of roll and pitch while moving, legs as drawn",
+        ),
+        Metric(
+            "perturbed_moving_rms_deg",
+            perturbed.moving_error,
+            "deg",
+            meaning="inclination while moving, legs as built",
+        ),
+        Metric("outer_loop_moving_rms_deg", outer.moving_error, "deg", meaning="likewise"),
+        Metric(
+            "outer_loop_moving_ratio",
+            outer.moving_error / perturbed.moving_error,
+            meaning="with the outer loop over without, while moving",
+        ),
+        Metric(
+            "outer_loop_moving_loss_deg",
+            max(0.0, outer.moving_error - perturbed.moving_error),
+            "deg",
+            _SENSOR,
+            meaning="by how much it is worse, beside what the sensor's bias makes of both axes",
+        ),
+    ]
+
+
+def _stability(scenario: LevellingScenario) -> list[Metric]:
+    """Smallest margins over gains of the actuators, delays and both axes."""
+    found = [
+        axis
+        for scale in _GAIN_SCALES
+        for loop in [open_loop(scenario, scale)]
+        for delay in _DELAYS
+        for axis in margins(loop, delay + sample_period())
+    ]
+    of = "smallest for K +-15 % and up to 20 ms of delay beside the sampling"
+    return [
+        Metric(
+            "gain_margin_dB",
+            min(axis.gain_db for axis in found),
+            "dB",
+            at_least=_GAIN_MARGIN,
+            meaning=of,
+        ),
+        Metric(
+            "phase_margin_deg",
+            math.degrees(min(axis.phase for axis in found)),
+            "deg",
+            at_least=_PHASE_MARGIN,
+            meaning="likewise",
+        ),
+        Metric(
+            "crossover_rad_s",
+            max(axis.crossover for axis in found),
+            "rad/s",
+            meaning="largest frequency at which the loop's gain is 1",
+        ),
+    ]
+
+
+def _tracking(nominal: _Run, perturbed: _Run, outer: _Run) -> tuple[Figure, ...]:
+    lines = {
+        "asked for": nominal.desired,
+        "as drawn": nominal.truth,
+        "as built": perturbed.truth,
+        "as built, outer loop": outer.truth,
+    }
+
+    def extensions(canvas: "Canvas") -> None:
+        left, right = canvas.subplots(1, 2)
+        time, signals = nominal.job.time, nominal.job.signals
+        extension = 1e3 * signals["truth.extension"]
+        desired = 1e3 * signals["extension_desired_state"][:, :4]
+        for leg in range(4):
+            left.plot(time, extension[:, leg], label=f"leg {leg + 1}")
+        left.set(xlabel="time [s]", ylabel="extension [mm]")
+        left.legend(ncols=2, fontsize=8)
+        controlled = signals["extension_desired_state"][:, 0] > 0.0
+        right.plot(time[controlled], desired[controlled, 0], linewidth=2.2, label="asked for")
+        right.plot(time[controlled], extension[controlled, 0], linewidth=1.0, label="true")
+        right.set(xlabel="time [s]", ylabel="extension of leg 1 [mm]")
+        right.legend(fontsize=8)
+
+    return (
+        posture_figure(
+            "fig20_21",
+            "Postures followed",
+            "Roll, pitch and height by the closed loop (the paper's Figs. 20 and 21).",
+            nominal.job.time,
+            lines,
+            "asked for",
+        ),
+        Figure(
+            "fig22",
+            "Extensions of the actuators",
+            "All four, and how leg 1 follows its reference (the paper's Fig. 22).",
+            extensions,
+        ),
+    )
+
+
+def _bode(scenario: LevellingScenario) -> Figure:
+    delay = _DELAYS[-1] + sample_period()
+    loops = {scale: open_loop(scenario, scale) for scale in _GAIN_SCALES}
+
+    def draw(canvas: "Canvas") -> None:
+        upper, lower = canvas.subplots(2, 1, sharex=True)
+        for scale, loop in loops.items():
+            frequency = np.geomspace(1e-2, 0.99 * math.pi / loop.period, 600)
+            gain = alone(loop.response(frequency, delay), 0)
+            label = f"K {100 * (scale - 1):+.0f} %"
+            upper.semilogx(frequency, 20.0 * np.log10(np.abs(gain)), label=label)
+            lower.semilogx(frequency, np.degrees(np.unwrap(np.angle(gain))))
+        upper.axhline(0.0, color="black", linewidth=0.8)
+        lower.axhline(-180.0, color="black", linewidth=0.8)
+        upper.set_ylabel("gain [dB]")
+        lower.set(xlabel="frequency [rad/s]", ylabel="phase [deg]", ylim=(-270.0, -80.0))
+        upper.legend(fontsize=8)
+
+    caption = "Open loop of the roll correction with 20 ms of delay; pitch is the same."
+    return Figure("outer_loop_bode", "The outer loop's margins", caption, draw, (7.0, 4.0))
+
+
+EXPERIMENT = Experiment(
+    name="track-posture",
+    summary="Postures followed with legs as drawn, as built, and with the outer inclination loop.",
+    scenario=LevellingScenario,
+    backends=BACKENDS,
+    run=run,
+)
