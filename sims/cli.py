@@ -258,10 +258,9 @@ def _sweep(experiment: "Experiment", scenario: Any, arguments: argparse.Namespac
         if getattr(arguments, option):
             raise _UsageError(f"--{option} shows a single run and does not go with --seeds")
     results = run_seeds(experiment, scenario, arguments.seeds, Console(stderr=True))
-    if arguments.json is not None:
-        write_json(arguments.json, as_json(results))
     print_spread(results, Console())
     if arguments.json is not None:
+        write_json(arguments.json, as_json(results))
         print(f"wrote {arguments.json}")
     return _HELD if all(result.passed for result in results) else _BROKEN
 

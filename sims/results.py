@@ -115,7 +115,7 @@ class Result:
     def as_json(self) -> dict[str, Any]:
         """Flat dict of plain Python values; a number that is not finite is None."""
         head = dict(zip(_RESERVED, self._head(), strict=True))
-        return head | {metric.key: _plain_number(metric.value) for metric in self.metrics}
+        return head | {metric.key: plain_number(metric.value) for metric in self.metrics}
 
     def _head(self) -> tuple[str, str, int, bool]:
         return self.experiment, self.backend, int(self.seed), self.passed
@@ -162,7 +162,8 @@ def amount(value: float, unit: str = "") -> str:
     return f"{value:.5g} {unit}".rstrip()
 
 
-def _plain_number(value: float) -> float | int | None:
+def plain_number(value: float) -> float | int | None:
+    """A number as JSON can say it; None if it is not finite."""
     number = float(value)
     if not math.isfinite(number):
         return None

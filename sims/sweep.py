@@ -1,9 +1,10 @@
 """The same experiment with many seeds: how far its numbers spread."""
 
+import math
 import multiprocessing
 import os
 import statistics
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -16,7 +17,21 @@ from rich.table import Table
 from rich.text import Text
 
 from parapod.sims.experiment import Experiment, RunOptions
-from parapod.sims.results import Metric, Result
+from parapod.sims.results import Metric, Result, plain_number
+
+type _Middle = Callable[[Sequence[float]], float]
+
+
+def _or_nan(value: _Middle) -> _Middle:
+    """The same of numbers; NaN as soon as one of them is."""
+    return lambda values: math.nan if any(map(math.isnan, values)) else value(values)
+
+
+_SPREAD: dict[str, _Middle] = {
+    "min": _or_nan(min),
+    "median": _or_nan(statistics.median),
+    "max": _or_nan(max),
+}
 
 
 def run_seeds(
@@ -54,7 +69,7 @@ def print_spread(results: Sequence[Result], console: Console) -> None:
     console.print(Text(f"{results[0].experiment} ({results[0].backend}, {seeds})", style="bold"))
     table = Table(box=SIMPLE_HEAD)
     table.add_column("metric", overflow="fold")
-    for column in ("min", "median", "max", "bound"):
+    for column in (*_SPREAD, "bound"):
         table.add_column(column, justify="right")
     table.add_column("held", no_wrap=True)
     for same in _by_metric(results):
@@ -64,7 +79,7 @@ def print_spread(results: Sequence[Result], console: Console) -> None:
         name = f"{first.key} [{first.unit}]" if first.unit else first.key
         table.add_row(
             Text(name),
-            *(f"{f(values):.3g}" for f in (min, statistics.median, max)),
+            *(f"{f(values):.3g}" for f in _SPREAD.values()),
             first.limits,
             Text(f"{held} of {len(same)}" if first.is_bounded else "-", style=style),
         )
@@ -88,11 +103,7 @@ def as_json(results: Sequence[Result]) -> dict[str, Any]:
     }
     for same in _by_metric(results):
         values = [metric.value for metric in same]
-        summary[same[0].key] = {
-            "min": min(values),
-            "median": statistics.median(values),
-            "max": max(values),
-        }
+        summary[same[0].key] = {name: plain_number(f(values)) for name, f in _SPREAD.items()}
     return summary
 
 

@@ -219,7 +219,8 @@ def _add_sensors(
     for name in ("gyro", "accel", "mag"):
         sample = imu.GetOutputPort(name)
         if late:
-            delay = add(builder, DiscreteTimeDelay(imu.period, late, 3), f"delayed_{name}")
+            # It takes what was shown before the sample of the same instant: one more period.
+            delay = add(builder, DiscreteTimeDelay(imu.period, late - 1, 3), f"delayed_{name}")
             connect(builder, sample, delay.get_input_port())
             sample = delay.get_output_port()
         builder.ExportOutput(sample, f"imu.{name}")

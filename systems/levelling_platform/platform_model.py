@@ -13,9 +13,9 @@ from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex, RigidBo
 from pydrake.systems.framework import Context
 
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import resting_posture
 from parapod.systems.levelling_platform.leg import diagonal_angle, swing_angle
 from parapod.systems.levelling_platform.plane import normal_of
+from parapod.systems.levelling_platform.resting import resting_posture
 
 # What the files in `parapod.urdf.levelling_platform` are drawn to: Tables 1 and 2, with rollers.
 MODEL_GEOMETRY = PlatformGeometry(foot_radius=0.025)

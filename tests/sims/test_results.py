@@ -113,3 +113,43 @@ def test_the_table_can_be_printed_where_there_is_only_ascii():
     print_table(result(TILT), Console(file=stream, width=80))
     stream.flush()
     assert b"final_tilt [deg]" in stream.buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("bound", "at_least", "limits", "words"),
+    [
+        (None, None, "", "no bound"),
+        (2.0, None, "<= 2", "bound 2 dB"),
+        (None, 5.0, ">= 5", "bound >= 5 dB"),
+        (3.0, 1.0, "1..3", "bound 1..3 dB"),
+    ],
+)
+def test_limits_are_written_as_people_write_them(bound, at_least, limits, words):
+    metric = Metric("margin", 2.0, "dB", bound, at_least=at_least)
+    assert metric.limits == limits
+    assert str(metric) == f"margin = 2 dB ({words})"
+    assert metric.is_bounded == bool(limits)
+
+
+@pytest.mark.parametrize(
+    ("value", "bound", "passed"),
+    [
+        (5.0, None, True),
+        (4.9, None, False),
+        (-9.0, None, False),
+        (7.0, 8.0, True),
+        (9.0, 8.0, False),
+        (math.nan, None, False),
+        (math.inf, None, False),
+    ],
+)
+def test_a_metric_passes_if_it_is_at_least_what_it_must_be(value, bound, passed):
+    metric = Metric("margin", value, "dB", bound, at_least=5.0)
+    assert metric.passed is passed
+    assert metric.verdict == ("held" if passed else "BROKEN")
+
+
+def test_the_table_shows_lower_bounds():
+    text = printed(result(Metric("margin", 12.0, "dB", at_least=10.0)), width=100)
+    assert ">= 10" in text
+    assert "all bounds held: 1 of 1" in text

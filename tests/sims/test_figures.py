@@ -1,0 +1,94 @@
+"""Figures as files."""
+
+import re
+import xml.etree.ElementTree
+
+import pytest
+from matplotlib.figure import Figure as Canvas
+
+from parapod.sims.figures import FORMATS, Figure, plot_lines, render, write_figures
+from parapod.systems.errors import OutputError
+
+
+def draw(canvas):
+    plot_lines(
+        canvas.subplots(), [0.0, 1.0, 2.0], [("roll", [0, 1, 0]), ("pitch", [1, 0, 1])], "deg"
+    )
+
+
+TILT = Figure("tilt", "Tilt", "What is to be seen.", draw)
+OTHER = Figure("other", "Other", "Likewise.", lambda canvas: canvas.text(0.5, 0.5, "nothing"))
+
+
+def test_figures_are_written_as_svg_under_their_names(tmp_path):
+    folder = tmp_path / "deep" / "figures"
+    paths = write_figures(folder, [TILT, OTHER])
+    assert paths == [folder / "tilt.svg", folder / "other.svg"]
+    assert sorted(folder.iterdir()) == sorted(paths)
+    for path in paths:
+        root = xml.etree.ElementTree.parse(path).getroot()
+        assert root.tag == "{http://www.w3.org/2000/svg}svg"
+
+
+def test_text_in_a_figure_stays_text():
+    text = render(TILT).decode()
+    for word in ("roll", "pitch", "deg", "time [s]"):
+        assert re.search(rf">{re.escape(word)}<", text)
+
+
+@pytest.mark.parametrize("suffix", ["svg", "png"])
+def test_the_same_figure_is_the_same_file(suffix):
+    assert render(TILT, suffix) == render(TILT, suffix)
+    assert render(TILT, suffix) != render(OTHER, suffix)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "start"), [("svg", b"<?xml"), ("png", b"\x89PNG"), ("pdf", b"%PDF")]
+)
+def test_every_format_is_what_its_suffix_says(tmp_path, suffix, start):
+    assert suffix in FORMATS
+    (path,) = write_figures(tmp_path, [TILT], suffix)
+    assert path.name == f"tilt.{suffix}"
+    assert path.read_bytes().startswith(start)
+
+
+def test_a_figure_replaces_an_older_one(tmp_path):
+    (path,) = write_figures(tmp_path, [TILT])
+    write_figures(tmp_path, [Figure("tilt", "Tilt", "", OTHER.draw)])
+    assert b"nothing" in path.read_bytes()
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_cannot_be_made_is_refused_by_name(tmp_path):
+    in_the_way = tmp_path / "file"
+    in_the_way.write_text("")
+    for folder in (in_the_way, in_the_way / "figures"):
+        with pytest.raises(OutputError, match="cannot make the folder") as refused:
+            write_figures(folder, [TILT])
+        assert str(folder) in str(refused.value)
+        assert "\n" not in str(refused.value)
+
+
+def test_a_file_that_cannot_be_written_is_refused_and_leaves_nothing(tmp_path):
+    (tmp_path / "tilt.svg").mkdir()
+    with pytest.raises(OutputError, match=r"tilt\.svg"):
+        write_figures(tmp_path, [TILT])
+    assert [path.name for path in tmp_path.iterdir()] == ["tilt.svg"]
+
+
+def test_a_drawing_that_fails_leaves_nothing(tmp_path):
+    def fail(canvas):
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        write_figures(tmp_path, [Figure("tilt", "Tilt", "", fail)])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_one_line_needs_no_legend_and_two_have_one():
+    for lines, legends in (([("roll", [0, 1])], 0), ([("roll", [0, 1]), ("pitch", [1, 0])], 1)):
+        axes = Canvas().subplots()
+        plot_lines(axes, [0, 1], lines, "deg", "place [m]")
+        assert (axes.get_legend() is not None) == bool(legends)
+        assert (axes.get_xlabel(), axes.get_ylabel()) == ("place [m]", "deg")
+        assert len(axes.get_lines()) == len(lines)

@@ -1,0 +1,471 @@
+"""Feet that do not stand in one plane: kinematics, and the systems that know of it."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from parapod.systems.errors import UnreachablePosture
+from parapod.systems.levelling_platform.forward_kinematics import ForwardKinematics
+from parapod.systems.levelling_platform.geometry import LegDeviation, PlatformGeometry
+from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
+from parapod.systems.levelling_platform.kinematic_feedforward import KinematicFeedforward
+from parapod.systems.levelling_platform.kinematics import (
+    forward_kinematics,
+    height_range,
+    inverse_kinematics,
+    unevenness,
+)
+from parapod.systems.levelling_platform.leg import foot_to_centre
+from parapod.systems.levelling_platform.passive_leg_solver import PassiveLegSolver
+from parapod.systems.levelling_platform.plane import (
+    dot,
+    normal_of,
+    normal_over,
+    normal_through,
+    to_platform,
+)
+from parapod.systems.levelling_platform.posture_reference import PostureReference
+from parapod.systems.levelling_platform.resting import resting_posture
+
+ROLLER = PlatformGeometry(foot_radius=0.025, extension_min=0.37, extension_max=0.45)
+BUILT = replace(
+    ROLLER,
+    deviations=(
+        LegDeviation(l_x=1e-3, l_7=-2e-3),
+        LegDeviation(beta=0.01, l_4=1e-3),
+        LegDeviation(l_6=-1e-3, alpha=0.005),
+        LegDeviation(l_y=2e-3, l_3=5e-4),
+    ),
+)
+GEOMETRIES = pytest.mark.parametrize("geometry", [ROLLER, BUILT], ids=["drawn", "built"])
+DIAGONAL = np.array((1.0, -1.0, 1.0, -1.0))
+GROUND = np.array((0.02, -0.03))
+POSTURE = np.array((0.01, -0.02, 0.475))
+RATE = np.array((0.02, 0.01, 0.005))
+OFFSETS = np.array((0.004, -0.003, 0.002, -0.005))
+
+
+def stances(count=200, seed=0, size=0.01):
+    """Random postures, grounds and offsets."""
+    rng = np.random.default_rng(seed)
+    ground = rng.uniform(-0.06, 0.06, (count, 2))
+    attitude = ground + rng.uniform(-0.03, 0.03, (count, 2))
+    posture = np.column_stack([attitude, rng.uniform(0.45, 0.49, count)])
+    return posture, ground, rng.uniform(-size, size, (count, 4))
+
+
+def feet_of(geometry, extension):
+    """Vectors (4, 3) from the feet to the platform's centre."""
+    legs = zip(geometry.legs, np.asarray(extension).tolist(), strict=True)
+    return np.array([foot_to_centre(leg, d) for leg, d in legs])
+
+
+def upwards(posture, ground):
+    """The ground's normal in the platform's frame."""
+    return np.array(to_platform(normal_of(*ground.tolist()), *posture[:2].tolist()))
+
+
+def heights(geometry, extension, posture, ground):
+    """Heights (4) of the feet above the ground's plane."""
+    feet = feet_of(geometry, extension)
+    return posture[2] - geometry.foot_radius - feet @ upwards(posture, ground)
+
+
+# Planes
+
+
+def test_normal_over_points_makes_their_heights_differ_by_the_offsets():
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        points = [(0.7, -0.5, 0.4), (0.8, 0.6, 0.42), (-0.7, 0.5, 0.38)]
+        points = [tuple((np.array(p) + rng.uniform(-0.1, 0.1, 3)).tolist()) for p in points]
+        offsets = rng.uniform(-0.05, 0.05, 3).tolist()
+        for order in itertools.permutations(range(3)):
+            g = normal_over([points[i] for i in order], [offsets[i] for i in order])
+            assert dot(g, g) == pytest.approx(1.0, abs=1e-14)
+            assert g[2] > 0.9
+            above = [dot(g, points[i]) + offsets[i] for i in range(3)]
+            np.testing.assert_allclose(above, above[0], rtol=0, atol=1e-14)
+
+
+def test_normal_over_points_without_offsets_is_the_one_of_their_plane():
+    points = [(0.7, -0.5, 0.4), (0.8, 0.6, 0.42), (-0.7, 0.5, 0.38)]
+    normal, length = normal_through(*points)
+    for offset in (0.0, 0.03):
+        found = normal_over(points, [offset] * 3)
+        np.testing.assert_allclose(found, np.array(normal) / length, rtol=0, atol=1e-15)
+
+
+# Kinematics
+
+
+@GEOMETRIES
+@pytest.mark.parametrize("legs", [None, *itertools.permutations(range(4), 3)])
+def test_forward_kinematics_undoes_inverse_kinematics_on_offsets(geometry, legs):
+    posture, ground, offsets = stances()
+    extension = inverse_kinematics(geometry, posture, ground, offsets)
+    returned = forward_kinematics(geometry, extension, ground, legs, offsets)
+    np.testing.assert_allclose(returned, posture, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("legs", [None, (0, 1, 2), (3, 1, 0)])
+def test_a_batch_of_offsets_is_the_single_results(legs):
+    posture, ground, offsets = stances(6)
+    extension = inverse_kinematics(ROLLER, posture, ground, offsets)
+    whole = forward_kinematics(ROLLER, extension, ground, legs, offsets)
+    for k in range(6):
+        one = forward_kinematics(ROLLER, extension[k], ground[k], legs, offsets[k])
+        np.testing.assert_allclose(one, posture[k], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(whole[k], one, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("legs", [None, (0, 1, 2), (3, 1, 0)])
+def test_offsets_of_zero_change_nothing_even_where_the_feet_are_not_in_one_plane(legs):
+    extension = 0.405 + np.random.default_rng(2).uniform(-0.002, 0.002, (50, 4))
+    flat = forward_kinematics(ROLLER, extension, GROUND, legs)
+    zero = forward_kinematics(ROLLER, extension, GROUND, legs, np.zeros(4))
+    np.testing.assert_allclose(zero, flat, rtol=0, atol=1e-13)
+
+
+def test_one_offset_under_all_feet_lifts_the_platform_by_as_much():
+    extension = inverse_kinematics(ROLLER, POSTURE, GROUND)
+    lifted = forward_kinematics(ROLLER, extension, GROUND, foot_offsets=[0.013] * 4)
+    np.testing.assert_allclose(lifted, POSTURE + np.array((0.0, 0.0, 0.013)), rtol=0, atol=1e-13)
+
+
+def test_offsets_of_a_wrong_number_are_refused():
+    for call in (
+        lambda: forward_kinematics(ROLLER, [0.4] * 4, GROUND, foot_offsets=[0.0] * 3),
+        lambda: height_range(ROLLER, POSTURE[:2], GROUND, [0.0] * 3),
+    ):
+        with pytest.raises(ValueError, match=r"^foot_offsets must have shape"):
+            call()
+
+
+@GEOMETRIES
+def test_unevenness_is_what_the_plane_of_least_squares_leaves_of_the_offsets(geometry):
+    for posture, ground, offsets in zip(*stances(50, seed=3), strict=True):
+        extension = inverse_kinematics(geometry, posture, ground, offsets)
+        found = unevenness(geometry, extension)
+        feet = feet_of(geometry, extension)
+        affine = np.column_stack([np.ones(4), feet[:, :2]])
+        left = offsets - affine @ np.linalg.lstsq(affine, offsets, rcond=None)[0]
+        # Offsets are taken along the normal of their plane, and the planes differ by a tilt.
+        fitted = upwards(forward_kinematics(geometry, extension, ground), ground)
+        left *= fitted[2] / upwards(posture, ground)[2]
+        np.testing.assert_allclose(found, left, rtol=0, atol=1e-12)
+
+
+def test_unevenness_of_a_twist_is_the_twist():
+    rng = np.random.default_rng(4)
+    for size in rng.uniform(-0.01, 0.01, 10):
+        extension = inverse_kinematics(ROLLER, (0.0, 0.0, 0.475), (0.0, 0.0), size * DIAGONAL)
+        found = unevenness(ROLLER, extension)
+        np.testing.assert_allclose(found.sum(), 0.0, atol=1e-14)
+        np.testing.assert_allclose(found, size * DIAGONAL, rtol=0.1)
+
+
+@GEOMETRIES
+def test_feet_on_a_plane_are_even_however_it_is_inclined(geometry):
+    posture, ground, _ = stances(seed=5)
+    extension = inverse_kinematics(geometry, posture, ground)
+    np.testing.assert_allclose(unevenness(geometry, extension), 0.0, atol=1e-13)
+
+
+@GEOMETRIES
+def test_the_fitted_posture_stands_on_the_unevenness(geometry):
+    extension = 0.41 + np.random.default_rng(6).uniform(-0.005, 0.005, (50, 4))
+    posture = forward_kinematics(geometry, extension, GROUND)
+    offsets = unevenness(geometry, extension)
+    returned = inverse_kinematics(geometry, posture, GROUND, offsets)
+    np.testing.assert_allclose(returned, extension, rtol=0, atol=1e-12)
+
+
+def test_unevenness_is_nan_where_an_extension_cannot_be_built():
+    extension = np.full((3, 4), 0.405)
+    extension[1, 2] = math.nan
+    found = unevenness(ROLLER, extension)
+    assert np.isnan(found[1]).all()
+    assert np.isfinite(found[[0, 2]]).all()
+
+
+@GEOMETRIES
+def test_ends_of_the_height_range_on_offsets_are_reachable_and_just_outside_is_not(geometry):
+    posture, ground, offsets = stances(50, seed=7)
+    low, high = height_range(geometry, posture[:, :2], ground, offsets).T
+    assert (low < high).all()
+    for end, outwards in ((low, -1.0), (high, 1.0)):
+        at_end = np.column_stack([posture[:, :2], end])
+        extension = inverse_kinematics(geometry, at_end, ground, offsets)
+        margin = np.minimum(extension - 0.37, 0.45 - extension).min(axis=1)
+        np.testing.assert_allclose(margin, 0.0, atol=1e-12)
+        at_end[:, 2] += outwards * 1e-7
+        beyond = inverse_kinematics(geometry, at_end, ground, offsets, on_unreachable="nan")
+        assert np.isnan(beyond).all()
+
+
+# At rest
+
+
+@GEOMETRIES
+def test_at_rest_on_four_feet_the_posture_is_that_of_any_legs(geometry):
+    for posture, ground, offsets in zip(*stances(30, seed=8), strict=True):
+        for under in (np.zeros(4), offsets):
+            extension = inverse_kinematics(geometry, posture, ground, under)
+            found = resting_posture(geometry, extension, ground, under)
+            np.testing.assert_allclose(found, posture, rtol=0, atol=1e-9)
+
+
+@GEOMETRIES
+def test_at_rest_no_foot_is_below_the_ground_and_three_are_on_it(geometry):
+    rng = np.random.default_rng(9)
+    lifted = set()
+    for _ in range(100):
+        extension = 0.41 + rng.uniform(-0.002, 0.002, 4)
+        ground, offsets = rng.uniform(-0.05, 0.05, 2), rng.uniform(-0.005, 0.005, 4)
+        posture = resting_posture(geometry, extension, ground, offsets)
+        gap = heights(geometry, extension, posture, ground) - offsets
+        order = np.argsort(gap)
+        np.testing.assert_allclose(gap[order[:3]], 0.0, rtol=0, atol=1e-12)
+        assert gap[order[3]] > 0.0
+        lifted.add(int(order[3]))
+    assert lifted == {0, 1, 2, 3}
+
+
+def test_at_rest_the_weight_falls_between_the_three_feet_that_carry_it():
+    rng = np.random.default_rng(10)
+    for _ in range(100):
+        extension, ground = 0.41 + rng.uniform(-0.002, 0.002, 4), rng.uniform(-0.05, 0.05, 2)
+        posture = resting_posture(ROLLER, extension, ground)
+        carrying = np.argsort(heights(ROLLER, extension, posture, ground))[:3]
+        feet = -feet_of(ROLLER, extension)[carrying]
+        down = -np.array(to_platform((0.0, 0.0, 1.0), *posture[:2].tolist()))
+        # Shares of the feet at whose mean the line of gravity through F meets their plane.
+        system = np.vstack([np.column_stack([feet.T, -down]), [1.0, 1.0, 1.0, 0.0]])
+        shares = np.linalg.solve(system, (0.0, 0.0, 0.0, 1.0))[:3]
+        assert (shares >= 0.0).all()
+
+
+@pytest.mark.parametrize(("short", "level"), [(0, 2), (1, 3), (2, 0), (3, 1)])
+def test_of_a_short_leg_and_the_one_across_it_one_is_in_the_air(short, level):
+    # A longer actuator is a leg that is drawn up.
+    extension = np.full(4, 0.405)
+    extension[short] += 0.001
+    posture = resting_posture(ROLLER, extension, (0.0, 0.0))
+    gap = heights(ROLLER, extension, posture, np.zeros(2))
+    assert int(np.argmax(gap)) in (short, level)
+    assert gap.max() > 1e-3
+
+
+@pytest.mark.parametrize(("pitch", "lifted"), [(0.1, 1), (-0.1, 3)])
+def test_of_two_short_legs_the_one_up_the_slope_is_in_the_air(pitch, lifted):
+    extension = np.array((0.405, 0.406, 0.405, 0.406))
+    posture = resting_posture(ROLLER, extension, (0.0, pitch))
+    gap = heights(ROLLER, extension, posture, np.array((0.0, pitch)))
+    assert int(np.argmax(gap)) == lifted
+    foot = -feet_of(ROLLER, extension)[lifted]
+    assert foot[0] * pitch < 0.0  # positive pitch lowers the front
+
+
+@pytest.mark.parametrize("bad", [math.nan, 0.3])
+def test_at_rest_a_leg_that_cannot_be_built_gives_nan(bad):
+    for leg in range(4):
+        extension = np.full(4, 0.405)
+        extension[leg] = bad
+        assert np.isnan(resting_posture(ROLLER, extension, GROUND)).all()
+
+
+# Ground estimator
+
+
+class Estimation:
+    def __init__(self, fix, extension, trigger):
+        self.system = GroundEstimator(ROLLER, 0.01)
+        self.simulator = Simulator(self.system)
+        self.context = self.simulator.get_mutable_context()
+        given = {"extension": extension, "attitude": POSTURE[:2], "trigger": (trigger,)}
+        fix(self.system, self.context, **given)
+
+    def read(self, name, steps=2):
+        self.simulator.AdvanceTo(self.context.get_time() + 0.01 * steps)
+        return self.system.GetOutputPort(name).Eval(self.context).copy()
+
+
+def test_there_are_no_offsets_before_the_trigger(fix):
+    extension = inverse_kinematics(ROLLER, POSTURE, GROUND, OFFSETS)
+    np.testing.assert_array_equal(Estimation(fix, extension, 0.0).read("foot_offsets"), 0.0)
+
+
+def test_estimated_ground_and_offsets_are_what_the_legs_stand_on(fix):
+    extension = inverse_kinematics(ROLLER, POSTURE, GROUND, OFFSETS)
+    estimation = Estimation(fix, extension, 1.0)
+    offsets, ground = estimation.read("foot_offsets"), estimation.read("ground")
+    np.testing.assert_array_equal(offsets, unevenness(ROLLER, extension))
+    posture = forward_kinematics(ROLLER, extension, ground, foot_offsets=offsets)
+    np.testing.assert_allclose(posture[:2], POSTURE[:2], rtol=0, atol=1e-13)
+    returned = inverse_kinematics(ROLLER, posture, ground, offsets)
+    np.testing.assert_allclose(returned, extension, rtol=0, atol=1e-13)
+
+
+def test_estimated_offsets_are_held_and_taken_anew_when_the_trigger_rises(fix):
+    estimation = Estimation(fix, inverse_kinematics(ROLLER, POSTURE, GROUND, OFFSETS), 1.0)
+    before = estimation.read("foot_offsets")
+    other = inverse_kinematics(ROLLER, POSTURE, GROUND, -OFFSETS)
+    fix(estimation.system, estimation.context, extension=other)
+    np.testing.assert_array_equal(estimation.read("foot_offsets"), before)
+    for trigger in (0.0, 1.0):
+        fix(estimation.system, estimation.context, trigger=(trigger,))
+        after = estimation.read("foot_offsets")
+    np.testing.assert_array_equal(after, unevenness(ROLLER, other))
+
+
+def test_a_bad_sample_gives_no_offsets(fix):
+    extension = np.array((0.405, math.nan, 0.405, 0.405))
+    np.testing.assert_array_equal(Estimation(fix, extension, 1.0).read("foot_offsets"), 0.0)
+
+
+# Feedforward and passive leg
+
+
+def desired(fix, active, posture, offsets=OFFSETS):
+    """Extensions and rates of all legs, from feedforward and passive leg."""
+    state = np.concatenate([posture, RATE])
+    feedforward = KinematicFeedforward(ROLLER, active_legs=active)
+    passive = PassiveLegSolver(ROLLER, active)
+    inputs = {"posture_desired_state": state, "ground": GROUND, "foot_offsets": offsets}
+    context = feedforward.CreateDefaultContext()
+    fix(feedforward, context, **inputs, extension_measured=np.zeros(4), enable=(0.0,))
+    legs = feedforward.get_output_port().Eval(context).copy()
+    context = passive.CreateDefaultContext()
+    fix(passive, context, **inputs, active_desired_state=legs)
+    return np.split(passive.get_output_port().Eval(context).copy(), 2)
+
+
+@pytest.mark.parametrize("active", [(0, 1, 2), (0, 1, 3), (3, 2, 1), (2, 0, 3)])
+def test_feedforward_and_passive_leg_are_inverse_kinematics_on_offsets(fix, active):
+    extension, rate = desired(fix, active, POSTURE)
+    expected = inverse_kinematics(ROLLER, POSTURE, GROUND, OFFSETS)
+    np.testing.assert_allclose(extension, expected, rtol=0, atol=1e-13)
+    ahead, behind = (
+        inverse_kinematics(ROLLER, POSTURE + t * RATE, GROUND, OFFSETS) for t in (1e-6, -1e-6)
+    )
+    np.testing.assert_allclose(rate, (ahead - behind) / 2e-6, rtol=0, atol=1e-9)
+
+
+def test_an_offset_that_is_not_a_number_stops_its_own_leg_alone(fix):
+    for leg in (1, 2):
+        offsets = OFFSETS.copy()
+        offsets[leg] = math.nan
+        extension, _ = desired(fix, (0, 1, 2), POSTURE, offsets)
+        assert np.flatnonzero(np.isnan(extension)).tolist() == [leg]
+
+
+@pytest.mark.parametrize("law", ["exact", "differential"])
+def test_offsets_move_the_extensions_of_the_exact_law_alone(fix, moved, law):
+    system = KinematicFeedforward(ROLLER, law)
+    context = system.CreateDefaultContext()
+    fix(system, context, posture_desired_state=np.append(POSTURE, RATE), ground=GROUND)
+    fix(system, context, foot_offsets=OFFSETS, enable=(0.0,), extension_measured=[0.405] * 4)
+    names = moved(system, context, lambda: fix(system, context, foot_offsets=-OFFSETS))
+    assert names == ({"active_desired_state"} if law == "exact" else set())
+
+
+@pytest.mark.parametrize("system", [KinematicFeedforward(ROLLER), PassiveLegSolver(ROLLER)])
+def test_derivatives_by_the_offsets_agree_with_differences(assert_gradient_agrees, fix, system):
+    def evaluate(system, x):
+        context = system.CreateDefaultContext()
+        state = 0.0 * x[0] + np.append(POSTURE, RATE)
+        fix(system, context, posture_desired_state=state, ground=0.0 * x[0] + GROUND)
+        if system.HasInputPort("active_desired_state"):
+            active = np.array((0.405, 0.404, 0.406, 0.01, 0.02, 0.03))
+            fix(system, context, active_desired_state=0.0 * x[0] + active)
+        fix(system, context, foot_offsets=x)
+        return system.get_output_port().Eval(context)
+
+    assert_gradient_agrees(system, evaluate, OFFSETS)
+
+
+# Reference
+
+
+def reference_from(fix, command, enable=1.0, **inputs):
+    system = PostureReference(ROLLER)
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    given = {
+        "posture_command": command,
+        "extension_measured": inverse_kinematics(ROLLER, POSTURE, GROUND, OFFSETS),
+        "ground": GROUND,
+        "foot_offsets": OFFSETS,
+        "enable": (enable,),
+    }
+    fix(system, context, **(given | inputs))
+    return simulator, lambda: system.get_output_port().Eval(context)[:3]
+
+
+@pytest.mark.parametrize("enable", [0.0, 1.0])
+def test_the_reference_starts_from_the_posture_on_the_offsets(fix, enable):
+    simulator, posture = reference_from(fix, POSTURE + np.array((0.01, 0.0, 0.01)), enable)
+    simulator.AdvanceTo(1e-9)
+    np.testing.assert_allclose(posture(), POSTURE, rtol=0, atol=1e-12)
+
+
+def test_a_command_that_only_offsets_put_out_of_reach_is_refused(fix):
+    _, high = height_range(ROLLER, (0.0, 0.0), GROUND)
+    command = np.array((0.0, 0.0, high - 1e-3))
+    simulator, _ = reference_from(fix, command, foot_offsets=OFFSETS - 0.01)
+    with pytest.raises(UnreachablePosture, match=r"the height must be \d+"):
+        simulator.AdvanceTo(1.0)
+    low = reference_from(fix, command, foot_offsets=np.full(4, 0.002))
+    low[0].AdvanceTo(20.0)
+    np.testing.assert_allclose(low[1](), command, rtol=0, atol=1e-12)
+
+
+def test_a_command_that_only_offsets_bring_into_reach_is_taken(fix):
+    _, high = height_range(ROLLER, (0.0, 0.0), GROUND)
+    command = np.array((0.0, 0.0, high + 1e-3))
+    simulator, posture = reference_from(fix, command, foot_offsets=np.full(4, 0.002))
+    simulator.AdvanceTo(20.0)
+    np.testing.assert_allclose(posture(), command, rtol=0, atol=1e-12)
+
+
+# Without offsets
+
+
+@pytest.mark.parametrize(
+    ("make", "inputs"),
+    [
+        (ForwardKinematics, {"extension": (0.405, 0.404, 0.406, 0.403), "ground": GROUND}),
+        (
+            KinematicFeedforward,
+            {"posture_desired_state": np.append(POSTURE, RATE), "ground": GROUND},
+        ),
+        (
+            PassiveLegSolver,
+            {
+                "active_desired_state": (0.405, 0.404, 0.406, 0.01, 0.02, 0.03),
+                "posture_desired_state": np.append(POSTURE, RATE),
+                "ground": GROUND,
+            },
+        ),
+        (
+            PostureReference,
+            {"extension_measured": (0.405, 0.404, 0.406, 0.403), "ground": GROUND},
+        ),
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_a_port_that_is_not_connected_is_a_plane(fix, read, make, inputs):
+    system = make(ROLLER)
+    outputs = []
+    for offsets in ({}, {"foot_offsets": np.zeros(4)}, {"foot_offsets": OFFSETS}):
+        context = system.CreateDefaultContext()
+        fix(system, context, **inputs, **offsets)
+        (output,) = read(system, context).values()
+        outputs.append(output)
+    np.testing.assert_array_equal(outputs[0], outputs[1])
+    assert (outputs[1] != outputs[2]).any()
