@@ -129,6 +129,16 @@ ENTRIES: tuple[Entry, ...] = (
         "Leg geometry, encoder offsets and accelerometer bias are identified from recorded poses.",
         _module("parapod.sims.calibrate"),
     ),
+    Entry(
+        "identify-actuators",
+        "Voltage steps with and without the platform's weight give the actuators' gain K.",
+        _module("parapod.sims.identify_actuators"),
+    ),
+    Entry(
+        "slip",
+        "How far the feet slip while the legs lift the platform and while the arm swings.",
+        _module("parapod.sims.slip"),
+    ),
 )
 
 

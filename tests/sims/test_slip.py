@@ -1,0 +1,123 @@
+"""The experiment `slip`: its numbers and what they are made of, its refusals."""
+
+import io
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from rich.console import Console
+
+from parapod.diagrams.scenario import dump_scenario, load_scenario
+from parapod.sims.experiment import ENTRIES, RunOptions
+from parapod.sims.figures import render
+from parapod.sims.outputs import read_log
+from parapod.sims.slip import (
+    EXPERIMENT,
+    LiftAndBrake,
+    Recording,
+    SlipScenario,
+    lift_trajectory,
+    run,
+    swing_trajectory,
+)
+from parapod.systems.errors import OutputError, UnreachablePosture
+from parapod.systems.levelling_platform.leg import foot_to_centre
+from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+
+DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "slip.yaml"
+
+
+def scenario_with(*overrides):
+    return load_scenario(SlipScenario, DEFAULT, None, overrides)
+
+
+def options(**changes):
+    return replace(RunOptions(console=Console(file=io.StringIO())), **changes)
+
+
+@pytest.fixture(scope="module")
+def logged(tmp_path_factory):
+    path = tmp_path_factory.mktemp("slip") / "a.npz"
+    quick = scenario_with("lift.duration=2", "lift.rest=0.5", "arm.rest=0.2", "creep.duration=0.3")
+    return run(quick, options(log=path)), read_log(path), quick
+
+
+def test_the_experiment_is_listed_and_its_default_scenario_is_the_schema_s():
+    (entry,) = [entry for entry in ENTRIES if entry.name == EXPERIMENT.name]
+    assert entry.load() is EXPERIMENT
+    assert entry.summary == EXPERIMENT.summary
+    written = yaml.safe_load(DEFAULT.read_text())
+    assert written == yaml.safe_load(dump_scenario(SlipScenario()))
+
+
+def test_displacement_is_measured_in_the_ground_s_plane():
+    normal = np.array([0.6, 0.0, 0.8])
+    feet = np.zeros((3, 4, 3))
+    feet[1] = 5.0 * normal + [0.8, 0.0, -0.6]
+    feet[2] = [0.0, 2.0, 0.0]
+    recording = Recording(np.array([0.0, 1.0, 2.0]), feet, feet[:, 0], feet[:, 0, 0], normal)
+    assert np.allclose(recording.displacement(0.0), [[0.0] * 4, [1.0] * 4, [2.0] * 4])
+    assert np.allclose(recording.displacement(1.0)[-1], np.hypot(1.0, 2.0))
+
+
+def test_braked_actuators_get_no_voltage():
+    scenario = scenario_with()
+    system = LiftAndBrake(lift_trajectory(scenario), scenario.braked_at)
+    context = system.CreateDefaultContext()
+    system.GetInputPort("extension").FixValue(context, np.full(4, 0.405))
+    for time, braked in ((scenario.braked_at - 0.1, False), (scenario.braked_at, True)):
+        context.SetTime(time)
+        assert (system.GetOutputPort("voltage").Eval(context) == 0.0).all() == braked
+
+
+def test_lift_and_swing_go_from_rest_to_rest():
+    scenario = scenario_with()
+    lift, swing = lift_trajectory(scenario), swing_trajectory(scenario)
+    assert np.allclose(lift.value(0.0), 0.41)
+    for trajectory in (lift.MakeDerivative(), swing.MakeDerivative()):
+        assert np.allclose(trajectory.value(scenario.end), 0.0)
+    assert swing.value(scenario.swing_at)[0, 0] == pytest.approx(0.0)
+    assert swing.value(scenario.end)[0, 0] == pytest.approx(np.pi / 4)
+
+
+def test_all_bounds_hold_and_the_platform_stays_level(logged):
+    result, _, _ = logged
+    assert result.passed, result.broken
+    values = {metric.key: metric.value for metric in result.metrics}
+    assert values["lift_tilt_deg"] < 0.01
+    assert values["arm_slip_left_mm"] <= values["arm_slip_mm"]
+    assert values["creep_mm_s"] < values["creep_2ms_mm_s"] < values["creep_4ms_mm_s"]
+
+
+def test_the_slip_of_the_actuators_is_that_of_the_legs_kinematics(logged):
+    _, log, scenario = logged
+    feet = log.signals["truth.support_points"]
+    lifted = log.time <= scenario.braked_at
+    moved = np.linalg.norm((feet[lifted] - feet[0])[..., :2], axis=-1)[-1]
+    extension = lift_trajectory(scenario).value(scenario.braked_at)[:, 0]
+    expected = [
+        np.subtract(foot_to_centre(leg, extension[i]), foot_to_centre(leg, 0.41))[:2]
+        for i, leg in enumerate(MODEL_GEOMETRY.legs)
+    ]
+    assert np.allclose(moved, np.linalg.norm(expected, axis=1), atol=2e-4)
+
+
+def test_figures_are_the_paper_s(logged):
+    for figure in logged[0].figures:
+        assert figure.name.startswith("fig23")
+        assert "Fig. 23" in figure.caption
+        assert b"<svg" in render(figure)
+
+
+def test_a_height_outside_the_stroke_is_refused():
+    with pytest.raises(UnreachablePosture):
+        run(scenario_with("lift.height_mm=590"), options())
+
+
+@pytest.mark.parametrize("option", ["html", "graphviz", "meshcat"])
+def test_what_is_not_supported_is_refused(option, tmp_path):
+    with pytest.raises(OutputError, match=f"--{option} is not supported"):
+        run(scenario_with(), options(**{option: option == "meshcat" or tmp_path / "x"}))
