@@ -26,7 +26,7 @@ from parapod.sims.calibrate_scenario import BACKENDS, CalibrateScenario
 from parapod.sims.experiment import Experiment, RunOptions
 from parapod.sims.figures import Figure
 from parapod.sims.results import Metric, Result
-from parapod.systems.errors import OutputError
+from parapod.sims.unsupported_options import refuse_options
 from parapod.systems.levelling_platform.calibration import Calibration, calibrate
 from parapod.systems.levelling_platform.calibration_parameters import (
     BIAS,
@@ -47,10 +47,8 @@ def run(scenario: CalibrateScenario, options: RunOptions) -> Result:
         UndeterminedCalibration: the poses do not determine the machine; says what would.
         OutputError: a file cannot be read or written, or there is nothing to write to it.
     """
-    for option in ("meshcat", "html", "graphviz"):
-        if getattr(options, option):
-            message = f"--{option} has nothing to show: no diagram is simulated"
-            raise OutputError(message, getattr(options, option))
+    why = "has nothing to show: no diagram is simulated"
+    refuse_options(options, ("meshcat", "html", "graphviz"), why)
     if scenario.recording:
         return _of_recording(scenario, options)
     return _of_simulation(scenario, options)
@@ -82,9 +80,8 @@ def _of_simulation(scenario: CalibrateScenario, options: RunOptions) -> Result:
 
 
 def _of_recording(scenario: CalibrateScenario, options: RunOptions) -> Result:
-    if options.log is not None:
-        message = "--log has nothing to write: the poses are read from a recording"
-        raise OutputError(message, options.log)
+    why = "has nothing to write: the poses are read from a recording"
+    refuse_options(options, ("log",), why)
     recording = read_recording(Path(scenario.recording), scenario)
     tolerances = scenario.tolerances.tolerances
     calibration = calibrate(recording, MODEL_GEOMETRY, tolerances)

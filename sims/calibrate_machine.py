@@ -12,9 +12,10 @@ from parapod.systems.levelling_platform.geometry import (
     PlatformGeometry,
     drawn_deviations,
 )
-from parapod.systems.levelling_platform.kinematics import forward_kinematics, passive_extension
+from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.pose_recording import PoseRecording
+from parapod.systems.levelling_platform.posture_to_legs import passive_extension
 
 type Floats = NDArray[np.float64]
 

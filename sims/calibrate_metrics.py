@@ -17,8 +17,8 @@ from parapod.systems.levelling_platform.calibration_parameters import (
     Tolerances,
 )
 from parapod.systems.levelling_platform.geometry import ANGLES, LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
+from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
 from parapod.systems.levelling_platform.plane import dot, normal_of, to_platform
 from parapod.systems.levelling_platform.pose_recording import PoseRecording
 

@@ -1,16 +1,15 @@
 """Recorded poses in files: what `--log` writes, and what `recording` reads."""
 
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.diagrams.scenario import dump_scenario
 from parapod.sims.calibrate_scenario import CalibrateScenario
-from parapod.sims.outputs import read_log, write_log
+from parapod.sims.experiment_log import write_experiment_log
+from parapod.sims.outputs import read_log
 from parapod.systems.errors import OutputError
 from parapod.systems.levelling_platform.calibration_equations import ground_in_heading
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
@@ -39,19 +38,13 @@ def write_recording(path: Path, recording: PoseRecording, scenario: CalibrateSce
     Raises:
         OutputError: the file cannot be written.
     """
-    signals, units = {}, {}
+    signals = {}
     for signal, name, width, unit in (*_NEEDED, *_OPTIONAL):
         values = getattr(recording, name)
         if values is not None:
-            signals[signal] = np.reshape(values, (len(recording), width))
-            units[signal] = unit
-    metadata = {
-        "experiment": "calibrate",
-        "parapod": version("parapod"),
-        "scenario": dump_scenario(scenario),
-        "units": units,
-    }
-    write_log(path, _PERIOD * np.arange(len(recording)), signals, metadata)
+            signals[signal] = np.reshape(values, (len(recording), width)), unit
+    time = _PERIOD * np.arange(len(recording))
+    write_experiment_log(path, "calibrate", scenario, time, signals)
 
 
 def read_recording(path: Path, scenario: CalibrateScenario) -> PoseRecording:

@@ -10,9 +10,11 @@ from functools import partial
 
 from parapod.diagrams.levelling_platform.scenario import BACKENDS, LevellingScenario
 from parapod.sims.experiment import Experiment, RunOptions
+from parapod.sims.figures import Figure
 from parapod.sims.level_metrics import measure
-from parapod.sims.levelling_job import run_job
+from parapod.sims.levelling_job import Job, run_job
 from parapod.sims.live import stay_live
+from parapod.sims.posture_errors import in_deg_and_mm, posture_figure
 from parapod.sims.results import Result
 
 # What the metrics are made of; everything else is recorded only for a log.
@@ -37,11 +39,29 @@ def run(scenario: LevellingScenario, options: RunOptions) -> Result:
     """
     job = run_job(scenario, options, "level", _NEEDED)
     until = scenario.job.estimate_at + scenario.job.end
-    result = measure(scenario, job.time, job.signals, job.scale, until / job.elapsed)
+    measured = measure(scenario, job.time, job.signals, job.scale, until / job.elapsed)
+    result = replace(measured, figures=(_figure(job),))
     if job.meshcat is not None and options.meshcat and options.live:
         go_live = partial(stay_live, scenario, job.meshcat, options.console, job.again)
         return replace(result, afterwards=go_live)
     return result
+
+
+def _figure(job: Job) -> Figure:
+    desired = job.signals["posture_desired_state"][:, :3]
+    started = desired[:, 2] > 0.0
+    lines = {
+        "asked for": in_deg_and_mm(desired[started]),
+        "true": in_deg_and_mm(job.signals["truth.posture"][started]),
+    }
+    return posture_figure(
+        "level",
+        "The job",
+        "Posture against gravity while the platform levels itself, follows postures and holds.",
+        job.time[started],
+        lines,
+        "asked for",
+    )
 
 
 EXPERIMENT = Experiment(

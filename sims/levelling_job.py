@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
-from importlib.metadata import version
 from itertools import pairwise
 from typing import Any
 
@@ -16,9 +15,8 @@ from pydrake.systems.analysis import Simulator
 from parapod.diagrams.levelling_platform.closed_loop import ClosedLoop, make_closed_loop
 from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUTPUTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.scenario import dump_scenario
 from parapod.sims.experiment import RunOptions
-from parapod.sims.outputs import write_log
+from parapod.sims.experiment_log import write_experiment_log
 from parapod.sims.simulate import (
     in_real_time,
     make_viewer,
@@ -102,7 +100,7 @@ def run_job(
         elapsed = job()
     time, signals = loop.recorded(simulator.get_context())
     if options.log is not None:
-        write_log(options.log, time, signals, _metadata(scenario, what, signals))
+        write_experiment_log(options.log, what, scenario, time, _with_units(signals))
     return Job(time, signals, _scale(loop, simulator), elapsed, meshcat, job)
 
 
@@ -161,12 +159,7 @@ def _viewer(scenario: LevellingScenario) -> Meshcat:
     return meshcat
 
 
-def _metadata(scenario: LevellingScenario, what: str, signals: Signals) -> dict[str, Any]:
+def _with_units(signals: Signals) -> dict[str, tuple[NDArray[Any], str]]:
     ports = (*INPUTS, *OUTPUTS, *TRUTH_OUTPUTS)
     units = {port.name: port.unit for port in ports} | _CONTROLLER_UNITS
-    return {
-        "experiment": what,
-        "parapod": version("parapod"),
-        "scenario": dump_scenario(scenario),
-        "units": {name: units[name] for name in signals},
-    }
+    return {name: (samples, units[name]) for name, samples in signals.items()}

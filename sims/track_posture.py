@@ -20,6 +20,7 @@ from parapod.sims.figures import Figure
 from parapod.sims.levelling_job import Job, run_job
 from parapod.sims.posture_errors import error_metrics, in_deg_and_mm, posture_figure
 from parapod.sims.results import Metric, Result
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.sensors.imu import sample_period
 
 if TYPE_CHECKING:
@@ -96,6 +97,7 @@ def run(scenario: LevellingScenario, options: RunOptions) -> Result:
         *_errors(nominal_run, "", (_PAPER[0], _PAPER[2]), "legs as drawn"),
         *_errors(perturbed_run, "perturbed_", (None, None), "legs as built"),
         *_errors(outer_run, "outer_loop_", (_OUTER_BOUND, None), "with the outer loop"),
+        _extension_error(nominal_run),
         *_moving(nominal_run, perturbed_run, outer_run),
         *_stability(outer),
     )
@@ -123,6 +125,19 @@ def _errors(
 ) -> list[Metric]:
     meaning = f"largest at rest, {whose}"
     return error_metrics(run.error[run.at_rest], prefix, bounds, _PAPER, meaning)
+
+
+def _extension_error(nominal: _Run) -> Metric:
+    signals, counts = nominal.job.signals, nominal.at_rest | nominal.moving
+    desired = signals["extension_desired_state"][counts, :LEG_COUNT]
+    error = np.abs(signals["truth.extension"][counts] - desired).max()
+    return Metric(
+        "extension_error_mm",
+        1e3 * float(error),
+        "mm",
+        paper="almost perfect",
+        meaning="largest of any actuator against its reference, legs as drawn",
+    )
 
 
 def _moving(nominal: _Run, perturbed: _Run, outer: _Run) -> list[Metric]:
@@ -208,12 +223,12 @@ def _tracking(nominal: _Run, perturbed: _Run, outer: _Run) -> tuple[Figure, ...]
         for leg in range(4):
             left.plot(time, extension[:, leg], label=f"leg {leg + 1}")
         left.set(xlabel="time [s]", ylabel="extension [mm]")
-        left.legend(ncols=2, fontsize=8)
+        left.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, fontsize=8)
         controlled = signals["extension_desired_state"][:, 0] > 0.0
         right.plot(time[controlled], desired[controlled, 0], linewidth=2.2, label="asked for")
         right.plot(time[controlled], extension[controlled, 0], linewidth=1.0, label="true")
         right.set(xlabel="time [s]", ylabel="extension of leg 1 [mm]")
-        right.legend(fontsize=8)
+        right.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=8)
 
     return (
         posture_figure(

@@ -9,6 +9,7 @@ from functools import partial
 from parapod.sims.experiment import Experiment, RunOptions
 from parapod.sims.outputs import atomic_output
 from parapod.sims.results import Result
+from parapod.sims.unsupported_options import refuse_options
 from parapod.sims.workspace_figures import figures
 from parapod.sims.workspace_metrics import (
     Finding,
@@ -18,7 +19,6 @@ from parapod.sims.workspace_metrics import (
     measure_volume,
 )
 from parapod.sims.workspace_scenario import BACKENDS, WorkspaceScenario
-from parapod.systems.errors import OutputError
 
 _STEPS = {
     "measuring the volume": measure_volume,
@@ -34,10 +34,8 @@ def run(scenario: WorkspaceScenario, options: RunOptions) -> Result:
     Raises:
         OutputError: a file cannot be written, or there is nothing to write to it.
     """
-    for option in ("log", "graphviz"):
-        if getattr(options, option) is not None:
-            message = f"--{option} has nothing to write: the workspace is not simulated"
-            raise OutputError(message, getattr(options, option))
+    why = "has nothing to write: the workspace is not simulated"
+    refuse_options(options, ("log", "graphviz"), why)
     findings: list[Finding] = []
     with options.console.status("") as status:
         for what, measure in _STEPS.items():

@@ -11,13 +11,9 @@ from parapod.sims.figures import COLOURS, Figure
 from parapod.sims.workspace_scenario import WorkspaceScenario
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.turntable import stroke_left_turning
-from parapod.systems.levelling_platform.workspace import (
-    ArmGeometry,
-    stroke_left,
-    tip_of_extensions,
-)
+from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace
 from parapod.systems.levelling_platform.workspace_surfaces import SURFACE_COUNT, surface_margins
-from parapod.systems.levelling_platform.workspace_volume import faces
+from parapod.systems.levelling_platform.workspace_volume import boundary, faces
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,7 +78,7 @@ def _draw_solid(arm: ArmGeometry, canvas: "Canvas") -> None:
 
     axes: Any = canvas.add_subplot(projection="3d", computed_zorder=True)
     for key, extension in faces(_GEOMETRY, _EDGE).items():
-        x, y, z = np.moveaxis(tip_of_extensions(_GEOMETRY, arm, extension), -1, 0)
+        x, y, z = np.moveaxis(Workspace(_GEOMETRY, arm).tip_of_extensions(extension), -1, 0)
         axes.plot_surface(
             x, y, z, color=face_colour(*key), rcount=_EDGE, ccount=_EDGE, linewidth=0.0,
             antialiased=False,
@@ -102,8 +98,7 @@ def _draw_solid(arm: ArmGeometry, canvas: "Canvas") -> None:
 
 
 def _draw_sections(arm: ArmGeometry, canvas: "Canvas") -> None:
-    tips = tip_of_extensions(_GEOMETRY, arm, _boundary())
-    low, high = tips.min(axis=0) - _RIM, tips.max(axis=0) + _RIM
+    low, high = _box(arm)
     planes: Any = canvas.subplots(1, 3)
     for axes, normal in zip(planes, (1, 0, 2), strict=True):
         middle = 0.5 * (low[normal] + high[normal])
@@ -139,6 +134,12 @@ def _surface_style(i: int) -> tuple[str, Literal["dashed", "dotted"]]:
     return COLOURS[i % LEG_COUNT], "dashed" if i < LEG_COUNT else "dotted"
 
 
+def _box(arm: ArmGeometry) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lower and upper corner of a box with some room around the workspace [m]."""
+    tips = Workspace(_GEOMETRY, arm).tip_of_extensions(boundary(_GEOMETRY, _EDGE))
+    return tips.min(axis=0) - _RIM, tips.max(axis=0) + _RIM
+
+
 def _plane(
     low: NDArray[np.float64], high: NDArray[np.float64], normal: int, at: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -151,8 +152,8 @@ def _plane(
 
 
 def _stroke_left(arm: ArmGeometry, point: NDArray[np.float64]) -> NDArray[np.float64]:
-    """`stroke_left` with finite numbers only, for contours."""
-    return np.maximum(stroke_left(_GEOMETRY, arm, point), -1.0)
+    """`Workspace.stroke_left` with finite numbers only, for contours."""
+    return np.maximum(Workspace(_GEOMETRY, arm).stroke_left(point), -1.0)
 
 
 def _label(axes: Any, across: int, up: int) -> None:
@@ -169,8 +170,7 @@ def _draw_ring(arm: ArmGeometry, lean: float, canvas: "Canvas") -> None:
     above.set_title("from above")
     above.set_aspect("equal")
     _label(above, 0, 1)
-    tips = tip_of_extensions(_GEOMETRY, arm, _boundary())
-    low, high = tips.min(axis=0) - _RIM, tips.max(axis=0) + _RIM
+    low, high = _box(arm)
     u, v, point = _plane(low, high, 1, 0.5 * float(low[1] + high[1]))
     swept = stroke_left_turning(_GEOMETRY, arm, point)
     section.contourf(u, v, np.maximum(swept, -1.0), [0.0, 1.0], colors=[_SWEPT])
@@ -181,12 +181,7 @@ def _draw_ring(arm: ArmGeometry, lean: float, canvas: "Canvas") -> None:
 
 def _fill_from_above(axes: "Axes", arm: ArmGeometry, colour: str) -> None:
     for extension in faces(_GEOMETRY, _COARSE_EDGE).values():
-        x, y, _ = np.moveaxis(tip_of_extensions(_GEOMETRY, arm, extension), -1, 0)
+        x, y, _ = np.moveaxis(Workspace(_GEOMETRY, arm).tip_of_extensions(extension), -1, 0)
         # Round the triangle: along an edge, the opposite side, and back.
         outline = [np.concatenate([c[0], c[:, -1], c[::-1, 0]]) for c in (x, y)]
         axes.fill(*outline, color=colour, linewidth=1.0, rasterized=True)
-
-
-def _boundary() -> NDArray[np.float64]:
-    """Extensions (n, 4) on all faces [m]."""
-    return np.concatenate([e.reshape(-1, 4) for e in faces(_GEOMETRY, _EDGE).values()])

@@ -9,16 +9,11 @@ from scipy.optimize import minimize  # type: ignore[import-untyped]
 
 from parapod.sims.results import Metric
 from parapod.sims.workspace_scenario import WorkspaceScenario
-from parapod.systems.levelling_platform.geometry import PlatformGeometry
-from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatformParams
-from parapod.systems.levelling_platform.kinematics import forward_kinematics
+from parapod.systems.levelling_platform.geometry import ARM_BASE, PlatformGeometry
+from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
+from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 from parapod.systems.levelling_platform.turntable import stability_margin, swept_volume
-from parapod.systems.levelling_platform.workspace import (
-    ArmGeometry,
-    extensions_reaching,
-    reaches,
-    tip_of_extensions,
-)
+from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace
 from parapod.systems.levelling_platform.workspace_surfaces import (
     COEFFICIENTS,
     enclosed_points,
@@ -26,7 +21,8 @@ from parapod.systems.levelling_platform.workspace_surfaces import (
     surface_margins,
 )
 from parapod.systems.levelling_platform.workspace_volume import (
-    faces,
+    PostureGrid,
+    boundary,
     posture_grid,
     tips_and_volumes,
 )
@@ -64,11 +60,9 @@ class Finding:
 def measure_volume(scenario: WorkspaceScenario) -> Finding:
     """Volume and extents of the workspace, and the closed form's round trip."""
     arm = scenario.arm.upright
-    grid = posture_grid(GEOMETRY, scenario.resolution)
-    volume = float(tips_and_volumes(GEOMETRY, arm, grid)[1].sum())
-    half = posture_grid(GEOMETRY, scenario.resolution // 2)
-    coarser = float(tips_and_volumes(GEOMETRY, arm, half)[1].sum())
-    tips = tip_of_extensions(GEOMETRY, arm, boundary())
+    volume = _volume(arm, scenario.resolution)
+    coarser = _volume(arm, scenario.resolution // 2)
+    tips = Workspace(GEOMETRY, arm).tip_of_extensions(boundary(GEOMETRY, _EDGE))
     extents = [
         Metric(f"extent_{axis}_mm", 1e3 * float(np.ptp(tips[:, i])), "mm")
         for i, axis in enumerate("xyz")
@@ -76,13 +70,7 @@ def measure_volume(scenario: WorkspaceScenario) -> Finding:
     return Finding(
         (
             Metric("volume_m3", volume, "m^3", meaning="of all points that the tip reaches"),
-            Metric(
-                "volume_resolution_error",
-                abs(coarser / volume - 1.0),
-                "",
-                _RESOLUTION_BOUND,
-                meaning="relative difference to the volume at half the resolution",
-            ),
+            _resolution_error("volume", volume, coarser),
             *extents,
             Metric(
                 "round_trip_error_m",
@@ -95,18 +83,26 @@ def measure_volume(scenario: WorkspaceScenario) -> Finding:
     )
 
 
-def boundary() -> NDArray[np.float64]:
-    """Extensions (n, 4) on all faces of the workspace [m]."""
-    return np.concatenate([e.reshape(-1, 4) for e in faces(GEOMETRY, _EDGE).values()])
+def _volume(arm: ArmGeometry, resolution: int) -> float:
+    return float(tips_and_volumes(GEOMETRY, arm, posture_grid(GEOMETRY, resolution))[1].sum())
+
+
+def _resolution_error(what: str, value: float, coarser: float) -> Metric:
+    return Metric(
+        f"{what}_resolution_error",
+        abs(coarser / value - 1.0),
+        "",
+        _RESOLUTION_BOUND,
+        meaning="relative difference to the volume at half the resolution",
+    )
 
 
 def _round_trip_error(scenario: WorkspaceScenario, arm: ArmGeometry) -> float:
     low, high = GEOMETRY.extension_min, GEOMETRY.extension_max
     random = np.random.default_rng(scenario.seed)
     extension = random.uniform(low, high, (_ROUND_TRIPS, 3))
-    ground = scenario.ground.inclination
-    tip = tip_of_extensions(GEOMETRY, arm, extension, ground)
-    _, needed = extensions_reaching(GEOMETRY, arm, tip, ground)
+    workspace = Workspace(GEOMETRY, arm, scenario.ground.inclination)
+    _, needed = workspace.extensions_reaching(workspace.tip_of_extensions(extension))
     return float(np.abs(needed[:, :3] - extension).max())
 
 
@@ -114,17 +110,16 @@ def compare_surfaces(scenario: WorkspaceScenario) -> Finding:
     """How the eight printed surfaces compare with the workspace, and why so."""
     arm = scenario.arm.upright
     grid = posture_grid(GEOMETRY, scenario.resolution)
-    tips, volume = tips_and_volumes(GEOMETRY, arm, grid)
-    is_inside = inside_surfaces(tips).all(axis=-1)
+    volume, is_inside = _inside(arm, grid)
     enclosed, cell = enclosed_points(scenario.resolution)
-    unreachable = 1.0 - float(reaches(GEOMETRY, arm, enclosed).mean())
+    is_reached = Workspace(GEOMETRY, arm).reaches(enclosed)
     best = best_offset(arm)
-    best_tips, best_volume = tips_and_volumes(GEOMETRY, replace(arm, offset=best), grid)
-    share = _share(best_volume, inside_surfaces(best_tips).all(axis=-1))
+    share = _share(*_inside(replace(arm, offset=best), grid))
     metrics = (
         Metric(
             "inside_fraction",
             _share(volume, is_inside),
+            at_least=_PAPER_SHARE,
             paper=_PAPER_SHARE,
             meaning="share of the workspace's volume inside the eight printed surfaces",
         ),
@@ -142,13 +137,19 @@ def compare_surfaces(scenario: WorkspaceScenario) -> Finding:
         ),
         Metric(
             "unreachable_fraction",
-            unreachable,
+            1.0 - float(is_reached.mean()),
             paper=0.0,
             meaning="share of what the surfaces enclose that the tip does not reach",
         ),
         Metric("enclosed_volume_m3", cell * len(enclosed), "m^3", meaning="by the surfaces"),
     )
-    return Finding(metrics, (_why_not_more(arm, best, share), _about_rounding(scenario, best)))
+    return Finding(metrics, (_about_base(arm, best, share), _about_rounding(scenario, best)))
+
+
+def _inside(arm: ArmGeometry, grid: PostureGrid) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The volume that each posture stands for, and whether its tip is inside all surfaces."""
+    tips, volume = tips_and_volumes(GEOMETRY, arm, grid)
+    return volume, inside_surfaces(tips).all(axis=-1)
 
 
 def _share(weight: NDArray[np.float64], which: NDArray[np.bool_]) -> float:
@@ -161,10 +162,9 @@ def best_offset(arm: ArmGeometry) -> tuple[float, float, float]:
 
     def outside(offset: NDArray[np.float64]) -> float:
         x, y, z = offset.tolist()
-        tips, volume = tips_and_volumes(GEOMETRY, replace(arm, offset=(x, y, z)), grid)
-        return 1.0 - _share(volume, inside_surfaces(tips).all(axis=-1))
+        return 1.0 - _share(*_inside(replace(arm, offset=(x, y, z)), grid))
 
-    start = np.array(ArmGeometry().offset)
+    start = np.array(ARM_BASE)
     simplex = start + np.vstack([np.zeros(3), 0.01 * np.eye(3)])
     found = minimize(
         outside,
@@ -176,13 +176,14 @@ def best_offset(arm: ArmGeometry) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _why_not_more(arm: ArmGeometry, best: tuple[float, float, float], share: float) -> str:
+def _about_base(arm: ArmGeometry, best: tuple[float, float, float], share: float) -> str:
     def words(offset: tuple[float, float, float]) -> str:
         return "(" + ", ".join(f"{1e3 * value:.0f}" for value in offset) + ") mm"
 
     return (
         f"The share hangs on where the arm's base stands, which is lost with Eq. (13): "
-        f"{words(arm.offset)} is assumed, {words(best)} gives {100.0 * share:.1f} %."
+        f"{words(arm.offset)} is assumed; the largest share, {100.0 * share:.1f} %, is that of "
+        f"{words(best)}."
     )
 
 
@@ -208,13 +209,13 @@ def _about_rounding(scenario: WorkspaceScenario, best: tuple[float, float, float
 def check_inclined_ground(scenario: WorkspaceScenario) -> Finding:
     """Eq. (14): is the workspace on inclined ground that of level ground, rotated?"""
     arm = scenario.arm.upright
-    ground = scenario.ground.inclination
     grid = posture_grid(GEOMETRY, scenario.resolution // 2)
     level, volume = tips_and_volumes(GEOMETRY, arm, grid)
-    inclined = tip_of_extensions(GEOMETRY, arm, grid.extension, ground)
+    on_slope = Workspace(GEOMETRY, arm, scenario.ground.inclination)
+    inclined = on_slope.tip_of_extensions(grid.extension)
     turn = np.arctan2(inclined[:, 1], inclined[:, 0]) - np.arctan2(level[:, 1], level[:, 0])
     apart = np.linalg.norm(inclined - level, axis=-1)
-    is_lost = ~reaches(GEOMETRY, arm, level, ground)
+    is_lost = ~on_slope.reaches(level)
     metrics = (
         Metric(
             "inclined_difference_mm",
@@ -242,24 +243,17 @@ def check_inclined_ground(scenario: WorkspaceScenario) -> Finding:
 def measure_turntable(scenario: WorkspaceScenario) -> Finding:
     """What a leaning arm reaches without and with the turntable, and whether that is stable."""
     arm = replace(scenario.arm.upright, lean=scenario.arm.lean)
-    grid = posture_grid(GEOMETRY, scenario.resolution)
-    leaning = float(tips_and_volumes(GEOMETRY, arm, grid)[1].sum())
+    leaning = _volume(arm, scenario.resolution)
     swept = swept_volume(GEOMETRY, arm, scenario.resolution)
     coarser = swept_volume(GEOMETRY, arm, scenario.resolution // 2)
     metrics = (
         Metric("leaning_volume_m3", leaning, "m^3", meaning="reached by the leaning arm alone"),
         Metric("swept_volume_m3", swept, "m^3", meaning="reached with the turntable turning it"),
-        Metric(
-            "swept_resolution_error",
-            abs(coarser / swept - 1.0),
-            "",
-            _RESOLUTION_BOUND,
-            meaning="relative difference to cells of twice the size",
-        ),
+        _resolution_error("swept", swept, coarser),
         Metric("swept_gain", swept / leaning, meaning="swept by leaning volume"),
         Metric(
             "stability_margin_mm",
-            1e3 * _least_stability(arm, boundary()),
+            1e3 * _least_stability(arm),
             "mm",
             at_least=0.0,
             meaning="least distance of the centre of mass from the edges between the feet",
@@ -273,15 +267,14 @@ def measure_turntable(scenario: WorkspaceScenario) -> Finding:
     return Finding(metrics, (note,))
 
 
-def _least_stability(arm: ArmGeometry, extension: NDArray[np.float64]) -> float:
-    """Smallest `stability_margin` over these extensions (n, 4), level ground and all turns."""
+def _least_stability(arm: ArmGeometry) -> float:
+    """Smallest `stability_margin` at the boundary of the workspace, level ground, all turns."""
     params = KinematicPlatformParams()
+    extension = boundary(GEOMETRY, _EDGE)
     attitude = forward_kinematics(GEOMETRY, extension, (0.0, 0.0))[:, :2]
     margins = []
     for turn in 2.0 * math.pi * np.arange(_TURNS) / _TURNS:
         turned = replace(arm, turn=float(turn))
-        on_arm = np.array(turned.point_at(params.arm_centre / arm.length))
-        moment = params.mass * np.array(params.centre_of_mass) + params.arm_mass * on_arm
-        centre = moment / (params.mass + params.arm_mass)
+        centre = params.centre_with(turned.point_at(params.arm_centre / arm.length))
         margins.append(stability_margin(GEOMETRY, extension, attitude, centre).min())
     return float(min(margins))

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 from parapod.diagrams.scenario import choice, quantity
+from parapod.systems.levelling_platform.geometry import ARM_BASE
 from parapod.systems.levelling_platform.workspace import ArmGeometry
 
 BACKENDS = ("exact",)
@@ -37,7 +38,7 @@ class ReachScenario:
         lean_deg: from upright while the turntable turns; otherwise it is upright [deg].
     """
 
-    offset_mm: list[float] = quantity([10.0, 20.0, 145.0], -500.0, 500.0, length=3)
+    offset_mm: list[float] = quantity([1e3 * x for x in ARM_BASE], -500.0, 500.0, length=3)
     length_mm: float = quantity(2020.0, 100.0, 10000.0)
     lean_deg: float = quantity(45.0, 20.0, 80.0)
 

@@ -16,11 +16,11 @@ from parapod.sims.simulate import make_viewer
 from parapod.sims.workspace_figures import face_colour, face_name
 from parapod.sims.workspace_scenario import WorkspaceScenario
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
+from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY, standing_pose
 from parapod.systems.levelling_platform.turntable import swept_surface
-from parapod.systems.levelling_platform.workspace import SUPPORT_LEG, tip_of_extensions
+from parapod.systems.levelling_platform.workspace import SUPPORT_LEG, Workspace
 from parapod.systems.levelling_platform.workspace_volume import faces
 
 _LEVEL = (0.0, 0.0)
@@ -54,8 +54,9 @@ def draw(scenario: WorkspaceScenario) -> Meshcat:
         arm = replace(arm, lean=turned)
         ring = swept_surface(PlatformGeometry(), arm, _AROUND, _ACROSS)
         _draw_patch(meshcat, "/workspace/turntable", ring + p_WB, Rgba(0.95, 0.60, 0.30, 0.45))
-    for key, extension in faces(PlatformGeometry(), _EDGE).items():
-        points = tip_of_extensions(PlatformGeometry(), arm, extension) + p_WB
+    workspace = Workspace(PlatformGeometry(), arm)
+    for key, extension in faces(workspace.geometry, _EDGE).items():
+        points = workspace.tip_of_extensions(extension) + p_WB
         path = f"/workspace/{face_name(*key)}"
         _draw_patch(meshcat, path, points, Rgba(*face_colour(*key), 1.0))
         outline = np.concatenate([points[0], points[:, -1], points[::-1, 0]])

@@ -9,15 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import (
-    ConstantVectorSource,
-    LogVectorOutput,
-    TrajectorySource,
-    VectorLogSink,
-)
+from pydrake.systems.primitives import LogVectorOutput, TrajectorySource, VectorLogSink
 from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.levelling_platform.controller import make_controller
+from parapod.diagrams.levelling_platform.idle import idle_inputs
 from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingScenario
 from parapod.diagrams.levelling_platform.station import Station, make_station
 from parapod.diagrams.wiring import add, connect
@@ -128,7 +124,7 @@ def make_script(scenario: LevellingScenario) -> PostureScript:
 def _add_job(
     builder: DiagramBuilder, job: JobScenario, machine: Diagram, controller: Diagram
 ) -> None:
-    """Everything that is commanded apart from postures: trigger, arm, idle drives."""
+    """Everything that is commanded apart from postures: trigger, arm; the rest is idle."""
     trigger = PiecewisePolynomial.ZeroOrderHold(
         [0.0, job.estimate_at, job.estimate_at + 1e6], [[0.0, 1.0, 1.0]]
     )
@@ -143,10 +139,4 @@ def _add_job(
     ):
         source = add(builder, TrajectorySource(trajectory), name)
         connect(builder, source.get_output_port(), port)
-    for name, values in (
-        ("turntable.position_command", [0.0]),
-        ("wheels.velocity_command", [0.0] * 4),
-        ("wheels.brake", [1.0]),
-    ):
-        idle = add(builder, ConstantVectorSource(np.array(values)), f"idle.{name}")
-        connect(builder, idle.get_output_port(), machine.GetInputPort(name))
+    idle_inputs(builder, machine)

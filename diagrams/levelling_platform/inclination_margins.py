@@ -18,10 +18,10 @@ from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActu
 from parapod.systems.actuators.pi_controller import PiController
 from parapod.systems.levelling_platform.forward_kinematics import ForwardKinematics
 from parapod.systems.levelling_platform.kinematic_feedforward import KinematicFeedforward
-from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.passive_leg_solver import PassiveLegSolver
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.posture_loop import PostureLoop
+from parapod.systems.levelling_platform.posture_to_legs import inverse_kinematics
 
 # Time that the inner loops are given to settle before the diagram is linearised [s].
 _SETTLING = 3.0

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 from parapod.diagrams.scenario import choice, quantity
+from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 
 BACKENDS = ("multibody", "kinematic")
 
@@ -73,6 +74,15 @@ class ActuatorScenario:
     gain_error: float = quantity(0.15, 0.0, 0.5)
     coulomb_friction: float = quantity(1000.0, 0.0, 20000.0)
     supply_voltage: float = quantity(12.0, 1.0, 48.0)
+
+    @property
+    def params(self) -> LinearActuatorParams:
+        """Of an actuator with the nominal gain."""
+        return LinearActuatorParams(
+            model=self.model,  # type: ignore[arg-type]
+            coulomb_friction=self.coulomb_friction,
+            supply_voltage=self.supply_voltage,
+        )
 
 
 @dataclass

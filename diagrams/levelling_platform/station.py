@@ -24,9 +24,10 @@ from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActu
 from parapod.systems.actuators.wheel_drive import WheelDrive
 from parapod.systems.errors import ScenarioError
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
+from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
 from parapod.systems.levelling_platform.plane import to_platform
 from parapod.systems.levelling_platform.platform_model import PlatformModel
+from parapod.systems.levelling_platform.posture_to_legs import inverse_kinematics
 from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.sensors.encoder import Encoder
 from parapod.systems.sensors.imu import STANDARD_GRAVITY, Imu, ImuParams, add_imu, seed_noise
@@ -144,11 +145,7 @@ def make_station(scenario: LevellingScenario, meshcat: Meshcat | None = None) ->
     actuators = add(
         builder,
         LinearActuator(
-            LinearActuatorParams(
-                model=scenario.actuators.model,  # type: ignore[arg-type]
-                coulomb_friction=scenario.actuators.coulomb_friction,
-                supply_voltage=scenario.actuators.supply_voltage,
-            ),
+            scenario.actuators.params,
             time_step=scenario.plant.time_step if scenario.backend == "multibody" else period,
         ),
     )

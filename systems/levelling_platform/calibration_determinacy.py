@@ -31,8 +31,9 @@ from parapod.systems.levelling_platform.calibration_parameters import (
     parameter_names,
 )
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import forward_kinematics, passive_extension
+from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
 from parapod.systems.levelling_platform.pose_recording import MeasurementNoise, PoseRecording
+from parapod.systems.levelling_platform.posture_to_legs import passive_extension
 
 type Floats = NDArray[np.float64]
 

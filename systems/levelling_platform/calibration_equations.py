@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.systems.elementwise import Elementwise, sin_cos
+from parapod.systems.elementwise import Elementwise, nan_without_warning, sin_cos
 from parapod.systems.levelling_platform.calibration_parameters import (
     BIAS,
     GROUND,
@@ -21,13 +21,15 @@ from parapod.systems.levelling_platform.calibration_parameters import (
     offsets_of,
 )
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, LegGeometry, PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import estimate_ground
 from parapod.systems.levelling_platform.leg import long_side
+from parapod.systems.levelling_platform.legs_to_posture import estimate_ground
 from parapod.systems.levelling_platform.plane import (
     Vector3,
     attitude_derivatives,
     dot,
     normal_of,
+    plus,
+    scaled,
     to_platform,
 )
 from parapod.systems.levelling_platform.pose_recording import PoseRecording
@@ -37,8 +39,6 @@ type Floats = NDArray[np.float64]
 # Standard deviation of a height that was not measured: next to no weight, and yet a matrix that
 # can be factorised [m].
 _UNMEASURED = 1.0
-# What cannot be built is NaN; in the air it does not matter, and `calibrate` refuses the rest.
-_nan_without_warning = np.errstate(invalid="ignore", divide="ignore")
 
 
 def foot_derivatives(leg: LegGeometry, extension: Elementwise) -> tuple[Vector3, list[Vector3]]:
@@ -59,7 +59,7 @@ def foot_derivatives(leg: LegGeometry, extension: Elementwise) -> tuple[Vector3,
     delta_l_3 = (leg.l_3 + along) / (leg.l_3 * across)
     delta_l_4 = (leg.l_4 + leg.l_3 * along / leg.l_4) / (leg.l_3 * across)
     delta_d = -extension / (leg.l_3 * across)
-    turned = [tuple(rate * p for p in by_psi) for rate in (delta_l_3, delta_l_4, delta_d)]
+    turned = [scaled(by_psi, rate) for rate in (delta_l_3, delta_l_4, delta_d)]
     longer = (-cb * x / leg.l_4, -sb * x / leg.l_4, -z / leg.l_4)
     derivatives = [
         (one, none, none),
@@ -67,8 +67,8 @@ def foot_derivatives(leg: LegGeometry, extension: Elementwise) -> tuple[Vector3,
         (none, none, one),
         (-sb * reach, cb * reach, none),
         turned[0],
-        tuple(t + s for t, s in zip(turned[1], longer, strict=True)),
-        tuple(p + c for p, c in zip(by_psi, by_alpha, strict=True)),
+        plus(turned[1], longer),
+        plus(by_psi, by_alpha),
         turned[2],
     ]
     return (c_x - cb * x, c_y - sb * x, c_z - z), derivatives
@@ -187,7 +187,8 @@ class StandingEquations:
         heights, jacobian = self._heights(parameters)
         return heights - self._height[:, None] * self.recording.contact, jacobian
 
-    @_nan_without_warning
+    # NaN in the air does not matter, and `calibrate` refuses the rest.
+    @nan_without_warning
     def _heights(self, parameters: Floats) -> tuple[Floats, Floats]:
         """Height of F above each foot that stands (n, 4) [m], and derivatives (n, 4, 36)."""
         recording = self.recording

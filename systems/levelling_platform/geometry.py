@@ -1,12 +1,16 @@
 """Dimensions of the levelling platform (Tables 1 and 2) and of each of its legs."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
 
 LEG_COUNT = 4
+# From the platform's centre F to the base of the arm, on the turntable's axis [m]. Not printed, as
+# Eq. (13) is lost: the round value that fits the paper's surfaces of the workspace.
+ARM_BASE = (0.0, 0.020, 0.145)
 
 
 @dataclass(frozen=True)
@@ -166,6 +170,18 @@ class PlatformGeometry:
             )
             for (sign_x, sign_y, beta), deviation in zip(quadrants, deviations, strict=True)
         )
+
+
+def three_legs(legs: Sequence[int]) -> tuple[int, ...]:
+    """These indices 0..3 of three legs, checked.
+
+    Raises:
+        ValueError: not three different legs.
+    """
+    chosen = tuple(int(leg) for leg in legs)
+    if len(chosen) != 3 or len(set(chosen)) != 3 or not set(chosen) <= set(range(LEG_COUNT)):
+        raise ValueError(f"legs must be three different indices out of 0, 1, 2, 3, not {legs}")
+    return chosen
 
 
 def drawn_deviations(

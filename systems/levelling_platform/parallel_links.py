@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.geometry import (
     Box,
@@ -12,6 +13,8 @@ from pydrake.geometry import (
     GeometryFrame,
     GeometryInstance,
     MakePhongIllustrationProperties,
+    PerceptionProperties,
+    Rgba,
     SceneGraph,
 )
 from pydrake.math import RigidTransform, RotationMatrix
@@ -22,6 +25,13 @@ from parapod.systems.levelling_platform.platform_model import PlatformModel
 from parapod.systems.ports import read_array
 
 _ORANGE, _DARK = np.array([0.95, 0.45, 0.10, 1.0]), np.array([0.13, 0.15, 0.19, 1.0])
+
+
+def _perceived(colour: NDArray[np.float64]) -> PerceptionProperties:
+    """How a renderer sees a colour."""
+    properties = PerceptionProperties()
+    properties.AddProperty("phong", "diffuse", Rgba(*colour))
+    return properties
 
 
 class ParallelLinks(LeafSystem):
@@ -82,6 +92,7 @@ class ParallelLinks(LeafSystem):
         ):
             instance = GeometryInstance(X_LG, shape, name)
             instance.set_illustration_properties(MakePhongIllustrationProperties(colour))
+            instance.set_perception_properties(_perceived(colour))
             scene_graph.RegisterGeometry(self._source, frame_id, instance)
         return frame_id
 

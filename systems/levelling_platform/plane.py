@@ -34,6 +34,16 @@ def minus(a: Vector3, b: Vector3) -> Vector3:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
+def plus(a: Vector3, b: Vector3) -> Vector3:
+    """Sum of two vectors."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def scaled(a: Vector3, factor: Elementwise) -> Vector3:
+    """A vector times a number."""
+    return a[0] * factor, a[1] * factor, a[2] * factor
+
+
 def normal_through(p: Vector3, q: Vector3, r: Vector3) -> tuple[Vector3, Elementwise]:
     """Normal (not normalised) of the plane through three points, and its length.
 
@@ -58,6 +68,23 @@ def normal_over(points: Sequence[Vector3], offsets: Sequence[Elementwise]) -> Ve
         leaning[1] + upright * normal[1],
         leaning[2] + upright * normal[2],
     )
+
+
+def raised(
+    points: Sequence[Vector3], offsets: Sequence[Elementwise], legs: Sequence[int] = (0, 1, 2)
+) -> list[Vector3]:
+    """Vectors from feet to F for which the feet would be in one plane instead of above it.
+
+    A foot that stands higher is a leg that is longer by as much along the plane's normal g, and
+    g . P grows by an offset when z does by offset / g_z.
+
+    Args:
+        points: vectors from the feet to F (4).
+        offsets: how far each foot stands above the plane (4).
+        legs: indices of the three feet that say where the plane is.
+    """
+    upright = normal_over([points[i] for i in legs], [offsets[i] for i in legs])[2]
+    return [(x, y, z + o / upright) for (x, y, z), o in zip(points, offsets, strict=True)]
 
 
 def mismatch(points: Sequence[Vector3]) -> tuple[tuple[Elementwise, ...], Elementwise]:

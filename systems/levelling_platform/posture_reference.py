@@ -10,11 +10,8 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.errors import UnreachablePosture
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import (
-    forward_kinematics,
-    height_range,
-    inverse_kinematics,
-)
+from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
+from parapod.systems.levelling_platform.posture_to_legs import height_range, inverse_kinematics
 from parapod.systems.ports import elements, is_on, read, read_array, read_or_zeros
 
 # Layout of the discrete state.

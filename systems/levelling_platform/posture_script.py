@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, LeafSystem
 
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import inverse_kinematics
+from parapod.systems.levelling_platform.posture_to_legs import inverse_kinematics
 from parapod.systems.ports import elements, is_on, read_array, read_or_zeros
 
 

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
+from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
 from parapod.systems.levelling_platform.plane import (
     Vector3,
     dot,

@@ -13,12 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.plane import cross, dot, minus, to_platform
-from parapod.systems.levelling_platform.workspace import (
-    ArmGeometry,
-    stroke_left,
-    tip_of_extensions,
-)
-from parapod.systems.levelling_platform.workspace_volume import faces
+from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace
+from parapod.systems.levelling_platform.workspace_volume import boundary
 
 # Turns at which the ring's extent is taken, and points along an edge of a face there.
 _TURNS = 24
@@ -124,10 +120,10 @@ def swept_surface(
 def _ring(geometry: PlatformGeometry, arm: ArmGeometry) -> Ring:
     """Where the tip can be, from the faces of the workspaces of some turns."""
     middle = 0.5 * (geometry.extension_min + geometry.extension_max)
-    axis = tip_of_extensions(geometry, replace(arm, lean=0.0), (middle,) * 3)[:2]
-    edges = np.concatenate([e.reshape(-1, 4) for e in faces(geometry, _EDGE).values()])
+    axis = Workspace(geometry, replace(arm, lean=0.0)).tip_of_extensions((middle,) * 3)[:2]
     turn = 2.0 * math.pi * np.arange(_TURNS)[:, np.newaxis] / _TURNS
-    tip = tip_of_extensions(geometry, replace(arm, turn=turn), edges[np.newaxis])
+    turned = Workspace(geometry, replace(arm, turn=turn))
+    tip = turned.tip_of_extensions(boundary(geometry, _EDGE)[np.newaxis])
     x, y = tip[..., 0] - axis[0], tip[..., 1] - axis[1]
     radius, height = np.hypot(x, y), tip[..., 2]
     away = np.abs((np.arctan2(y, x) - turn + math.pi) % (2.0 * math.pi) - math.pi).max()
@@ -145,7 +141,7 @@ def _widened(values: NDArray[np.float64]) -> tuple[float, float]:
 def stroke_left_turning(
     geometry: PlatformGeometry, arm: ArmGeometry, point: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """`stroke_left` on level ground with the turn of the turntable that leaves most.
+    """`Workspace.stroke_left` on level ground with the turn of the turntable that leaves most.
 
     Args:
         geometry: the platform.
@@ -166,7 +162,7 @@ def _stroke_left_in(
     azimuth = np.arctan2(point[:, 1] - ring.axis[1], point[:, 0] - ring.axis[0])
 
     def left(turn: NDArray[np.float64]) -> NDArray[np.float64]:
-        return stroke_left(geometry, replace(arm, turn=turn), point)
+        return Workspace(geometry, replace(arm, turn=turn)).stroke_left(point)
 
     step = 2.0 * ring.spread / _TRIED
     tried = np.array([azimuth - ring.spread + i * step for i in range(_TRIED + 1)])

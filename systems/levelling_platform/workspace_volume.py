@@ -10,18 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import (
-    forward_kinematics,
+from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
+from parapod.systems.levelling_platform.posture_to_legs import (
     height_range,
     inverse_kinematics,
     passive_extension,
     posture_jacobian,
 )
-from parapod.systems.levelling_platform.workspace import (
-    ArmGeometry,
-    tip_jacobian,
-    tip_position,
-)
+from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace
 
 _LEVEL = (0.0, 0.0)
 # By how much the grid of attitudes is larger than the rhombus of those that can be taken, whose
@@ -83,8 +79,9 @@ def tips_and_volumes(
     Returns:
         (n, 3) in frame {B} [m] and (n) [m^3].
     """
-    scale = np.abs(np.linalg.det(tip_jacobian(geometry, arm, grid.posture)))
-    return tip_position(geometry, arm, grid.posture), grid.cell * scale
+    workspace = Workspace(geometry, arm)
+    scale = np.abs(np.linalg.det(workspace.tip_jacobian(grid.posture)))
+    return workspace.tip_position(grid.posture), grid.cell * scale
 
 
 def _attitudes(geometry: PlatformGeometry, resolution: int) -> tuple[NDArray[np.float64], float]:
@@ -145,6 +142,11 @@ def faces(
         for is_long in (False, True)
         for leg in range(LEG_COUNT)
     }
+
+
+def boundary(geometry: PlatformGeometry, resolution: int) -> NDArray[np.float64]:
+    """Extensions (n, 4) on all `faces` [m]."""
+    return np.concatenate([e.reshape(-1, LEG_COUNT) for e in faces(geometry, resolution).values()])
 
 
 def _fourth(

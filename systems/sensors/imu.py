@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,7 @@ from pydrake.systems.primitives import RandomSource
 
 from parapod.systems.ports import elements, read
 from parapod.systems.rotations import Axes
+from parapod.systems.sensors.sensor_axis import Drift, SensorAxis
 
 _DEGREE = math.radians(1.0)
 # What an accelerometer's g and mg are counted in [m/s^2].
@@ -104,6 +105,27 @@ class ImuParams:
         """The same sensor with unlimited resolution."""
         return replace(self, gyro_resolution=0.0, accel_resolution=0.0, mag_resolution=0.0)
 
+    def axes(self, period: float) -> list[SensorAxis]:
+        """An axis of gyro, accelerometer and magnetometer each, sampled with that period [s]."""
+        return [
+            SensorAxis.sampled(period, density, resolution, limit)
+            for density, resolution, limit in (
+                (self.gyro_noise_density, self.gyro_resolution, self.gyro_range),
+                (self.accel_noise_density, self.accel_resolution, self.accel_range),
+                (self.mag_noise_density, self.mag_resolution, self.mag_range),
+            )
+        ]
+
+    def drifts(self, period: float) -> list[Drift]:
+        """In-run biases of gyro and accelerometer, likewise."""
+        return [
+            Drift.sampled(period, deviation, correlation_time)
+            for deviation, correlation_time in (
+                (self.gyro_bias_instability, self.gyro_bias_correlation_time),
+                (self.accel_bias_instability, self.accel_bias_correlation_time),
+            )
+        ]
+
 
 class Imu(LeafSystem):
     """Sampled gyro, accelerometer and magnetometer with noise, biases, counts and saturation.
@@ -151,26 +173,9 @@ class Imu(LeafSystem):
         self.DeclareInitializationDiscreteUpdateEvent(self._update_first_sample)
         self.DeclarePeriodicDiscreteUpdateEvent(self.period, 0.0, self._update_sample)
 
-        to_deviation = math.sqrt(0.5 / self.period)
-        sensors = (
-            (params.gyro_noise_density, params.gyro_resolution, params.gyro_range),
-            (params.accel_noise_density, params.accel_resolution, params.accel_range),
-            (params.mag_noise_density, params.mag_resolution, params.mag_range),
-        )
         # One element an axis: gyro, accelerometer, magnetometer.
-        self._axes = [
-            _Axis(to_deviation * density, resolution, _largest(limit, resolution))
-            for density, resolution, limit in sensors
-            for _ in range(3)
-        ]
-        self._drifts = [
-            _gauss_markov(deviation, correlation_time, self.period)
-            for deviation, correlation_time in (
-                (params.gyro_bias_instability, params.gyro_bias_correlation_time),
-                (params.accel_bias_instability, params.accel_bias_correlation_time),
-            )
-            for _ in range(3)
-        ]
+        self._axes = [axis for axis in params.axes(self.period) for _ in range(3)]
+        self._drifts = [drift for drift in params.drifts(self.period) for _ in range(3)]
 
     def set_turn_on_bias(
         self, context: Context, gyro: ArrayLike = 0.0, accel: ArrayLike = 0.0
@@ -232,32 +237,6 @@ class Imu(LeafSystem):
         discrete_state.set_value(2, reading[6:])
 
 
-class _Axis(NamedTuple):
-    """How one axis turns a value into a reading.
-
-    Attributes:
-        deviation: of a sample's noise.
-        resolution: one count; 0 for none.
-        limit: largest reading.
-    """
-
-    deviation: float
-    resolution: float
-    limit: float
-
-    def read(self, value: float, noise: float) -> float:
-        """The reading, in whole counts and within the limit; zero for NaN.
-
-        Args:
-            value: what is measured, with its biases.
-            noise: unit Gaussian.
-        """
-        value += self.deviation * noise
-        if not -self.limit < value < self.limit:
-            return 0.0 if value != value else math.copysign(self.limit, value)
-        return round(value / self.resolution) * self.resolution if self.resolution else value
-
-
 def sample_period(decimation: int = _DECIMATION) -> float:
     """Time between two samples of the ADIS16448, 2^decimation / 819.2 s (data sheet) [s].
 
@@ -293,14 +272,3 @@ def seed_noise(noise: RandomSource, root_context: Context, seed: int) -> None:
     """
     context = noise.GetMyMutableContextFromRoot(root_context)
     noise.SetRandomContext(context, RandomGenerator(seed))
-
-
-def _gauss_markov(deviation: float, correlation_time: float, period: float) -> tuple[float, float]:
-    """Factors of state and unit noise in a step of a process with this stationary deviation."""
-    decay = math.exp(-period / correlation_time)
-    return decay, deviation * math.sqrt(1.0 - decay * decay)
-
-
-def _largest(limit: float, resolution: float) -> float:
-    """The range in whole counts, so that a rounded reading cannot exceed it."""
-    return math.floor(limit / resolution + 1e-6) * resolution if resolution else limit

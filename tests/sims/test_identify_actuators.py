@@ -13,14 +13,10 @@ from rich.console import Console
 from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.figures import render
-from parapod.sims.identify_actuators import (
-    EXPERIMENT,
-    IdentifyActuatorsScenario,
-    Recording,
-    identify,
-    run,
-    schedule,
-)
+from parapod.sims.identify_actuators import EXPERIMENT, run
+from parapod.sims.identify_actuators_estimate import Steps, find_steps, separate_friction
+from parapod.sims.identify_actuators_recording import Recording, record
+from parapod.sims.identify_actuators_scenario import IdentifyActuatorsScenario, schedule
 from parapod.sims.outputs import read_log
 from parapod.systems.errors import OutputError, ScenarioError
 
@@ -42,6 +38,10 @@ def logged(tmp_path_factory):
     return run(quick, options(log=path)), read_log(path)
 
 
+def _signals(log, case):
+    return [log.signals[f"{case}.legs.{name}"] for name in ("voltage", "extension")]
+
+
 def values(result):
     return {metric.key: metric.value for metric in result.metrics}
 
@@ -60,10 +60,59 @@ def test_the_estimator_finds_the_slope_of_each_ramp_behind_its_transient():
     gain = np.array([0.008, 0.009, 0.010, 0.011])
     extension = 0.4 + np.outer(np.cumsum(voltage) * 0.01, gain)
     extension[(time >= 0.5) & (time < 0.55)] += 0.01  # a transient
-    found = identify(Recording(time, np.tile(voltage[:, None], 4), extension), 0.1)
+    found = find_steps(Recording(time, np.tile(voltage[:, None], 4), extension), 0.1)
     assert found.voltage.tolist() == [2.0, -1.0]
     assert np.allclose(found.gain, gain)
     assert found.deviation_percent == pytest.approx(20.0)
+
+
+VOLTAGE = np.array([1.0, -1.0, 2.0, -3.0])
+GAIN = np.array([0.008, 0.009, 0.010, 0.011])
+
+
+def test_friction_is_told_from_the_gain_in_each_direction():
+    speed = np.outer(VOLTAGE - np.where(VOLTAGE > 0.0, 0.1, -0.3), GAIN)
+    found = separate_friction(Steps(VOLTAGE, speed))
+    assert np.allclose(found.gain, GAIN)
+    assert np.allclose(found.extending, 0.1)
+    assert np.allclose(found.retracting, 0.3)
+
+
+def test_a_direction_without_steps_takes_nothing_from_the_gain():
+    voltage = np.abs(VOLTAGE)
+    found = separate_friction(Steps(voltage, np.outer(voltage - 0.2, GAIN)))
+    assert np.allclose(found.gain, GAIN)
+    assert np.allclose(found.extending, 0.2)
+    assert np.allclose(found.retracting, 0.0)
+
+
+def drawn_gains(scenario):
+    """As the machine's reset draws them."""
+    error = scenario.actuators.gain_error
+    return 0.01 * (1.0 + np.random.default_rng(scenario.seed).uniform(-error, error, 4))
+
+
+def test_both_cases_have_the_gains_that_the_seed_draws():
+    coarse = ("plant.leg_model=reduced", "plant.time_step=0.01", "actuators.coulomb_friction=0")
+    scenario = scenario_with(*coarse, "seed=3", "encoder_resolution_mm=0")
+    recordings = record(scenario, options())
+    assert np.allclose(recordings.gain, drawn_gains(scenario), rtol=1e-12)
+    assert np.ptp(recordings.gain) > 1e-4
+    unloaded = find_steps(recordings.unloaded, 0.1)
+    assert np.allclose(unloaded.gain, recordings.gain, rtol=1e-3)
+    lowers = unloaded.voltage > 0.0  # a self-locking screw feels no load then
+    loaded = find_steps(recordings.loaded, 0.1)
+    assert np.allclose(loaded.gain[lowers], recordings.gain, rtol=1e-3)
+
+
+def test_the_log_alone_gives_the_true_gains_within_the_bound(logged):
+    _, log = logged
+    for case in ("unloaded", "loaded"):
+        found = separate_friction(find_steps(Recording(log.time, *_signals(log, case)), 0.1))
+        assert np.allclose(found.gain, drawn_gains(scenario_with()), rtol=0.01)
+    # Friction is most of what the paper's K lacks of it.
+    steps = find_steps(Recording(log.time, *_signals(log, "loaded")), 0.1)
+    assert np.abs(steps.gain / drawn_gains(scenario_with()) - 1.0).max() > 0.1
 
 
 def test_the_schedule_travels_the_same_way_in_every_step():
@@ -80,8 +129,7 @@ def test_all_bounds_hold_and_load_slows_only_the_steps_that_lift(logged):
     assert result.passed, result.broken
     assert -5.0 < values(result)["load_effect_percent"] < 0.0
     cases = [
-        identify(Recording(log.time, *(log.signals[f"{case}.legs.{n}"] for n in names)), 0.1)
-        for names in [("voltage", "extension")]
+        find_steps(Recording(log.time, *_signals(log, case)), 0.1)
         for case in ("unloaded", "loaded")
     ]
     slower = 1.0 - (cases[1].gain / cases[0].gain).mean(axis=1)
@@ -106,6 +154,7 @@ def test_figures_are_the_paper_s(logged):
         ("steps.voltages.1=2", "steps.voltages.2"),
         ("steps.voltages.9=-11", "steps.voltages.9"),
         ("actuators.supply_voltage=2.9", "steps.voltages.9"),
+        ("steps.voltages=[1,-1,1,-1,1,-1,1,-1,1,-1]", "steps.voltages"),
     ],
 )
 def test_steps_that_do_not_fit_are_refused(override, key):

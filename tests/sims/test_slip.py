@@ -14,13 +14,12 @@ from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.figures import render
 from parapod.sims.outputs import read_log
-from parapod.sims.slip import (
-    EXPERIMENT,
-    LiftAndBrake,
-    Recording,
+from parapod.sims.slip import EXPERIMENT, run
+from parapod.sims.slip_recording import Recording, lift_and_swing
+from parapod.sims.slip_scenario import (
     SlipScenario,
+    control_trajectory,
     lift_trajectory,
-    run,
     swing_trajectory,
 )
 from parapod.systems.errors import OutputError, UnreachablePosture
@@ -58,19 +57,51 @@ def test_displacement_is_measured_in_the_ground_s_plane():
     feet = np.zeros((3, 4, 3))
     feet[1] = 5.0 * normal + [0.8, 0.0, -0.6]
     feet[2] = [0.0, 2.0, 0.0]
-    recording = Recording(np.array([0.0, 1.0, 2.0]), feet, feet[:, 0], feet[:, 0, 0], normal)
+    unused = feet[..., 0]
+    time = np.array([0.0, 1.0, 2.0])
+    recording = Recording(time, feet, feet[:, 0], unused, unused[:, 0], normal)
     assert np.allclose(recording.displacement(0.0), [[0.0] * 4, [1.0] * 4, [2.0] * 4])
     assert np.allclose(recording.displacement(1.0)[-1], np.hypot(1.0, 2.0))
 
 
-def test_braked_actuators_get_no_voltage():
+def test_actuators_are_braked_once_the_lift_has_had_its_time_to_settle():
     scenario = scenario_with()
-    system = LiftAndBrake(lift_trajectory(scenario), scenario.braked_at)
-    context = system.CreateDefaultContext()
-    system.GetInputPort("extension").FixValue(context, np.full(4, 0.405))
-    for time, braked in ((scenario.braked_at - 0.1, False), (scenario.braked_at, True)):
-        context.SetTime(time)
-        assert (system.GetOutputPort("voltage").Eval(context) == 0.0).all() == braked
+    lift, control = lift_trajectory(scenario), control_trajectory(scenario)
+    arrived = scenario.braked_at - scenario.lift.settle
+    assert np.allclose(lift.value(arrived), lift.value(scenario.end))
+    assert control.value(scenario.braked_at - 1e-6)[0, 0] == 1.0
+    assert control.value(scenario.braked_at)[0, 0] == 0.0
+    assert control.value(scenario.end)[0, 0] == 0.0
+
+
+def test_braked_actuators_do_not_move_while_the_arm_swings(logged):
+    _, log, scenario = logged
+    extension = log.signals["truth.extension"][log.time >= scenario.braked_at + 0.1]
+    assert np.ptp(extension, axis=0).max() < 1e-9
+
+
+def test_the_lift_ends_at_the_commanded_height_and_stays_there(logged):
+    _, log, scenario = logged
+    rests = (log.time >= scenario.braked_at) & (log.time <= scenario.swing_at)
+    height = 1e3 * log.signals["truth.posture"][rests, 2]
+    assert np.allclose(height, scenario.lift.height_mm, rtol=0.0, atol=0.1)
+
+
+def test_the_seed_decides_how_the_legs_move():
+    coarse = ("plant.leg_model=reduced", "plant.time_step=0.01", "lift.duration=1")
+    first, again, other = (
+        lift_and_swing(scenario_with(*coarse, f"seed={seed}"), options()).extension
+        for seed in (0, 0, 1)
+    )
+    assert np.array_equal(first, again)
+    assert np.abs(first - other).max() > 1e-5
+
+
+def test_the_log_says_its_units_and_how_it_was_made(logged):
+    _, log, scenario = logged
+    assert log.metadata["experiment"] == "slip"
+    assert log.metadata["scenario"] == dump_scenario(scenario)
+    assert log.metadata["units"].keys() == log.signals.keys()
 
 
 def test_lift_and_swing_go_from_rest_to_rest():
@@ -97,7 +128,7 @@ def test_the_slip_of_the_actuators_is_that_of_the_legs_kinematics(logged):
     feet = log.signals["truth.support_points"]
     lifted = log.time <= scenario.braked_at
     moved = np.linalg.norm((feet[lifted] - feet[0])[..., :2], axis=-1)[-1]
-    extension = lift_trajectory(scenario).value(scenario.braked_at)[:, 0]
+    extension = log.signals["truth.extension"][lifted][-1]
     expected = [
         np.subtract(foot_to_centre(leg, extension[i]), foot_to_centre(leg, 0.41))[:2]
         for i, leg in enumerate(MODEL_GEOMETRY.legs)

@@ -12,7 +12,7 @@ from pydrake.multibody.tree import BodyIndex, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.levelling_platform.model import add_platform
-from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatformParams
+from parapod.systems.levelling_platform.geometry import ARM_BASE
 from parapod.systems.levelling_platform.kinematics import (
     PlatformGeometry,
     forward_kinematics,
@@ -21,6 +21,7 @@ from parapod.systems.levelling_platform.kinematics import (
 from parapod.systems.levelling_platform.leg import diagonal_angle, foot_to_centre, swing_angle
 from parapod.systems.levelling_platform.parallel_links import ParallelLinks
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 from parapod.urdf import MODELS_DIR, configure_parser
 
 VARIANTS = ("full", "reduced")
@@ -243,10 +244,18 @@ def test_base_stands_at_the_posture_above_the_origin(machine):
     np.testing.assert_allclose(pose.translation(), posture[2] * n, rtol=0, atol=1e-12)
 
 
+def test_arm_stands_on_the_base_that_the_workspace_assumes(machine):
+    machine.place([0.405] * 4, ground=(0.02, -0.04))
+    turntable = machine.plant.GetBodyByName("turntable", machine.model.arm)
+    mount = machine.plant.GetFrameByName("arm_mount")
+    np.testing.assert_array_equal(mount.GetFixedPoseInBodyFrame().translation(), ARM_BASE)
+    np.testing.assert_allclose(machine.in_base(turntable)[:2], ARM_BASE[:2], rtol=0, atol=1e-12)
+
+
 def test_arm_stands_upright_at_zero_and_swings_forward(machine):
     tip = (0.0, 0.0, 2.02)
     link = machine.plant.GetBodyByName("link", machine.model.arm)
-    base = np.array(KinematicPlatformParams().arm_base)
+    base = np.array(ARM_BASE)
     for arm, expected in (
         ((0.0, 0.0), (0.0, 0.0, 2.02)),
         ((0.0, 0.5), (2.02 * math.sin(0.5), 0.0, 2.02 * math.cos(0.5))),

@@ -7,16 +7,14 @@ import pytest
 from pydrake.math import RollPitchYaw
 
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
-from parapod.systems.levelling_platform.kinematic_platform import (
-    KinematicPlatform,
-    KinematicPlatformParams,
-)
+from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
     inverse_kinematics,
     posture_jacobian,
 )
 from parapod.systems.levelling_platform.leg import foot_to_centre
+from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 
 POINT = PlatformGeometry()
 ROLLER = PlatformGeometry(foot_radius=0.025)

@@ -8,9 +8,22 @@ from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoD
 from pydrake.math import RollPitchYaw
 from scipy.optimize import fsolve
 
+from parapod.sims.report.levelling_platform.printed_equations import (
+    c_123,
+    derivative_of_z,
+    g_123,
+    gradient_u,
+    gradient_y,
+    omega,
+    p_xz,
+    printed_dz,
+    u_f,
+    u_mn,
+    z_angle,
+)
+from parapod.systems.errors import UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import (
     PlatformGeometry,
-    UnreachablePosture,
     estimate_ground,
     forward_kinematics,
     height_range,
@@ -43,114 +56,6 @@ def reachable(geometry, count=500, seed=0):
 
 def rotation(attitude):
     return RollPitchYaw(attitude[0], attitude[1], 0.0).ToRotationMatrix().matrix()
-
-
-# The paper's printed equations, with the errata of the digest where a test says so.
-
-
-def p_xz(leg, d):
-    """Eq. (4)."""
-    z = z_angle(leg, d)
-    return np.array(
-        [
-            (leg.l_6 + leg.l_3) * math.cos(leg.alpha) - d * math.cos(z),
-            leg.l_7 + (leg.l_6 + leg.l_3) * math.sin(leg.alpha) - d * math.sin(z),
-        ]
-    )
-
-
-def z_angle(leg, d):
-    """First line of Eq. (29)."""
-    return leg.alpha + math.acos((d**2 + leg.l_3**2 - leg.l_4**2) / (2.0 * d * leg.l_3))
-
-
-def printed_dz(leg, d):
-    """Second line of Eq. (29), as printed: minus the derivative of `z_angle` (E5)."""
-    root = math.sqrt(4.0 * d**2 * leg.l_3**2 - (d**2 + leg.l_3**2 - leg.l_4**2) ** 2)
-    return (d**2 - (leg.l_3**2 - leg.l_4**2)) / root / d
-
-
-def u_f(leg, d):
-    """Eq. (24) with l_y in the second component (E2)."""
-    p_x, p_z = p_xz(leg, d)
-    return np.array(
-        [
-            leg.l_x + p_x * math.cos(leg.beta),
-            leg.l_y + p_x * math.sin(leg.beta),
-            leg.l_z + p_z,
-        ]
-    )
-
-
-def u_mn(leg_m, leg_n, d_m, d_n):
-    """Eq. (23) with E2."""
-    return u_f(leg_m, d_m) - u_f(leg_n, d_n)
-
-
-def c_123(ground):
-    """Below Eq. (9)."""
-    phi_0, theta_0 = ground
-    return (
-        math.sin(theta_0) * math.cos(phi_0),
-        -math.sin(phi_0),
-        math.cos(theta_0) * math.cos(phi_0),
-    )
-
-
-def g_123(c, theta, phi):
-    """Below Eq. (12)."""
-    c_1, c_2, c_3 = c
-    st, ct, sp, cp = math.sin(theta), math.cos(theta), math.sin(phi), math.cos(phi)
-    return np.array(
-        [
-            c_1 * ct - c_3 * st,
-            c_1 * st * sp + c_2 * cp + c_3 * ct * sp,
-            c_1 * st * cp - c_2 * sp + c_3 * ct * cp,
-        ]
-    )
-
-
-def omega(legs, d, ground, theta, phi, h):
-    """Eq. (22)."""
-    g = g_123(c_123(ground), theta, phi)
-    one, two, three = legs
-    rows = [
-        u_mn(one, two, d[0], d[1]),
-        u_mn(one, three, d[0], d[2]),
-        u_f(one, d[0]),
-    ]
-    return np.array(rows) @ g - np.array([0.0, 0.0, h])
-
-
-def gradient_y(legs, d, ground, theta, phi):
-    """Appendix A with E6: by theta, phi and h."""
-    c_1, c_2, c_3 = c_123(ground)
-    st, ct, sp, cp = math.sin(theta), math.cos(theta), math.sin(phi), math.cos(phi)
-    by_theta = np.array([-c_1 * st - c_3 * ct, c_1 * ct * sp - c_3 * st * sp,
-                         c_1 * ct * cp - c_3 * st * cp])  # fmt: skip
-    by_phi = np.array([0.0, c_1 * st * cp - c_2 * sp + c_3 * ct * cp,
-                       -c_1 * st * sp - c_2 * cp - c_3 * ct * sp])  # fmt: skip
-    one, two, three = legs
-    u = np.array([u_mn(one, two, d[0], d[1]), u_mn(one, three, d[0], d[2]), u_f(one, d[0])])
-    return np.column_stack([u @ by_theta, u @ by_phi, [0.0, 0.0, -1.0]])
-
-
-def gradient_u(legs, d, ground, theta, phi, dz=printed_dz):
-    """Eqs. (27) and (28) and the first two of Appendix A."""
-    g_1, g_2, g_3 = g_123(c_123(ground), theta, phi)
-
-    def slope(leg, d_i):
-        z = z_angle(leg, d_i)
-        sideways = math.cos(z) + d_i * math.sin(z) * dz(leg, d_i)
-        upwards = math.sin(z) - d_i * math.cos(z) * dz(leg, d_i)
-        return (
-            g_1 * math.cos(leg.beta) * sideways
-            + g_2 * math.sin(leg.beta) * sideways
-            + g_3 * upwards
-        )
-
-    one, two, three = (slope(leg, d_i) for leg, d_i in zip(legs, d, strict=True))
-    return np.array([[-one, two, 0.0], [-one, 0.0, three], [-one, 0.0, 0.0]])
 
 
 def paper_jacobian(triple, posture, ground, extension, **changes):
@@ -418,7 +323,7 @@ def test_jacobian_would_be_wrong_with_dz_read_as_the_derivative_of_z():
     jacobian = posture_jacobian(POINT, posture, ground)
     for k in range(len(posture)):
         misread = paper_jacobian(
-            (0, 1, 2), posture[k], ground[k], extension[k], dz=lambda leg, d: -printed_dz(leg, d)
+            (0, 1, 2), posture[k], ground[k], extension[k], dz=derivative_of_z
         )
         assert np.abs(jacobian[k, :3] - misread).max() > 0.1
 

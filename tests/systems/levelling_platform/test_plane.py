@@ -15,6 +15,8 @@ from parapod.systems.levelling_platform.plane import (
     mismatch,
     normal_of,
     normal_through,
+    plus,
+    scaled,
     to_platform,
     to_world,
 )
@@ -39,6 +41,8 @@ def test_vector_products_are_those_of_linear_algebra():
     assert dot(a.tolist(), b.tolist()) == pytest.approx(a @ b, rel=1e-15)
     np.testing.assert_allclose(cross(a.tolist(), b.tolist()), np.cross(a, b), atol=1e-15)
     np.testing.assert_array_equal(minus(a.tolist(), b.tolist()), a - b)
+    np.testing.assert_array_equal(plus(a.tolist(), b.tolist()), a + b)
+    np.testing.assert_array_equal(scaled(a.tolist(), 3.0), 3.0 * a)
 
 
 def test_product_of_four_components():

@@ -23,9 +23,11 @@ from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.passive_leg_solver import PassiveLegSolver
 from parapod.systems.levelling_platform.plane import (
     dot,
+    minus,
     normal_of,
     normal_over,
     normal_through,
+    raised,
     to_platform,
 )
 from parapod.systems.levelling_platform.posture_reference import PostureReference
@@ -98,6 +100,18 @@ def test_normal_over_points_without_offsets_is_the_one_of_their_plane():
     for offset in (0.0, 0.03):
         found = normal_over(points, [offset] * 3)
         np.testing.assert_allclose(found, np.array(normal) / length, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("legs", list(itertools.permutations(range(4), 3)))
+def test_raised_feet_are_as_far_down_as_they_stood_up(legs):
+    points = [(0.7, -0.5, 0.4), (0.8, 0.6, 0.42), (-0.7, 0.5, 0.38), (-0.8, -0.6, 0.41)]
+    offsets = [0.01, -0.02, 0.03, 0.005]
+    g = normal_over([points[i] for i in legs], [offsets[i] for i in legs])
+    found = raised(points, offsets, legs)
+    for before, after, offset in zip(points, found, offsets, strict=True):
+        assert dot(g, minus(after, before)) == pytest.approx(offset, abs=1e-15)
+    on_plane = [dot(g, found[i]) for i in legs]
+    np.testing.assert_allclose(on_plane, on_plane[0], rtol=0, atol=1e-14)
 
 
 # Kinematics

@@ -13,23 +13,14 @@ from parapod.systems.levelling_platform.kinematics import (
     posture_jacobian,
 )
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.plane import normal_of, to_platform, to_world
+from parapod.systems.levelling_platform.plane import normal_of, plus, to_platform, to_world
 from parapod.systems.levelling_platform.turntable import (
     stability_margin,
     stroke_left_turning,
     swept_surface,
     swept_volume,
 )
-from parapod.systems.levelling_platform.workspace import (
-    ArmGeometry,
-    extensions_reaching,
-    posture_reaching,
-    reaches,
-    stroke_left,
-    tip_jacobian,
-    tip_of_extensions,
-    tip_position,
-)
+from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace
 from parapod.systems.levelling_platform.workspace_surfaces import (
     BOX,
     CENTRE,
@@ -51,6 +42,7 @@ LEANING = ArmGeometry(lean=math.radians(45.0), turn=0.7)
 ARMS = pytest.mark.parametrize("arm", [UPRIGHT, LEANING], ids=["upright", "leaning"])
 LEVEL = (0.0, 0.0)
 SLOPE = tuple(np.radians((3.0, 5.0)))
+WORKSPACE, ON_SLOPE = Workspace(POINT, UPRIGHT), Workspace(POINT, UPRIGHT, SLOPE)
 LOW, HIGH = POINT.extension_min, POINT.extension_max
 
 
@@ -70,14 +62,14 @@ def middle(geometry=POINT):
 @GEOMETRIES
 def test_the_tip_of_the_level_platform_is_above_foot_2_by_hand(geometry):
     # Table of the leg at d = .410 m: p_x = .519710, h = .446529 with point feet.
-    tip = tip_position(geometry, UPRIGHT, (0.0, 0.0, 0.446529))
+    tip = Workspace(geometry, UPRIGHT).tip_position((0.0, 0.0, 0.446529))
     cos, sin = math.cos(math.radians(49.0)), math.sin(math.radians(49.0))
-    by_hand = (0.4 + 0.51971 * cos + 0.01, 0.17 + 0.51971 * sin + 0.02, 0.446529 + 2.165)
+    by_hand = (0.4 + 0.51971 * cos, 0.17 + 0.51971 * sin + 0.02, 0.446529 + 2.165)
     np.testing.assert_allclose(tip, by_hand, atol=2e-6)
 
 
 def test_the_paper_s_centre_is_that_of_the_platform_over_leg_2():
-    tip = tip_of_extensions(POINT, ArmGeometry((0.0, 0.0, 0.0), 0.0), (HIGH,) * 3)
+    tip = Workspace(POINT, ArmGeometry((0.0, 0.0, 0.0), 0.0)).tip_of_extensions((HIGH,) * 3)
     np.testing.assert_allclose(tip, CENTRE, atol=0.01)
 
 
@@ -85,43 +77,41 @@ def test_the_paper_s_centre_is_that_of_the_platform_over_leg_2():
 @ARMS
 def test_extensions_to_tip_and_back_is_the_identity(geometry, arm):
     extension, ground = drawn()
-    tip = tip_of_extensions(geometry, arm, extension, ground)
-    posture, needed = extensions_reaching(geometry, arm, tip, ground)
+    workspace = Workspace(geometry, arm, ground)
+    tip = workspace.tip_of_extensions(extension)
+    posture, needed = workspace.extensions_reaching(tip)
     np.testing.assert_allclose(needed[:, :3], extension, rtol=0.0, atol=1e-12)
     passive = passive_extension(geometry, extension, ground, posture[:, :2])
     np.testing.assert_allclose(needed[:, 3], passive, rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(
-        tip_position(geometry, arm, posture, ground), tip, rtol=0.0, atol=1e-12
-    )
+    np.testing.assert_allclose(workspace.tip_position(posture), tip, rtol=0.0, atol=1e-12)
 
 
 @GEOMETRIES
 @ARMS
 def test_the_jacobian_is_that_of_differences(geometry, arm):
     extension, ground = drawn(50)
-    tip = tip_of_extensions(geometry, arm, extension, ground)
-    posture, _ = extensions_reaching(geometry, arm, tip, ground)
+    workspace = Workspace(geometry, arm, ground)
+    posture, _ = workspace.extensions_reaching(workspace.tip_of_extensions(extension))
     step = 1e-6
     columns = [
-        tip_position(geometry, arm, posture + step * unit, ground)
-        - tip_position(geometry, arm, posture - step * unit, ground)
+        workspace.tip_position(posture + step * unit)
+        - workspace.tip_position(posture - step * unit)
         for unit in np.eye(3)
     ]
     differences = np.stack(columns, axis=-1) / (2.0 * step)
-    np.testing.assert_allclose(
-        tip_jacobian(geometry, arm, posture, ground), differences, atol=1e-8
-    )
+    np.testing.assert_allclose(workspace.tip_jacobian(posture), differences, atol=1e-8)
 
 
 @GEOMETRIES
 def test_single_points_and_batches_agree(geometry):
     extension, ground = drawn(4)
-    tips = tip_of_extensions(geometry, UPRIGHT, extension, ground)
-    posture, needed = extensions_reaching(geometry, UPRIGHT, tips.reshape(2, 2, 3), SLOPE)
+    tips = Workspace(geometry, UPRIGHT, ground).tip_of_extensions(extension)
+    on_slope = Workspace(geometry, UPRIGHT, SLOPE)
+    posture, needed = on_slope.extensions_reaching(tips.reshape(2, 2, 3))
     assert posture.shape == (2, 2, 3)
     assert needed.shape == (2, 2, 4)
     for i, tip in enumerate(tips):
-        alone, _ = extensions_reaching(geometry, UPRIGHT, tip, SLOPE)
+        alone, _ = on_slope.extensions_reaching(tip)
         np.testing.assert_allclose(alone, posture.reshape(-1, 3)[i], rtol=0.0, atol=1e-15)
 
 
@@ -131,35 +121,35 @@ def test_single_points_and_batches_agree(geometry):
 def test_a_point_out_of_reach_names_the_leg_that_limits():
     # Higher at the corner of leg 3 than its stroke allows: it would have to be shorter.
     posture = (0.02, -0.05, 0.55)
-    point = tip_position(POINT, UPRIGHT, posture)
+    point = WORKSPACE.tip_position(posture)
     needed = inverse_kinematics(PlatformGeometry(extension_min=0.37), posture, LEVEL)
     with pytest.raises(UnreachablePosture) as refused:
-        posture_reaching(POINT, UPRIGHT, point)
+        WORKSPACE.posture_reaching(point)
     assert refused.value.leg == int(np.argmin(needed)) + 1
     assert refused.value.extension == pytest.approx(needed.min(), abs=1e-12)
-    assert not reaches(POINT, UPRIGHT, point)
+    assert not WORKSPACE.reaches(point)
 
 
 def test_a_point_within_reach_gives_its_posture():
     posture = (0.04, 0.06, 0.48)
-    point = tip_position(POINT, UPRIGHT, posture, SLOPE)
-    given = posture_reaching(POINT, UPRIGHT, point, SLOPE)
+    point = ON_SLOPE.tip_position(posture)
+    given = ON_SLOPE.posture_reaching(point)
     np.testing.assert_allclose(given, posture, rtol=0.0, atol=1e-12)
-    assert reaches(POINT, UPRIGHT, point, SLOPE)
+    assert ON_SLOPE.reaches(point)
 
 
 @pytest.mark.parametrize("point", [(0.7, 0.5, math.nan), (0.0, 0.0, 9.0), (math.inf, 0.0, 2.0)])
 def test_points_that_no_leg_reaches_and_nan_are_not_in_the_workspace(point):
-    assert not reaches(POINT, UPRIGHT, point)
-    assert stroke_left(POINT, UPRIGHT, point) == -math.inf
+    assert not WORKSPACE.reaches(point)
+    assert WORKSPACE.stroke_left(point) == -math.inf
     with pytest.raises(UnreachablePosture) as refused:
-        posture_reaching(POINT, UPRIGHT, [np.add(CENTRE, (0.0, 0.0, 2.26)), point])
+        WORKSPACE.posture_reaching([np.add(CENTRE, (0.0, 0.0, 2.26)), point])
     assert (refused.value.leg, refused.value.index) == (2, (1,))
 
 
 def test_a_point_without_three_components_is_refused():
     with pytest.raises(ValueError, match=r"point must have shape \(..., 3\)"):
-        reaches(POINT, UPRIGHT, (0.0, 1.0))
+        WORKSPACE.reaches((0.0, 1.0))
 
 
 # Faces
@@ -173,27 +163,28 @@ def test_a_face_has_its_leg_at_the_stop_and_the_others_within_the_stroke(geometr
     np.testing.assert_array_equal(extension[..., leg], HIGH if is_long else LOW)
     assert extension.min() >= LOW - 1e-12
     assert extension.max() <= HIGH + 1e-12
-    tip = tip_of_extensions(geometry, UPRIGHT, extension)
-    _, needed = extensions_reaching(geometry, UPRIGHT, tip)
+    workspace = Workspace(geometry, UPRIGHT)
+    _, needed = workspace.extensions_reaching(workspace.tip_of_extensions(extension))
     np.testing.assert_allclose(needed, extension, rtol=0.0, atol=1e-12)
 
 
 @ARMS
 def test_points_just_inside_the_faces_are_reached_and_just_outside_are_not(arm):
-    heart = tip_of_extensions(POINT, arm, middle())
+    workspace = Workspace(POINT, arm)
+    heart = workspace.tip_of_extensions(middle())
     for extension in faces(POINT, 9).values():
         # Not on the edges, where the faces' planes meet at an angle.
-        tip = tip_of_extensions(POINT, arm, extension[1:-1, 1:-1])
-        assert reaches(POINT, arm, tip + 1e-4 * (heart - tip)).all()
-        assert not reaches(POINT, arm, tip - 1e-4 * (heart - tip)).any()
+        tip = workspace.tip_of_extensions(extension[1:-1, 1:-1])
+        assert workspace.reaches(tip + 1e-4 * (heart - tip)).all()
+        assert not workspace.reaches(tip - 1e-4 * (heart - tip)).any()
 
 
 def test_the_faces_close_the_solid():
     # Divergence theorem: the flux of the position through them is three times the volume.
     flux = 0.0
-    heart = tip_of_extensions(POINT, UPRIGHT, middle())
+    heart = WORKSPACE.tip_of_extensions(middle())
     for extension in faces(POINT, 81).values():
-        p = tip_of_extensions(POINT, UPRIGHT, extension) - heart
+        p = WORKSPACE.tip_of_extensions(extension) - heart
         a, b, c, d = p[:-1, :-1], p[:-1, 1:], p[1:, 1:], p[1:, :-1]
         cells = np.einsum("...i,...i", a, np.cross(b, c)) + np.einsum(
             "...i,...i", a, np.cross(c, d)
@@ -220,11 +211,11 @@ def test_the_volume_is_that_of_the_box_of_extensions_with_leg_4_in_its_stroke():
     count = 40
     share = LOW + (HIGH - LOW) * (np.arange(count) + 0.5) / count
     extension = np.stack(np.meshgrid(share, share, share), axis=-1).reshape(-1, 3)
-    tip = tip_of_extensions(POINT, UPRIGHT, extension)
-    posture, needed = extensions_reaching(POINT, UPRIGHT, tip)
+    tip = WORKSPACE.tip_of_extensions(extension)
+    posture, needed = WORKSPACE.extensions_reaching(tip)
     fits = (needed[:, 3] >= LOW) & (needed[:, 3] <= HIGH)
     cell = ((HIGH - LOW) / count) ** 3
-    by_posture = np.linalg.det(tip_jacobian(POINT, UPRIGHT, posture[fits]))
+    by_posture = np.linalg.det(WORKSPACE.tip_jacobian(posture[fits]))
     active = np.linalg.det(posture_jacobian(POINT, posture[fits], LEVEL)[:, :3])
     grid = posture_grid(POINT, 40)
     assert grid.count.sum() == pytest.approx(cell * fits.sum(), rel=0.01)
@@ -234,13 +225,13 @@ def test_the_volume_is_that_of_the_box_of_extensions_with_leg_4_in_its_stroke():
 
 def test_the_workspace_of_a_centred_arm_is_symmetric():
     # The paper's frame {B} is not: foot 2 is at a corner, and the feet move a little.
-    centred = ArmGeometry(offset=(0.0, 0.0, 0.145))
+    centred = Workspace(POINT, ArmGeometry(offset=(0.0, 0.0, 0.145)))
     random = np.random.default_rng(2)
     posture = random.uniform((-0.1, -0.1, 0.42), (0.1, 0.1, 0.53), (200, 3))
-    left = stroke_left(POINT, centred, tip_position(POINT, centred, posture))
+    left = centred.stroke_left(centred.tip_position(posture))
     for mirror in ((-1.0, 1.0, 1.0), (1.0, -1.0, 1.0)):
-        mirrored = tip_position(POINT, centred, posture * mirror)
-        np.testing.assert_allclose(stroke_left(POINT, centred, mirrored), left, atol=1e-12)
+        mirrored = centred.tip_position(posture * mirror)
+        np.testing.assert_allclose(centred.stroke_left(mirrored), left, atol=1e-12)
 
 
 # Inclined ground, Eq. (14)
@@ -248,8 +239,8 @@ def test_the_workspace_of_a_centred_arm_is_symmetric():
 
 def test_on_ground_that_rolls_or_pitches_the_workspace_is_turned_about_its_normal_only():
     extension, _ = drawn(200)
-    level = tip_of_extensions(POINT, UPRIGHT, extension)
-    inclined = tip_of_extensions(POINT, UPRIGHT, extension, SLOPE)
+    level = WORKSPACE.tip_of_extensions(extension)
+    inclined = ON_SLOPE.tip_of_extensions(extension)
     np.testing.assert_allclose(inclined[:, 2], level[:, 2], rtol=0.0, atol=1e-12)
     distance = np.hypot(level[:, 0], level[:, 1])
     np.testing.assert_allclose(np.hypot(inclined[:, 0], inclined[:, 1]), distance, atol=1e-12)
@@ -260,8 +251,9 @@ def test_eq_14_is_exact_where_roll_and_pitch_do_not_mix():
     # Legs 1 and 4, 2 and 3 in pairs: the platform only rolls, on ground that only rolls.
     posture = np.array([(roll, 0.0, 0.48) for roll in np.linspace(-0.08, 0.08, 9)])
     roll = 0.06
-    inclined = tip_position(POINT, UPRIGHT, np.add(posture, (roll, 0.0, 0.0)), (roll, 0.0))
-    np.testing.assert_allclose(inclined, tip_position(POINT, UPRIGHT, posture), atol=1e-12)
+    turned = np.add(posture, (roll, 0.0, 0.0))
+    inclined = Workspace(POINT, UPRIGHT, (roll, 0.0)).tip_position(turned)
+    np.testing.assert_allclose(inclined, WORKSPACE.tip_position(posture), atol=1e-12)
 
 
 def test_frame_b_has_the_ground_s_axes():
@@ -270,8 +262,8 @@ def test_frame_b_has_the_ground_s_axes():
     extension = inverse_kinematics(POINT, posture, SLOPE)
     foot = foot_to_centre(POINT.legs[1], float(extension[1]))
     arm = UPRIGHT.p_FT
-    in_world = to_world(tuple(a + b for a, b in zip(foot, arm, strict=True)), *posture[:2])
-    tip = tip_position(POINT, UPRIGHT, posture, SLOPE)
+    in_world = to_world(plus(foot, arm), *posture[:2])
+    tip = ON_SLOPE.tip_position(posture)
     np.testing.assert_allclose(tip, to_platform(in_world, *SLOPE), atol=1e-14)
     height = np.dot(n, to_world(arm, *posture[:2])) + posture[2]
     assert tip[2] == pytest.approx(height, abs=1e-14)
@@ -301,8 +293,7 @@ def test_the_surfaces_are_as_printed():
 def test_each_surface_follows_another_face():
     # The face on which a surface's equation is nearest to zero; the fit is to 20 mm or so.
     tips = {
-        key: tip_of_extensions(POINT, UPRIGHT, extension)
-        for key, extension in faces(POINT, 9).items()
+        key: WORKSPACE.tip_of_extensions(extension) for key, extension in faces(POINT, 9).items()
     }
     nearest = []
     for i in range(8):
@@ -338,7 +329,7 @@ def test_what_is_reached_with_one_turn_is_reached_with_the_turntable():
     random = np.random.default_rng(3)
     arm = replace(LEANING, turn=random.uniform(-math.pi, math.pi, 300))
     extension = np.sort(random.uniform(LOW + 1e-3, HIGH - 1e-3, (300, 1)), axis=1) * np.ones(3)
-    tip = tip_of_extensions(POINT, arm, extension)
+    tip = Workspace(POINT, arm).tip_of_extensions(extension)
     assert (stroke_left_turning(POINT, LEANING, tip) > 0.9e-3).all()
 
 

@@ -1,0 +1,1 @@
+"""What can follow `parapod` on the command line: one module a command."""

@@ -1,0 +1,1 @@
+"""The levelling platform's chapter of the report."""

@@ -1,0 +1,134 @@
+"""The levelling platform's chapter: experiments in the paper's order, and what is beyond it."""
+
+from parapod.sims.report.chapter import Chapter, Component, Part
+from parapod.sims.report.levelling_platform.claims import CLAIMS
+from parapod.sims.report.levelling_platform.drawings import DRAWINGS
+from parapod.sims.report.levelling_platform.errata import ERRATA
+from parapod.sims.report.levelling_platform.pictures import pictures
+
+# The bounds hold at this step too.
+_COARSE = ("plant.time_step=0.005",)
+
+_PARTS = (
+    Part(
+        "validate-kinematics",
+        "The kinematic model (section 3.3)",
+        "The paper holds Eqs. (10) to (12) beside a co-simulation on ground of 5 deg, and beside "
+        "its prototype. Here the same equations, solved in closed form, are held beside a plant "
+        "of rigid bodies with closed loops and contact: with legs as drawn, and with every length "
+        "off by up to .5 mm and every angle by up to .2 deg.",
+        "validate-kinematics",
+    ),
+    Part(
+        "workspace",
+        "The workspace (section 4)",
+        "Where the tip of the upright arm can be: exact, in closed form, with its volume, beside "
+        "the eight surfaces that the paper prints. `--html FILE` writes a picture to be turned.",
+        "workspace",
+        is_random=False,
+    ),
+    Part(
+        "identify-actuators",
+        "The actuators (section 5.2)",
+        "Ten voltage steps with legs lifted and under the platform's weight; K from voltages and "
+        "encoders alone.",
+        "identify-actuators",
+    ),
+    Part(
+        "track-posture",
+        "The control of the posture (section 6.4)",
+        "Postures followed by three machines: legs as drawn, as built, and as built with the "
+        "outer inclination loop that the paper leaves as its next step.",
+        "track-posture",
+    ),
+    Part(
+        "slip",
+        "Slip of the feet (section 7)",
+        "The legs lift the platform, then they are braked and the arm swings by 45 deg in a "
+        "second. The solver's own creep on inclined ground is measured apart from it. (The "
+        "caption printed below Fig. 23 is that of Fig. 5.)",
+        "slip",
+    ),
+    Part(
+        "level",
+        "The whole job",
+        "Beyond the paper's figures: unknown ground, noise, biases, friction and gains off by up "
+        "to 15 % at once. The platform finds out how the ground slopes, levels itself, follows "
+        "postures and holds while the arm swings.",
+        "level",
+        quick=_COARSE,
+    ),
+    Part(
+        "uneven-ground",
+        "Uneven ground",
+        "Beyond the paper, which assumes a plane: feet at heights that differ by 40 mm.",
+        "uneven-ground",
+        quick=_COARSE,
+    ),
+    Part(
+        "calibrate",
+        "Calibration",
+        "Beyond the paper, which explains its errors by legs that are not equal: what the legs "
+        "really measure, from 30 recorded poses.",
+        "calibrate",
+    ),
+    Part(
+        "turntable",
+        "The turntable",
+        "Beyond the paper: the motor in the arm's base, which the prototype has and the paper "
+        "leaves for future work.",
+        "workspace",
+        ("turntable=true",),
+        is_random=False,
+        adds_to="workspace",
+    ),
+)
+
+_COMPONENTS = (
+    Component("Embedded controller NI PXIe-1082", "the controller's diagram", "at 100 Hz"),
+    Component("Two NI PXIe-6363", "the station's ports", "no hardware is driven yet"),
+    Component("Four linear actuators", "LinearActuator", "Eqs. (15) to (18), self-locking screw"),
+    Component("Two motor drivers Sabertooth 2x25", "LinearActuator", "supply and saturation"),
+    Component("Four actuator encoders", "Encoder", "whole counts"),
+    Component("Four Maxon motors, gear 26, and EPOS2 24/5", "WheelDrive", "velocity and brake"),
+    Component("Twelve limit switches", "LimitSwitches", "extended, retracted, ground contact"),
+    Component(
+        "Inertial sensor ADIS16448", "Imu", "noise, biases, ranges and counts of its data sheet"
+    ),
+    Component("Optical tracking system", "PlatformTruth", "the simulation's truth"),
+    Component("Arm, 2.02 m, with camera", "arm.urdf", "rigid; angle and turntable commanded"),
+)
+
+_MISSING = (
+    "The prototype. Where the paper measures it, a plant of rigid bodies stands here, whose legs "
+    "are off by drawn errors; its noise, friction and masses are assumptions that keep what the "
+    "paper prints of them.",
+    "The curves themselves. The paper shows its trajectories only as pictures, so the figures "
+    "follow trajectories of the same kind, not the same ones, and are compared by their errors.",
+    "Flexibility of the arm. As in the paper, the arm is rigid; its .27 kg are not told apart "
+    "from the camera's mass.",
+    "The photographs (Figs. 3, 7a and 19): rendered pictures of the model stand in their place.",
+    "Eq. (13) is lost in print; the arm's base is fitted to the workspace's eight surfaces.",
+)
+
+CHAPTER = Chapter(
+    title="The levelling platform",
+    paper=(
+        "D. Feliu-Talegon, A. San-Millan and V. Feliu-Batlle, A New Kinematic Model and Control "
+        "Strategy for a Mobile Platform for Transporting Lightweight Manipulators, Applied "
+        "Sciences 8 (2018) 2612"
+    ),
+    summary=(
+        "A platform of 50 kg stands on four legs, each a parallelogram with a linear actuator on "
+        "its diagonal, and carries a light arm of 2 m. The paper gives its kinematic model, its "
+        "control and its workspace. Below is every number that it prints beside the same number "
+        "here, every figure again, and what goes beyond them."
+    ),
+    parts=_PARTS,
+    claims=CLAIMS,
+    errata=ERRATA,
+    components=_COMPONENTS,
+    drawings=DRAWINGS,
+    pictures=pictures,
+    missing=_MISSING,
+)

@@ -1,0 +1,154 @@
+"""The report as one HTML file that needs nothing else."""
+
+import base64
+import io
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
+
+from parapod.sims.figures import Figure, render
+from parapod.sims.report.chapter import Picture, Relation, Tone
+from parapod.sims.report.run import ChapterRun, PartRun
+from parapod.sims.results import Result, amount, as_words
+from parapod.sims.sweep import as_json
+
+_INDEX = re.compile(r"([A-Za-zΑ-Ωα-ωϕ∇])_([A-Za-z0-9]+)")
+
+_CODE = re.compile(r"`([^`]+)`")
+
+
+def make_page(runs: Sequence[ChapterRun], quick: bool, date: str) -> str:
+    """The report.
+
+    Args:
+        runs: the chapters.
+        quick: whether they were run in a hurry.
+        date: when.
+    """
+    environment = Environment(
+        loader=PackageLoader("parapod.sims.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(
+        indexed=_indexed, coded=_coded, drawn=_drawn, photo=_photo, amount=amount, words=as_words
+    )
+    return environment.get_template("page.html.jinja").render(
+        chapters=[_chapter(run) for run in runs],
+        quick=quick,
+        date=date,
+        versions={name: version(name) for name in ("parapod", "drake", "numpy")},
+    )
+
+
+def counts(run: ChapterRun) -> dict[str, int]:
+    """How many claims there are of each verdict, the good ones first."""
+    order = list(Tone)
+    verdicts = [claim.verdict(run.numbers) for claim in run.chapter.claims]
+    words = [
+        ("better" if "better" in v.word else v.word)
+        for v in sorted(verdicts, key=lambda v: order.index(v.tone))
+    ]
+    return dict(Counter(words))
+
+
+def _chapter(run: ChapterRun) -> dict[str, Any]:
+    numbers = run.numbers
+    return {
+        "run": run,
+        "chapter": run.chapter,
+        "claims": [
+            [
+                (claim, claim.shown(numbers), claim.verdict(numbers))
+                for claim in run.chapter.claims
+                if (claim.relation is Relation.USED) is is_input
+            ]
+            for is_input in (False, True)
+        ],
+        "counts": counts(run),
+        "bounds": _bounds(run),
+        "errata": list(zip(run.chapter.errata, run.checks, strict=True)),
+        "parts": [_part(part, numbers.results) for part in run.parts],
+    }
+
+
+def _bounds(run: ChapterRun) -> dict[str, int]:
+    metrics = [
+        metric
+        for part in run.parts
+        for result in part.results
+        for metric in result.metrics
+        if metric.is_bounded
+    ]
+    return {"held": sum(metric.passed for metric in metrics), "all": len(metrics)}
+
+
+def _part(run: PartRun, others: Mapping[str, Result]) -> dict[str, Any]:
+    """What is shown of a part; `others` are the results of all of them."""
+    spreads = as_json(run.seeds) if run.seeds else {}
+    before = others.get(run.part.adds_to)
+    metrics, figures, notes = (
+        [item for item in _shown(run.result, what) if not _is_among(item, _shown(before, what))]
+        for what in ("metrics", "figures", "notes")
+    )
+    return {
+        "run": run,
+        "part": run.part,
+        "command": " ".join(
+            ["parapod run", run.part.experiment]
+            + ([f"--set {' '.join(run.part.overrides)}"] if run.part.overrides else [])
+        ),
+        "metrics": [(metric, _spread(spreads.get(metric.key))) for metric in metrics],
+        "figures": figures,
+        "notes": notes,
+    }
+
+
+def _shown(result: Result | None, what: str) -> tuple[Any, ...]:
+    return () if result is None else getattr(result, what)
+
+
+def _is_among(item: Any, others: Sequence[Any]) -> bool:
+    """Whether another result has a metric of the same key, a figure of the same name or a note."""
+    for name in ("key", "name"):
+        if hasattr(item, name):
+            return getattr(item, name) in [getattr(other, name) for other in others]
+    return item in others
+
+
+def _spread(spread: Mapping[str, float | None] | None) -> str:
+    """Smallest, middle and largest value; empty if there is one seed only."""
+    if spread is None:
+        return ""
+    return " / ".join("-" if value is None else f"{value:.3g}" for value in spread.values())
+
+
+def _indexed(text: str) -> Markup:
+    """Text in which K_v gets its index."""
+    return Markup(_INDEX.sub(r"\1<sub>\2</sub>", str(escape(text))))
+
+
+def _coded(text: str) -> Markup:
+    """Text in which what stands between backticks is code."""
+    return Markup(_CODE.sub(r"<code>\1</code>", str(escape(text))))
+
+
+def _drawn(figure: Figure) -> str:
+    """A figure as a data URI."""
+    return "data:image/svg+xml;base64," + base64.b64encode(render(figure, "svg")).decode()
+
+
+def _photo(picture: Picture) -> str:
+    """A picture as a data URI."""
+    from matplotlib.image import imsave
+
+    buffer = io.BytesIO()
+    imsave(buffer, picture.pixels, format="png")
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
