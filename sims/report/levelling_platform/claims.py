@@ -174,7 +174,17 @@ def _validation() -> tuple[Claim, ...]:
         _error(simulated, pitch + slope, 0.07, "deg", part, "pitch_error_deg"),
         _error(simulated, roll + slope, 0.07, "deg", part, "roll_error_deg"),
         *(
-            Claim(measured, what, printed, unit, _of(part, key), Relation.ALIKE, 10.0, _PROTOTYPE)
+            Claim(
+                measured,
+                what,
+                printed,
+                unit,
+                _of(part, key),
+                Relation.ALIKE,
+                tolerance=10.0,
+                remark=_PROTOTYPE,
+                spread=(part, key),
+            )
             for what, printed, unit, key in built
         ),
     )
