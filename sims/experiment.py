@@ -135,6 +135,11 @@ ENTRIES: tuple[Entry, ...] = (
         _module("parapod.sims.identify_actuators"),
     ),
     Entry(
+        "deploy",
+        "The whole operation: the platform drives there, stands up, works and leaves.",
+        _module("parapod.sims.deploy"),
+    ),
+    Entry(
         "slip",
         "How far the feet slip while the legs lift the platform and while the arm swings.",
         _module("parapod.sims.slip"),

@@ -28,7 +28,7 @@ from parapod.systems.errors import ScenarioError
 
 type Signals = dict[str, NDArray[Any]]
 
-_CONTROLLER_UNITS = {
+CONTROLLER_UNITS = {
     "posture_command": "rad, rad, m",
     "posture_desired_state": "rad, rad, m, and their rates",
     "extension_desired_state": "m, m/s",
@@ -77,7 +77,7 @@ def run_job(
         OutputError: a file cannot be written.
     """
     check_job(scenario)
-    meshcat = _viewer(scenario) if options.meshcat or options.html else None
+    meshcat = make_scene(scenario) if options.meshcat or options.html else None
     loop = make_closed_loop(scenario, meshcat, log=needed if options.log is None else None)
     if options.graphviz is not None:
         write_graphviz(options.graphviz, loop.diagram)
@@ -142,7 +142,7 @@ def _refuse(key: str, value: float, why: str) -> None:
     raise ScenarioError(f"{key} = {value:g} s is {why} s", key)
 
 
-def _viewer(scenario: LevellingScenario) -> Meshcat:
+def make_scene(scenario: LevellingScenario) -> Meshcat:
     """A scene in which the ground's slope shows against a horizontal floor."""
     meshcat = make_viewer(camera=(1.5, -5.4, 1.2), target=(0.25, 0.0, 1.0))
     R_WG = RollPitchYaw(*scenario.ground.inclination, 0.0).ToRotationMatrix()
@@ -161,5 +161,5 @@ def _viewer(scenario: LevellingScenario) -> Meshcat:
 
 def _with_units(signals: Signals) -> dict[str, tuple[NDArray[Any], str]]:
     ports = (*INPUTS, *OUTPUTS, *TRUTH_OUTPUTS)
-    units = {port.name: port.unit for port in ports} | _CONTROLLER_UNITS
+    units = {port.name: port.unit for port in ports} | CONTROLLER_UNITS
     return {name: (samples, units[name]) for name, samples in signals.items()}

@@ -1,7 +1,7 @@
 """What an experiment measured, the bounds it had to hold, and how both are shown."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -86,6 +86,7 @@ class Result:
         notes: sentences shown below the metrics.
         figures: what can be drawn of the run.
         afterwards: what goes on once the result has been shown and written, or None.
+        details: more than numbers, for JSON only.
     """
 
     experiment: str
@@ -95,9 +96,10 @@ class Result:
     notes: tuple[str, ...] = ()
     figures: tuple[Figure, ...] = field(default=(), compare=False)
     afterwards: Callable[[], None] | None = field(default=None, compare=False)
+    details: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        keys = [*_RESERVED, *(metric.key for metric in self.metrics)]
+        keys = [*_RESERVED, *(metric.key for metric in self.metrics), *self.details]
         twice = sorted({key for key in keys if keys.count(key) > 1})
         if twice:
             raise ValueError(f"keys of metrics must differ, also from {_RESERVED}: {twice}")
@@ -115,7 +117,8 @@ class Result:
     def as_json(self) -> dict[str, Any]:
         """Flat dict of plain Python values; a number that is not finite is None."""
         head = dict(zip(_RESERVED, self._head(), strict=True))
-        return head | {metric.key: plain_number(metric.value) for metric in self.metrics}
+        numbers = {metric.key: plain_number(metric.value) for metric in self.metrics}
+        return head | numbers | dict(self.details)
 
     def _head(self) -> tuple[str, str, int, bool]:
         return self.experiment, self.backend, int(self.seed), self.passed

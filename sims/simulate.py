@@ -32,7 +32,7 @@ def simulate(simulator: Simulator, until: float, console: Console, what: str) ->
 
     Args:
         simulator: initialized; may have a target rate.
-        until: simulated time at the end [s].
+        until: simulated time at the end, unless a monitor ends it before [s].
         console: where progress is shown.
         what: what is going on, in a word or two.
 
@@ -49,7 +49,9 @@ def simulate(simulator: Simulator, until: float, console: Console, what: str) ->
             started = time.perf_counter()
             simulator.AdvanceTo(goal)
             elapsed += time.perf_counter() - started
-            report(goal)
+            report(simulator.get_context().get_time())
+            if simulator.get_context().get_time() < goal:
+                break  # a monitor has ended it
     return elapsed
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
 from pydrake.systems.primitives import TrajectorySource
 
-from parapod.diagrams.levelling_platform.controller import pi_params
+from parapod.diagrams.levelling_platform.posture_chain import pi_params
 from parapod.diagrams.levelling_platform.scenario import GroundScenario
 from parapod.diagrams.levelling_platform.station import Station, make_station
 from parapod.diagrams.wiring import add, connect

@@ -44,6 +44,18 @@ class UnreachablePosture(ParapodError):
         super().__init__(where + text + hint)
 
 
+class RefusedRequest(ParapodError):
+    """Something asked of a machine that it does not do; it stays as it is.
+
+    Attributes:
+        phase: what the machine was doing, and still is.
+    """
+
+    def __init__(self, message: str, phase: str):
+        self.phase = phase
+        super().__init__(f"{message}; the machine stays in {phase}")
+
+
 class UndeterminedCalibration(ParapodError):
     """A recording that leaves open what a calibration asks.
 

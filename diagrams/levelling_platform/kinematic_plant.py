@@ -12,6 +12,7 @@ from parapod.diagrams.levelling_platform.visualization import add_drawing
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
+from parapod.systems.levelling_platform.wheels import WheelGeometry
 
 
 def add_kinematic_plant(
@@ -21,7 +22,7 @@ def add_kinematic_plant(
     meshcat: Meshcat | None,
 ) -> Plant:
     """Adds the quasi-static plant, and with `meshcat` a drawing of it."""
-    platform = add(builder, KinematicPlatform(geometry_as_built(scenario)))
+    platform = add(builder, KinematicPlatform(geometry_as_built(scenario), wheels=WheelGeometry()))
     connect(builder, drives.rods.GetOutputPort("extension"), platform.GetInputPort("extension"))
     connect(builder, drives.rods.GetOutputPort("velocity"), platform.GetInputPort("velocity"))
     connect(builder, drives.arm_angles, platform.GetInputPort("arm_position"))

@@ -169,8 +169,11 @@ class JobScenario:
     """What the platform is asked to do.
 
     Attributes:
-        initial_extension_mm: of legs 1 to 3, feet on the ground; leg 4 is lowered until its foot
-            touches, which on a plane is the same [mm].
+        start: "feet", or "wheels" with the legs raised and feet above their places.
+        start_x_m: on wheels, how far the platform is from there along its x axis (multibody
+            backend) [m].
+        initial_extension_mm: on feet, of legs 1 to 3; leg 4 is lowered until its foot touches,
+            which on a plane is the same [mm].
         estimate_at: when the ground is estimated and the levelling begins [s].
         height_mm: of the level posture above the ground's plane [mm].
         settled_after: when the level posture is taken, from the start of the levelling [s].
@@ -179,6 +182,8 @@ class JobScenario:
         end: end of the job, from the start of the levelling [s].
     """
 
+    start: str = choice("feet", ("feet", "wheels"))
+    start_x_m: float = quantity(0.0, -100.0, 100.0)
     initial_extension_mm: float = quantity(410.0, 390.0, 420.0)
     estimate_at: float = quantity(3.0, 0.5, 60.0)
     height_mm: float = quantity(477.0, 380.0, 580.0)

@@ -28,6 +28,8 @@ from parapod.systems.levelling_platform.legs_to_posture import forward_kinematic
 from parapod.systems.levelling_platform.plane import to_platform
 from parapod.systems.levelling_platform.platform_model import PlatformModel
 from parapod.systems.levelling_platform.posture_to_legs import inverse_kinematics
+from parapod.systems.levelling_platform.supervisor import SupervisorParams
+from parapod.systems.levelling_platform.wheels import WheelGeometry
 from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.sensors.encoder import Encoder
 from parapod.systems.sensors.imu import STANDARD_GRAVITY, Imu, ImuParams, add_imu, seed_noise
@@ -64,7 +66,7 @@ class Station:
         return self.plant.model
 
     def reset(self, root_context: Context, scenario: LevellingScenario | None = None) -> None:
-        """Puts the platform on its feet and draws gains, biases and noise from the seed.
+        """Puts the platform on feet or wheels and draws gains, biases and noise from the seed.
 
         The same station serves any ground, seed and imperfection: nothing is rebuilt.
 
@@ -78,7 +80,8 @@ class Station:
         random = np.random.default_rng(scenario.seed)
         ground, foot_offsets = scenario.ground.inclination, scenario.ground.foot_offsets
         geometry = geometry_as_built(self.scenario)
-        extension, posture = _touchdown(geometry, scenario)
+        on_wheels = scenario.job.start == "wheels"
+        extension, posture = (_raised if on_wheels else _touchdown)(geometry, scenario)
 
         actuators = self._actuators.GetMyMutableContextFromRoot(root_context)
         self._actuators.set_extension(actuators, extension)
@@ -108,7 +111,27 @@ class Station:
             hold.SetVectorState(context, at_rest[name])
         if self.model is not None:
             plant_context = self.model.plant.GetMyMutableContextFromRoot(root_context)
-            self.model.stand(plant_context, extension, ground, foot_offsets)
+            if on_wheels:
+                x = scenario.job.start_x_m
+                self.model.stand_on_wheels(plant_context, extension, posture, ground, x)
+            else:
+                self.model.stand(plant_context, extension, ground, foot_offsets)
+
+
+def _raised(
+    geometry: PlatformGeometry, scenario: LevellingScenario
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Extensions (4) with the legs up, and the posture of a platform on its wheels.
+
+    Raises:
+        ScenarioError: ground that is lower under a foot than under the wheels.
+    """
+    if min(scenario.ground.foot_offsets) < 0.0:
+        key = "ground.foot_heights_mm"
+        raise ScenarioError(f"{key} must be 0 or more on wheels, which stand on the plane", key)
+    extension = np.full(LEG_COUNT, SupervisorParams().raised)
+    posture = [*scenario.ground.inclination, WheelGeometry().standing_height]
+    return extension, np.array(posture)
 
 
 def _touchdown(

@@ -11,12 +11,14 @@ from parapod.systems.caching import declare_cached
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
 from parapod.systems.levelling_platform.platform_model import standing_pose
+from parapod.systems.levelling_platform.standing import stand_on_feet_and_wheels
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams, Stance, stand
+from parapod.systems.levelling_platform.wheels import WheelGeometry
 from parapod.systems.ports import read
 
 
 class KinematicPlatform(OnInclinedGround):
-    """The platform as a body at rest on the feet that carry it: no dynamics, no integration.
+    """The platform as a body at rest on what carries it: no dynamics, no integration.
 
     | port | size | unit | meaning |
     |---|---|---|---|
@@ -33,8 +35,9 @@ class KinematicPlatform(OnInclinedGround):
     | out `base_pose` | 7 | -, m | quaternion (w, x, y, z) and position, above the origin |
 
     Four springs on a rigid ground share the load when the feet nearly lie in one plane; where
-    one would have to pull, its foot lifts and the other three carry. Ideal friction: the feet
-    stay where they stand sideways, and yaw is zero.
+    one would have to pull, its foot lifts and the other three carry. With wheels these carry
+    where the feet do not. Ideal friction: the feet stay where they stand sideways, and yaw is
+    zero; where the wheels have driven to is left out.
 
     State: none. Parameters (Context): the ground, see `OnInclinedGround`.
 
@@ -45,10 +48,18 @@ class KinematicPlatform(OnInclinedGround):
         self,
         geometry: PlatformGeometry = PlatformGeometry(),
         params: KinematicPlatformParams = KinematicPlatformParams(),
+        wheels: WheelGeometry | None = None,
     ):
+        """Creates the plant.
+
+        Args:
+            geometry: the platform.
+            params: what it weighs and how much it gives way.
+            wheels: on which it stands where the feet do not hold it up; None for none.
+        """
         super().__init__()
         self.set_name("kinematic_platform")
-        self._geometry, self._params = geometry, params
+        self._geometry, self._params, self._wheels = geometry, params, wheels
         self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
         self._velocity = self.DeclareVectorInputPort("velocity", LEG_COUNT)
         self._arm = self.DeclareVectorInputPort("arm_position", 2)
@@ -91,8 +102,7 @@ class KinematicPlatform(OnInclinedGround):
 
     def _calc_stance(self, context: Context) -> Stance:
         arm = read(self._arm, context) if self._arm.HasValue(context) else [0.0, 0.0]
-        return stand(
-            self._geometry,
+        state = (
             self._params,
             read(self._extension, context),
             read(self._velocity, context),
@@ -100,6 +110,9 @@ class KinematicPlatform(OnInclinedGround):
             arm,
             self._offsets_of(context),
         )
+        if self._wheels is None:
+            return stand(self._geometry, *state)
+        return stand_on_feet_and_wheels(self._geometry, self._wheels, *state)
 
 
 def _copy_signal(

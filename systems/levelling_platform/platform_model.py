@@ -201,6 +201,33 @@ class PlatformModel:
         self.plant.SetPositions(context, q)
         self.plant.SetVelocities(context, np.zeros(self.plant.num_velocities()))
 
+    def stand_on_wheels(
+        self,
+        context: Context,
+        extension: ArrayLike,
+        posture: ArrayLike,
+        ground: ArrayLike,
+        x: float = 0.0,
+    ) -> None:
+        """Inclines the ground and puts the platform at rest on its wheels, legs raised.
+
+        Args:
+            context: the plant's context.
+            extension: (4) extensions [m].
+            posture: (3) of a platform on its wheels [rad, rad, m].
+            ground: (2) roll and pitch of the ground [rad].
+            x: how far it is from the places of the feet, along its x axis [m].
+        """
+        roll, pitch = np.asarray(ground).tolist()
+        X_WG = RigidTransform(RollPitchYaw(roll, pitch, 0.0), np.zeros(3))
+        self.ground_mount.SetPoseInParentFrame(context, X_WG)
+        if self.geometry != MODEL_GEOMETRY:
+            self._build(context)
+        pose = standing_pose(posture, ground)
+        pose[4:] += X_WG.rotation().matrix() @ [x, 0.0, 0.0]
+        self.plant.SetPositions(context, self.positions_at(extension, pose, (0.0, 0.0)))
+        self.plant.SetVelocities(context, np.zeros(self.plant.num_velocities()))
+
 
 def _in_plane(x: float, z: float) -> NDArray[np.float64]:
     """A vector of a leg's plane."""

@@ -37,6 +37,7 @@ class KinematicPlatformParams:
         arm_centre: distance of the arm's centre of mass from its base [m].
         foot_stiffness: stiffness of one foot with its leg [N/m]; decides how the load is shared
             by four legs whose feet do not lie in one plane exactly (assumption).
+        wheel_stiffness: of one wheel, likewise [N/m] (assumption).
         gravity: [m/s^2].
     """
 
@@ -46,6 +47,7 @@ class KinematicPlatformParams:
     arm_base: tuple[float, float, float] = ARM_BASE
     arm_centre: float = 1.747
     foot_stiffness: float = 2.0e6
+    wheel_stiffness: float = 2.0e6
     gravity: float = 9.81
 
     def centre_with(self, on_arm: Vector3) -> Vector3:
@@ -101,7 +103,7 @@ def stand(
     g, g_rate = _moving_normal(points, [scaled(slopes[i], velocity[i]) for i in carrying])
     height = dot(g, points[0]) + geometry.foot_radius
     roll, pitch = attitude_seeing(g, n)
-    roll_rate, pitch_rate = _attitude_rate(n, g, g_rate, roll, pitch)
+    roll_rate, pitch_rate = attitude_rate(n, g, g_rate, roll, pitch)
     cos_roll, sin_roll = math.cos(roll), math.sin(roll)
     return Stance(
         posture=[roll, pitch, height],
@@ -182,14 +184,7 @@ def _pressure_point(
         That point (x, y) in the platform's frame [m], and the cosine between the ground's normal
         and the vertical.
     """
-    turn, swing = arm
-    reach = params.arm_centre * math.sin(swing)
-    on_arm = (
-        params.arm_base[0] + reach * math.cos(turn),
-        params.arm_base[1] + reach * math.sin(turn),
-        params.arm_base[2] + params.arm_centre * math.cos(swing),
-    )
-    com = params.centre_with(on_arm)
+    com = centre_of_mass(params, arm)
     normal, length = normal_through(*feet)
     g = scaled(normal, 1.0 / length)
     down = to_platform((0.0, 0.0, -1.0), *attitude_seeing(g, n))
@@ -198,7 +193,19 @@ def _pressure_point(
     return (com[0] + fall * down[0], com[1] + fall * down[1]), -dot(g, down)
 
 
-def _attitude_rate(
+def centre_of_mass(params: KinematicPlatformParams, arm: list[float]) -> Vector3:
+    """Centre of mass of platform and arm at angles (2) of turntable and arm [rad], from F [m]."""
+    turn, swing = arm
+    reach = params.arm_centre * math.sin(swing)
+    on_arm = (
+        params.arm_base[0] + reach * math.cos(turn),
+        params.arm_base[1] + reach * math.sin(turn),
+        params.arm_base[2] + params.arm_centre * math.cos(swing),
+    )
+    return params.centre_with(on_arm)
+
+
+def attitude_rate(
     n: Vector3, g: Vector3, g_rate: Vector3, roll: float, pitch: float
 ) -> tuple[float, float]:
     """Rates of roll and pitch that turn the ground's normal by g_rate in the platform's frame."""

@@ -59,6 +59,15 @@ _PARTS = (
         quick=_COARSE,
     ),
     Part(
+        "deploy",
+        "The whole operation (section 2.2)",
+        "The paper says in three sentences how the platform is used: it drives to a place, lowers "
+        "its legs until they touch, and takes a posture. Here it does so under a supervisor, on "
+        "ground that is inclined and uneven, and drives away again.",
+        "deploy",
+        quick=("plant.leg_model=reduced", *_COARSE),
+    ),
+    Part(
         "uneven-ground",
         "Uneven ground",
         "Beyond the paper, which assumes a plane: feet at heights that differ by 40 mm.",

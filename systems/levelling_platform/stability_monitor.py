@@ -1,0 +1,226 @@
+"""Guards the arm's command: nothing starts that would bring the platform near to tipping over."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.stability import (
+    ArmMove,
+    Footing,
+    Profile,
+    move_margin,
+    tipping_margin,
+)
+from parapod.systems.levelling_platform.statics import KinematicPlatformParams
+from parapod.systems.ports import elements, is_on, read
+
+# Layout of the discrete state.
+_START, _GOAL = slice(0, 2), slice(2, 4)
+_BEGUN, _DURATION = 4, 5
+_REQUEST = slice(6, 8)
+_MARGIN, _ADMITTED, _ENABLED = 8, 9, 10
+_SIZE = 11
+
+
+@dataclass(frozen=True)
+class StabilityMonitorParams:
+    """What the arm may do.
+
+    Attributes:
+        margin: smallest distance of the zero-moment point from the edge of the support polygon,
+            at rest and moving [m] (assumption).
+        rate: largest rates of turntable and arm [rad/s]; 67.5 deg/s, with which the arm swings by
+            45 deg in a second (section 7; the turntable's is an assumption).
+        acceleration: largest accelerations of turntable and arm [rad/s^2]; 270 deg/s^2, those of
+            the same swing along a cubic (likewise).
+        reach: largest angles of turntable and arm, either way [rad]; a turn and a quarter of
+            one (assumption).
+        profile: of the moves: "cubic" has a continuous rate, "quintic" a continuous acceleration
+            too.
+        platform: what platform and arm weigh.
+    """
+
+    margin: float = 0.050
+    rate: tuple[float, float] = (math.radians(67.5), math.radians(67.5))
+    acceleration: tuple[float, float] = (math.radians(270.0), math.radians(270.0))
+    reach: tuple[float, float] = (2.0 * math.pi, 0.5 * math.pi)
+    profile: Profile = "cubic"
+    platform: KinematicPlatformParams = field(default_factory=KinematicPlatformParams)
+
+
+class StabilityMonitor(LeafSystem):
+    """Tells the arm to go where it is asked to, unless the platform would come near to tipping.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `extension` | 4 | m | measured extensions |
+    | in `attitude` | 2 | rad | estimated roll and pitch of the platform |
+    | in `ground` | 2 | rad | estimated roll and pitch of the ground |
+    | in `standing` | 4 | 0/1 | contact switches of the feet |
+    | in `arm_request` | 2 | rad | turntable and arm angle asked for; may jump |
+    | in `enable` | 1 | - | above 0.5: moves may begin |
+    | out `arm_command` | 2 | rad | what turntable and arm are told; C1 in time |
+    | out `margin` | 1 | m | `tipping_margin` at present, with the command's motion |
+    | out `margin_requested` | 1 | m | smallest margin along the move last asked for |
+    | out `refused` | 1 | 0/1 | above 0.5 while the present request is not admitted |
+
+    The command begins at zero. A request is admitted if the zero-moment point stays inside the
+    support polygon by the margin along the whole move, both with its accelerations and without
+    them; and hence with any between, as the point then lies between the two and the polygon is
+    convex. The command then goes there from rest to rest, both angles on one polynomial of time,
+    as fast as the largest rates and accelerations allow. A request that is not admitted moves
+    nothing, and the command stays where it is; also one that would lead back into the margin
+    from outside it, as its acceleration first pushes further out. The platform is taken to
+    stand still during the move as it does when the request is judged.
+
+    **When it is judged.** A request is judged when it changes, when `enable` rises, and once more
+    before it begins if it had to wait. In between it is not: what was refused stays refused even
+    when the feet stand better meanwhile, so that nothing moves without being asked to.
+
+    **During a move** a new request is judged as a move from the present one's goal, and waits
+    until that has been reached. The latest one counts.
+
+    **Without `enable`** no move begins; one that is under way goes on to its end (eight seconds
+    at most for a whole turn). All of it has been judged, including its end at rest; to stop
+    half-way would be a motion with accelerations of its own that nobody has judged. Likewise a
+    move goes on when a foot lifts: `margin` tells.
+
+    State: discrete, start and goal of the move (4) [rad], when it began and its duration (2)
+    [s], the request last judged (2) [rad], its margin (1) [m], whether it was admitted (1) and
+    whether enabled (1); updated every period.
+
+    Parameters (Context): margin (1), largest rates (2) and accelerations (2), largest angles (2).
+
+    Bad input: a request that is not finite, or beyond the largest angles, is refused. A sensor
+    that is not finite makes the margin minus infinity, as fewer than three standing feet do, and
+    that refuses every request.
+    """
+
+    def __init__(
+        self,
+        geometry: PlatformGeometry = PlatformGeometry(),
+        params: StabilityMonitorParams = StabilityMonitorParams(),
+        period: float = 0.01,
+    ):
+        super().__init__()
+        self.set_name("stability_monitor")
+        self._geometry, self._params = geometry, params
+        self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
+        self._attitude = self.DeclareVectorInputPort("attitude", 2)
+        self._ground = self.DeclareVectorInputPort("ground", 2)
+        self._standing = self.DeclareVectorInputPort("standing", LEG_COUNT)
+        self._request = self.DeclareVectorInputPort("arm_request", 2)
+        self._enable = self.DeclareVectorInputPort("enable", 1)
+        limits = [params.margin, *params.rate, *params.acceleration, *params.reach]
+        self._limits = self.DeclareNumericParameter(BasicVector(np.array(limits)))
+        initial = np.zeros(_SIZE)
+        initial[_REQUEST], initial[_MARGIN] = math.nan, -math.inf
+        state = self.discrete_state_ticket(self.DeclareDiscreteState(initial))
+        motion = {state, self.time_ticket()}
+        sensors = {
+            port.ticket()
+            for port in (self._extension, self._attitude, self._ground, self._standing)
+        }
+        self.DeclareVectorOutputPort("arm_command", 2, self._calc_arm_command, motion)
+        self.DeclareVectorOutputPort("margin", 1, self._calc_margin, motion | sensors)
+        self.DeclareVectorOutputPort("margin_requested", 1, self._calc_margin_requested, {state})
+        self.DeclareVectorOutputPort("refused", 1, self._calc_refused, {state})
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_plan)
+
+    def _calc_arm_command(self, context: Context, output: BasicVector) -> None:
+        state = elements(context.get_discrete_state_vector())
+        motion = self._move_of(state).at(context.get_time() - state[_BEGUN])
+        output.SetFromVector(np.array(motion.angle))
+
+    def _calc_margin(self, context: Context, output: BasicVector) -> None:
+        state = elements(context.get_discrete_state_vector())
+        motion = self._move_of(state).at(context.get_time() - state[_BEGUN])
+        output[0] = float(
+            tipping_margin(self._geometry, self._params.platform, self._footing(context), motion)
+        )
+
+    def _calc_margin_requested(self, context: Context, output: BasicVector) -> None:
+        output[0] = context.get_discrete_state_vector()[_MARGIN]
+
+    def _calc_refused(self, context: Context, output: BasicVector) -> None:
+        output[0] = 1.0 - context.get_discrete_state_vector()[_ADMITTED]
+
+    def _update_plan(self, context: Context, discrete_state: Any) -> None:
+        state = elements(context.get_discrete_state_vector())
+        request = read(self._request, context)
+        was_enabled, enabled = state[_ENABLED] > 0.5, is_on(self._enable, context)
+        state[_ENABLED] = float(enabled)
+        # A request that is NaN differs from every other, and is refused again.
+        is_judged = state[_REQUEST] == request and (was_enabled or not enabled)
+        if not is_judged:
+            state[_REQUEST] = request
+            self._judge(context, state)
+        now = context.get_time()
+        if (
+            enabled
+            and state[_ADMITTED] > 0.5
+            and state[_GOAL] != request
+            and now >= state[_BEGUN] + state[_DURATION]
+        ):
+            if is_judged:
+                self._judge(context, state)
+            if state[_ADMITTED] > 0.5:
+                move = self._requested_move(context, state)
+                state[_START], state[_GOAL] = move.start, move.goal
+                state[_BEGUN], state[_DURATION] = now, move.duration
+        discrete_state.set_value(np.array(state))
+
+    def _judge(self, context: Context, state: list[float]) -> None:
+        """Sets the margin of the request in this state, and whether it is admitted."""
+        limits = _Limits(*elements(context.get_numeric_parameter(self._limits)))
+        turn, swing = state[_REQUEST]
+        margin = -math.inf
+        # False for NaN.
+        if abs(turn) <= limits.turn_reach and abs(swing) <= limits.swing_reach:
+            move, footing = self._requested_move(context, state), self._footing(context)
+            margin = min(
+                move_margin(self._geometry, self._params.platform, footing, move, accelerated)
+                for accelerated in (True, False)
+            )
+        state[_MARGIN], state[_ADMITTED] = margin, float(margin >= limits.margin)
+
+    def _requested_move(self, context: Context, state: list[float]) -> ArmMove:
+        """The move from where the present one ends to the request of this state."""
+        limits = _Limits(*elements(context.get_numeric_parameter(self._limits)))
+        return ArmMove.within(
+            (state[2], state[3]),
+            (state[6], state[7]),
+            (limits.turn_rate, limits.swing_rate),
+            (limits.turn_acceleration, limits.swing_acceleration),
+            self._params.profile,
+        )
+
+    def _move_of(self, state: list[float]) -> ArmMove:
+        """The move that is under way or was the last one."""
+        return ArmMove(
+            (state[0], state[1]), (state[2], state[3]), state[_DURATION], self._params.profile
+        )
+
+    def _footing(self, context: Context) -> Footing:
+        return Footing(
+            read(self._extension, context),
+            read(self._attitude, context),
+            read(self._ground, context),
+            read(self._standing, context),
+        )
+
+
+class _Limits(NamedTuple):
+    """The parameters of a Context."""
+
+    margin: float
+    turn_rate: float
+    swing_rate: float
+    turn_acceleration: float
+    swing_acceleration: float
+    turn_reach: float
+    swing_reach: float

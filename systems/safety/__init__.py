@@ -1,0 +1,1 @@
+"""Faults of signals, and how grave they are for a machine."""
