@@ -1,16 +1,18 @@
-"""`python -m benchmarks [--strict] [kinematics] [realtime] [accuracy]`: measures and prints.
+"""`python -m benchmarks [--strict] [kinematics] [realtime] [accuracy] [endurance] [day]`.
 
-With `--strict` a missed bound is an exit code of 1; what a busy machine misses is no error.
+Measures and prints: the groups that are named, or all but the day's run. With `--strict` a missed
+bound is an exit code of 1; what a busy machine misses is no error.
 """
 
 import sys
 
 from rich.console import Console
 
-from benchmarks import accuracy, kinematics, realtime
+from benchmarks import accuracy, endurance, kinematics, realtime
 from benchmarks.report import Measurement, print_measurements
 
-_GROUPS = ("kinematics", "realtime", "accuracy")
+_GROUPS = ("kinematics", "realtime", "accuracy", "endurance", "day")
+_DEFAULT = tuple(name for name in _GROUPS if name != "day")
 
 
 def main(arguments: list[str]) -> int:
@@ -22,12 +24,14 @@ def main(arguments: list[str]) -> int:
         print(f"there is no benchmark '{unknown[0]}'; there are: {', '.join(_GROUPS)}")
         return 2
     results: list[Measurement] = []
-    for name in names or _GROUPS:
+    for name in names or _DEFAULT:
         console.print(f"[bold]{name}[/]")
         measured = {
             "kinematics": kinematics.run,
             "realtime": lambda: realtime.run(console),
             "accuracy": lambda: accuracy.run(console),
+            "endurance": lambda: endurance.run(console),
+            "day": lambda: endurance.run_day(console),
         }[name]()
         print_measurements(name, measured, console)
         results += measured

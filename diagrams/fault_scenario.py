@@ -96,7 +96,7 @@ class FaultScenario:
         target: signal, by its port's name; "supply" is all four drives' voltage at once,
             "posture_command" what the platform is asked to do.
         index: element of the port, counted from 0; -1 for all of them.
-        kind: what happens, see `FaultKind`; in YAML "off" is a word in quotes only, else false.
+        kind: what happens, see `FaultKind`.
         duration: [s]; null: to the end.
         value: by its kind: offset of a wrong value (the port's unit), sampling period of a slow
             signal [s], delay of a delayed one [s], length of an intermittent one's turns, missing

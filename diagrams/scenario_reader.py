@@ -71,6 +71,9 @@ class Reader:
             if not isinstance(value, bool):
                 self._refuse(key, f"must be true or false, not {show(value)}")
         elif kind is str:
+            if self._is_text and value is False and isinstance(rule, Options):
+                # YAML 1.1 reads an unquoted off as false.
+                value = "off" if "off" in rule.options else value
             if not isinstance(value, str):
                 options = f", one of {_listing(rule)}" if isinstance(rule, Options) else ""
                 self._refuse(key, f"must be text{options}, not {show(value)}")

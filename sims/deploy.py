@@ -86,6 +86,7 @@ class _Watch:
         self._operator = loop.diagram.GetSubsystemByName("operator_script")
         self._phase: Phase | None = None
         self._entered, self._refused_at = 0.0, np.inf
+        self._refusal, self._margin = [0, 0], np.nan
 
     def look(self, root_context: Context) -> EventStatus:
         """Monitor of the simulator."""
@@ -95,8 +96,11 @@ class _Watch:
             self._phase, self._entered = phase, now
             if self._label is not None:
                 self._label.show(phase.name, now)
-        if self._is_refused(root_context):
-            self._refused_at = min(self._refused_at, now)
+        if not np.isfinite(self._refused_at) and self._is_refused(root_context):
+            # What the operator asks for next is not what was refused.
+            self._refused_at = now
+            self._refusal = self._read(root_context, "refusal").astype(int).tolist()
+            self._margin = float(self._read(root_context, "arm_margin")[0])
         if now > self._refused_at + _STANDING:
             return EventStatus.ReachedTermination(self._loop.controller, "refused")
         if not self.steps_left(root_context):
@@ -127,7 +131,7 @@ class _Watch:
         """
         if not np.isfinite(self._refused_at):
             return
-        code, detail = self._read(root_context, "refusal").astype(int).tolist()
+        code, detail = self._refusal
         phase = Phase(int(self._read(root_context, "phase")[0])).name.lower()
         if code in (Refusal.GROUND, Refusal.POSTURE):
             self._raise_unreachable(root_context, phase)
@@ -137,7 +141,7 @@ class _Watch:
             raise RefusedRequest(
                 f"the operator's command has no place in {Phase(detail).name.lower()}", phase
             )
-        margin, params = float(self._read(root_context, "arm_margin")[0]), StabilityMonitorParams()
+        margin, params = self._margin, StabilityMonitorParams()
         if not np.isfinite(margin):
             turn, swing = np.degrees(params.reach)
             limits = f"{swing:.0f} deg of the arm or {turn:.0f} deg of the turntable"

@@ -9,6 +9,7 @@ from parapod.sims.deploy_scenario import DeployScenario
 from parapod.sims.levelling_job import CONTROLLER_UNITS, Signals
 from parapod.sims.posture_errors import error_metrics, in_deg_and_mm
 from parapod.sims.results import Metric, Result
+from parapod.systems.levelling_platform.findings import Finding
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.phases import Phase
 from parapod.systems.levelling_platform.plane import normal_of, to_platform
@@ -25,6 +26,7 @@ NEEDED = (
     "phase",
     "stability_margin",
     "arm_command",
+    "findings",
 )
 # What the paper's closed loop stayed within (section 7).
 _ANGLE_BOUND, _HEIGHT_BOUND = 0.2, 2.0
@@ -38,11 +40,16 @@ _VOLTAGE_STEP = 0.5
 def unit_of(name: str) -> str:
     """Unit of a signal."""
     ports = {port.name: port.unit for port in (*INPUTS, *OUTPUTS, *TRUTH_OUTPUTS)}
+    if name.startswith("fault."):
+        return "s" if name.endswith("age") else "0/1"
     return (ports | CONTROLLER_UNITS | _SUPERVISION_UNITS)[name]
 
 
 _SUPERVISION_UNITS = {
     "phase": "-",
+    "findings": "0/1",
+    "severity": "-",
+    "legs.stop": "-",
     "refusal": "-",
     "arm_command": "rad",
     "arm_refused": "0/1",
@@ -77,10 +84,13 @@ def measure(
         *_posture(scenario, signals),
         *_standing(scenario, signals),
         *_smoothness(scenario, signals),
+        _findings(scenario, signals),
         Metric("realtime_factor", realtime_factor, meaning="simulated time by wall-clock time"),
     )
     times, order = phase_times(time, signals["phase"][:, 0]), contact_order(signals)
+    found = found_faults(time, signals)
     notes = (
+        *(f"found at {at:.2f} s: {name}" for name, at in found.items()),
         "phases: " + ", ".join(f"{name} {lasted:.1f} s" for name, lasted in times.items()),
         "feet touched in the order of legs " + ", ".join(map(str, order)),
     )
@@ -91,7 +101,7 @@ def measure(
         metrics,
         notes,
         figures(time, signals),
-        details={"phase_times_s": times, "contact_order": order},
+        details={"phase_times_s": times, "contact_order": order, "found_s": found},
     )
 
 
@@ -110,6 +120,22 @@ def contact_order(signals: Signals) -> list[int]:
     contact = signals["legs.limits"][:, 2 * LEG_COUNT :] > 0.5
     touched = [leg for leg in range(LEG_COUNT) if contact[:, leg].any()]
     return [leg + 1 for leg in sorted(touched, key=lambda leg: int(np.argmax(contact[:, leg])))]
+
+
+def found_faults(time: NDArray[np.float64], signals: Signals) -> dict[str, float]:
+    """Findings and when they were made [s]."""
+    findings = signals["findings"] > 0.5
+    return {
+        finding.name.lower(): round(float(time[np.argmax(findings[:, finding])]), 6)
+        for finding in Finding
+        if findings[:, finding].any()
+    }
+
+
+def _findings(scenario: DeployScenario, signals: Signals) -> Metric:
+    count = float((signals["findings"] > 0.5).any(axis=0).sum())
+    bound, meaning = (None, "faults were injected") if scenario.faults else (0.0, "false alarms")
+    return Metric("findings", count, "", bound, meaning=f"kinds of faults found; {meaning}")
 
 
 def _holding(signals: Signals) -> NDArray[np.bool_]:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
+from parapod.diagrams.fault_scenario import FaultScenario
 from parapod.diagrams.levelling_platform.scenario import (
     BACKENDS,
     ActuatorScenario,
@@ -22,7 +23,8 @@ from parapod.systems.levelling_platform.supervisor import Command
 _PAUSE = 1.0
 
 
-def _uneven() -> GroundScenario:
+def uneven_ground() -> GroundScenario:
+    """Ground that is inclined, and higher under three of the feet."""
     return GroundScenario(2.0, 3.0, [20.0, 0.0, 12.0, 5.0])
 
 
@@ -89,18 +91,20 @@ class DeployScenario:
         actuators: see `ActuatorScenario`.
         sensors: see `SensorScenario`.
         control: see `ControlScenario`.
+        faults: see `FaultScenario`.
         longest: end of an operation that does not come to its end [s].
     """
 
     backend: str = choice("multibody", BACKENDS)
     seed: int = quantity(0, 0, 2**31 - 1)
-    ground: GroundScenario = field(default_factory=_uneven)
+    ground: GroundScenario = field(default_factory=uneven_ground)
     drive: DriveScenario = field(default_factory=DriveScenario)
     work: WorkScenario = field(default_factory=WorkScenario)
     plant: PlantScenario = field(default_factory=PlantScenario)
     actuators: ActuatorScenario = field(default_factory=ActuatorScenario)
     sensors: SensorScenario = field(default_factory=SensorScenario)
     control: ControlScenario = field(default_factory=ControlScenario)
+    faults: list[FaultScenario] = field(default_factory=list)
     longest: float = quantity(120.0, 1.0, 7200.0)
 
     @property
@@ -115,6 +119,7 @@ class DeployScenario:
             sensors=self.sensors,
             control=self.control,
             job=JobScenario(start="wheels", start_x_m=-self.drive.distance_m),
+            faults=self.faults,
         )
 
     def steps(self) -> tuple[Step, ...]:

@@ -140,6 +140,11 @@ ENTRIES: tuple[Entry, ...] = (
         _module("parapod.sims.deploy"),
     ),
     Entry(
+        "fault-campaign",
+        "Every kind of fault of every device in every phase of the operation.",
+        _module("parapod.sims.fault_campaign"),
+    ),
+    Entry(
         "slip",
         "How far the feet slip while the legs lift the platform and while the arm swings.",
         _module("parapod.sims.slip"),

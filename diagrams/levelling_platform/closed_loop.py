@@ -13,6 +13,7 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource, Vector
 from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.levelling_platform.controller import make_controller
+from parapod.diagrams.levelling_platform.fault_points import FaultPoints
 from parapod.diagrams.levelling_platform.idle import idle_inputs
 from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingScenario
 from parapod.diagrams.levelling_platform.station import Station, make_station
@@ -30,17 +31,21 @@ class ClosedLoop:
         station: the machine in it.
         controller: the controller in it.
         logs: what is recorded, by port name.
+        faults: where faults are injected.
     """
 
     diagram: Diagram
     station: Station
     controller: Diagram
     logs: dict[str, VectorLogSink]
+    faults: FaultPoints
 
     def reset(self, context: Context, scenario: LevellingScenario | None = None) -> None:
         """Puts everything at its beginning; see `Station.reset`."""
         self.diagram.SetDefaultContext(context)
         context.SetTime(0.0)
+        if scenario is not None:
+            self.faults.set_faults(context, scenario.faults, scenario.seed)
         self.station.reset(context, scenario)
         for log in self.logs.values():
             log.FindMutableLog(context).Clear()
@@ -77,21 +82,20 @@ def make_closed_loop(
     controller = add(builder, make_controller(scenario, on_unreachable))
     script = add(builder, command or make_script(scenario))
 
+    faults = FaultPoints(builder, scenario.control.period, scenario.faults, scenario.seed)
     for name in ("legs.extension", "imu.gyro", "imu.accel"):
-        connect(builder, machine.GetOutputPort(name), controller.GetInputPort(name))
-    connect(
-        builder, controller.GetOutputPort("legs.voltage"), machine.GetInputPort("legs.voltage")
-    )
+        seen = faults.seen(machine.GetOutputPort(name), name)
+        connect(builder, seen, controller.GetInputPort(name))
+    faults.seen(machine.GetOutputPort("legs.limits"), "legs.limits")  # for the log only
+    voltage = faults.seen(controller.GetOutputPort("legs.voltage"), "legs.voltage")
+    connect(builder, voltage, machine.GetInputPort("legs.voltage"))
     connect(builder, controller.GetOutputPort("ground_estimated"), script.GetInputPort("ground"))
     connect(builder, controller.GetOutputPort("ground_valid"), script.GetInputPort("enable"))
     if script.HasInputPort("foot_offsets"):
         offsets = controller.GetOutputPort("foot_offsets_estimated")
         connect(builder, offsets, script.GetInputPort("foot_offsets"))
-    connect(
-        builder,
-        script.GetOutputPort("posture_command"),
-        controller.GetInputPort("posture_command"),
-    )
+    asked = faults.seen(script.GetOutputPort("posture_command"), "posture_command")
+    connect(builder, asked, controller.GetInputPort("posture_command"))
     _add_job(builder, scenario.job, machine, controller)
 
     ports = {
@@ -99,6 +103,7 @@ def make_closed_loop(
         for system in (machine, controller)
         for i in range(system.num_output_ports())
     } | {"posture_command": script.GetOutputPort("posture_command")}
+    ports |= faults.ports()
     logs = {
         name: LogVectorOutput(port, builder, scenario.control.period)
         for name, port in ports.items()
@@ -106,7 +111,7 @@ def make_closed_loop(
     }
     diagram = builder.Build()
     diagram.set_name("levelling_platform")
-    return ClosedLoop(diagram, station, controller, logs)
+    return ClosedLoop(diagram, station, controller, logs, faults)
 
 
 def make_script(scenario: LevellingScenario) -> PostureScript:

@@ -22,6 +22,7 @@ class PortSpec:
 
 INPUTS = (
     PortSpec("legs.voltage", 4, "V", "motor voltages, saturated at the supply"),
+    PortSpec("legs.stop", 1, "-", "above 0.5: the drives' supply is cut"),
     PortSpec("wheels.velocity_command", 4, "rad/s", "wheel velocities"),
     PortSpec("wheels.brake", 1, "-", "above 0.5: wheels stop and hold"),
     PortSpec("arm.position_command", 1, "rad", "arm angle, 0 upright, positive forward"),

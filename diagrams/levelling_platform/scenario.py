@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
+from parapod.diagrams.fault_scenario import FaultScenario
 from parapod.diagrams.scenario import choice, quantity
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 
@@ -206,6 +207,7 @@ class LevellingScenario:
         sensors: see `SensorScenario`.
         control: see `ControlScenario`.
         job: see `JobScenario`.
+        faults: see `FaultScenario`.
     """
 
     backend: str = choice("multibody", BACKENDS)
@@ -216,3 +218,4 @@ class LevellingScenario:
     sensors: SensorScenario = field(default_factory=SensorScenario)
     control: ControlScenario = field(default_factory=ControlScenario)
     job: JobScenario = field(default_factory=JobScenario)
+    faults: list[FaultScenario] = field(default_factory=list)

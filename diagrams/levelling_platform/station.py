@@ -173,6 +173,7 @@ def make_station(scenario: LevellingScenario, meshcat: Meshcat | None = None) ->
         ),
     )
     builder.ExportInput(actuators.GetInputPort("voltage"), "legs.voltage")
+    builder.ExportInput(actuators.GetInputPort("stop"), "legs.stop")
     wheels = add(builder, WheelDrive(period=period))
     builder.ExportInput(wheels.GetInputPort("velocity_command"), "wheels.velocity_command")
     builder.ExportInput(wheels.GetInputPort("brake"), "wheels.brake")

@@ -10,7 +10,9 @@ from parapod.diagrams.levelling_platform.posture_chain import (
 )
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import add, connect
+from parapod.systems.actuators.pi_controller import PiController
 from parapod.systems.levelling_platform.contact_keeper import ContactKeeper
+from parapod.systems.levelling_platform.fault_detector import FaultDetector
 from parapod.systems.levelling_platform.leg_ramp import LegRamp
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitor
@@ -21,14 +23,14 @@ from parapod.systems.levelling_platform.wheels import WheelGeometry
 def make_supervised_controller(scenario: LevellingScenario) -> Diagram:
     """Wires supervisor, posture chain, contact keeper, ramps, PI loops and stability monitor.
 
-    Inputs: `legs.extension` (4), `legs.limits` (12), `imu.gyro` (3), `imu.accel` (3) and
-    `wheels.velocity` (4), as the station has them; from the operator `operator` (1),
-    `drive_request` (2: forward speed, yaw rate), `posture_request` (3), `arm_request` (2); and
-    `severity` (1) of the worst fault.
-    Outputs: `legs.voltage` (4), `wheels.velocity_command` (4), `wheels.brake` (1),
-    `arm_command` (2: turntable, arm); `phase` (1), `refusal` (2), `arm_refused` (1), `arm_margin`
-    (1: along the move asked for), `stability_margin` (1: now), and what `add_posture_chain` and
-    `add_position_control` export.
+    Inputs: `legs.extension` (4), `legs.limits` (12), `imu.gyro` (3), `imu.accel` (3),
+    `wheels.velocity` (4) and `status.age` (4), as the station has them; from the operator
+    `operator` (1), `drive_request` (2: forward speed, yaw rate), `posture_request` (3),
+    `arm_request` (2).
+    Outputs: `legs.voltage` (4), `legs.stop` (1), `wheels.velocity_command` (4), `wheels.brake`
+    (1), `arm_command` (2: turntable, arm); `findings` (16), `severity` (1); `phase` (1),
+    `refusal` (2), `arm_refused` (1), `arm_margin` (1: along the move asked for),
+    `stability_margin` (1: now), and what `add_posture_chain` and `add_position_control` export.
 
     Args:
         scenario: its `control` part is used.
@@ -44,9 +46,11 @@ def make_supervised_controller(scenario: LevellingScenario) -> Diagram:
     ramp = add(builder, LegRamp(period=period))
     _wire_legs(builder, chain, supervisor, keeper, ramp)
     desired = ramp.GetOutputPort("extension_desired_state")
-    add_position_control(builder, scenario, desired, supervisor.GetOutputPort("legs_enable"))
+    enable = supervisor.GetOutputPort("legs_enable")
+    pi = add_position_control(builder, scenario, desired, enable)
     connect(builder, desired, supervisor.GetInputPort("extension_desired_state"))
     _wire_supervisor(builder, chain, supervisor)
+    _add_fault_detector(builder, chain, supervisor, pi, period)
     _add_stability_monitor(builder, chain, supervisor, keeper, period)
     diagram = builder.Build()
     diagram.set_name("controller")
@@ -94,7 +98,7 @@ def _wire_supervisor(builder: DiagramBuilder, chain: PostureChain, supervisor: S
     builder.ConnectInput("legs.extension", supervisor.GetInputPort("extension"))
     builder.ConnectInput("legs.limits", supervisor.GetInputPort("limits"))
     builder.ExportInput(supervisor.GetInputPort("wheel_velocity"), "wheels.velocity")
-    for name in ("operator", "posture_request", "severity"):
+    for name in ("operator", "posture_request"):
         builder.ExportInput(supervisor.GetInputPort(name), name)
     steering = add(builder, MatrixGain(WheelGeometry().skid_steering()), "skid_steering")
     builder.ExportInput(steering.get_input_port(), "drive_request")
@@ -102,10 +106,42 @@ def _wire_supervisor(builder: DiagramBuilder, chain: PostureChain, supervisor: S
     for port, name in (
         ("wheel_velocity_command", "wheels.velocity_command"),
         ("wheel_brake", "wheels.brake"),
+        ("legs_stop", "legs.stop"),
         ("phase", "phase"),
         ("refusal", "refusal"),
     ):
         builder.ExportOutput(supervisor.GetOutputPort(port), name)
+
+
+def _add_fault_detector(
+    builder: DiagramBuilder,
+    chain: PostureChain,
+    supervisor: Supervisor,
+    pi: PiController,
+    period: float,
+) -> None:
+    detector = add(builder, FaultDetector(MODEL_GEOMETRY, period=period))
+    for source, port in (
+        (pi.GetOutputPort("voltage"), "voltage"),
+        (chain.attitude.GetOutputPort("attitude"), "attitude"),
+        (chain.ground.GetOutputPort("ground"), "ground"),
+        (chain.ground.GetOutputPort("foot_offsets"), "foot_offsets"),
+        (supervisor.GetOutputPort("phase"), "phase"),
+    ):
+        connect(builder, source, detector.GetInputPort(port))
+    for name, port in (
+        ("legs.extension", "extension"),
+        ("legs.limits", "limits"),
+        ("imu.gyro", "gyro"),
+        ("imu.accel", "accel"),
+        ("posture_request", "posture_request"),
+        ("operator", "operator"),
+    ):
+        builder.ConnectInput(name, detector.GetInputPort(port))
+    builder.ExportInput(detector.GetInputPort("age"), "status.age")
+    connect(builder, detector.GetOutputPort("severity"), supervisor.GetInputPort("severity"))
+    for name in ("findings", "severity"):
+        builder.ExportOutput(detector.GetOutputPort(name), name)
 
 
 def _add_stability_monitor(

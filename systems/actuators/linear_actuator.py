@@ -14,7 +14,7 @@ from pydrake.systems.framework import (  # type: ignore[attr-defined]
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from parapod.systems.elementwise import Elementwise, clamp, exp, log
-from parapod.systems.ports import elements, read
+from parapod.systems.ports import elements, is_on, read
 
 
 @dataclass(frozen=True)
@@ -161,6 +161,7 @@ def LinearActuator_(T: Any) -> Any:
         |---|---|---|---|
         | in `voltage` | n | V | motor voltage, saturated at the supply |
         | in `load_force` | n | N | force the rod must exert to extend; unconnected: no load |
+        | in `stop` | 1 | - | above 0.5: the supply is cut; unconnected: never |
         | out `extension` | n | m | position of the rod |
         | out `velocity` | n | m/s | its rate |
         | out `next_state` | 2n | m, m/s | extensions and velocities one step ahead |
@@ -190,6 +191,7 @@ def LinearActuator_(T: Any) -> Any:
             n = channels
             self._voltage = self.DeclareVectorInputPort("voltage", n)
             self._load = self.DeclareVectorInputPort("load_force", n)
+            self._stop = self.DeclareVectorInputPort("stop", 1)
             self._gains = self.DeclareNumericParameter(
                 BasicVector_[T](np.full(n, params.motor_constant))
             )
@@ -206,6 +208,7 @@ def LinearActuator_(T: Any) -> Any:
                     self.xd_ticket(),
                     self._voltage.ticket(),
                     self._load.ticket(),
+                    self._stop.ticket(),
                     self.all_parameters_ticket(),
                 },
             )
@@ -232,6 +235,8 @@ def LinearActuator_(T: Any) -> Any:
             velocities = elements(context.get_discrete_state(1))
             gains = elements(context.get_numeric_parameter(self._gains))
             voltages = read(self._voltage, context)
+            if self._stop.HasValue(context) and is_on(self._stop, context):
+                voltages = [0.0] * n
             loaded = self._load.HasValue(context)
             loads = read(self._load, context) if loaded else [0.0] * n
             step = self._stepper.step

@@ -29,7 +29,7 @@ class GroundEstimator(LeafSystem):
     State: discrete, ground (2), valid (1), offsets (4), last trigger (1), updated every period.
 
     Bad input: a sample whose extensions or attitude are not finite, or cannot be built, is not
-    taken; the trigger stays armed and the next period tries again.
+    taken; the trigger stays armed, the next period tries again, and nothing is valid meanwhile.
     """
 
     def __init__(self, geometry: PlatformGeometry = PlatformGeometry(), period: float = 0.01):
@@ -54,6 +54,7 @@ class GroundEstimator(LeafSystem):
             attitude = read_array(self._attitude, context)
             ground = estimate_ground(self._geometry, extension, attitude)
             if not np.isfinite(ground).all():
+                discrete_state.set_value(1, np.zeros(1))
                 return
             discrete_state.set_value(0, ground)
             discrete_state.set_value(1, np.ones(1))

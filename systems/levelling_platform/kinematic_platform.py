@@ -41,7 +41,7 @@ class KinematicPlatform(OnInclinedGround):
 
     State: none. Parameters (Context): the ground, see `OnInclinedGround`.
 
-    Bad input: NaN where an extension cannot be built.
+    Bad input: NaN where an extension cannot be built; with wheels also where it tips over.
     """
 
     def __init__(

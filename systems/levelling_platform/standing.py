@@ -55,8 +55,8 @@ def stand_on_feet_and_wheels(
 ) -> Stance:
     """The platform at rest on feet and wheels, each a spring that can only push.
 
-    While the feet hold the wheels clear of the ground this is `stand`, in closed form. A platform
-    that tips over stands nowhere, and everything is NaN.
+    While the feet hold the wheels clear of the ground this is `stand`, in closed form. One that
+    tips over, and leans by more than 30 deg against the ground, stands nowhere: all is NaN.
 
     Args:
         geometry: the platform.
@@ -133,7 +133,8 @@ def _balance(
             return footing
         carrying = [k if f > 0.0 else 0.0 for k, f in zip(stiffness, footing.forces, strict=True)]
         step = _solved(footing.points, carrying, footing.left)
-        rises = [-dot(point, step) for point in footing.points]
+        by_x, by_y, by_z = step
+        rises = [-(by_x * x + by_y * y + by_z) for x, y, _ in footing.points]
         share = _share(footing, rises, stiffness, -dot(footing.left, step))
         shortened = scaled(step, min(share, _FARTHEST / max(map(abs, step))))
         g, h = _moved(footing, shortened)
@@ -204,20 +205,19 @@ def _share(footing: _Footing, rises: list[float], stiffness: list[float], slope:
     springs = list(zip(footing.depths, rises, stiffness, strict=True))
     if all((depth > 0.0) == (depth + rise > 0.0) for depth, rise, _ in springs):
         return 1.0
-    # Between instants at which a support begins or ceases to carry, the slope is linear.
-    slope -= sum(k * depth * rise for depth, rise, k in springs if depth > 0.0)
-    begin, before = 0.0, math.nan
-    for end in (0.0, *sorted(-d / rise for d, rise, _ in springs if d * rise < 0.0)):
-        after = slope + sum(
-            k * (depth + end * rise) * rise
-            for depth, rise, k in springs
-            if depth + end * rise > 0.0
-        )
+    # The slope is linear between instants at which a support begins or ceases to carry.
+    changes = sorted((-d / rise, k * rise * abs(rise)) for d, rise, k in springs if d * rise < 0.0)
+    curvature = sum(k * rise * rise for d, rise, k in springs if d > 0.0 or d == 0.0 < rise)
+    begin = 0.0
+    for end, change in changes:
+        after = slope + curvature * (end - begin)
         if after >= 0.0:
-            return begin - before * (end - begin) / (after - before) if end else 0.0
-        begin, before = end, after
-    last = sum(k * rise * rise for _, rise, k in springs if rise > 0.0)
-    return begin - before / last if last else math.inf
+            break
+        begin, slope, curvature = end, after, curvature + change
+    else:
+        # Without what rounding has left of those that have ceased.
+        curvature = sum(k * rise * rise for _, rise, k in springs if rise > 0.0)
+    return begin - slope / curvature if curvature else math.inf
 
 
 def _moved(footing: _Footing, step: Vector3) -> tuple[Vector3, float]:

@@ -17,9 +17,9 @@ from parapod.systems.levelling_platform.plane import (
     minus,
     mismatch,
     normal_of,
+    normal_over,
     normal_through,
     plus,
-    raised,
     scaled,
     to_platform,
 )
@@ -91,9 +91,11 @@ def stand(
     motions = [foot_motion(leg, d) for leg, d in zip(geometry.legs, extension, strict=True)]
     feet, slopes = [foot for foot, _ in motions], [slope for _, slope in motions]
     if any(foot_offsets):
-        feet = raised(feet, foot_offsets)
+        # Along the normal, so that the force of a foot keeps its line.
+        g = normal_over(feet[:3], foot_offsets[:3])
+        feet = [plus(foot, scaled(g, o)) for foot, o in zip(feet, foot_offsets, strict=True)]
     n = normal_of(*ground)
-    shares, normal_weight = _carry(params, feet, n, arm)
+    shares, normal_weight = _carry(params, feet, n, arm, geometry.foot_radius)
     contact = [normal_weight * share for share in shares]
     sunk = [
         (x, y, z - f / params.foot_stiffness) for (x, y, z), f in zip(feet, contact, strict=True)
@@ -130,7 +132,11 @@ def _moving_normal(points: list[Vector3], rates: list[Vector3]) -> tuple[Vector3
 
 
 def _carry(
-    params: KinematicPlatformParams, feet: list[Vector3], n: Vector3, arm: list[float]
+    params: KinematicPlatformParams,
+    feet: list[Vector3],
+    n: Vector3,
+    arm: list[float],
+    radius: float,
 ) -> tuple[list[float], float]:
     """Shares of the weight carried by the four feet, and the weight normal to the ground [N]."""
     weight = (params.mass + params.arm_mass) * params.gravity
@@ -138,7 +144,7 @@ def _carry(
     squared = dot4(weights, weights)
     gap = excess / squared
     flat = [(x, y, z - w * gap) for (x, y, z), w in zip(feet, weights, strict=True)]
-    centre, upright = _pressure_point(params, arm, (flat[0], flat[1], flat[2]), n)
+    centre, upright = _pressure_point(params, arm, (flat[0], flat[1], flat[2]), n, radius)
     # Any balanced shares plus a multiple of the dependency balance too; springs that give by
     # force / stiffness are balanced where (weights . force) = stiffness * excess.
     three = _barycentric(feet, (0, 1, 2), centre)
@@ -151,7 +157,7 @@ def _carry(
     results = []
     for leg in (lifted, (lifted + 2) % LEG_COUNT):
         a, b, c = (i for i in range(LEG_COUNT) if i != leg)
-        centre, upright = _pressure_point(params, arm, (feet[a], feet[b], feet[c]), n)
+        centre, upright = _pressure_point(params, arm, (feet[a], feet[b], feet[c]), n, radius)
         results.append((_barycentric(feet, (a, b, c), centre), weight * upright))
     return max(results, key=lambda result: min(result[0]))
 
@@ -177,8 +183,12 @@ def _pressure_point(
     arm: list[float],
     feet: tuple[Vector3, Vector3, Vector3],
     n: Vector3,
+    radius: float,
 ) -> tuple[tuple[float, float], float]:
-    """Where the line of gravity through the centre of mass meets the plane of three feet.
+    """Where the line of gravity through the centre of mass meets the ground under three feet.
+
+    The ground is below the feet's centres by their radius; the point is told as if seen along
+    the ground's normal from the plane of the centres.
 
     Returns:
         That point (x, y) in the platform's frame [m], and the cosine between the ground's normal
@@ -189,8 +199,10 @@ def _pressure_point(
     g = scaled(normal, 1.0 / length)
     down = to_platform((0.0, 0.0, -1.0), *attitude_seeing(g, n))
     # A foot is at -P from F, so the plane is g . x = -g . P.
-    fall = -(dot(g, feet[0]) + dot(g, com)) / dot(g, down)
-    return (com[0] + fall * down[0], com[1] + fall * down[1]), -dot(g, down)
+    upright = -dot(g, down)
+    fall = (dot(g, feet[0]) + dot(g, com) + radius) / upright
+    x, y, _ = plus(plus(com, scaled(down, fall)), scaled(g, radius))
+    return (x, y), upright
 
 
 def centre_of_mass(params: KinematicPlatformParams, arm: list[float]) -> Vector3:

@@ -51,7 +51,7 @@ class SupervisorParams:
         touched: largest distance of a leg from where it touched the ground [m]; at the foot six
             times that.
         arrived: largest error of an extension at its goal [m].
-        arrive_time: how long it must stay as small [s].
+        arrive_time: how long a leg must stay at its goal [s].
         clearance: of the wheels at the end of the way down, if the stroke leaves it [m].
     """
 
@@ -74,7 +74,8 @@ _RESTS = 1e-9  # what rounding leaves of the rates of a reference at rest [rad/s
 _SINCE, _QUIET, _OPERATOR, _DESCENDING = range(4)
 _HELD = slice(4, 7)  # the posture last asked for
 _TOUCHED = slice(7, 11)  # extensions at which the feet touched; 0 before
-_MEMORY = 11
+_ASKED = 11  # since when a reset has been waiting
+_MEMORY = 12
 
 
 class Supervisor(LeafSystem):
@@ -98,6 +99,7 @@ class Supervisor(LeafSystem):
     | out `leg_rate` | 4 | m/s | of legs that are lowered or raised |
     | out `posture_control` | 1 | - | above 0.5: legs follow the posture and not `leg_rate` |
     | out `legs_enable` | 1 | - | above 0.5: legs are controlled, otherwise 0 V |
+    | out `legs_stop` | 1 | - | above 0.5: the drives' supply is cut |
     | out `estimate_ground` | 1 | - | rises when the ground is to be estimated |
     | out `posture_command` | 3 | rad, rad, m | posture to take |
     | out `wheel_velocity_command` | 4 | rad/s | of the wheels |
@@ -111,9 +113,10 @@ class Supervisor(LeafSystem):
     be levelled, a posture out of reach. To leave, the platform first lowers itself parallel to
     the ground as far as the stroke goes, and then raises its legs.
 
-    State: discrete, each output, and a memory (11); updated every period.
+    State: discrete, each output, and a memory (12); updated every period.
 
-    Bad input: a request that is not finite is not obeyed; a switch that is NaN is open.
+    Bad input: a request that is not finite is not obeyed; a switch that is NaN is open, a severity
+    that is NaN is the gravest. A leg whose extension is NaN is at no goal, and stands still.
     """
 
     def __init__(
@@ -156,6 +159,7 @@ class Supervisor(LeafSystem):
             ("leg_rate", 4),
             ("posture_control", 1),
             ("legs_enable", 1),
+            ("legs_stop", 1),
             ("estimate_ground", 1),
             ("posture_command", 3),
             ("wheel_velocity_command", 4),
@@ -217,6 +221,12 @@ class _Tick:
         self._out["refusal"] = [float(why), float(detail)]
 
     @property
+    def _severity(self) -> float:
+        """Of the worst fault; one that is NaN is the gravest."""
+        severity = self._signals.get("severity", [0.0])[0]
+        return math.inf if math.isnan(severity) else severity
+
+    @property
     def _contact(self) -> list[bool]:
         return [switch > 0.5 for switch in self._signals["limits"][2 * LEG_COUNT :]]
 
@@ -228,7 +238,7 @@ class _Tick:
     def events(self, phase: Phase) -> set[Event]:
         """Everything in this phase that its transitions look at."""
         events = self._commanded(phase)
-        if self._signals.get("severity", [0.0])[0] >= Severity.HOLD:
+        if self._severity >= Severity.HOLD:
             events.add(Event.FAULT)
         match phase:
             case Phase.BRAKE:
@@ -251,11 +261,14 @@ class _Tick:
         """The operator's command, if it is new and has its place in this phase."""
         code = self._signals["operator"][0]
         if code == self._memory[_OPERATOR] or not math.isfinite(code):
+            self._memory[_ASKED] = 0.0
             return set()
-        self._memory[_OPERATOR] = code
+        cleared = self._severity < Severity.HOLD
+        if code == Command.RESET and phase is Phase.FAULT and not cleared and self._may_wait():
+            return set()
+        self._memory[_OPERATOR], self._memory[_ASKED] = code, 0.0
         if not code:
             return set()
-        cleared = self._signals.get("severity", [0.0])[0] < Severity.HOLD
         match code:
             case Command.GO if phase is Phase.TRANSPORT:
                 return {Event.GO}
@@ -266,6 +279,12 @@ class _Tick:
         self._refuse(Refusal.COMMAND, phase)
         return set()
 
+    def _may_wait(self) -> bool:
+        """Whether a reset has been asked for just now: findings end a period or two after it."""
+        if not self._memory[_ASKED]:
+            self._memory[_ASKED] = self._now
+        return self._elapsed(_ASKED) < 3.0 * self._supervisor.period
+
     def _stands_still(self) -> set[Event]:
         if not all(abs(v) <= self._params.standstill for v in self._read("wheel_velocity")):
             self._memory[_QUIET] = self._now
@@ -273,11 +292,14 @@ class _Tick:
         return {Event.STANDS_STILL} if still else set()
 
     def _all_have_touched(self) -> bool:
+        """Whether each leg has been where its switch closed, and has not just passed it."""
         touched = self._memory[_TOUCHED]
-        return all(touched) and all(
+        if not all(touched) or not all(
             abs(d - at) <= self._params.touched
             for d, at in zip(self._signals["extension"], touched, strict=True)
-        )
+        ):
+            self._memory[_QUIET] = self._now
+        return self._elapsed(_QUIET) >= self._params.arrive_time
 
     def _ground_fits(self) -> bool:
         """Whether the ground has been estimated and the posture that is asked for fits it."""
@@ -299,9 +321,12 @@ class _Tick:
     def _has_arrived(self) -> bool:
         """Whether reference and legs have been at their goal for a while."""
         desired = self._read("extension_desired_state")[:LEG_COUNT]
-        error = max(abs(a - b) for a, b in zip(desired, self._signals["extension"], strict=True))
-        moving = any(abs(rate) > _RESTS for rate in self._read("posture_desired_state")[3:])
-        if moving or not error <= self._params.arrived:
+        there = all(
+            abs(a - b) <= self._params.arrived
+            for a, b in zip(desired, self._signals["extension"], strict=True)
+        )
+        resting = all(abs(rate) <= _RESTS for rate in self._read("posture_desired_state")[3:])
+        if not (there and resting):
             self._memory[_QUIET] = self._now
         return self._elapsed(_QUIET) >= self._params.arrive_time
 
@@ -328,12 +353,12 @@ class _Tick:
         try:
             inverse_kinematics(geometry, posture, self._read("ground"), self._read("foot_offsets"))
         except UnreachablePosture as error:
-            return error.leg + 1
+            return error.leg
         return 0
 
     def _legs_are_up(self) -> bool:
-        lowest = min(self._signals["extension"])
-        up = lowest >= self._params.raised - self._params.arrived
+        lowest = self._params.raised - self._params.arrived
+        up = all(d >= lowest for d in self._signals["extension"])
         return up and not self._memory[_DESCENDING] > 0.5
 
     # What follows
@@ -365,9 +390,8 @@ class _Tick:
     def act(self, phase: Phase) -> None:
         """Outputs of this phase."""
         out = self._out
-        severity = self._signals.get("severity", [0.0])[0]
-        faulty = phase is Phase.FAULT
-        out["legs_enable"] = [0.0 if faulty and severity >= Severity.BRAKE else 1.0]
+        off = phase is Phase.FAULT and self._severity >= Severity.BRAKE
+        out["legs_enable"], out["legs_stop"] = [0.0 if off else 1.0], [1.0 if off else 0.0]
         driving = phase is Phase.TRANSPORT
         out["wheel_brake"] = [0.0 if driving else 1.0]
         request = self._signals["drive_request"]
@@ -388,7 +412,7 @@ class _Tick:
         touched, extension = self._memory[_TOUCHED], self._signals["extension"]
         rates = []
         for i, (contact, d) in enumerate(zip(self._contact, extension, strict=True)):
-            if contact and not touched[i]:
+            if contact and not touched[i] and math.isfinite(d):
                 touched[i] = d
             if touched[i]:
                 rates.append(self._towards(touched[i], d, self._params.lowering_rate))
@@ -401,7 +425,9 @@ class _Tick:
         return rates
 
     def _towards(self, goal: float, at: float, fastest: float) -> float:
-        """Rate that brings a leg to its goal without overshooting it."""
+        """Rate that brings a leg to its goal without overshooting it; 0 where it is not known."""
+        if not math.isfinite(at):
+            return 0.0
         return clamp(self._params.approach * (goal - at), -fastest, fastest)
 
     def _retract(self) -> None:

@@ -68,6 +68,15 @@ _PARTS = (
         quick=("plant.leg_model=reduced", *_COARSE),
     ),
     Part(
+        "fault-campaign",
+        "Faults",
+        "Beyond the paper: every kind of fault of every device in every phase of the operation, "
+        "what is found, after how long, and how the machine reacts.",
+        "fault-campaign",
+        quick=("device=encoder", "phase=posture", "window=3"),
+        is_random=False,
+    ),
+    Part(
         "uneven-ground",
         "Uneven ground",
         "Beyond the paper, which assumes a plane: feet at heights that differ by 40 mm.",

@@ -363,3 +363,56 @@ def test_converted_system_keeps_its_settings():
     assert converted.params == params
     assert (converted.channels, converted.time_step) == (3, 0.005)
     assert converted.get_name() == "linear_actuator"
+
+
+# Stop
+
+
+def stopped(fix, stop, voltage=5.0, duration=0.3, **settings):
+    """Extension and velocity after a while at a voltage; the stop is not connected if None."""
+    actuator = LinearActuator(FREE, time_step=0.01)
+    simulator, context = start(actuator, fix, voltage, extension=0.0, **settings)
+    if stop is not None:
+        fix(actuator, context, stop=(stop,))
+    simulator.AdvanceTo(duration - 0.25 * actuator.time_step)
+    return actuator, context, simulator
+
+
+def state_of(actuator, context):
+    return [actuator.GetOutputPort(n).Eval(context).tolist() for n in ("extension", "velocity")]
+
+
+@pytest.mark.parametrize("stop", [0.0, 0.5, math.nan])
+def test_a_stop_that_is_not_above_a_half_and_one_that_is_not_connected_change_nothing(fix, stop):
+    without = state_of(*stopped(fix, None)[:2])
+    assert state_of(*stopped(fix, stop)[:2]) == without
+    assert without[1][0] > 0.04
+
+
+@pytest.mark.parametrize("voltage", [5.0, -12.0, math.nan])
+@pytest.mark.parametrize("load", [None, FOOT_LOAD, -FOOT_LOAD])
+def test_a_stop_is_zero_volts_whatever_is_commanded(fix, voltage, load):
+    """From a moving rod, so that friction brings it to rest."""
+    states = []
+    for commanded, stop in ((voltage, 1.0), (0.0, 0.0)):
+        actuator, context, simulator = stopped(fix, 0.0, 5.0, load=load)
+        fix(actuator, context, voltage=np.full(4, commanded), stop=(stop,))
+        simulator.AdvanceTo(0.31)
+        states.append(state_of(actuator, context))
+        simulator.AdvanceTo(0.8)
+        states.append(state_of(actuator, context))
+    assert states[:2] == states[2:]
+    assert states[1][1] == [0.0] * 4
+
+
+def test_an_actuator_goes_on_when_the_stop_ends(fix):
+    actuator, context, simulator = stopped(fix, 1.0)
+    assert state_of(actuator, context) == [[0.0] * 4, [0.0] * 4]
+    fix(actuator, context, stop=(0.0,))
+    simulator.AdvanceTo(0.6)
+    assert min(state_of(actuator, context)[1]) > 0.04
+
+
+def test_a_stop_moves_the_next_state(fix, moved):
+    actuator, context, _ = stopped(fix, 0.0)
+    assert moved(actuator, context, lambda: fix(actuator, context, stop=(1.0,))) == {"next_state"}

@@ -143,7 +143,7 @@ def test_a_passive_leg_of_the_wrong_length_is_brought_to_the_ground(fix, error):
     keeper = Keeper(fix, extension_desired_state=[0.405] * 4 + [0.0] * 4)
     opened = False
     for _ in range(1000):
-        extension = keeper.output[:4] + (0.0, 0.0, 0.0, error)
+        extension = keeper.output[:4] + np.array((0.0, 0.0, 0.0, error))
         force = stand(
             geometry, params, extension.tolist(), [0.0] * 4, [0.0, 0.0], [0.0, 0.0]
         ).contact_force

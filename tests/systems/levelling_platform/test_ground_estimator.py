@@ -98,14 +98,22 @@ def test_bad_sample_is_not_taken_and_the_next_good_one_is(fix, name, bad):
     assert valid.tolist() == [1.0]
 
 
-def test_bad_sample_leaves_the_last_estimate(fix):
+@pytest.mark.parametrize(
+    ("name", "bad"), [("attitude", (math.nan, 0.0)), ("extension", (0.4, 0.4, 0.35, 0.4))]
+)
+def test_bad_sample_leaves_the_last_estimate_but_it_is_not_valid(fix, name, bad):
     estimation = Estimation(fix, trigger=(1.0,))
     before, _ = estimation.advance(2)
     estimation.set(trigger=(0.0,))
     estimation.advance(2)
-    estimation.set(trigger=(1.0,), attitude=(math.nan, 0.0))
+    estimation.set(trigger=(1.0,), **{name: bad})
     after, valid = estimation.advance(2)
     np.testing.assert_array_equal(after, before)
+    assert valid.tolist() == [0.0]
+    estimation.set(extension=EXTENSION, attitude=(0.05, 0.05))
+    after, valid = estimation.advance(2)
+    expected = estimate_ground(GEOMETRY, EXTENSION, (0.05, 0.05))
+    np.testing.assert_allclose(after, expected, rtol=0, atol=1e-15)
     assert valid.tolist() == [1.0]
 
 

@@ -125,9 +125,7 @@ def test_what_is_not_above_a_half_is_off(ramp, off):
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 @pytest.mark.parametrize("element", [1, 5])
-def test_a_posture_that_is_not_finite_is_passed_on_and_the_ramp_keeps_that_leg(
-    ramp, bad, element
-):
+def test_a_posture_that_is_not_finite_is_passed_on_and_the_ramp_keeps_that_leg(ramp, bad, element):
     asked = POSTURE.copy()
     asked[element] = bad
     ramp.set(posture_control=(1.0,), posture_extension_state=asked)

@@ -1,0 +1,299 @@
+"""A platform that drives to its place, stands up, works and leaves."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pydrake.math import RollPitchYaw
+from pydrake.systems.analysis import Simulator
+
+from parapod.diagrams.levelling_platform.deployment import make_deployment
+from parapod.diagrams.levelling_platform.scenario import (
+    GroundScenario,
+    JobScenario,
+    LevellingScenario,
+    PlantScenario,
+)
+from parapod.systems.actuators.wheel_drive import WheelDriveParams
+from parapod.systems.levelling_platform.operator_script import Step
+from parapod.systems.levelling_platform.phases import Phase
+from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
+from parapod.systems.levelling_platform.supervisor import Command, Refusal, SupervisorParams
+from parapod.systems.levelling_platform.wheels import WheelGeometry
+
+PERIOD = 0.01
+FOOT_HEIGHTS = (20.0, 0.0, 12.0, 5.0)  # [mm]
+HEIGHT = 0.477
+SPEED, WAY = 0.3, 0.45
+SWING = math.radians(45.0)
+ORDER = ["TRANSPORT", "BRAKE", "LOWER", "TOUCHDOWN", "ESTIMATE", "POSTURE", "HOLD"]
+
+
+def run(scenario, steps, until, seconds):
+    """Records a deployment until `until(phases)` of the phases so far, at most some seconds."""
+    loop = make_deployment(scenario, steps, (0.0, 0.0, HEIGHT))
+    simulator = Simulator(loop.diagram)
+    context = simulator.get_mutable_context()
+    loop.reset(context)
+    simulator.Initialize()
+    while context.get_time() < seconds:
+        simulator.AdvanceTo(context.get_time() + 0.5)
+        time, signals = loop.recorded(context)
+        if until(signals):
+            break
+    phases = [Phase(int(p)) for p in signals["phase"][:, 0]]
+    return SimpleNamespace(time=time, signals=signals, phases=np.array(phases))
+
+
+def scenario_of(backend, **plant):
+    return LevellingScenario(
+        backend=backend,
+        ground=GroundScenario(2.0, 3.0, list(FOOT_HEIGHTS)),
+        plant=PlantScenario(**plant),
+        job=JobScenario(start="wheels", start_x_m=-WAY),
+    )
+
+
+def drive_and_deploy():
+    """Steps that take the platform to where its feet find the ground they should."""
+    return [
+        Step(Phase.TRANSPORT, 0.5, drive=(SPEED, 0.0)),
+        Step(Phase.TRANSPORT, WAY / SPEED, drive=(0.0, 0.0)),
+        Step(Phase.TRANSPORT, 1.0, Command.GO),
+    ]
+
+
+@pytest.fixture(scope="module")
+def deployment():
+    """Everything once, on the kinematic plant; the arm is asked for at wrong times too."""
+    steps = [
+        Step(Phase.TRANSPORT, 0.1, arm=(0.0, SWING)),
+        Step(Phase.TRANSPORT, 0.2, arm=(0.0, 0.0)),
+        *drive_and_deploy(),
+        Step(Phase.ESTIMATE, 0.5, arm=(0.5, SWING)),
+        Step(Phase.ESTIMATE, 1.0, arm=(0.0, 0.0)),
+        Step(Phase.HOLD, 1.5, arm=(0.0, SWING)),
+        Step(Phase.HOLD, 2.5, arm=(0.0, 0.0)),
+        Step(Phase.HOLD, 2.5, Command.STOP),
+        Step(Phase.TRANSPORT, 0.5, drive=(SPEED, 0.0)),
+        Step(Phase.TRANSPORT, 1.0, drive=(0.0, 0.0)),
+    ]
+    return run(
+        scenario_of("kinematic"),
+        steps,
+        lambda signals: signals["steps_done"][-1, 0] == len(steps),
+        80.0,
+    )
+
+
+def order_of(deployment):
+    phases = deployment.phases
+    changes = np.flatnonzero(np.diff(phases)) + 1
+    return [Phase(phases[0]).name, *(Phase(phases[i]).name for i in changes)]
+
+
+def during(deployment, phase, name):
+    """Samples of a signal in a phase."""
+    return deployment.signals[name][deployment.phases == phase]
+
+
+def wheel_clearance(posture, ground):
+    """Of the lowest wheel above the ground [m]."""
+    wheels, n = WheelGeometry(), RollPitchYaw(*ground, 0.0).ToRotationMatrix().matrix()[:, 2]
+    g = RollPitchYaw(posture[0], posture[1], 0.0).ToRotationMatrix().matrix().T @ n
+    return posture[2] + min(np.array(wheels.axles) @ g) - wheels.radius
+
+
+# The whole way
+
+
+def test_phases_follow_each_other_and_lead_back_to_transport(deployment):
+    assert order_of(deployment) == [*ORDER, "RETRACT", "TRANSPORT"]
+    assert deployment.signals["refusal"][-1].tolist() == [float(Refusal.NONE), 0.0]
+
+
+def test_desired_extensions_never_jump(deployment):
+    fastest = max(SupervisorParams().raising_rate, SupervisorParams().lowering_rate)
+    desired = deployment.signals["extension_desired_state"][:, :4]
+    assert np.abs(np.diff(desired, axis=0)).max() <= 1.1 * fastest * PERIOD
+
+
+def test_at_each_transition_desired_extensions_go_on_as_before(deployment):
+    """What a phase leaves behind and what the next one begins with differ by encoder counts."""
+    desired = deployment.signals["extension_desired_state"]
+    for i in np.flatnonzero(np.diff(deployment.phases)) + 1:
+        expected = desired[i - 1, :4] + PERIOD * desired[i - 1, 4:]
+        np.testing.assert_allclose(desired[i, :4], expected, rtol=0, atol=2e-5)
+
+
+def test_voltages_never_jump(deployment):
+    voltage = deployment.signals["legs.voltage"]
+    assert np.abs(np.diff(voltage, axis=0)).max() < 0.5
+    assert np.abs(voltage).max() < 2.0
+
+
+def test_wheels_accelerate_within_their_limit(deployment):
+    params = WheelDriveParams()
+    velocity = deployment.signals["wheels.velocity"]
+    step = params.acceleration * PERIOD + params.resolution / PERIOD
+    assert 0.0 < np.abs(np.diff(velocity, axis=0)).max() <= step
+    assert velocity.max() == pytest.approx(SPEED / WheelGeometry().radius, rel=0.02)
+
+
+def test_the_arm_is_told_to_move_within_its_limits(deployment):
+    params = StabilityMonitorParams()
+    command = deployment.signals["arm_command"]
+    rates = np.diff(command, axis=0) / PERIOD
+    assert (np.abs(rates).max(axis=0) <= np.array(params.rate) * 1.001).all()
+    accelerations = np.diff(rates, axis=0) / PERIOD
+    assert (np.abs(accelerations).max(axis=0) <= np.array(params.acceleration) * 1.001).all()
+    assert command[:, 1].max() == pytest.approx(SWING, abs=1e-6)
+
+
+# Wheels and brakes
+
+
+def test_the_platform_drives_in_transport_only(deployment):
+    driving = deployment.phases == Phase.TRANSPORT
+    assert not deployment.signals["wheels.velocity_command"][~driving].any()
+    np.testing.assert_array_equal(deployment.signals["wheels.brake"][:, 0], ~driving)
+    assert not deployment.signals["wheels.velocity"][deployment.phases >= Phase.LOWER].any()
+
+
+def test_all_legs_are_up_while_it_drives(deployment):
+    params = SupervisorParams()
+    up = during(deployment, Phase.TRANSPORT, "legs.extension")
+    assert up.min() >= params.raised - params.arrived - 1e-5
+    assert during(deployment, Phase.TRANSPORT, "truth.foot_height").min() > 0.1
+
+
+# Touchdown
+
+
+def test_feet_find_the_ground_in_the_order_of_their_heights(deployment):
+    contact = deployment.signals["legs.limits"][:, 8:] > 0.5
+    first = deployment.time[contact.argmax(axis=0)]
+    assert np.argsort(first).tolist() == np.argsort(FOOT_HEIGHTS)[::-1].tolist()
+    assert (np.diff(np.sort(first)) > 0.1).all()
+
+
+def test_legs_are_back_where_they_touched_before_the_ground_is_estimated(deployment):
+    contact = deployment.signals["legs.limits"][:, 8:] > 0.5
+    extension = deployment.signals["legs.extension"]
+    touched = extension[contact.argmax(axis=0), range(4)]
+    down = during(deployment, Phase.TOUCHDOWN, "legs.extension")
+    np.testing.assert_allclose(down, np.tile(touched, (len(down), 1)), rtol=0, atol=1.2e-4)
+
+
+def test_wheels_carry_until_the_posture_is_taken(deployment):
+    for phase in (Phase.LOWER, Phase.TOUCHDOWN, Phase.ESTIMATE):
+        posture = during(deployment, phase, "truth.posture")
+        assert np.abs(np.degrees(posture[:, :2]) - (2.0, 3.0)).max() < 0.05
+        assert np.abs(posture[:, 2] - WheelGeometry().standing_height).max() < 5e-4
+
+
+def test_the_estimated_ground_is_that_under_the_feet(deployment):
+    estimated = during(deployment, Phase.HOLD, "foot_offsets_estimated")[0]
+    # Of four feet one combination of heights is not a plane.
+    pattern = np.array((1.0, -1.0, 1.0, -1.0))
+    expected = pattern * (pattern @ FOOT_HEIGHTS) / 4e3
+    np.testing.assert_allclose(estimated, expected, rtol=0, atol=5e-4)
+
+
+# Work
+
+
+def test_the_posture_is_held_within_its_bounds(deployment):
+    posture = during(deployment, Phase.HOLD, "truth.posture")
+    assert len(posture) > 600
+    assert np.abs(np.degrees(posture[:, :2])).max() < 0.2
+    expected = HEIGHT + 1e-3 * np.mean(FOOT_HEIGHTS)
+    assert np.abs(posture[:, 2] - expected).max() < 2e-3
+
+
+def test_all_four_feet_stand_while_the_posture_is_held(deployment):
+    assert during(deployment, Phase.HOLD, "legs.limits")[:, 8:].min() == 1.0
+    assert during(deployment, Phase.HOLD, "truth.contact_force").min() > 5.0
+
+
+def test_wheels_are_clear_while_the_posture_is_held(deployment):
+    ground = np.radians((2.0, 3.0))
+    postures = during(deployment, Phase.HOLD, "truth.posture")
+    assert min(wheel_clearance(posture, ground) for posture in postures[::20]) > 0.02
+
+
+def test_the_arm_is_refused_while_the_platform_is_not_held(deployment):
+    asked = deployment.signals["arm_request"].any(axis=1)
+    held = deployment.phases == Phase.HOLD
+    wrong = asked & ~held
+    assert {Phase(deployment.phases[i]).name for i in np.flatnonzero(wrong)} == {
+        "TRANSPORT",
+        "ESTIMATE",
+    }
+    assert not deployment.signals["arm_command"][~held].any()
+    in_transport = wrong & (deployment.phases == Phase.TRANSPORT)
+    # It is judged a period later.
+    assert deployment.signals["arm_refused"][np.flatnonzero(in_transport)[1:]].all()
+
+
+def test_the_platform_is_far_from_tipping_while_the_arm_swings(deployment):
+    margin = during(deployment, Phase.HOLD, "stability_margin")
+    assert margin.min() > 0.3
+
+
+# Stopped half-way
+
+
+@pytest.mark.parametrize("phase", [Phase.LOWER, Phase.POSTURE])
+def test_a_platform_that_is_stopped_half_way_goes_back_without_a_jump(phase):
+    steps = [
+        *drive_and_deploy(),
+        Step(phase, 3.0, Command.STOP),
+        Step(Phase.TRANSPORT, 0.5),
+    ]
+    stopped = run(
+        scenario_of("kinematic"),
+        steps,
+        lambda signals: signals["steps_done"][-1, 0] == len(steps),
+        60.0,
+    )
+    assert order_of(stopped) == [*ORDER[: phase + 1], "RETRACT", "TRANSPORT"]
+    desired = stopped.signals["extension_desired_state"][:, :4]
+    assert np.abs(np.diff(desired, axis=0)).max() <= 1.1 * SupervisorParams().raising_rate * PERIOD
+    assert np.abs(np.diff(stopped.signals["legs.voltage"], axis=0)).max() < 0.5
+
+
+# With bodies
+
+
+@pytest.fixture(scope="module")
+def multibody():
+    return run(
+        scenario_of("multibody", wheels="rolling", leg_model="reduced", time_step=5e-3),
+        drive_and_deploy(),
+        lambda signals: signals["phase"][-1, 0] == Phase.HOLD,
+        40.0,
+    )
+
+
+def test_bodies_come_to_hold_a_posture_likewise(multibody):
+    assert order_of(multibody) == ORDER
+    assert multibody.signals["refusal"][-1].tolist() == [float(Refusal.NONE), 0.0]
+    posture = multibody.signals["truth.posture"][-1]
+    assert np.abs(np.degrees(posture[:2])).max() < 0.2
+    assert posture[2] == pytest.approx(HEIGHT + 1e-3 * np.mean(FOOT_HEIGHTS), abs=2e-3)
+    assert multibody.signals["legs.limits"][-1, 8:].min() == 1.0
+
+
+def test_feet_of_bodies_find_the_ground_in_the_order_of_their_heights(multibody):
+    contact = multibody.signals["legs.limits"][:, 8:] > 0.5
+    first = multibody.time[contact.argmax(axis=0)]
+    assert np.argsort(first).tolist() == np.argsort(FOOT_HEIGHTS)[::-1].tolist()
+
+
+def test_with_bodies_nothing_that_is_asked_for_jumps_either(multibody):
+    desired = multibody.signals["extension_desired_state"][:, :4]
+    fastest = SupervisorParams().raising_rate
+    assert np.abs(np.diff(desired, axis=0)).max() <= 1.1 * fastest * PERIOD
+    assert np.abs(np.diff(multibody.signals["legs.voltage"], axis=0)).max() < 0.5
