@@ -29,8 +29,8 @@ from parapod.systems.levelling_platform.phases import Phase
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.posture_reference import describe_range
 from parapod.systems.levelling_platform.posture_to_legs import inverse_kinematics
+from parapod.systems.levelling_platform.requests import Refusal
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
-from parapod.systems.levelling_platform.supervisor import Refusal
 
 # A refusal ends the operation after this long, in which the machine is seen to stand [s].
 _STANDING = 2.0
@@ -57,7 +57,6 @@ def run(scenario: DeployScenario, options: RunOptions) -> Result:
     loop.reset(simulator.get_mutable_context())
     watch = _Watch(loop, len(steps), PhaseLabel(meshcat) if meshcat is not None else None)
     simulator.set_monitor(watch.look)
-    simulator.Initialize()
     if meshcat is not None and options.meshcat:
         where = f"The platform is shown at {meshcat.web_url()}"
         options.console.print(where, markup=False, highlight=False, soft_wrap=True)
@@ -66,6 +65,7 @@ def run(scenario: DeployScenario, options: RunOptions) -> Result:
         recording(meshcat, shown) if meshcat is not None and shown else nullcontext(),
         in_real_time(simulator) if options.meshcat else nullcontext(),
     ):
+        simulator.Initialize()  # The first phase is shown in the recording too.
         elapsed = simulate(simulator, scenario.longest, options.console, "deploy")
     context = simulator.get_context()
     time, signals = loop.recorded(context)

@@ -16,6 +16,9 @@ from parapod.systems.levelling_platform.posture_loop import PostureLoop, Posture
 from parapod.systems.levelling_platform.posture_reference import PostureReference
 from parapod.systems.sensors.attitude_estimator import AttitudeEstimator
 
+# Legs follow their references within a millimetre; what is further off is no leg [m].
+_ERROR_LIMIT = 0.02
+
 
 @dataclass(frozen=True)
 class PostureChain:
@@ -127,6 +130,7 @@ def pi_params(scenario: LevellingScenario) -> PiControllerParams:
         voltage_limit=control.voltage_limit,
         rate_feedforward=control.rate_feedforward,
         friction_feedforward=(extending, retracting),
+        error_limit=_ERROR_LIMIT,
     )
 
 

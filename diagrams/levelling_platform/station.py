@@ -23,12 +23,12 @@ from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
 from parapod.systems.actuators.wheel_drive import WheelDrive
 from parapod.systems.errors import ScenarioError
+from parapod.systems.levelling_platform.decision import SupervisorParams
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
 from parapod.systems.levelling_platform.plane import to_platform
 from parapod.systems.levelling_platform.platform_model import PlatformModel
 from parapod.systems.levelling_platform.posture_to_legs import inverse_kinematics
-from parapod.systems.levelling_platform.supervisor import SupervisorParams
 from parapod.systems.levelling_platform.wheels import WheelGeometry
 from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.sensors.encoder import Encoder

@@ -30,6 +30,7 @@ class PiControllerParams:
             retracting [V]; zero in the paper's law. Added in proportion to rate /
             (|rate| + friction_rate), so that it fades in and out with the motion.
         friction_rate: rate at which half of it is added [m/s].
+        error_limit: an error beyond it is a sensor's and not the actuator's [m].
     """
 
     gain: float = 0.01
@@ -38,6 +39,7 @@ class PiControllerParams:
     rate_feedforward: float = 0.0
     friction_feedforward: tuple[float, float] = (0.0, 0.0)
     friction_rate: float = 1e-5
+    error_limit: float = math.inf
 
     @property
     def k_p(self) -> float:
@@ -71,7 +73,8 @@ def PiController_(T: Any) -> Any:
 
         Parameters (Context): K_p, K_v, voltage limit (3).
 
-        Bad input: a channel with a NaN or infinite input outputs 0 V and keeps its integral.
+        Bad input: a channel with a NaN or infinite input, or an error beyond its limit, outputs
+        0 V and keeps its integral.
         """
 
         def _construct(
@@ -85,6 +88,7 @@ def PiController_(T: Any) -> Any:
             self.set_name("pi_controller")
             self.params, self.channels, self.period = params, channels, period
             self._per_rate = params.rate_feedforward / params.gain
+            self._error_limit = params.error_limit
             self._friction, self._friction_rate = params.friction_feedforward, params.friction_rate
             n = channels
             self._desired = self.DeclareVectorInputPort("desired_state", 2 * n)
@@ -122,7 +126,8 @@ def PiController_(T: Any) -> Any:
             for i in range(n):
                 error = desired[i] - measured[i]
                 direct = k_v * error + self._feedforward(desired[n + i])
-                if not math.isfinite(direct if type(direct) is float else direct.value()):
+                known = math.isfinite(direct if type(direct) is float else direct.value())
+                if not known or abs(error) > self._error_limit:
                     voltages[i] = 0.0
                     continue
                 if not inner[n + i] > 0.5:

@@ -11,7 +11,7 @@ from parapod.systems.levelling_platform.findings import RULES, Finding
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics, unevenness
 from parapod.systems.levelling_platform.phases import Phase
-from parapod.systems.levelling_platform.supervisor import Command
+from parapod.systems.levelling_platform.requests import Command
 from parapod.systems.ports import elements, read
 from parapod.systems.safety.faults import Severity
 

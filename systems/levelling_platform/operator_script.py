@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
 from parapod.systems.levelling_platform.phases import Phase
-from parapod.systems.levelling_platform.supervisor import Command
+from parapod.systems.levelling_platform.requests import Command
 from parapod.systems.ports import elements, read
 
 

@@ -7,14 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from parapod.systems.levelling_platform.arm_move import ArmMove, Profile
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.stability import (
-    ArmMove,
-    Footing,
-    Profile,
-    move_margin,
-    tipping_margin,
-)
+from parapod.systems.levelling_platform.stability import Footing, move_margin, tipping_margin
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 from parapod.systems.ports import elements, is_on, read
 

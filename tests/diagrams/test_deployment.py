@@ -16,10 +16,11 @@ from parapod.diagrams.levelling_platform.scenario import (
     PlantScenario,
 )
 from parapod.systems.actuators.wheel_drive import WheelDriveParams
+from parapod.systems.levelling_platform.decision import SupervisorParams
 from parapod.systems.levelling_platform.operator_script import Step
 from parapod.systems.levelling_platform.phases import Phase
+from parapod.systems.levelling_platform.requests import Command, Refusal
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
-from parapod.systems.levelling_platform.supervisor import Command, Refusal, SupervisorParams
 from parapod.systems.levelling_platform.wheels import WheelGeometry
 
 PERIOD = 0.01

@@ -292,6 +292,22 @@ def test_channel_with_bad_input_outputs_nothing_and_keeps_its_integral(fix, name
     assert tick(controller, context)[0] == pytest.approx(2000.0 * 0.001 + integral, rel=1e-9)
 
 
+def test_an_error_beyond_its_limit_is_not_followed_and_leaves_the_integral(fix):
+    controller = PiController(PiControllerParams(error_limit=0.02), channels=2)
+    context = controller.CreateDefaultContext()
+    fix(controller, context, desired=(0.41, 0.41), measured=(0.40, 0.40), enable=(1.0,))
+    for _ in range(3):
+        tick(controller, context)
+    # The second encoder shows nothing any more, for a while.
+    fix(controller, context, measured=(0.40, 0.0))
+    followed, lost = zip(*(tick(controller, context) for _ in range(50)), strict=True)
+    assert set(lost) == {0.0}
+    assert min(followed) > 1.0
+    fix(controller, context, measured=(0.40, 0.40))
+    back = tick(controller, context)
+    assert 0.0 < back[1] < back[0]
+
+
 def test_channel_whose_input_is_bad_when_control_begins_begins_later_without_a_jump(fix):
     controller = PiController(channels=1)
     context = begun(controller, fix)

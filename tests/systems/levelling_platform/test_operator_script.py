@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 
 from parapod.systems.levelling_platform.operator_script import OperatorScript, Step
 from parapod.systems.levelling_platform.phases import Phase
-from parapod.systems.levelling_platform.supervisor import Command
+from parapod.systems.levelling_platform.requests import Command
 
 PERIOD = 0.01
 POSTURE = (0.01, -0.02, 0.47)

@@ -6,15 +6,10 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from parapod.systems.levelling_platform import stability_monitor
+from parapod.systems.levelling_platform.arm_move import ArmMotion, ArmMove
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY as GEOMETRY
-from parapod.systems.levelling_platform.stability import (
-    ArmMotion,
-    ArmMove,
-    Footing,
-    move_margin,
-    tipping_margin,
-)
+from parapod.systems.levelling_platform.stability import Footing, move_margin, tipping_margin
 from parapod.systems.levelling_platform.stability_monitor import (
     StabilityMonitor,
     StabilityMonitorParams,
