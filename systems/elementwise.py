@@ -28,7 +28,10 @@ def sqrt(x: Elementwise) -> Elementwise:
 def sin_cos(x: Elementwise) -> tuple[Elementwise, Elementwise]:
     """Sine and cosine of an angle; NaN for infinite ones."""
     if type(x) is float:
-        return (math.sin(x), math.cos(x)) if math.isfinite(x) else (math.nan, math.nan)
+        try:
+            return math.sin(x), math.cos(x)
+        except ValueError:  # of an infinite number
+            return math.nan, math.nan
     return np.sin(x), np.cos(x)
 
 

@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, InputPort
+from pydrake.systems.framework import BasicVector, Context, InputPort
+
+# Up to this size reading number by number is faster than making a view.
+_SHORT = 6
 
 
 def read(port: InputPort, context: Context) -> list[Any]:
@@ -35,6 +38,8 @@ def is_on(port: InputPort, context: Context) -> bool:
 
 def elements(vector: Any) -> list[Any]:
     """The numbers of a BasicVector: floats, or AutoDiffXd."""
+    if type(vector) is BasicVector and (size := vector.size()) <= _SHORT:
+        return [vector[i] for i in range(size)]
     try:
         return vector.value().tolist()
     except (RuntimeError, TypeError):  # scalars other than float have no view

@@ -136,6 +136,12 @@ def to_platform(n: Vector3, roll: Elementwise, pitch: Elementwise) -> Vector3:
     )
 
 
+def upwards(roll: Elementwise, pitch: Elementwise) -> Vector3:
+    """The world's vertical seen by a platform of that attitude: `to_platform` of (0, 0, 1)."""
+    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(roll), sin_cos(pitch)
+    return -sin_pitch, cos_pitch * sin_roll, cos_pitch * cos_roll
+
+
 def to_world(g: Vector3, roll: Elementwise, pitch: Elementwise) -> Vector3:
     """A vector of the platform seen by the world: R_y(pitch) R_x(roll) g."""
     (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(roll), sin_cos(pitch)

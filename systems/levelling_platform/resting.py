@@ -12,7 +12,9 @@ from parapod.systems.levelling_platform.plane import (
     minus,
     normal_of,
     normal_through,
+    scaled,
     to_platform,
+    upwards,
 )
 
 # A foot that is deeper than this is not on the ground but in it [m].
@@ -51,7 +53,7 @@ def resting_posture(
         roll, pitch, height = standing.tolist()
         g = to_platform(normal, roll, pitch)
         sunk = dot(g, feet[lifted]) + o[lifted] - (height - geometry.foot_radius)
-        down = to_platform((0.0, 0.0, -1.0), roll, pitch)
+        down = scaled(upwards(roll, pitch), -1.0)
         share = _share_of_middle(feet[legs[0]], feet[legs[1]], feet[legs[2]], down)
         if sunk <= _TOUCHING and share > best:
             best, posture = share, standing

@@ -47,6 +47,7 @@ from parapod.systems.levelling_platform.plane import (
     scaled,
     to_platform,
     to_world,
+    upwards,
 )
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 
@@ -250,7 +251,7 @@ def _point(
     along, bent = (_seen(axes, vector) for vector in _arm(angle, rate, acceleration))
     platform = _seen(axes, params.centre_of_mass)
     arm = plus(_seen(axes, params.arm_base), scaled(along, params.arm_centre))
-    g = to_platform((0.0, 0.0, -params.gravity), *ground)
+    g = scaled(upwards(*ground), -params.gravity)
     on_platform = scaled(g, params.mass)
     on_arm = scaled(minus(g, scaled(bent, params.arm_centre)), params.arm_mass)
     turning = scaled(cross(along, bent), params.arm_mass * ARM_GYRATION_SQUARED)

@@ -13,7 +13,7 @@ from parapod.systems.levelling_platform.plane import (
     normal_of,
     plus,
     scaled,
-    to_platform,
+    upwards,
 )
 from parapod.systems.levelling_platform.statics import (
     KinematicPlatformParams,
@@ -70,7 +70,7 @@ def stand_on_feet_and_wheels(
     """
     stance = stand(geometry, params, extension, velocity, ground, arm, foot_offsets)
     if not math.isfinite(stance.posture[2]) or (
-        min(stance.contact_force) >= 0.0 and _clearance(wheels, stance, ground) > 0.0
+        min(stance.contact_force) >= 0.0 and _clearance(wheels, stance) > 0.0
     ):
         return stance
     motions = [foot_motion(leg, d) for leg, d in zip(geometry.legs, extension, strict=True)]
@@ -91,17 +91,17 @@ def stand_on_feet_and_wheels(
     weight = (params.mass + params.arm_mass) * params.gravity
     footing = _balance(supports, com, weight, n, wheels.standing_height)
     if footing is None:
-        nowhere = [math.nan] * LEG_COUNT
-        return Stance(*[nowhere[:3]] * 4, *[nowhere] * 3)
+        three, four = [math.nan] * 3, [math.nan] * LEG_COUNT
+        return Stance(three, three, three, three, four, four, four, three)
     return _stance(params, supports, footing, n, [slope for _, slope in motions])
 
 
-def _clearance(wheels: WheelGeometry, stance: Stance, ground: list[float]) -> float:
+def _clearance(wheels: WheelGeometry, stance: Stance) -> float:
     """Of the lowest wheel above the ground [m]; below zero where the feet do not hold it up."""
-    roll, pitch, height = stance.posture
-    g = to_platform(normal_of(*ground), roll, pitch)
-    lowest: float = min(dot(g, axle) for axle in wheels.axles)
-    return height + lowest - wheels.radius
+    x, y, z = stance.normal
+    # The wheels stand symmetrically, and one of them is on each side.
+    lowest = wheels.height * z - wheels.half_base * abs(x) - wheels.half_track * abs(y)
+    return stance.posture[2] + lowest - wheels.radius
 
 
 class _Footing(NamedTuple):
@@ -147,7 +147,7 @@ def _balance(
 def _footing(
     supports: list[_Support], g: Vector3, h: float, com: Vector3, weight: float, n: Vector3
 ) -> _Footing:
-    down = to_platform((0.0, 0.0, -1.0), *attitude_seeing(g, n))
+    down = scaled(upwards(*attitude_seeing(g, n)), -1.0)
     upright = -dot(g, down)
     # Gravity's line through the centre of mass meets the plane here.
     fall = (h + dot(g, com)) / upright
@@ -246,10 +246,11 @@ def _stance(
             pitch_rate * math.cos(roll),
             -pitch_rate * math.sin(roll),
         ],
-        specific_force=to_platform((0.0, 0.0, params.gravity), roll, pitch),
+        specific_force=scaled(upwards(roll, pitch), params.gravity),
         contact_force=forces[:LEG_COUNT],
         load_force=[f * dot(g, slope) for f, slope in zip(forces, slopes, strict=False)],
         foot_height=[max(0.0, -depth) for depth in footing.depths[:LEG_COUNT]],
+        normal=g,
     )
 
 

@@ -21,7 +21,7 @@ from parapod.systems.levelling_platform.plane import (
     normal_through,
     plus,
     scaled,
-    to_platform,
+    upwards,
 )
 
 
@@ -66,6 +66,7 @@ class Stance(NamedTuple):
     contact_force: Sequence[float]
     load_force: Sequence[float]
     foot_height: Sequence[float]
+    normal: Sequence[float]  # of the ground, in the platform's frame
 
 
 def stand(
@@ -111,10 +112,11 @@ def stand(
         posture=[roll, pitch, height],
         attitude=[roll, pitch, 0.0],
         angular_velocity=[roll_rate, pitch_rate * cos_roll, -pitch_rate * sin_roll],
-        specific_force=to_platform((0.0, 0.0, params.gravity), roll, pitch),
+        specific_force=scaled(upwards(roll, pitch), params.gravity),
         contact_force=contact,
         load_force=[f * dot(g, slope) for f, slope in zip(contact, slopes, strict=True)],
         foot_height=[max(0.0, dot(g, minus(points[0], foot))) for foot in sunk],
+        normal=g,
     )
 
 
@@ -197,12 +199,14 @@ def _pressure_point(
     com = centre_of_mass(params, arm)
     normal, length = normal_through(*feet)
     g = scaled(normal, 1.0 / length)
-    down = to_platform((0.0, 0.0, -1.0), *attitude_seeing(g, n))
+    up = upwards(*attitude_seeing(g, n))
     # A foot is at -P from F, so the plane is g . x = -g . P.
-    upright = -dot(g, down)
-    fall = (dot(g, feet[0]) + dot(g, com) + radius) / upright
-    x, y, _ = plus(plus(com, scaled(down, fall)), scaled(g, radius))
-    return (x, y), upright
+    upright = dot(g, up)
+    fall = (dot(g, plus(feet[0], com)) + radius) / upright
+    return (
+        com[0] - fall * up[0] + radius * g[0],
+        com[1] - fall * up[1] + radius * g[1],
+    ), upright
 
 
 def centre_of_mass(params: KinematicPlatformParams, arm: list[float]) -> Vector3:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.plane import cross, dot, minus, to_platform
+from parapod.systems.levelling_platform.plane import cross, dot, minus, upwards
 from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace
 from parapod.systems.levelling_platform.workspace_volume import boundary
 
@@ -197,7 +197,7 @@ def stability_margin(
     d = np.moveaxis(np.asarray(extension, dtype=float), -1, 0)
     a = np.moveaxis(np.asarray(attitude, dtype=float), -1, 0)
     c = tuple(np.moveaxis(np.asarray(centre_of_mass, dtype=float), -1, 0))
-    up = to_platform((0.0, 0.0, 1.0), a[0], a[1])
+    up = upwards(a[0], a[1])
     to_centre = [foot_to_centre(leg, d[i]) for i, leg in enumerate(geometry.legs)]
     feet = [(-x, -y, -z) for x, y, z in to_centre]
     margins = []

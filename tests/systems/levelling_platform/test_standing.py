@@ -309,7 +309,8 @@ def test_the_plant_with_wheels_shows_this_stance(fix, read, extension):
     platform.set_ground(context, GROUND, offsets)
     outputs = read(platform, context)
     stance = standing(extension, GROUND, arm, offsets, velocity)
-    for name in Stance._fields:
+    shown = set(Stance._fields) - {"normal"}  # which is for `standing` only
+    for name in shown:
         np.testing.assert_array_equal(outputs[name], getattr(stance, name))
 
 
