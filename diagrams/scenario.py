@@ -1,6 +1,6 @@
 """Typed scenarios: dataclasses that YAML files and `key=value` overrides fill in, checked.
 
-A schema is a dataclass (not frozen: Drake's loader assigns to it) whose fields all have defaults:
+A schema is a dataclass whose fields all have defaults:
 
     @dataclass
     class Ground:
@@ -12,8 +12,9 @@ A schema is a dataclass (not frozen: Drake's loader assigns to it) whose fields 
         seed: int = quantity(0, 0, 2**31 - 1)
         ground: Ground = field(default_factory=Ground)
 
-Fields may be float, int, bool, str, another such dataclass, a list of any of these, or any of
-these or None. `Literal` is not supported by Drake's loader: use `choice`.
+Fields may be float, int, bool, str, another such dataclass, a family of them between which a
+YAML tag chooses (`Variant`), a list of any of these, or any of these or None. For one of a few
+values use `choice`.
 
 Layers are merged in the order schema, default file, user's file, overrides. A mapping is merged
 key by key; a list replaces the list below it. Root keys that begin with an underscore are free
@@ -26,13 +27,15 @@ from pathlib import Path
 from typing import Any
 
 import yaml  # type: ignore[import-untyped]
-from pydrake.common.yaml import yaml_load_data, yaml_load_typed
+from pydrake.common.yaml import yaml_load_data
 
 from parapod.diagrams.scenario_reader import (
     RULE,
+    TAG,
     Options,
     Range,
     Reader,
+    build,
     defaults,
     one_line,
     overlay,
@@ -95,7 +98,8 @@ def load_scenario[T](
             raise ScenarioError(f"override {show(override)} is not of the form key=value", key)
         data = _parse(value, f"override {show(override)}", private=True)
         tree = Reader(schema).assign(schema, tree, key.split("."), data)
-    return yaml_load_typed(schema=schema, data=_dump(tree))
+    made: T = build(schema, tree)
+    return made
 
 
 def check(scenario: object) -> None:
@@ -121,7 +125,7 @@ def dump_scenario(scenario: object) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Mappings over several lines, lists of scalars on one, no aliases."""
+    """Mappings over several lines, lists of scalars on one, no aliases, tags as they were."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
@@ -129,6 +133,12 @@ class _Dumper(yaml.SafeDumper):
     def represent_sequence(self, tag: str, sequence: Any, flow_style: Any = None) -> Any:
         is_flat = not any(isinstance(item, dict | list) for item in sequence)
         return super().represent_sequence(tag, sequence, flow_style=is_flat)
+
+    def represent_mapping(self, tag: str, mapping: Any, flow_style: Any = None) -> Any:
+        if TAG in mapping:
+            tag = mapping[TAG]
+            mapping = {key: value for key, value in mapping.items() if key != TAG}
+        return super().represent_mapping(tag, mapping, flow_style=flow_style)
 
 
 def _dump(tree: dict[str, Any]) -> str:

@@ -14,6 +14,8 @@ from typing import Any, NoReturn
 from parapod.systems.errors import ScenarioError
 
 RULE = "parapod.rule"
+# Key under which Drake's YAML reader keeps a mapping's tag.
+TAG = "_tag"
 # Longest value that an error message repeats.
 _LONGEST_SHOWN = 60
 
@@ -40,6 +42,24 @@ class Options:
 type Rule = Range | Options | None
 
 
+class Variant:
+    """Base of dataclasses between which a scenario chooses with a YAML tag, as in `!Name {...}`.
+
+    A direct subclass is the root of one such family. Every dataclass derived from the root, in
+    whatever package, can be chosen by its name as soon as it is defined.
+    """
+
+    @classmethod
+    def variants(cls) -> dict[str, type]:
+        """The dataclasses of a family by their names, in the order of their definition."""
+        found: dict[str, type] = {}
+        for variant in cls.__subclasses__():
+            if not variant.__name__.startswith("_"):
+                found[variant.__name__] = variant
+            found |= variant.variants()
+        return found
+
+
 class Reader:
     """Checks plain data against a schema and converts it to the schema's types.
 
@@ -59,6 +79,8 @@ class Reader:
         kind, is_optional = _split_optional(kind)
         if value is None and is_optional:
             return None
+        if _is_family(kind):
+            return self._read_variant(kind, value, key)
         if _is_schema(kind):
             return self._read_mapping(kind, value, key)
         if typing.get_origin(kind) is list:
@@ -97,6 +119,8 @@ class Reader:
         if not keys:
             return overlay(kind, node, self.read(kind, value, key, rule))
         kind, _ = _split_optional(kind)
+        if _is_family(kind):
+            kind = _variant_of(kind, node)
         head, rest = keys[0], keys[1:]
         inner = _join(key, head)
         if _is_schema(kind):
@@ -117,14 +141,26 @@ class Reader:
             return [child if i == int(head) else node[i] for i in range(count)]
         self._fail(inner, f"unknown key '{inner}'; '{key}' is {_noun(kind)}, not a mapping")
 
+    def _read_variant(self, family: type[Variant], value: Any, key: str) -> dict[str, Any]:
+        known = family.variants()
+        tag = value.get(TAG) if isinstance(value, dict) else None
+        name = str(tag).removeprefix("!")
+        if name not in known:
+            tags = ", ".join(f"!{name}" for name in known)
+            hint = _did_you_mean(name, list(known))
+            given = show(value) if tag is None else tag
+            self._refuse(key, f"must begin with one of the tags {tags}, not {given}{hint}")
+        fields = {k: item for k, item in value.items() if k != TAG}
+        return {TAG: f"!{name}"} | self._read_mapping(known[name], fields, key)
+
     def _read_mapping(self, kind: type, value: Any, key: str) -> dict[str, Any]:
         fields = _fields(kind)
         if not isinstance(value, dict):
             what = f"'{key}'" if key else "a scenario"
             allowed = ", ".join(sorted(fields))
             self._fail(key, f"{what} must be a mapping with keys {allowed}, not {show(value)}")
-        if "_tag" in value:
-            self._refuse(key, f"must not have a tag, not {show(value['_tag'])}")
+        if TAG in value:
+            self._refuse(key, f"must not have a tag, not {show(value[TAG])}")
         for name in value:
             if name not in fields:
                 self._refuse_key(kind, str(name), key)
@@ -177,6 +213,9 @@ def overlay(kind: Any, base: Any, layer: Any) -> Any:
         return None
     if typing.get_origin(kind) is list:
         return [overlay(typing.get_args(kind)[0], None, item) for item in layer]
+    if _is_family(kind):
+        kind = _variant_of(kind, layer if base is None else base)
+        layer = {k: item for k, item in layer.items() if k != TAG}
     if not _is_schema(kind):
         return layer
     base = defaults(kind) if base is None else base
@@ -197,7 +236,20 @@ def plain(value: Any) -> Any:
         return value
     names = [field.name for field in dataclasses.fields(value)]
     added = [n for n in getattr(value, "__dict__", {}) if not hasattr(type(value), n)]
-    return {n: plain(getattr(value, n)) for n in dict.fromkeys(names + added)}
+    tag: dict[str, Any] = {TAG: f"!{type(value).__name__}"} if isinstance(value, Variant) else {}
+    return tag | {n: plain(getattr(value, n)) for n in dict.fromkeys(names + added)}
+
+
+def build(kind: Any, tree: Any) -> Any:
+    """The dataclasses that a complete, checked tree describes."""
+    kind, _ = _split_optional(kind)
+    if typing.get_origin(kind) is list:
+        return None if tree is None else [build(typing.get_args(kind)[0], item) for item in tree]
+    if _is_family(kind):
+        kind = _variant_of(kind, tree)
+    if tree is None or not _is_schema(kind):
+        return tree
+    return kind(**{name: build(inner, tree[name]) for name, (inner, _) in _fields(kind).items()})
 
 
 @functools.cache
@@ -214,6 +266,15 @@ def _dotted(kind: Any, key: str = "") -> Iterator[str]:
         inner, _ = _split_optional(inner)
         if _is_schema(inner):
             yield from _dotted(inner, _join(key, name))
+
+
+def _is_family(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, Variant)
+
+
+def _variant_of(family: type[Variant], node: Any) -> type:
+    """The dataclass that a checked mapping's tag names."""
+    return family.variants()[node[TAG].removeprefix("!")]
 
 
 def _is_schema(kind: Any) -> bool:

@@ -9,15 +9,23 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from parapod.sims.commands import bench_rt, check, emulate, report, run, scenario
 from parapod.sims.commands import list as list_command
-from parapod.sims.commands import report, run, scenario
 from parapod.sims.commands.arguments import HELD, INTERRUPTED, MISTAKE, Parser
 from parapod.systems.errors import ParapodError
 
 if TYPE_CHECKING:  # Help and errors must not wait for Drake.
     from parapod.sims.experiment import Entry
 
-_COMMANDS = {"list": list_command, "run": run, "scenario": scenario, "report": report}
+_COMMANDS = {
+    "list": list_command,
+    "run": run,
+    "scenario": scenario,
+    "report": report,
+    "emulate": emulate,
+    "check": check,
+    "bench-rt": bench_rt,
+}
 
 
 def main(argv: Sequence[str] | None = None, entries: "Sequence[Entry] | None" = None) -> int:

@@ -15,7 +15,7 @@ from pydrake.systems.framework import Context, EventStatus, System
 
 from parapod.diagrams.levelling_platform.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.deployment import make_deployment
-from parapod.diagrams.levelling_platform.scenario import BACKENDS
+from parapod.diagrams.levelling_platform.scenario import SIMULATED
 from parapod.sims.deploy_metrics import NEEDED, measure, unit_of
 from parapod.sims.deploy_scenario import DeployScenario
 from parapod.sims.experiment import Experiment, RunOptions
@@ -179,6 +179,6 @@ EXPERIMENT = Experiment(
     name="deploy",
     summary="The whole operation: the platform drives there, stands up, works and leaves.",
     scenario=DeployScenario,
-    backends=BACKENDS,
+    backends=SIMULATED,
     run=run,
 )

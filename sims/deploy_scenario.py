@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from parapod.diagrams.fault_scenario import FaultScenario
 from parapod.diagrams.levelling_platform.scenario import (
-    BACKENDS,
+    SIMULATED,
     ActuatorScenario,
     ControlScenario,
     GroundScenario,
@@ -95,7 +95,7 @@ class DeployScenario:
         longest: end of an operation that does not come to its end [s].
     """
 
-    backend: str = choice("multibody", BACKENDS)
+    backend: str = choice("multibody", SIMULATED)
     seed: int = quantity(0, 0, 2**31 - 1)
     ground: GroundScenario = field(default_factory=uneven_ground)
     drive: DriveScenario = field(default_factory=DriveScenario)

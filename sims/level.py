@@ -11,13 +11,14 @@ from functools import partial
 from parapod.diagrams.levelling_platform.scenario import BACKENDS, LevellingScenario
 from parapod.sims.experiment import Experiment, RunOptions
 from parapod.sims.figures import Figure
-from parapod.sims.level_metrics import measure
+from parapod.sims.level_metrics import measure, measured_posture
 from parapod.sims.levelling_job import Job, run_job
 from parapod.sims.live import stay_live
 from parapod.sims.posture_errors import in_deg_and_mm, posture_figure
 from parapod.sims.results import Result
 
-# What the metrics are made of; everything else is recorded only for a log.
+# What the metrics are made of; everything else is recorded only for a log. What is true is known
+# of simulated machines only; of others what they measure.
 _NEEDED = (
     "truth.posture",
     "truth.foot_height",
@@ -25,6 +26,9 @@ _NEEDED = (
     "posture_desired_state",
     "attitude_estimated",
     "ground_estimated",
+    "ground_valid",
+    "foot_offsets_estimated",
+    "legs.extension",
     "legs.voltage",
 )
 
@@ -50,9 +54,12 @@ def run(scenario: LevellingScenario, options: RunOptions) -> Result:
 def _figure(job: Job) -> Figure:
     desired = job.signals["posture_desired_state"][:, :3]
     started = desired[:, 2] > 0.0
+    name, posture = "true", job.signals.get("truth.posture")
+    if posture is None:
+        name, posture = "measured", measured_posture(job.signals)
     lines = {
         "asked for": in_deg_and_mm(desired[started]),
-        "true": in_deg_and_mm(job.signals["truth.posture"][started]),
+        name: in_deg_and_mm(posture[started]),
     }
     return posture_figure(
         "level",

@@ -9,6 +9,7 @@ from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingS
 from parapod.sims.levelling_job import Signals
 from parapod.sims.posture_errors import in_deg_and_mm
 from parapod.sims.results import Metric, Result
+from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.posture_to_legs import inverse_kinematics
 
@@ -36,16 +37,25 @@ def measure(
         scale: share of the waypoints' size that fitted.
         realtime_factor: simulated time by wall-clock time.
     """
+    is_true = "truth.posture" in signals
+    posture = in_deg_and_mm(signals["truth.posture"] if is_true else measured_posture(signals))
     metrics = (
-        *_ground_metrics(scenario, signals),
-        *_posture_metrics(scenario, time, signals),
-        *_leg_metrics(scenario, time, signals),
+        *(_ground_metrics(scenario, signals) if is_true else ()),
+        *_posture_metrics(scenario, time, signals, posture),
+        *(_estimate_metrics(scenario, time, signals, posture) if is_true else ()),
+        _peak_voltage(scenario, signals),
+        *(_leg_metrics(scenario, time, signals) if is_true else ()),
         Metric(
             "posture_scale", scale, meaning="share of the waypoints' size that fits the stroke"
         ),
         Metric("realtime_factor", realtime_factor, meaning="simulated time by wall-clock time"),
     )
     notes = []
+    if not is_true:
+        notes.append(
+            "posture as measured: angles by the inertial sensor, heights by the encoders on the "
+            "estimated ground"
+        )
     if scale < 1.0:
         notes.append(
             f"waypoints scaled to {100.0 * scale:.0f} %: {_stroke_left(scenario, signals)}"
@@ -67,13 +77,38 @@ def _ground_metrics(scenario: LevellingScenario, signals: Signals) -> list[Metri
     ]
 
 
+def measured_posture(signals: Signals) -> NDArray[np.float64]:
+    """Postures (n, 3) as the machine's own sensors tell them [rad, rad, m].
+
+    Roll and pitch are those of the inertial sensor, which knows nothing of the legs; the height is
+    that of the extensions on the estimated ground, and NaN before there is one.
+    """
+    ground, valid = signals["ground_estimated"], signals["ground_valid"][:, 0] > 0.5
+    posture = np.full((len(ground), 3), np.nan)
+    posture[:, :2] = signals["attitude_estimated"]
+    posture[valid] = np.column_stack(
+        [
+            posture[valid, :2],
+            forward_kinematics(
+                MODEL_GEOMETRY,
+                signals["legs.extension"][valid],
+                ground[valid],
+                legs=(0, 1, 2),
+                foot_offsets=signals["foot_offsets_estimated"][valid],
+            )[:, 2],
+        ]
+    )
+    return posture
+
+
 def _posture_metrics(
-    scenario: LevellingScenario, time: NDArray[np.float64], signals: Signals
+    scenario: LevellingScenario,
+    time: NDArray[np.float64],
+    signals: Signals,
+    posture: NDArray[np.float64],
 ) -> list[Metric]:
-    posture = in_deg_and_mm(signals["truth.posture"])
     desired = in_deg_and_mm(signals["posture_desired_state"][:, :3])
     roll, pitch, height = _largest(posture - desired, _settled(scenario.job, time))
-    attitude = np.degrees(signals["attitude_estimated"]) - posture[:, :2]
     return [
         Metric(
             "roll_error_deg",
@@ -99,14 +134,35 @@ def _posture_metrics(
             scenario.job.settled_after,
             meaning=f"until level within {_ANGLE_BOUND:g} deg and {_HEIGHT_BOUND:g} mm",
         ),
+    ]
+
+
+def _estimate_metrics(
+    scenario: LevellingScenario,
+    time: NDArray[np.float64],
+    signals: Signals,
+    posture: NDArray[np.float64],
+) -> list[Metric]:
+    attitude = np.degrees(signals["attitude_estimated"]) - posture[:, :2]
+    return [
         Metric(
             "attitude_estimate_error_deg",
             max(_largest(attitude, time >= scenario.job.estimate_at)),
             "deg",
             _ANGLE_BOUND,
             meaning="largest of roll and pitch once levelling has begun",
-        ),
+        )
     ]
+
+
+def _peak_voltage(scenario: LevellingScenario, signals: Signals) -> Metric:
+    return Metric(
+        "peak_voltage_V",
+        float(np.abs(signals["legs.voltage"]).max()),
+        "V",
+        scenario.actuators.supply_voltage,
+        meaning="largest command to a motor",
+    )
 
 
 def _leg_metrics(
@@ -115,13 +171,6 @@ def _leg_metrics(
     lift = 1e3 * signals["truth.foot_height"][_settled(scenario.job, time)].max(axis=0)
     active = np.delete(lift, _PASSIVE_LEG)
     metrics = [
-        Metric(
-            "peak_voltage_V",
-            float(np.abs(signals["legs.voltage"]).max()),
-            "V",
-            scenario.actuators.supply_voltage,
-            meaning="largest command to a motor",
-        ),
         Metric(
             "passive_leg_lift_mm",
             max(0.0, float(lift[_PASSIVE_LEG])),

@@ -14,9 +14,10 @@ from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.levelling_platform.closed_loop import ClosedLoop, make_closed_loop
 from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUTPUTS
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.levelling_platform.scenario import SIMULATED, LevellingScenario
 from parapod.sims.experiment import RunOptions
 from parapod.sims.experiment_log import write_experiment_log
+from parapod.sims.hardware_job import run_on_hardware, show_timing
 from parapod.sims.simulate import (
     in_real_time,
     make_viewer,
@@ -24,6 +25,7 @@ from parapod.sims.simulate import (
     simulate,
     write_graphviz,
 )
+from parapod.sims.unsupported_options import refuse_options
 from parapod.systems.errors import ScenarioError
 
 type Signals = dict[str, NDArray[Any]]
@@ -37,6 +39,8 @@ CONTROLLER_UNITS = {
     "foot_offsets_estimated": "m",
     "attitude_estimated": "rad",
 }
+_PORTS = (*INPUTS, *OUTPUTS, *TRUTH_OUTPUTS)
+UNITS = {port.name: port.unit for port in _PORTS} | CONTROLLER_UNITS
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,9 @@ def run_job(
         OutputError: a file cannot be written.
     """
     check_job(scenario)
+    if scenario.backend not in SIMULATED:
+        why = f"shows a simulated machine; the backend is {scenario.backend}"
+        refuse_options(options, ("meshcat", "html"), why)
     meshcat = make_scene(scenario) if options.meshcat or options.html else None
     loop = make_closed_loop(scenario, meshcat, log=needed if options.log is None else None)
     if options.graphviz is not None:
@@ -85,6 +92,10 @@ def run_job(
     until = scenario.job.estimate_at + scenario.job.end
 
     def job() -> float:
+        if scenario.backend == "hardware":
+            timing = run_on_hardware(loop, simulator, until, options, what, UNITS)
+            show_timing(timing, loop.station, options.console)
+            return until
         loop.reset(simulator.get_mutable_context())
         simulator.Initialize()
         with in_real_time(simulator) if options.meshcat else nullcontext():
@@ -99,7 +110,7 @@ def run_job(
     else:
         elapsed = job()
     time, signals = loop.recorded(simulator.get_context())
-    if options.log is not None:
+    if options.log is not None and scenario.backend != "hardware":
         write_experiment_log(options.log, what, scenario, time, _with_units(signals))
     return Job(time, signals, _scale(loop, simulator), elapsed, meshcat, job)
 
@@ -160,6 +171,4 @@ def make_scene(scenario: LevellingScenario) -> Meshcat:
 
 
 def _with_units(signals: Signals) -> dict[str, tuple[NDArray[Any], str]]:
-    ports = (*INPUTS, *OUTPUTS, *TRUTH_OUTPUTS)
-    units = {port.name: port.unit for port in ports} | CONTROLLER_UNITS
-    return {name: (samples, units[name]) for name, samples in signals.items()}
+    return {name: (samples, UNITS[name]) for name, samples in signals.items()}

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.levelling_platform.inclination_margins import alone, margins, open_loop
-from parapod.diagrams.levelling_platform.scenario import BACKENDS, LevellingScenario
+from parapod.diagrams.levelling_platform.scenario import SIMULATED, LevellingScenario
 from parapod.sims.experiment import Experiment, RunOptions
 from parapod.sims.figures import Figure
 from parapod.sims.levelling_job import Job, run_job
@@ -274,6 +274,6 @@ EXPERIMENT = Experiment(
     name="track-posture",
     summary="Postures followed with legs as drawn, as built, and with the outer inclination loop.",
     scenario=LevellingScenario,
-    backends=BACKENDS,
+    backends=SIMULATED,
     run=run,
 )

@@ -6,7 +6,7 @@ from then on every leg is given that much more or less. Heights are counted from
 
 import numpy as np
 
-from parapod.diagrams.levelling_platform.scenario import BACKENDS, LevellingScenario
+from parapod.diagrams.levelling_platform.scenario import SIMULATED, LevellingScenario
 from parapod.sims.experiment import Experiment, RunOptions
 from parapod.sims.levelling_job import Job, run_job
 from parapod.sims.posture_errors import error_metrics, in_deg_and_mm, posture_figure
@@ -80,6 +80,6 @@ EXPERIMENT = Experiment(
     name="uneven-ground",
     summary="The platform levels itself where its feet stand at different heights.",
     scenario=LevellingScenario,
-    backends=BACKENDS,
+    backends=SIMULATED,
     run=run,
 )

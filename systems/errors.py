@@ -106,3 +106,19 @@ class OutputError(ParapodError):
 
 class WiringError(ParapodError):
     """Ports that cannot be connected; the text names both."""
+
+
+class MissingExtra(ParapodError):
+    """A library that is needed for a part, and that is not installed.
+
+    Attributes:
+        module: what cannot be imported.
+        extra: the extra of parapod that brings it.
+    """
+
+    def __init__(self, module: str, extra: str, reason: str):
+        self.module, self.extra = module, extra
+        super().__init__(
+            f"{module} is needed and cannot be imported: {' '.join(reason.split())}; "
+            f'install it with: pip install "parapod[{extra}]"'
+        )

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource, VectorLogSink
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -30,13 +30,15 @@ class ClosedLoop:
         diagram: the whole.
         station: the machine in it.
         controller: the controller in it.
-        logs: what is recorded, by port name.
+        ports: all that can be recorded, by port name.
+        logs: what is recorded, likewise.
         faults: where faults are injected.
     """
 
     diagram: Diagram
     station: Station
     controller: Diagram
+    ports: dict[str, OutputPort]
     logs: dict[str, VectorLogSink]
     faults: FaultPoints
 
@@ -111,7 +113,7 @@ def make_closed_loop(
     }
     diagram = builder.Build()
     diagram.set_name("levelling_platform")
-    return ClosedLoop(diagram, station, controller, logs, faults)
+    return ClosedLoop(diagram, station, controller, ports, logs, faults)
 
 
 def make_script(scenario: LevellingScenario) -> PostureScript:

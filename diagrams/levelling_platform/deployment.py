@@ -78,7 +78,7 @@ def make_deployment(
     }
     diagram = builder.Build()
     diagram.set_name("levelling_platform")
-    return ClosedLoop(diagram, station, controller, logs, faults)
+    return ClosedLoop(diagram, station, controller, ports, logs, faults)
 
 
 def _add_ages(builder: DiagramBuilder, age: OutputPort, faults: FaultPoints) -> OutputPort:

@@ -29,6 +29,9 @@ INPUTS = (
     PortSpec("turntable.position_command", 1, "rad", "angle of the arm's base"),
 )
 
+# What the elements of `status` are about.
+STATUS_PARTS = ("legs", "imu", "wheels", "arm")
+
 OUTPUTS = (
     PortSpec("legs.extension", 4, "m", "encoders: extensions in whole counts"),
     PortSpec("legs.velocity", 4, "m/s", "encoders: their rates in counts per period"),
@@ -38,8 +41,10 @@ OUTPUTS = (
     PortSpec("imu.mag", 3, "T", "ADIS16448: magnetic field"),
     PortSpec("wheels.position", 4, "rad", "encoders: wheel angles in whole counts"),
     PortSpec("wheels.velocity", 4, "rad/s", "encoders: their rates in counts per period"),
-    PortSpec("status.age", 4, "s", "age of the data of legs, imu, wheels, arm"),
-    PortSpec("status.fault", 4, "code", "fault of each device; 0 none"),
+    PortSpec(
+        "status.age", len(STATUS_PARTS), "s", f"age of the data of {', '.join(STATUS_PARTS)}"
+    ),
+    PortSpec("status.fault", len(STATUS_PARTS), "code", "of each: a `DeviceFault`; 0 none"),
 )
 
 # What only a simulation can tell; controllers never read it.

@@ -4,10 +4,12 @@ import math
 from dataclasses import dataclass, field
 
 from parapod.diagrams.fault_scenario import FaultScenario
+from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.scenario import choice, quantity
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 
-BACKENDS = ("multibody", "kinematic")
+SIMULATED = ("multibody", "kinematic")
+BACKENDS = (*SIMULATED, "mock", "hardware")
 
 
 @dataclass
@@ -199,7 +201,8 @@ class LevellingScenario:
     """One run of the levelling platform.
 
     Attributes:
-        backend: "multibody" or "kinematic".
+        backend: what is behind the station's ports: one of two simulated plants, "mock" (commands
+            are mirrored) or "hardware".
         seed: of everything random: gains, biases, noise.
         ground: see `GroundScenario`.
         plant: see `PlantScenario`.
@@ -208,6 +211,7 @@ class LevellingScenario:
         control: see `ControlScenario`.
         job: see `JobScenario`.
         faults: see `FaultScenario`.
+        hardware: see `HardwareScenario`.
     """
 
     backend: str = choice("multibody", BACKENDS)
@@ -219,3 +223,4 @@ class LevellingScenario:
     control: ControlScenario = field(default_factory=ControlScenario)
     job: JobScenario = field(default_factory=JobScenario)
     faults: list[FaultScenario] = field(default_factory=list)
+    hardware: HardwareScenario = field(default_factory=HardwareScenario)

@@ -78,6 +78,11 @@ def check_outputs(paths: Mapping[str, Path | None]) -> None:
 def add_scenario_arguments(parser: argparse.ArgumentParser, entries: "Sequence[Entry]") -> None:
     """Everything that says what is to be run; see `load`."""
     parser.add_argument("name", metavar="NAME", help="an experiment; see `parapod list`")
+    add_scenario_options(parser, entries)
+
+
+def add_scenario_options(parser: argparse.ArgumentParser, entries: "Sequence[Entry]") -> None:
+    """What `add_scenario_arguments` adds beside the experiment's name."""
     parser.add_argument(
         "--scenario", type=Path, metavar="FILE", help="YAML with the keys to change"
     )

@@ -16,7 +16,8 @@ from parapod.diagrams.levelling_platform.scenario import (
     JobScenario,
     LevellingScenario,
 )
-from parapod.diagrams.levelling_platform.station import PLANTS, make_station
+from parapod.diagrams.levelling_platform.simulated_station import PLANTS
+from parapod.diagrams.levelling_platform.station import make_station
 from parapod.diagrams.wiring import add
 from parapod.systems.errors import ScenarioError
 from parapod.systems.levelling_platform.findings import RULES, Finding

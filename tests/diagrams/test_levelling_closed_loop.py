@@ -17,7 +17,7 @@ from parapod.diagrams.levelling_platform.scenario import (
     SensorScenario,
     WaypointScenario,
 )
-from parapod.diagrams.levelling_platform.station import PLANTS
+from parapod.diagrams.levelling_platform.simulated_station import PLANTS
 from parapod.systems.errors import UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,

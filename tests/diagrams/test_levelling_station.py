@@ -17,7 +17,8 @@ from parapod.diagrams.levelling_platform.scenario import (
     LevellingScenario,
     SensorScenario,
 )
-from parapod.diagrams.levelling_platform.station import PLANTS, make_station
+from parapod.diagrams.levelling_platform.simulated_station import PLANTS
+from parapod.diagrams.levelling_platform.station import STATIONS, make_station
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.errors import ScenarioError, WiringError
@@ -217,8 +218,8 @@ def test_controller_and_station_agree_about_the_ports_they_share():
 
 def test_unknown_backend_is_refused_with_the_allowed_ones():
     with pytest.raises(ScenarioError) as refusal:
-        make_station(LevellingScenario(backend="hardware"))
-    assert all(name in str(refusal.value) for name in ("hardware", *BACKENDS))
+        make_station(LevellingScenario(backend="real"))
+    assert all(name in str(refusal.value) for name in ("real", *STATIONS))
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

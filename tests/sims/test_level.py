@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import umsgpack
-import yaml
+from pydrake.common.yaml import yaml_load_data
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
@@ -102,8 +102,10 @@ def test_the_default_scenario_names_every_key():
     def keys(node):
         return {k: keys(v) for k, v in node.items()} if isinstance(node, dict) else None
 
-    whole = yaml.safe_load(dump_scenario(LevellingScenario()))
-    assert keys(yaml.safe_load(DEFAULT.read_text())) == keys(whole)
+    whole = yaml_load_data(dump_scenario(LevellingScenario()))
+    named = yaml_load_data(DEFAULT.read_text())
+    assert keys(named) == keys(whole)
+    assert named["hardware"] == whole["hardware"]
 
 
 @pytest.mark.parametrize("seed", [0, 1])

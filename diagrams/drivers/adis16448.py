@@ -1,0 +1,89 @@
+"""Drivers of the inertial sensor ADIS16448."""
+
+import math
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+
+from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
+from parapod.diagrams.scenario import quantity
+from parapod.systems.hardware.adis16448_iio import Adis16448Iio, Adis16448IioParams
+from parapod.systems.hardware.adis16448_spi import Adis16448Spi, Adis16448SpiParams
+from parapod.systems.hardware.device import Device
+from parapod.systems.hardware.emulators.adis16448_registers import Adis16448Registers
+from parapod.systems.hardware.emulators.directory import resolved
+from parapod.systems.hardware.emulators.harness import Harness
+from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
+from parapod.systems.hardware.emulators.spi_socket import SpiSocketServer
+
+
+@dataclass
+class Adis16448SpiImu(Driver):
+    """The inertial sensor on an SPI bus of this computer: see `Adis16448Spi`.
+
+    Attributes:
+        part: of the machine.
+        address: "/dev/spidev0.0", bus and chip; "unix:/path" for an emulated one.
+        clock_khz: of the bus [kHz].
+        decimation: D of the sample rate 819.2 Hz / 2^D [-].
+        mounting_deg: roll, pitch and yaw of the sensor in the platform's frame [deg].
+        timeout_ms: longest time for one call [ms].
+    """
+
+    part: str = "imu"
+    address: str = "unix:emulator/spi.sock"
+    clock_khz: float = quantity(1000.0, 10.0, 1000.0)
+    decimation: int = quantity(3, 0, 12)
+    mounting_deg: list[float] = quantity([0.0] * 3, -180.0, 180.0, length=3)
+    timeout_ms: float = quantity(100.0, 1.0, 10000.0)
+
+    def make(self, ports: PartPorts) -> Device:
+        """See `Driver`."""
+        roll, pitch, yaw = map(math.radians, self.mounting_deg)
+        with named(self):
+            params = Adis16448SpiParams(
+                address=resolved(self.address),
+                clock=1e3 * self.clock_khz,
+                decimation=self.decimation,
+                mounting=(roll, pitch, yaw),
+                timeout=1e-3 * self.timeout_ms,
+            )
+        return Adis16448Spi(params)
+
+    def emulate(
+        self, harness: Harness, misbehaviour: Misbehaviour
+    ) -> AbstractContextManager[object]:
+        """See `Driver`: the sensor's registers behind a socket."""
+        address = emulated(self.address, f"!{type(self).__name__}.address")
+        registers = Adis16448Registers(harness, misbehaviour)
+        return SpiSocketServer(address.removeprefix("unix:"), registers, misbehaviour)
+
+
+@dataclass
+class Adis16448IioImu(Driver):
+    """The inertial sensor through Linux IIO, here or on another computer: see `Adis16448Iio`.
+
+    Attributes:
+        part: of the machine.
+        uri: of libiio's context: "local:", "ip:host" or "ip:host:port".
+        decimation: D of the sample rate 819.2 Hz / 2^D [-].
+        mounting_deg: roll, pitch and yaw of the sensor in the platform's frame [deg].
+        timeout_ms: longest time for one call [ms].
+    """
+
+    part: str = "imu"
+    uri: str = "local:"
+    decimation: int = quantity(3, 0, 12)
+    mounting_deg: list[float] = quantity([0.0] * 3, -180.0, 180.0, length=3)
+    timeout_ms: float = quantity(500.0, 1.0, 10000.0)
+
+    def make(self, ports: PartPorts) -> Device:
+        """See `Driver`."""
+        roll, pitch, yaw = map(math.radians, self.mounting_deg)
+        with named(self):
+            params = Adis16448IioParams(
+                uri=self.uri,
+                decimation=self.decimation,
+                mounting=(roll, pitch, yaw),
+                timeout=1e-3 * self.timeout_ms,
+            )
+        return Adis16448Iio(params)

@@ -1,0 +1,96 @@
+"""What all drivers are."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+
+from parapod.diagrams.scenario_reader import Variant
+from parapod.systems.errors import ScenarioError
+from parapod.systems.hardware.device import Device
+from parapod.systems.hardware.emulators.directory import resolved
+from parapod.systems.hardware.emulators.harness import Harness
+from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
+
+
+@dataclass(frozen=True)
+class PartPorts:
+    """The signals of one part of a station, with their sizes.
+
+    Attributes:
+        measures: that the station shows.
+        commands: that the station takes.
+    """
+
+    measures: Mapping[str, int]
+    commands: Mapping[str, int]
+
+
+@dataclass
+class Driver(Variant):
+    """Root of the drivers; a dataclass derived from it can be named in any scenario.
+
+    Its fields are the keys of the scenario, with `parapod.diagrams.scenario.quantity` and
+    `choice` for what is admissible, in the units in which people give them. Nothing is opened and
+    no library imported before the device is configured.
+
+    Attributes:
+        part: of the machine, as in the names of its ports.
+    """
+
+    part: str = ""
+
+    def make(self, ports: PartPorts) -> Device:
+        """The device, not configured yet.
+
+        Args:
+            ports: of the part; the device may stand behind all of them or some.
+        """
+        raise NotImplementedError(f"{type(self).__name__} does not define make")
+
+    def emulate(
+        self, harness: Harness, misbehaviour: Misbehaviour
+    ) -> AbstractContextManager[object]:
+        """What answers in the device's place, at the same address, while the context lasts.
+
+        Args:
+            harness: wires to the simulated machine.
+            misbehaviour: what it does wrong.
+
+        Raises:
+            ScenarioError: there is no emulator of this device, or its address is a real one.
+        """
+        raise ScenarioError(
+            f"hardware.drivers: !{type(self).__name__} has no emulator", "hardware.drivers"
+        )
+
+
+def emulated(address: str, key: str) -> str:
+    """The resolved address of a device that is to be emulated.
+
+    Args:
+        address: as the scenario has it.
+        key: the driver's tag and field.
+
+    Raises:
+        ScenarioError: it is not in the emulator's directory.
+    """
+    path = resolved(address)
+    if path == address:
+        raise ScenarioError(
+            f"{key} = {address} is not an address of the emulator, which begin with emulator/", key
+        )
+    return path
+
+
+@contextmanager
+def named(driver: Driver) -> Iterator[None]:
+    """Says which driver it is whose settings do not fit together.
+
+    Raises:
+        ScenarioError: in place of a ValueError.
+    """
+    try:
+        yield
+    except ValueError as error:
+        text = f"hardware.drivers: !{type(driver).__name__} of {driver.part}: {error}"
+        raise ScenarioError(text, "hardware.drivers") from None

@@ -1,0 +1,172 @@
+"""Devices behind the ports of a station: checked against its ports, opened, wired."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
+
+from parapod.diagrams.drivers.driver import Driver, PartPorts
+from parapod.diagrams.wiring import add, connect
+from parapod.systems.errors import ScenarioError
+from parapod.systems.hardware.device import Device
+from parapod.systems.hardware.io_thread import DeviceThread
+from parapod.systems.hardware.part_reader import PartReader
+from parapod.systems.hardware.part_writer import PartWriter
+
+
+class Port(Protocol):
+    """What is known of a port of a station."""
+
+    @property
+    def name(self) -> str:
+        """`<part>.<signal>`."""
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+
+
+@dataclass
+class Parts:
+    """The devices of a machine, by part.
+
+    Attributes:
+        threads: of each part's devices.
+        readers: by part.
+    """
+
+    threads: dict[str, list[DeviceThread]]
+    readers: dict[str, PartReader] = field(default_factory=dict)
+
+    @property
+    def all_threads(self) -> list[DeviceThread]:
+        """Of all parts."""
+        return [thread for threads in self.threads.values() for thread in threads]
+
+    def reset(self, root_context: Context) -> None:
+        """Begins with what the devices measure now; before `active`, with nothing.
+
+        Raises:
+            DeviceError: a device has a fault.
+        """
+        for reader in self.readers.values():
+            reader.reset(reader.GetMyMutableContextFromRoot(root_context))
+
+    @contextmanager
+    def active(self) -> Iterator[None]:
+        """Configures all devices, then activates them; neutral and closed at its end.
+
+        No device is energised before every device has answered and been found to be the right
+        one. Whatever ends it, every device is made neutral, in the reverse order.
+
+        Raises:
+            MissingExtra: a library is not installed.
+            DeviceError: a device is not there, is another one, or refuses.
+        """
+        with ExitStack() as stack:
+            for thread in self.all_threads:
+                stack.enter_context(thread.device)
+            for thread in self.all_threads:
+                stack.callback(thread.stop)
+                thread.start()
+            yield
+
+
+def make_parts(
+    drivers: Sequence[Driver],
+    inputs: Sequence[Port],
+    outputs: Sequence[Port],
+    period: float,
+) -> Parts:
+    """Makes the devices of drivers and checks that they are the station's.
+
+    Args:
+        drivers: of the scenario.
+        inputs: of the station; each must be driven.
+        outputs: likewise; each must be measured, once.
+        period: of the loop [s].
+
+    Raises:
+        ScenarioError: names the port or the driver that is wrong.
+    """
+    parts = {spec.name.partition(".")[0] for spec in (*inputs, *outputs)}
+    devices: list[tuple[str, Device]] = []
+    for i, driver in enumerate(drivers):
+        if driver.part not in parts:
+            key = f"hardware.drivers.{i}.part"
+            raise ScenarioError(
+                f"{key} = '{driver.part}' is not one of {', '.join(sorted(parts))}", key
+            )
+        ports = PartPorts(_signals(outputs, driver.part), _signals(inputs, driver.part))
+        devices.append((driver.part, driver.make(ports)))
+    for specs, what in ((outputs, "measures"), (inputs, "commands")):
+        for spec in specs:
+            _check(spec, devices, what)
+    threads: dict[str, list[DeviceThread]] = {part: [] for part in sorted(parts)}
+    for part, device in devices:
+        threads[part].append(DeviceThread(device, period))
+    return Parts(threads)
+
+
+def _signals(specs: Sequence[Port], part: str) -> dict[str, int]:
+    """Names, within their part, and sizes of the ports of one part."""
+    names = ((spec.name.partition("."), spec.size) for spec in specs)
+    return {signal: size for (owner, _, signal), size in names if owner == part}
+
+
+def _check(spec: Port, devices: Sequence[tuple[str, Device]], what: str) -> None:
+    """Refuses a port that no device, or more than one, stands behind."""
+    part, _, signal = spec.name.partition(".")
+    here = [device for name, device in devices if name == part]
+    found = [device for device in here if signal in getattr(device, what)]
+    key = "hardware.drivers"
+    verb = "measured" if what == "measures" else "driven"
+    if not found:
+        among = ", ".join(device.name for device in here) or "none"
+        raise ScenarioError(
+            f"{key}: {spec.name} is {verb} by no driver (those with part: {part}: {among})", key
+        )
+    if what == "measures" and len(found) > 1:
+        names = " and ".join(device.name for device in found)
+        raise ScenarioError(f"{key}: {spec.name} is measured by {names}; it must be one", key)
+    size = getattr(found[0], what)[signal]
+    if size != spec.size:
+        raise ScenarioError(
+            f"{key}: {found[0].name} has {size} elements of {spec.name}, the port {spec.size}", key
+        )
+
+
+def add_parts(
+    builder: DiagramBuilder,
+    parts: Parts,
+    inputs: Sequence[Port],
+    outputs: Sequence[Port],
+    period: float,
+) -> dict[str, OutputPort]:
+    """Adds readers and writers and exports the station's ports.
+
+    Args:
+        builder: of the station.
+        parts: from `make_parts`; its readers are filled in.
+        inputs: of the station.
+        outputs: of the station, without its status.
+        period: of the loop [s].
+
+    Returns:
+        The readers' outputs `<part>.age` and `<part>.fault`, for the station's status.
+    """
+    status: dict[str, OutputPort] = {}
+    for part, threads in parts.threads.items():
+        reader = add(builder, PartReader(part, threads, period))
+        parts.readers[part] = reader
+        status |= {f"{part}.{name}": reader.GetOutputPort(name) for name in ("age", "fault")}
+        for signal in _signals(outputs, part):
+            builder.ExportOutput(reader.GetOutputPort(signal), f"{part}.{signal}")
+        if commanded := _signals(inputs, part):
+            writer = add(builder, PartWriter(part, threads, period))
+            connect(builder, reader.GetOutputPort("stamp"), writer.GetInputPort("stamp"))
+            for signal in commanded:
+                builder.ExportInput(writer.GetInputPort(signal), f"{part}.{signal}")
+    return status

@@ -1,0 +1,63 @@
+"""`parapod bench-rt`: how punctually this computer runs the controller."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from parapod.sims.commands.arguments import HELD, UsageError, check_outputs
+
+if TYPE_CHECKING:  # Help and errors must not wait for Drake.
+    from parapod.sims.experiment import Entry
+
+HELP = "measure how punctually this computer runs the controller"
+DESCRIPTION = (
+    "Runs the levelling platform's closed loop in real time at several rates, and in turns with "
+    "it a loop that only wakes up. Prints how late ticks begin (period error), what they cost, "
+    "and how late the machine wakes up by itself: a controller cannot be more punctual than that."
+)
+_BACKENDS = ("mock", "kinematic", "hardware")
+
+
+def add_arguments(parser: argparse.ArgumentParser, entries: "Sequence[Entry]") -> None:
+    """The command's arguments."""
+    parser.add_argument(
+        "--rates",
+        type=float,
+        nargs="+",
+        default=[100.0, 200.0, 500.0],
+        metavar="HZ",
+        help="of the loop; default 100 200 500",
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=10.0, metavar="S", help="at each rate; default 10"
+    )
+    parser.add_argument(
+        "--backend", default="mock", choices=_BACKENDS, help="of the station; default mock"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
+
+
+def execute(arguments: argparse.Namespace, entries: "Sequence[Entry]") -> int:
+    """Runs the command; returns the exit code."""
+    for rate in arguments.rates:
+        if not 20.0 <= rate <= 1000.0:
+            raise UsageError(f"--rates {rate:g} is outside 20..1000 Hz")
+    if not 1.0 <= arguments.seconds <= 3600.0:
+        raise UsageError(f"--seconds {arguments.seconds:g} is outside 1..3600")
+    check_outputs({"json": arguments.json})
+
+    from rich.console import Console
+
+    from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+    from parapod.sims.bench_rt import bench_real_time, print_punctuality
+    from parapod.sims.outputs import write_json
+
+    scenario = LevellingScenario(backend=arguments.backend)
+    rates, seconds = arguments.rates, arguments.seconds
+    results = bench_real_time(scenario, rates, seconds, Console(stderr=True))
+    print_punctuality(results, Console())
+    if arguments.json is not None:
+        write_json(arguments.json, {"rates": [result.as_json() for result in results]})
+        print(f"wrote {arguments.json}")
+    return HELD

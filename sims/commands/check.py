@@ -1,0 +1,79 @@
+"""`parapod check`: self-test of the devices of one part of the machine."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from parapod.sims.commands.arguments import (
+    BROKEN,
+    HELD,
+    UsageError,
+    add_scenario_options,
+    load,
+)
+
+if TYPE_CHECKING:  # Help and errors must not wait for Drake.
+    from parapod.sims.experiment import Entry
+
+HELP = "test the devices of one part of the machine"
+DESCRIPTION = (
+    "Configures the devices of one part, which refuses wrong addresses and wrong devices, reads "
+    "them, and checks what they show. Nothing gets power unless --move is given: then one "
+    "actuator moves there and back, and its sign and scale are checked."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser, entries: "Sequence[Entry]") -> None:
+    """The command's arguments."""
+    parser.add_argument("part", metavar="PART", help="legs, wheels, imu, arm or turntable")
+    add_scenario_options(parser, entries)
+    parser.set_defaults(name="level")
+    parser.add_argument(
+        "--seconds", type=float, default=2.0, metavar="S", help="how long to read; default 2"
+    )
+    parser.add_argument(
+        "--move", type=int, metavar="N", help="move actuator N, counted from 1, there and back"
+    )
+    parser.add_argument(
+        "--command",
+        dest="size",
+        type=float,
+        default=1.0,
+        metavar="X",
+        help="with --move: motor voltage in V or wheel velocity in rad/s; default 1",
+    )
+    parser.add_argument(
+        "--for", dest="duration", type=float, default=1.0, metavar="S", help="default 1"
+    )
+    parser.add_argument("--yes", action="store_true", help="with --move: do not ask before")
+
+
+def execute(arguments: argparse.Namespace, entries: "Sequence[Entry]") -> int:
+    """Runs the command; returns the exit code."""
+    if not 0.1 <= arguments.seconds <= 3600.0:
+        raise UsageError(f"--seconds {arguments.seconds:g} is outside 0.1..3600")
+    _, scenario = load(arguments, entries)
+
+    from rich.console import Console
+
+    from parapod.sims.check import Move, check_part
+    from parapod.sims.results import Result, print_table
+
+    move = None
+    if arguments.move is not None:
+        move = Move(arguments.move - 1, arguments.size, arguments.duration)
+        if not arguments.yes and not _agreed(arguments.part, arguments.move):
+            print("nothing was moved")
+            return BROKEN
+    metrics = check_part(scenario, arguments.part, move, arguments.seconds, print)
+    result = Result(f"check {arguments.part}", "hardware", scenario.seed, tuple(metrics))
+    print_table(result, Console())
+    return HELD if result.passed else BROKEN
+
+
+def _agreed(part: str, number: int) -> bool:
+    if not sys.stdin.isatty():
+        raise UsageError("--move asks before anything moves; without a terminal add --yes")
+    question = f"{part} {number} will move. Is everybody clear of the machine? [yes/no] "
+    return input(question).strip().lower() == "yes"

@@ -1,0 +1,62 @@
+"""`parapod emulate`: the simulated machine behind emulated devices, for another program."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from parapod.sims.commands.arguments import (
+    HELD,
+    UsageError,
+    add_scenario_arguments,
+    check_outputs,
+    load,
+)
+
+if TYPE_CHECKING:  # Help and errors must not wait for Drake.
+    from parapod.sims.experiment import Entry
+
+HELP = "put the simulated machine behind emulated devices"
+DESCRIPTION = (
+    "Simulates the machine in real time behind emulators of its devices, which speak the makers' "
+    "protocols. Another program then runs `parapod run NAME --backend hardware` as on the real "
+    "machine. Lines on standard input, PART KIND, make a device misbehave, as in `imu garbage`, "
+    "and `imu well` ends it. Ctrl-C ends the emulator."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser, entries: "Sequence[Entry]") -> None:
+    """The command's arguments."""
+    add_scenario_arguments(parser, entries)
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="'AT PART KIND'",
+        help="make a device misbehave at a time in s, as in '12 imu garbage'; may be repeated",
+    )
+    parser.add_argument(
+        "--for", dest="duration", type=float, metavar="S", help="end after so many seconds"
+    )
+    parser.add_argument(
+        "--log", type=Path, metavar="FILE", help="write all signals, the true ones too, as MCAP"
+    )
+
+
+def execute(arguments: argparse.Namespace, entries: "Sequence[Entry]") -> int:
+    """Runs the command; returns the exit code."""
+    import math
+
+    check_outputs({"log": arguments.log})
+    _, scenario = load(arguments, entries)
+
+    from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+    from parapod.sims.emulate import emulate, parsed_fault
+
+    if not isinstance(scenario, LevellingScenario):
+        raise UsageError(f"'{arguments.name}' has no machine that can be emulated; 'level' has")
+    parts = sorted({driver.part for driver in scenario.hardware.drivers})
+    requests = [parsed_fault(text, parts) for text in arguments.fault]
+    duration = math.inf if arguments.duration is None else arguments.duration
+    emulate(scenario, requests, duration, arguments.log)
+    return HELD

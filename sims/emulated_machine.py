@@ -1,0 +1,117 @@
+"""A simulated levelling platform behind emulated devices."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, OutputPort
+
+from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUTPUTS, PortSpec
+from parapod.diagrams.levelling_platform.scenario import SIMULATED, LevellingScenario
+from parapod.diagrams.levelling_platform.station import make_station
+from parapod.sims.emulated_devices import emulated_devices
+from parapod.sims.real_time import RealTimeLoop
+from parapod.systems.errors import ScenarioError
+from parapod.systems.hardware.emulators.directory import emulator_directory
+from parapod.systems.hardware.emulators.shared_harness import SharedHarness
+
+# How often wires and physics see each other; a longer step of the plant makes it rarer [s].
+_PERIOD = 2e-3
+
+
+class EmulatedMachine:
+    """A simulated station whose ports are wires to emulated devices.
+
+    Attributes:
+        harness: the wires.
+        misbehaviours: by part of the machine.
+    """
+
+    def __init__(self, scenario: LevellingScenario):
+        """Builds the machine, in the state in which the scenario's job begins.
+
+        Args:
+            scenario: its backend must be a simulated one; its drivers are emulated.
+
+        Raises:
+            ScenarioError: another backend.
+        """
+        if scenario.backend not in SIMULATED:
+            raise ScenarioError(
+                f"backend = '{scenario.backend}' cannot be behind emulated devices; "
+                f"there are: {', '.join(SIMULATED)}",
+                "backend",
+            )
+        self._scenario = scenario
+        self.period = max(_PERIOD, scenario.plant.time_step)
+        if scenario.backend == "kinematic":
+            self.period = _PERIOD
+        fast = replace(scenario, control=replace(scenario.control, period=self.period))
+        self._station = make_station(fast)
+        self._simulator = Simulator(self._station.diagram)
+        self._context = self._simulator.get_mutable_context()
+        self._station.reset(self._context)
+        self._sizes = {spec.name: spec.size for spec in (*INPUTS, *OUTPUTS)}
+        self._parts = sorted({driver.part for driver in scenario.hardware.drivers})
+        directory = emulator_directory()
+        directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._wires = directory / "wires"
+        self.harness = SharedHarness(self._wires, self._sizes, self._parts, is_new=True)
+        self.misbehaviours = {part: self.harness.misbehaviour(part) for part in self._parts}
+        diagram = self._station.diagram
+        self._outputs: list[tuple[str, OutputPort]]
+        self._outputs = [(spec.name, diagram.GetOutputPort(spec.name)) for spec in OUTPUTS]
+        for spec in INPUTS:
+            self._port(spec).FixValue(self._context, self.harness.get(spec.name))
+        self._show()
+
+    def _port(self, spec: PortSpec):  # type: ignore[no-untyped-def]
+        return self._station.diagram.GetInputPort(spec.name)
+
+    @contextmanager
+    def devices(self) -> Iterator[None]:
+        """While it lasts the emulated devices answer at the addresses of the scenario's drivers.
+
+        Raises:
+            ScenarioError: a driver has no emulator, or an address that is not the emulator's.
+        """
+        drivers, seed = self._scenario.hardware.drivers, self._scenario.seed
+        with emulated_devices(drivers, self._wires, self._sizes, self._parts, seed):
+            yield
+
+    def run(self, duration: float, on_tick: Callable[[Context], None]) -> None:
+        """Simulates in real time; late ticks are left out.
+
+        Args:
+            duration: [s].
+            on_tick: told the context after each tick.
+        """
+        inputs = [(spec.name, self._port(spec)) for spec in INPUTS]
+
+        def exchange(root: Context) -> None:
+            self._show()
+            for name, port in inputs:
+                port.FixValue(root, self.harness.get(name))
+            on_tick(root)
+
+        self._simulator.Initialize()
+        RealTimeLoop(self._simulator, self.period, exchange, is_strict=False).run(duration)
+
+    def _show(self) -> None:
+        """Puts what the station shows on the wires."""
+        for name, port in self._outputs:
+            self.harness.set(name, np.asarray(port.Eval(self._context)).tolist())
+
+    def ports(self) -> dict[str, str]:
+        """Names and units of what can be logged."""
+        return {spec.name: spec.unit for spec in (*INPUTS, *OUTPUTS, *TRUTH_OUTPUTS)}
+
+    def values(self, root: Context) -> list[NDArray[np.float64]]:
+        """Of all ports that can be logged."""
+        diagram = self._station.diagram
+        taken = [self._port(spec).Eval(root) for spec in INPUTS]
+        shown = [diagram.GetOutputPort(s.name).Eval(root) for s in (*OUTPUTS, *TRUTH_OUTPUTS)]
+        return taken + shown

@@ -1,0 +1,160 @@
+"""A levelling platform's job on the real machine, in real time."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
+from rich.console import Console
+
+from parapod.diagrams.levelling_platform.closed_loop import ClosedLoop
+from parapod.diagrams.levelling_platform.hardware_station import HardwareStation
+from parapod.diagrams.levelling_platform.station_base import Station
+from parapod.diagrams.scenario import dump_scenario
+from parapod.sims.experiment import RunOptions, progress
+from parapod.sims.mcap_log import McapLog
+from parapod.sims.real_time import (
+    RealTimeLoop,
+    Timing,
+    ended_by_signals,
+    percentiles,
+    undisturbed,
+)
+from parapod.systems.errors import OutputError
+from parapod.systems.hardware.device import DeviceError
+from parapod.systems.hardware.io_thread import DeviceThread
+
+# A device that has been wrong for so long does not come back by itself [s].
+_PATIENCE = 0.1
+
+
+class DeviceWatch:
+    """Ends a run in which a device has failed; for controllers that have no supervisor."""
+
+    def __init__(self, threads: Sequence[DeviceThread], patience: float = _PATIENCE):
+        """Begins to watch.
+
+        Args:
+            threads: of the devices.
+            patience: how long a device may be wrong [s].
+        """
+        self._threads, self._patience = threads, patience
+        self._since: dict[int, float] = {}
+
+    def check(self, now: float) -> None:
+        """Looks at every device.
+
+        Args:
+            now: `time.monotonic` [s].
+
+        Raises:
+            DeviceError: one has been wrong for too long; has its words.
+        """
+        for i, thread in enumerate(self._threads):
+            sample = thread.sample
+            if not sample.fault:
+                self._since.pop(i, None)
+            elif now - self._since.setdefault(i, now) > self._patience:
+                words = sample.words.removeprefix(f"{thread.device.name}: ")
+                raise DeviceError(thread.device.name, words, sample.fault)
+
+
+def run_on_hardware(
+    loop: ClosedLoop,
+    simulator: Simulator,
+    until: float,
+    options: RunOptions,
+    what: str,
+    units: Mapping[str, str],
+) -> Timing:
+    """Runs a closed loop whose station is hardware; the machine is neutral when this returns.
+
+    Configures and activates the devices, begins with what they measure, and deactivates them at
+    the end, after Ctrl-C, after a signal that ends programs, and after any error.
+
+    Args:
+        loop: built for the backend "hardware".
+        simulator: of its diagram.
+        until: when it ends [s].
+        options: where progress goes, and the log.
+        what: what is going on, for the progress and in the log.
+        units: of all ports that can be logged.
+
+    Raises:
+        DeviceError: a device is not there, is another one, or has failed.
+        DeadlineError: this computer is too slow.
+        OutputError: the log cannot be written, or is not to be an MCAP file.
+    """
+    station = loop.station
+    assert isinstance(station, HardwareStation)
+    root = simulator.get_mutable_context()
+    watch = DeviceWatch(station.parts.all_threads)
+    with ExitStack() as stack:
+        stack.enter_context(ended_by_signals())
+        write = stack.enter_context(_log(options.log, loop, root, what, units))
+        stack.enter_context(station.active())
+        report = stack.enter_context(progress(options.console, what, until))
+        loop.reset(root)
+        simulator.Initialize()
+
+        def on_tick(context: Context) -> None:
+            watch.check(time.monotonic())
+            write(context.get_time())
+            report(context.get_time())
+
+        running = RealTimeLoop(simulator, station.scenario.control.period, on_tick)
+        with undisturbed():
+            running.run(until)
+    return running.timing
+
+
+@contextmanager
+def _log(
+    path: Path | None, loop: ClosedLoop, root: Context, what: str, units: Mapping[str, str]
+) -> Iterator[Callable[[float], None]]:
+    """Yields what writes all ports to an MCAP file; without one, nothing."""
+    if path is None:
+        yield lambda _: None
+        return
+    if path.suffix != ".mcap":
+        raise OutputError(f"--log '{path}': a log of hardware is an MCAP file, NAME.mcap", path)
+    metadata = {
+        "experiment": what,
+        "parapod": version("parapod"),
+        "scenario": dump_scenario(loop.station.scenario),
+    }
+    systems: list[Any] = [port.get_system() for port in loop.ports.values()]
+    contexts = [system.GetMyContextFromRoot(root) for system in systems]
+    sources = list(zip(loop.ports.values(), contexts, strict=True))
+    with McapLog(path, {name: units[name] for name in loop.ports}, metadata) as log:
+        yield lambda t: log.write(t, [port.Eval(context) for port, context in sources])
+
+
+def show_timing(timing: Timing, station: Station, console: Console) -> None:
+    """Says how punctual the loop was and how old measurements were when they had an effect."""
+    late, cost = percentiles(timing.late), percentiles(timing.cost)
+    lines = [
+        f"{len(timing.cost)} ticks of {1e3 * timing.period:g} ms, {timing.missed} missed; "
+        f"late {_ms(late)}, cost {_ms(cost)} ms (median, 99 %, largest)"
+    ]
+    assert isinstance(station, HardwareStation)
+    for thread in station.parts.all_threads:
+        ages = thread.write_ages
+        if ages and thread.device.measures:
+            over = sum(age > timing.period for age in ages)
+            lines.append(
+                f"{thread.device.name}: measurements were {_ms(percentiles(ages))} ms old when "
+                f"commands made of them had been written, {over} of {len(ages)} above one period"
+            )
+    for line in lines:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _ms(seconds: NDArray[np.float64]) -> str:
+    return ", ".join(f"{1e3 * value:.2f}" for value in seconds)

@@ -1,0 +1,197 @@
+"""A diagram advanced with the wall clock: absolute deadlines, safe end when they are missed."""
+
+import gc
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from types import FrameType
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
+
+from parapod.systems.errors import ParapodError
+
+# A controller that is this late is not in control [s].
+_HOPELESS = 0.1
+# More than this share of missed deadlines within a second is a computer that is too slow [-].
+_TOLERATED_SHARE = 0.5
+_WINDOW = 1.0  # [s]
+# What a thread may compute while others wait for the interpreter [s]; Python's own is 5 ms.
+SWITCH_INTERVAL = 1e-4
+_PRIORITY = 40
+
+
+class DeadlineError(ParapodError):
+    """A computer that does not keep up with the machine; the machine has been stopped."""
+
+
+@dataclass
+class Timing:
+    """How punctual a loop has been.
+
+    Attributes:
+        period: of the loop [s].
+        late: by how much each tick began after its deadline [s].
+        cost: how long each tick took [s].
+        missed: deadlines that passed without a tick.
+    """
+
+    period: float
+    late: list[float] = field(default_factory=list)
+    cost: list[float] = field(default_factory=list)
+    missed: int = 0
+
+    @property
+    def period_error(self) -> list[float]:
+        """By how much the time between two ticks differed from the period [s]."""
+        return np.abs(np.diff(self.late)).tolist()
+
+
+def percentiles(values: list[float]) -> NDArray[np.float64]:
+    """Median, 99th percentile and maximum."""
+    return np.percentile(values, [50.0, 99.0, 100.0]) if values else np.full(3, np.nan)
+
+
+class RealTimeLoop:
+    """Advances a simulator by one period at each deadline of an absolute schedule.
+
+    Tick k is due k periods after the beginning, whatever the ticks before have cost. When a tick
+    comes so late that the next one is due as well, the schedule is moved: ticks are left out and
+    counted, and never run in a burst, because each would command a machine of the past.
+
+    The loop ends with an error when a tick is 0.1 s late, or when half of the deadlines of a
+    second are missed; whoever runs it then stops the machine.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        period: float,
+        on_tick: Callable[[Context], None] | None = None,
+        is_strict: bool = True,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ):
+        """Prepares the loop.
+
+        Args:
+            simulator: initialized.
+            period: of the diagram's controllers [s].
+            on_tick: told the context after each tick; raises to end the loop.
+            is_strict: missed deadlines end the loop, as said above.
+            clock: monotonic [s].
+            sleep: waits for a time [s].
+        """
+        self._simulator, self._on_tick = simulator, on_tick
+        self._is_strict, self._clock, self._sleep = is_strict, clock, sleep
+        self.timing = Timing(period)
+
+    def run(self, until: float) -> None:
+        """Runs to a time of the simulation.
+
+        Args:
+            until: [s].
+
+        Raises:
+            DeadlineError: see the class.
+        """
+        period, timing = self.timing.period, self.timing
+        context = self._simulator.get_context()
+        begin = context.get_time()
+        ticks = round((until - begin) / period)
+        due = self._clock()
+        for k in range(ticks):
+            self._wait(due)
+            started = self._clock()
+            timing.late.append(started - due)
+            # Half a period beyond the tick, so that its writing events are in it.
+            self._simulator.AdvanceTo(begin + (k + 0.5) * period)
+            if self._on_tick is not None:
+                self._on_tick(context)
+            ended = self._clock()
+            timing.cost.append(ended - started)
+            due += period
+            if (behind := ended - due) > 0.0:
+                left_out = int(behind / period) + 1
+                timing.missed += left_out
+                due += left_out * period
+                if self._is_strict:
+                    self._judge(behind)
+
+    def _wait(self, due: float) -> None:
+        while (left := due - self._clock()) > 0.0:
+            self._sleep(left)
+
+    def _judge(self, behind: float) -> None:
+        timing = self.timing
+        if behind > _HOPELESS:
+            raise DeadlineError(f"a tick ended {1e3 * behind:.0f} ms after the next was due")
+        window = max(10, round(_WINDOW / timing.period))
+        recent = timing.cost[-window:]
+        slow = sum(cost > timing.period for cost in recent)
+        if slow > _TOLERATED_SHARE * window:
+            raise DeadlineError(
+                f"{slow} of {window} ticks took longer than the period of "
+                f"{1e3 * timing.period:g} ms; this computer is too slow for it"
+            )
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Keeps Python's garbage collector and other programs away, as far as permitted.
+
+    What exists is frozen out of the collector's sight and nothing is collected meanwhile. The
+    calling thread gets the scheduling policy SCHED_FIFO if the user may have it.
+    """
+    interval = sys.getswitchinterval()
+    enabled = gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    is_fifo = _take_priority()
+    try:
+        yield
+    finally:
+        if is_fifo:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        sys.setswitchinterval(interval)
+        gc.unfreeze()
+        if enabled:
+            gc.enable()
+
+
+def _take_priority() -> bool:
+    """Whether the calling thread is a real-time one now, and was not before."""
+    if not hasattr(os, "sched_setscheduler") or os.sched_getscheduler(0) == os.SCHED_FIFO:
+        return False
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+        return True
+    return False
+
+
+@contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """Makes the signals that end programs end this one as Ctrl-C does: through every `finally`."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt(signal.Signals(number).name)
+
+    signals = [s for s in ("SIGTERM", "SIGHUP") if hasattr(signal, s)]
+    before = {getattr(signal, s): signal.signal(getattr(signal, s), interrupt) for s in signals}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,133 @@
+"""What all devices have in common: the order of their life, their signals, how they fail."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from enum import IntEnum
+from types import TracebackType
+from typing import Self
+
+from parapod.systems.errors import ParapodError
+
+type Signals = Mapping[str, Sequence[float]]
+
+
+class DeviceFault(IntEnum):
+    """Codes of the ports `status.fault`."""
+
+    NONE = 0
+    """Nothing is wrong."""
+
+    SILENT = 1
+    """Does not answer, or not in time."""
+
+    CORRUPT = 2
+    """Answers with a wrong checksum, length or identity, or with what cannot be."""
+
+    FAILED = 3
+    """Answers that it has failed."""
+
+    UNPLUGGED = 4
+    """The connection is gone."""
+
+    NO_COMMAND = 5
+    """The controller has fallen silent; the outputs are neutral."""
+
+
+class DeviceError(ParapodError):
+    """A device that does not do what it is asked; the text has the device's own words.
+
+    Attributes:
+        device: its name and address.
+        fault: in which way.
+    """
+
+    def __init__(self, device: str, message: str, fault: DeviceFault = DeviceFault.FAILED):
+        self.device, self.fault = device, fault
+        super().__init__(f"{device}: {' '.join(message.split())}")
+
+
+class Device(ABC):
+    """A part of the machine, as the bus behind which it sits shows it.
+
+    Its life is that of ros2_control's hardware: `configure` opens the connection, makes sure that
+    the right device answers, sets it up, and leaves its outputs neutral and without power;
+    `activate` gives them power; `deactivate` takes it away; `close` ends the connection, and may
+    come at any time. After `configure` one thread at a time calls the device.
+
+    Calls block, but none for longer than the device's timeout.
+
+    Attributes:
+        name: what the device is and where, as errors call it.
+        measures: the signals that `read` returns, and their sizes.
+        commands: the signals that `write` takes, and their sizes.
+    """
+
+    name: str
+    measures: Mapping[str, int] = {}
+    commands: Mapping[str, int] = {}
+
+    @abstractmethod
+    def configure(self) -> None:
+        """Opens the connection and sets up the device; nothing is energised.
+
+        Raises:
+            MissingExtra: the library is not installed.
+            DeviceError: it is not there, is another one, or refuses; nothing stays open.
+        """
+
+    def activate(self) -> None:  # noqa: B027 (sensors have nothing to energise)
+        """Gives power to neutral outputs.
+
+        Raises:
+            DeviceError: it refuses.
+        """
+
+    def read(self) -> Signals:
+        """The newest measurements, in SI units.
+
+        Raises:
+            DeviceError: there are none.
+        """
+        return {}
+
+    def write(self, commands: Signals) -> None:  # noqa: B027
+        """Puts commands, in SI units, to the outputs; what is not finite is neutral.
+
+        Raises:
+            DeviceError: they did not arrive.
+        """
+
+    def neutral(self) -> None:  # noqa: B027
+        """Puts to the outputs what does not move anything; may come before `activate`.
+
+        Raises:
+            DeviceError: it did not arrive.
+        """
+
+    def deactivate(self) -> None:
+        """Takes the power from the outputs.
+
+        Raises:
+            DeviceError: it did not arrive.
+        """
+        self.neutral()
+
+    @abstractmethod
+    def close(self) -> None:
+        """Makes the outputs neutral if it can and ends the connection; never raises."""
+
+    def __enter__(self) -> Self:
+        try:
+            self.configure()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()

@@ -1,0 +1,178 @@
+"""An emulated EPOS2 24/5: drive state machine, profile velocity mode, faults."""
+
+import math
+from typing import Any, NamedTuple
+
+from parapod.systems.elementwise import clamp
+from parapod.systems.hardware import epos2_objects as objects
+from parapod.systems.hardware.ds402 import STATUSWORDS, DriveState, is_energised, obeyed
+from parapod.systems.hardware.emulators.canopen_slave import (
+    CanopenSlave,
+    SlaveLine,
+    process_data_defaults,
+)
+from parapod.systems.hardware.epos2_objects import Entry
+
+# What an EPOS2 adds to CiA 402's bits: offsets measured, and voltage enabled [EPOS2 firmware
+# specification, states of the drive].
+_OFFSETS_MEASURED, _VOLTAGE_ENABLED = 0x0100, 0x0010
+_RPM = 2.0 * math.pi / 60.0  # [rad/s]
+# Error register: generic, communication (CiA 301).
+_GENERIC, _COMMUNICATION = 0x01, 0x10
+
+
+class EmulatedMotor(NamedTuple):
+    """What an emulated controller is, and what it drives.
+
+    Attributes:
+        gear: reduction between motor and wheel [-].
+        pulses: encoder pulses per turn of the motor; four counts each.
+        vendor: maxon, unless somebody tests what becomes of another one.
+        hardware: version, the EPOS2 24/5's unless likewise.
+        position_offset: counts that the controller shows when the wheel is at zero.
+    """
+
+    gear: float = 26.0
+    pulses: int = 500
+    vendor: int = objects.MAXON
+    hardware: int = objects.EPOS2_24_5
+    position_offset: int = 0
+
+
+class Epos2Node:
+    """One controller; its motor is moved by whoever asks for `velocity` and sets `measured`.
+
+    Attributes:
+        state: of the drive.
+        measured: position [rad] and velocity [rad/s] of the wheel, as the encoder shows them.
+    """
+
+    def __init__(self, node_id: int, line: SlaveLine, motor: EmulatedMotor):
+        """Creates a node and puts it on the line.
+
+        Args:
+            node_id: its address.
+            line: the bus.
+            motor: that it drives.
+        """
+        self._motor = motor
+        self.state = DriveState.SWITCH_ON_DISABLED
+        self.measured = 0.0, 0.0
+        self._controlword, self._demand, self._stepped = 0, 0.0, -math.inf
+        self._slave = CanopenSlave(node_id, _defaults(node_id, motor), line, self._miss_heartbeat)
+        self._slave.node.add_read_callback(self._on_read)
+        self._slave.node.add_write_callback(self._on_write)
+
+    @property
+    def velocity(self) -> float:
+        """What the motor is to do at the wheel [rad/s]; 0 unless operation is enabled."""
+        if self.state is not DriveState.OPERATION_ENABLED:
+            return 0.0
+        return self._demand * _RPM / self._motor.gear
+
+    def hear(self, can_id: int, now: float) -> None:
+        """Takes note of a frame that may be the master's heartbeat.
+
+        Args:
+            can_id: its identifier.
+            now: the time [s].
+        """
+        self._slave.hear(can_id, now)
+
+    def trip(self, code: int, register: int = _GENERIC) -> None:
+        """Makes the drive fail.
+
+        Args:
+            code: of the error.
+            register: bits of the error register.
+        """
+        if self.state is DriveState.FAULT:
+            return
+        self.state = DriveState.FAULT_REACTION_ACTIVE
+        self._store(objects.ERROR_CODE, code)
+        self._slave.node.emcy.send(code, register)
+
+    def step(self, now: float) -> None:
+        """Moves on to a time [s]."""
+        self._slave.step(now)
+        elapsed = max(0.0, now - self._stepped) if math.isfinite(self._stepped) else 0.0
+        self._stepped = now
+        self._demand = self._ramped(elapsed)
+        if self.state is DriveState.FAULT_REACTION_ACTIVE and self._demand == 0.0:
+            self.state = DriveState.FAULT
+
+    def _ramped(self, elapsed: float) -> float:
+        """Velocity of the motor that is demanded next [rpm]."""
+        if self.state is DriveState.OPERATION_ENABLED:
+            if self._slave.get(objects.MODE) != objects.PROFILE_VELOCITY:
+                return 0.0
+            limit = self._slave.get(objects.MAX_VELOCITY)
+            target = clamp(float(self._slave.get(objects.TARGET_VELOCITY)), -limit, limit)
+            faster = abs(target) > abs(self._demand)
+            rate = self._slave.get(objects.ACCELERATION if faster else objects.DECELERATION)
+        elif is_energised(self.state) or self.state is DriveState.FAULT_REACTION_ACTIVE:
+            target, rate = 0.0, self._slave.get(objects.QUICK_STOP_DECELERATION)
+        else:
+            return 0.0
+        step = rate * elapsed
+        return float(clamp(target, self._demand - step, self._demand + step))
+
+    def _miss_heartbeat(self) -> None:
+        self.trip(objects.HEARTBEAT_LOST, _GENERIC | _COMMUNICATION)
+
+    def _on_read(self, index: int, **_: Any) -> int | None:
+        position, velocity = self.measured
+        if index == objects.STATUSWORD.index:
+            powered = _VOLTAGE_ENABLED if is_energised(self.state) else 0
+            return STATUSWORDS[self.state] | _OFFSETS_MEASURED | powered
+        if index == objects.POSITION.index:
+            turns = position * self._motor.gear / (2.0 * math.pi)
+            counts = round(4 * self._motor.pulses * turns) + self._motor.position_offset
+            return _wrapped(counts)
+        if index == objects.VELOCITY.index:
+            return _wrapped(round(velocity * self._motor.gear / _RPM))
+        return None
+
+    def _on_write(self, index: int, data: bytes, **_: Any) -> None:
+        if index != objects.CONTROLWORD.index:
+            return
+        word = objects.CONTROLWORD.unpack(data)
+        before, self.state = self.state, obeyed(self.state, self._controlword, word)
+        self._controlword = word
+        if before is DriveState.FAULT and self.state is not before:
+            self._store(objects.ERROR_CODE, 0)
+            self._slave.node.emcy.reset()
+
+    def _store(self, entry: Entry, value: int) -> None:
+        self._slave.node.set_data(entry.index, entry.subindex, entry.pack(value))
+
+
+def _wrapped(value: int) -> int:
+    """A number as 32 bits show it."""
+    half = 1 << 31
+    return (value + half) % (1 << 32) - half
+
+
+def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
+    """The object dictionary as the maker delivers it."""
+    return {
+        objects.ERROR_CODE: 0,
+        objects.HEARTBEAT_CONSUMED: 0,
+        objects.HEARTBEAT_PRODUCED: 0,
+        objects.VENDOR: motor.vendor,
+        objects.PRODUCT: motor.hardware << 16,
+        objects.ENCODER_PULSES: motor.pulses,
+        objects.ABORT_CONNECTION: objects.ABORT_BY_QUICK_STOP,
+        objects.CONTROLWORD: 0,
+        objects.STATUSWORD: 0,
+        objects.MODE: 1,
+        objects.POSITION: 0,
+        objects.VELOCITY: 0,
+        objects.MAX_VELOCITY: 25000,
+        objects.ACCELERATION: 10000,
+        objects.DECELERATION: 10000,
+        objects.QUICK_STOP_DECELERATION: 10000,
+        objects.PROFILE_TYPE: 0,
+        objects.TARGET_VELOCITY: 0,
+        **process_data_defaults(node_id),
+    }

@@ -1,0 +1,161 @@
+"""An NI gRPC Device Server with one card, on a Unix socket."""
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from parapod.systems.hardware.emulators.harness import Harness
+from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
+from parapod.systems.hardware.emulators.ni_card import FUNCTIONS, NiCard
+from parapod.systems.hardware.emulators.ni_errors import NiRefusal
+from parapod.systems.hardware.emulators.ni_wiring import NiWiring
+from parapod.systems.hardware.extras import need
+
+_SERVICE = "nidaqmx_grpc.NiDAQmx"
+
+# How often it looks whether it may answer, or whether its cable is in its place [s].
+_POLL = 0.002
+
+# Calls that hang occupy a thread each until their caller gives up.
+_THREADS = 32
+
+
+class NiServer:
+    """An NI gRPC Device Server that knows the functions of NI-DAQmx that a controller needs.
+
+    It answers every other function UNIMPLEMENTED, and refuses as the driver does: with the
+    error's number in the trailing metadata "ni-error" and its description as text. It runs in a
+    thread of its own, from the beginning of a `with` block to its end.
+
+    Misbehaviour: while the device does not answer, calls hang until it does or their deadline is
+    over, and are not carried out in that case; while it is unplugged, nobody listens at the
+    socket; everything else changes what counters and inputs show. Tasks and outputs stay.
+
+    Attributes:
+        calls: number of calls of each function.
+        card: the card.
+        wiring: what the card is connected to.
+        target: the server's address, for a gRPC channel.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        harness: Harness,
+        misbehaviour: Misbehaviour | None = None,
+        device: str = "PXI1Slot2",
+        product: str = "PXIe-6363",
+        supply_voltage: float = 12.0,
+        metres_per_count: float = 1e-5,
+        zero_extension: Sequence[float] | None = None,
+        relay_line: str = "port0/line12",
+    ):
+        """Creates a server that does not listen yet.
+
+        Args:
+            path: of the socket; at most some 100 characters.
+            harness: wires to the simulated machine; with signals `legs.voltage`, `legs.stop`,
+                `legs.extension` and `legs.limits`.
+            misbehaviour: what it does wrong.
+            device: the card's name.
+            product: the card's type.
+            supply_voltage: of the motor drivers [V].
+            metres_per_count: one edge of an encoder's signals [m].
+            zero_extension: extensions at which the counters are zero [m]; None: those at which
+                their task starts.
+            relay_line: line of the relay.
+
+        Raises:
+            MissingExtra: gRPC or the driver library is not installed.
+        """
+        self._grpc = need("grpc")
+        self._messages = need("nidaqmx._stubs.nidaqmx_pb2")
+        self._misbehaviour = misbehaviour or Misbehaviour()
+        self.wiring = NiWiring(
+            harness,
+            self._misbehaviour,
+            supply_voltage,
+            metres_per_count,
+            zero_extension,
+            relay_line,
+        )
+        self.card = NiCard(self.wiring, device, product)
+        self.calls: Counter[str] = Counter()
+        self.target = f"unix:{path}"
+        self._handlers = {name: self._handler(name) for name in FUNCTIONS}
+        self._pool = ThreadPoolExecutor(_THREADS, thread_name_prefix="ni-server")
+        self._server: Any = None
+        self._closing = threading.Event()
+        self._watcher = threading.Thread(target=self._watch, name="ni-cable", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._listen()
+        self._watcher.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._closing.set()
+        self._watcher.join()
+        self._hang_up()
+        self._pool.shutdown()
+
+    def service(self, details: Any) -> Any:
+        """The handler of a call, as gRPC asks for it; None: there is none."""
+        service, _, function = details.method.lstrip("/").partition("/")
+        self.calls[function] += 1
+        return self._handlers.get(function) if service == _SERVICE else None
+
+    def _listen(self) -> None:
+        self._server = self._grpc.server(self._pool)
+        self._server.add_generic_rpc_handlers((self,))
+        self._server.add_insecure_port(self.target)
+        self._server.start()
+
+    def _hang_up(self) -> None:
+        server, self._server = self._server, None
+        if server is not None:
+            server.stop(None).wait()
+
+    def _watch(self) -> None:
+        """Listens while the cable is in its place."""
+        while not self._closing.wait(_POLL):
+            if self._misbehaviour.is_unplugged and self._server is not None:
+                self._hang_up()
+            elif self._server is None and not self._misbehaviour.is_unplugged:
+                self._listen()
+
+    def _handler(self, function: str) -> Any:
+        response = getattr(self._messages, f"{function}Response")
+
+        def answer(request: Any, context: Any) -> Any:
+            self._wait(context)
+            try:
+                return response(**self.card.call(function, request))
+            except NiRefusal as refusal:
+                context.set_trailing_metadata((("ni-error", str(refusal.code)),))
+                context.abort(self._grpc.StatusCode.UNKNOWN, refusal.text)
+
+        return self._grpc.unary_unary_rpc_method_handler(
+            answer,
+            request_deserializer=getattr(self._messages, f"{function}Request").FromString,
+            response_serializer=response.SerializeToString,
+        )
+
+    def _wait(self, context: Any) -> None:
+        """Waits until the card answers; ends the call if it never does."""
+        while context.is_active() and not self._misbehaviour.answers(time.monotonic()):
+            if self._misbehaviour.is_unplugged or self._closing.is_set():
+                context.abort(self._grpc.StatusCode.UNAVAILABLE, "the cable is out")
+            time.sleep(_POLL)
+        if not context.is_active():
+            context.abort(self._grpc.StatusCode.CANCELLED, "the caller has given up")

@@ -1,0 +1,98 @@
+"""A harness, and misbehaviour on command, between processes."""
+
+import mmap
+import struct
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from parapod.systems.hardware.emulators.harness import Harness
+from parapod.systems.hardware.emulators.misbehaviour import KINDS, Misbehaviour, State
+
+_COUNT = struct.Struct("<q")
+_STATE = struct.Struct("<qd")
+
+
+class SharedHarness(Harness):
+    """Wires in a file that all processes map, by a layout that all of them know.
+
+    Each signal has one writer. It counts before and after it writes; a reader that sees an odd
+    count, or two different ones, has read in between and reads again.
+    """
+
+    def __init__(
+        self, path: Path, sizes: Mapping[str, int], parts: Sequence[str], is_new: bool = False
+    ):
+        """Opens the wires.
+
+        Args:
+            path: of the file.
+            sizes: the number of elements of each signal, by its port's name.
+            parts: whose misbehaviours are shared as well.
+            is_new: makes the file, with all wires at zero.
+        """
+        self._layout: dict[str, tuple[int, struct.Struct]] = {}
+        end = 0
+        for signal, size in sizes.items():
+            self._layout[signal] = end, struct.Struct(f"<{size}d")
+            end += _COUNT.size + 8 * size
+        self._states = {part: end + k * _STATE.size for k, part in enumerate(parts)}
+        end += len(parts) * _STATE.size
+        if is_new:
+            # A new file, so that processes that are left over keep the old one.
+            path.unlink(missing_ok=True)
+            path.write_bytes(bytes(end))
+        with open(path, "r+b") as file:
+            self._memory = mmap.mmap(file.fileno(), end)
+
+    def get(self, name: str) -> tuple[float, ...]:
+        """See `Harness`."""
+        at, values = self._layout[name]
+        buffer = self._memory
+        while True:
+            (before,) = _COUNT.unpack_from(buffer, at)
+            read = values.unpack_from(buffer, at + _COUNT.size)
+            (after,) = _COUNT.unpack_from(buffer, at)
+            if before == after and before % 2 == 0:
+                return read
+
+    def set(self, name: str, values: Sequence[float]) -> None:
+        """See `Harness`."""
+        at, layout = self._layout[name]
+        if 8 * len(values) != layout.size:
+            raise ValueError(f"{name} has {layout.size // 8} elements, not {len(values)}")
+        buffer = self._memory
+        (count,) = _COUNT.unpack_from(buffer, at)
+        _COUNT.pack_into(buffer, at, count + 1)
+        layout.pack_into(buffer, at + _COUNT.size, *values)
+        _COUNT.pack_into(buffer, at, count + 2)
+
+    def misbehaviour(self, part: str, seed: int = 0) -> "SharedMisbehaviour":
+        """What the devices of a part do wrong, told by any process and done by another.
+
+        Args:
+            part: of the machine.
+            seed: of garbage.
+        """
+        return SharedMisbehaviour(self._memory, self._states[part], seed)
+
+
+class SharedMisbehaviour(Misbehaviour):
+    """A `Misbehaviour` whose state lies in shared memory."""
+
+    def __init__(self, memory: mmap.mmap, at: int, seed: int):
+        """Creates it; see `SharedHarness.misbehaviour`."""
+        self._memory, self._at = memory, at
+        self._seen: State | None = None
+        super().__init__(seed)
+
+    def _load(self) -> State | None:
+        number, since = _STATE.unpack_from(self._memory, self._at)
+        state = State(KINDS[number - 1], since) if number else None
+        if state != self._seen:
+            self._seen, self._held = state, None
+        return state
+
+    def _store(self, state: State | None) -> None:
+        number = 0 if state is None else 1 + KINDS.index(state.kind)
+        since = 0.0 if state is None else state.since
+        _STATE.pack_into(self._memory, self._at, number, since)

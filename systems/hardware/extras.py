@@ -1,0 +1,34 @@
+"""Libraries that only those need who have the part: imported late, and named when missing."""
+
+import importlib
+from types import ModuleType
+
+from parapod.systems.errors import MissingExtra
+
+# The extra of `pip install "parapod[extra]"` that brings each module.
+EXTRAS = {
+    "can": "can",
+    "canopen": "can",
+    "grpc": "ni",
+    "iio": "iio",
+    "mcap": "log",
+    "nidaqmx": "ni",
+    "serial": "serial",
+    "spidev": "spi",
+}
+
+
+def need(module: str) -> ModuleType:
+    """A module of an optional library.
+
+    Args:
+        module: its dotted name.
+
+    Raises:
+        MissingExtra: it is not installed, or a library of the system that it needs is not.
+    """
+    try:
+        return importlib.import_module(module)
+    except (ImportError, OSError) as error:
+        top = module.partition(".")[0]
+        raise MissingExtra(top, EXTRAS[top], str(error)) from error

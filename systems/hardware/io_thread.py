@@ -1,0 +1,215 @@
+"""A thread that talks to one device, so that nothing else waits for its bus."""
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from parapod.systems.errors import ParapodError
+from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
+
+_LOG = logging.getLogger(__name__)
+
+# Commands that are older than this are not the controller's will any more [s].
+COMMAND_TIMEOUT = 0.1
+# A reading is begun so early that this share of all readings has ended, with a margin [s], when
+# its samples are taken; and at most this share of the period before.
+_IN_TIME = 0.95
+_MARGIN = 5e-4
+_LARGEST_LEAD = 0.7
+# By how much the estimate of what a reading takes follows each one [s].
+_LEARNING = 2e-4
+# How many of the newest ages are kept: some minutes.
+_KEPT = 30_000
+# How long a thread may take to end once it is asked to; a device's calls are shorter [s].
+_JOIN_TIMEOUT = 2.0
+
+
+class Sample(NamedTuple):
+    """What a device has said last.
+
+    Attributes:
+        values: of its signals; empty before the first.
+        stamp: `time.monotonic` when the reading of them began [s].
+        fault: what is wrong since then.
+        words: what the device says about it; "" if nothing is wrong.
+    """
+
+    values: Mapping[str, tuple[float, ...]]
+    stamp: float
+    fault: DeviceFault
+    words: str
+
+
+class _Command(NamedTuple):
+    signals: Signals
+    posted: float
+    measured: float
+
+
+class DeviceThread:
+    """Reads a device once a period and writes commands as soon as they come.
+
+    A loop that says when it takes samples (`taken`) gets fresh ones: the next reading is begun so
+    late that it ends just before they are taken again. Without a loop the readings are periodic.
+
+    Samples and commands are tuples that are swapped whole. When no command has come for
+    `command_timeout`, the outputs are made neutral: a controller that hangs moves nothing. What
+    the device raises becomes the sample's fault; the thread goes on and tries again, and a device
+    that answers again has no fault any more.
+
+    The device must be configured; `start` activates it, `stop` deactivates it.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        period: float = 0.01,
+        command_timeout: float = COMMAND_TIMEOUT,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """Prepares the thread.
+
+        Args:
+            device: that is read and written.
+            period: of the loop and of the readings [s].
+            command_timeout: see the class [s].
+            clock: monotonic [s].
+        """
+        self.device, self.period = device, period
+        self._timeout, self._clock = command_timeout, clock
+        self._sample = Sample({}, clock(), DeviceFault.SILENT, f"{device.name}: no sample yet")
+        self._command: _Command | None = None
+        self._written: _Command | None = None
+        self._is_neutral = True
+        self._write_words: tuple[DeviceFault, str] | None = None
+        self._write_ages: deque[float] = deque(maxlen=_KEPT)
+        self._due, self._reading_time = clock(), 0.0
+        self._wake, self._stopping = threading.Event(), threading.Event()
+        self._has_sample = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def sample(self) -> Sample:
+        """The newest sample, with what is wrong with the device by now."""
+        wrong, sample = self._write_words, self._sample
+        if wrong is None or sample.fault:
+            return sample
+        return sample._replace(fault=wrong[0], words=wrong[1])
+
+    @property
+    def write_ages(self) -> list[float]:
+        """How old measurements were when the commands made of them had been written [s].
+
+        One for each write, of the newest ones.
+        """
+        return list(self._write_ages)
+
+    def taken(self) -> None:
+        """A loop takes the sample now, and will again in a period."""
+        lead = min(self._reading_time + _MARGIN, _LARGEST_LEAD * self.period)
+        self._due = self._clock() + self.period - lead
+        self._wake.set()
+
+    def post(self, commands: Signals, measured: float) -> None:
+        """Has commands written.
+
+        Args:
+            commands: the device's signals.
+            measured: `time.monotonic` of the measurements that they were made of [s].
+        """
+        self._command = _Command(commands, self._clock(), measured)
+        self._wake.set()
+
+    def start(self, timeout: float = 1.0) -> None:
+        """Activates the device and waits for its first sample.
+
+        Raises:
+            DeviceError: it refuses, or there is no sample in time.
+        """
+        self._stopping.clear()
+        self._has_sample.clear()
+        self._command = self._written = None
+        self.device.activate()
+        name = f"io {self.device.name}"
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+        if not self._has_sample.wait(timeout):
+            shown = self._sample
+            self.stop()
+            words = shown.words.removeprefix(f"{self.device.name}: ")
+            raise DeviceError(self.device.name, words, shown.fault or DeviceFault.SILENT)
+
+    def stop(self) -> None:
+        """Ends the thread and deactivates the device; never raises."""
+        self._stopping.set()
+        self._wake.set()
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            thread.join(_JOIN_TIMEOUT)
+        try:
+            self.device.deactivate()
+        except Exception as error:  # close() is still to come, and other devices too
+            _LOG.warning("%s", error)
+
+    def _run(self) -> None:
+        self._due = self._clock()
+        while not self._stopping.is_set():
+            command = self._command
+            if command is not None and command is not self._written:
+                self._write(command)
+            now = self._clock()
+            if command is not None and now - command.posted > self._timeout:
+                self._fall_silent()
+            if now >= self._due:
+                self._due = max(self._due + self.period, now)  # unless a loop says otherwise
+                self._read()
+            self._wake.wait(max(0.0, min(self._due - self._clock(), self._timeout)))
+            self._wake.clear()
+
+    def _read(self) -> None:
+        began = self._clock()
+        try:
+            values = {name: tuple(v) for name, v in self.device.read().items()}
+        except Exception as error:
+            fault, words = _described(self.device, error)
+            self._sample = self._sample._replace(fault=fault, words=words)
+            return
+        self._sample = Sample(values, began, DeviceFault.NONE, "")
+        # Follows that quantile of the times, which a rare long one does not move.
+        longer = self._clock() - began > self._reading_time
+        self._reading_time += _LEARNING * (_IN_TIME if longer else _IN_TIME - 1.0)
+        self._has_sample.set()
+
+    def _write(self, command: _Command) -> None:
+        self._written = command
+        try:
+            self.device.write(command.signals)
+        except Exception as error:
+            self._write_words = _described(self.device, error)
+            return
+        self._write_words, self._is_neutral = None, False
+        self._write_ages.append(self._clock() - command.measured)
+
+    def _fall_silent(self) -> None:
+        if self._is_neutral:
+            return
+        words = f"{self.device.name}: no command for {self._timeout:g} s; outputs are neutral"
+        try:
+            self.device.neutral()
+            self._is_neutral = True
+        except Exception as error:
+            words = f"{words[: words.index(';')]}, and {error}"
+        self._write_words = DeviceFault.NO_COMMAND, words
+
+
+def _described(device: Device, error: Exception) -> tuple[DeviceFault, str]:
+    """Code and words of what a device has raised."""
+    if isinstance(error, DeviceError):
+        return error.fault, str(error)
+    if not isinstance(error, ParapodError):
+        _LOG.error("%s", device.name, exc_info=error)
+    text = " ".join(f"{type(error).__name__} {error}".split())
+    return DeviceFault.FAILED, f"{device.name}: {text}"

@@ -1,0 +1,130 @@
+import gc
+import os
+import signal
+import sys
+import time
+
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.primitives import ConstantVectorSource
+
+from parapod.sims.real_time import (
+    DeadlineError,
+    RealTimeLoop,
+    Timing,
+    ended_by_signals,
+    percentiles,
+    undisturbed,
+)
+
+PERIOD = 0.01
+
+
+class World:
+    """A clock that stands still unless somebody sleeps or a tick takes its time."""
+
+    def __init__(self, costs=()):
+        self.now, self.costs, self.started = 50.0, dict(costs), []
+
+    def clock(self):
+        return self.now
+
+    def sleep(self, duration):
+        self.now += duration
+
+    def tick(self, context):
+        self.started.append(self.now)
+        self.now += self.costs.get(len(self.started) - 1, 0.001)
+
+
+def run(world, ticks, **options):
+    simulator = Simulator(ConstantVectorSource([0.0]))
+    simulator.Initialize()
+    loop = RealTimeLoop(
+        simulator, PERIOD, world.tick, clock=world.clock, sleep=world.sleep, **options
+    )
+    loop.run(ticks * PERIOD)
+    return loop.timing
+
+
+def test_ticks_are_due_at_multiples_of_the_period_whatever_they_cost():
+    world = World({k: 0.001 * (k % 5) for k in range(20)})
+    timing = run(world, 20)
+    assert world.started == pytest.approx([50.0 + k * PERIOD for k in range(20)])
+    assert timing.missed == 0
+    assert max(timing.late) == pytest.approx(0.0)
+
+
+def test_a_late_tick_is_followed_by_no_burst():
+    world = World({3: 0.035})
+    timing = run(world, 8)
+    gaps = [b - a for a, b in zip(world.started, world.started[1:], strict=False)]
+    assert min(gaps) >= PERIOD - 1e-9
+    # Due at 40, 50, 60 ms while the tick of 30 ms went on: left out, and back on the grid.
+    assert timing.missed == 3
+    assert world.started[4] == pytest.approx(50.0 + 7 * PERIOD)
+
+
+def test_a_tick_that_is_far_too_late_ends_the_loop():
+    with pytest.raises(DeadlineError, match="ms after the next was due"):
+        run(World({3: 0.2}), 8)
+
+
+def test_a_computer_that_is_too_slow_ends_the_loop():
+    with pytest.raises(DeadlineError, match="too slow"):
+        run(World(dict.fromkeys(range(400), 0.012)), 400)
+
+
+def test_an_emulator_goes_on_however_late_it_is():
+    timing = run(World({3: 0.5}), 8, is_strict=False)
+    assert timing.missed > 0
+    assert len(timing.cost) == 8
+
+
+def test_the_real_clock_is_kept_to():
+    simulator = Simulator(ConstantVectorSource([0.0]))
+    simulator.Initialize()
+    loop = RealTimeLoop(simulator, PERIOD, is_strict=False)
+    began = time.monotonic()
+    loop.run(0.3)
+    assert 0.28 <= time.monotonic() - began < 2.0
+    assert simulator.get_context().get_time() == pytest.approx(0.295)
+    assert len(loop.timing.cost) + loop.timing.missed >= 30
+
+
+def test_period_error_is_what_two_late_ticks_differ_by():
+    timing = Timing(PERIOD, late=[0.0, 0.003, 0.001])
+    assert timing.period_error == pytest.approx([0.003, 0.002])
+
+
+def test_percentiles_of_nothing_are_not_numbers():
+    assert percentiles([1.0, 2.0, 3.0])[0] == 2.0
+    assert percentiles([]) == pytest.approx([float("nan")] * 3, nan_ok=True)
+
+
+def test_the_garbage_collector_is_away_meanwhile_and_back_after():
+    interval = sys.getswitchinterval()
+    with undisturbed():
+        assert not gc.isenabled()
+        assert gc.get_freeze_count() > 0
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == 0
+    assert sys.getswitchinterval() == interval
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_signals_that_end_programs_pass_through_finally(name):
+    number = getattr(signal, name)
+    before, ended = signal.getsignal(number), []
+
+    def killed():
+        try:
+            os.kill(os.getpid(), number)
+            time.sleep(1.0)
+        finally:
+            ended.append(True)
+
+    with ended_by_signals(), pytest.raises(KeyboardInterrupt, match=name):
+        killed()
+    assert ended
+    assert signal.getsignal(number) == before

@@ -1,0 +1,558 @@
+import json
+import math
+import random
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from parapod.systems.errors import MissingExtra
+from parapod.systems.hardware import adis16448_spi
+from parapod.systems.hardware.adis16448 import (
+    BURST_CRC,
+    BURST_WORDS,
+    FAILURES,
+    INTERNAL_CLOCK,
+    RANGE_1000,
+    SCALES,
+    Register,
+    crc16,
+)
+from parapod.systems.hardware.adis16448_spi import Adis16448Spi, Adis16448SpiParams
+from parapod.systems.hardware.device import DeviceError, DeviceFault
+from parapod.systems.hardware.emulators.adis16448_registers import Adis16448Registers
+from parapod.systems.hardware.emulators.harness import Harness
+from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
+from parapod.systems.hardware.emulators.spi_socket import SpiSocketClient, SpiSocketServer
+
+START_UP = 0.01
+TIMEOUT = 0.2
+# What a busy computer may add to a timeout [s].
+MARGIN = 0.3
+BURST = [Register.GLOB_CMD, 0] + [0, 0] * BURST_WORDS
+
+
+@pytest.fixture
+def harness():
+    wires = Harness({"imu.gyro": 3, "imu.accel": 3, "imu.mag": 3})
+    wires.set("imu.accel", (0.0, 0.0, 9.80665))
+    return wires
+
+
+@pytest.fixture
+def misbehaviour():
+    return Misbehaviour()
+
+
+@pytest.fixture
+def sensor(harness, misbehaviour):
+    with Adis16448Registers(harness, misbehaviour, START_UP) as sensor:
+        yield sensor
+
+
+@pytest.fixture
+def imu(sensor):
+    with device(sensor) as imu:
+        yield imu
+
+
+@pytest.fixture
+def socket_path():
+    # The path of a Unix socket is short.
+    with tempfile.TemporaryDirectory(prefix="spi") as folder:
+        yield f"{folder}/imu"
+
+
+@pytest.fixture
+def server(sensor, misbehaviour, socket_path):
+    with SpiSocketServer(socket_path, sensor, misbehaviour) as server:
+        yield server
+
+
+def device(bus=None, **settings):
+    settings = {"start_up_time": START_UP, "timeout": TIMEOUT} | settings
+    return Adis16448Spi(Adis16448SpiParams(**settings), bus)
+
+
+def fails(call, *arguments):
+    """The error that a call raises, which does not take longer than the timeout."""
+    begin = time.monotonic()
+    with pytest.raises(DeviceError) as caught:
+        call(*arguments)
+    assert time.monotonic() - begin < TIMEOUT + 3.0 * START_UP + MARGIN
+    return caught.value
+
+
+def begin(misbehaviour, kind):
+    misbehaviour.begin(kind, time.monotonic())
+
+
+def until_it_reads(imu, timeout=5.0):
+    deadline = time.monotonic() + timeout
+    while True:
+        try:
+            return imu.read()
+        except DeviceError:
+            assert time.monotonic() < deadline
+            time.sleep(0.001)
+
+
+class Damaged:
+    """A bus that damages what is received, one burst for each entry of `masks`."""
+
+    def __init__(self, bus):
+        self.bus, self.masks = bus, []
+
+    def xfer2(self, values):
+        received = list(self.bus.xfer2(values))
+        if self.masks and len(values) == len(BURST):
+            word, mask = self.masks.pop(0)
+            received[2 * word] ^= mask >> 8
+            received[2 * word + 1] ^= mask & 0xFF
+        return received
+
+    def close(self):
+        pass
+
+
+# --- values
+
+
+def test_signals_arrive_within_half_a_count(imu, harness):
+    generator = random.Random(0)
+    for _ in range(50):
+        truth = {}
+        for name, scale in SCALES.items():
+            truth[name] = [generator.uniform(-scale.limit, scale.limit) for _ in range(3)]
+            harness.set(f"imu.{name}", truth[name])
+        measured = imu.read()
+        for name, scale in SCALES.items():
+            assert measured[name] == pytest.approx(truth[name], abs=0.501 * scale.resolution)
+
+
+def test_sensor_at_rest_measures_the_force_that_holds_it(imu):
+    assert imu.read()["accel"] == pytest.approx((0.0, 0.0, 9.80665))
+
+
+def test_temperature_arrives(imu, sensor):
+    for value in (-20.0, 25.0, 60.0):
+        sensor.temperature = value
+        assert imu.read()["temperature"] == pytest.approx([value], abs=0.04)
+
+
+def test_signals_beyond_the_range_show_its_limit(imu, harness):
+    for name, scale in SCALES.items():
+        harness.set(f"imu.{name}", (2.0 * scale.limit, -2.0 * scale.limit, math.nan))
+        limit = scale.limit
+        assert imu.read()[name] == pytest.approx((limit, -limit, 0.0), rel=1e-9)
+
+
+def test_signals_are_those_announced(imu):
+    measured = imu.read()
+    assert {name: len(values) for name, values in measured.items()} == imu.measures
+    assert imu.commands == {}
+
+
+def test_mounting_turns_the_vectors(sensor):
+    with device(sensor, mounting=(math.pi, 0.0, 0.0)) as imu:
+        assert imu.read()["accel"] == pytest.approx((0.0, 0.0, -9.80665))
+
+
+# --- life
+
+
+@pytest.mark.parametrize("decimation", [0, 3, 12])
+def test_range_decimation_and_crc_are_set(sensor, decimation):
+    with device(sensor, decimation=decimation):
+        registers = sensor.registers
+        assert registers[Register.SMPL_PRD] == decimation << 8 | INTERNAL_CLOCK
+        assert registers[Register.SENS_AVG] == RANGE_1000
+        assert registers[Register.MSC_CTRL] & BURST_CRC
+
+
+def test_configure_resets_and_waits_for_the_start(sensor):
+    sensor.registers[Register.GPIO_CTRL] = 0x000F
+    begin = time.monotonic()
+    with device(sensor, start_up_time=0.1):
+        assert time.monotonic() - begin >= 0.1
+        assert sensor.registers[Register.GPIO_CTRL] == 0
+
+
+def test_sensor_that_is_just_starting_is_waited_for(sensor):
+    sensor.power_cycle()
+    with device(sensor, start_up_time=3.0 * START_UP) as imu:
+        imu.read()
+
+
+def test_another_product_is_refused_with_what_it_answers(sensor):
+    sensor.product = 16445
+    error = fails(device(sensor).configure)
+    assert error.fault is DeviceFault.CORRUPT
+    assert "PROD_ID is 0x403D (16445), not 0x4040 (16448)" in str(error)
+    # Nothing was written: settings are as delivered.
+    assert not sensor.registers[Register.MSC_CTRL] & BURST_CRC
+
+
+def test_sensor_without_crc_is_refused(sensor, monkeypatch):
+    real = sensor._write
+
+    def write(address, data):
+        real(address, data & ~BURST_CRC if address == Register.MSC_CTRL else data)
+
+    monkeypatch.setattr(sensor, "_write", write)
+    error = fails(device(sensor).configure)
+    assert error.fault is DeviceFault.CORRUPT
+    assert "MSC_CTRL is 0x0006 after 0x0016 was written" in str(error)
+
+
+def test_device_that_is_not_configured_does_not_read(sensor):
+    imu = device(sensor)
+    assert "is not configured" in str(fails(imu.read))
+    with imu:
+        imu.read()
+    assert "is not configured" in str(fails(imu.read))
+    imu.close()
+
+
+# --- faults
+
+
+def test_every_damaged_bit_of_a_burst_is_refused(sensor):
+    bus = Damaged(sensor)
+    with device(bus) as imu:
+        # The first word came before the command, and DIAG_STAT the CRC does not cover.
+        for word in range(2, BURST_WORDS + 1):
+            for bit in range(16):
+                bus.masks = [(word, 1 << bit)] * 2
+                error = fails(imu.read)
+                assert error.fault is DeviceFault.CORRUPT
+                assert "CRC of the burst is 0x" in str(error)
+                assert not bus.masks
+        imu.read()
+
+
+def test_single_damaged_burst_is_read_again(sensor):
+    bus = Damaged(sensor)
+    with device(bus) as imu:
+        expected = imu.read()
+        before = sensor.transfers
+        bus.masks = [(5, 1 << 3)]
+        assert imu.read() == expected
+        assert sensor.transfers == before + 2
+
+
+def test_failures_are_named(imu, sensor):
+    for bit, text in FAILURES.items():
+        sensor.failed = 1 << bit
+        error = fails(imu.read)
+        assert error.fault is DeviceFault.FAILED
+        assert text in str(error)
+    sensor.failed = 1 << 10 | 1 << 6
+    assert "flash checksum is wrong, x gyro self-test failed" in str(fails(imu.read))
+    sensor.failed = 0
+    imu.read()
+
+
+def test_sensor_that_has_failed_is_not_configured(sensor):
+    sensor.failed = 1 << 15
+    error = fails(device(sensor).configure)
+    assert error.fault is DeviceFault.FAILED
+    assert "z accelerometer self-test failed (DIAG_STAT 0x8000)" in str(error)
+
+
+@pytest.mark.parametrize(("level", "text"), [(0xFF, "0xFFFF"), (0x00, "0x0000")])
+def test_stuck_line_is_silence(imu, sensor, monkeypatch, level, text):
+    monkeypatch.setattr(sensor, "xfer2", lambda values: [level] * len(values))
+    for call in (imu.read, imu.read, device(sensor).configure):
+        error = fails(call)
+        assert error.fault is DeviceFault.SILENT
+        assert f"all that is read is {text} (MISO is stuck" in str(error)
+    monkeypatch.undo()
+    imu.read()
+
+
+@pytest.mark.parametrize(
+    ("kind", "fault"),
+    [
+        ("off", DeviceFault.SILENT),
+        ("garbage", DeviceFault.CORRUPT),
+        ("unplugged", DeviceFault.UNPLUGGED),
+    ],
+)
+def test_faults_are_told_apart_and_end(imu, misbehaviour, harness, kind, fault):
+    imu.read()
+    begin(misbehaviour, kind)
+    for _ in range(20):
+        assert fails(imu.read).fault is fault
+    misbehaviour.end()
+    harness.set("imu.gyro", (1.0, 2.0, 3.0))
+    assert imu.read()["gyro"] == pytest.approx((1.0, 2.0, 3.0), abs=4e-4)
+
+
+@pytest.mark.parametrize("kind", ["off", "garbage", "unplugged"])
+def test_sensor_with_a_fault_is_not_configured(sensor, misbehaviour, kind):
+    begin(misbehaviour, kind)
+    imu = device(sensor)
+    fails(imu.configure)
+    assert "is not configured" in str(fails(imu.read))
+
+
+def test_wrong_and_stuck_sensors_show_what_they_should(imu, misbehaviour, harness):
+    harness.set("imu.gyro", (0.5, 0.0, 0.0))
+    begin(misbehaviour, "wrong")
+    assert imu.read()["gyro"][0] == pytest.approx(-0.5, abs=4e-4)
+    begin(misbehaviour, "stuck")
+    before = imu.read()
+    harness.set("imu.gyro", (1.5, 0.0, 0.0))
+    assert imu.read() == before
+    misbehaviour.end()
+    assert imu.read()["gyro"][0] == pytest.approx(1.5, abs=4e-4)
+
+
+def test_sensor_that_lost_its_supply_is_set_up_again(imu, sensor):
+    sensor.power_cycle()
+    assert not sensor.registers[Register.MSC_CTRL] & BURST_CRC
+    assert fails(imu.read).fault is DeviceFault.SILENT
+    until_it_reads(imu)
+    assert sensor.registers[Register.MSC_CTRL] & BURST_CRC
+    assert sensor.registers[Register.SMPL_PRD] == 3 << 8 | INTERNAL_CLOCK
+
+
+def test_sensor_that_has_another_length_is_corrupt(imu, sensor, monkeypatch):
+    monkeypatch.setattr(sensor, "xfer2", lambda values: [0] * (len(values) - 2))
+    error = fails(imu.read)
+    assert error.fault is DeviceFault.CORRUPT
+    assert "bytes were received for 28" in str(error)
+
+
+# --- registers
+
+
+def test_register_is_answered_while_the_next_word_is_sent(sensor):
+    assert sensor.xfer2([Register.PROD_ID, 0]) == [0, 0]
+    assert sensor.xfer2([Register.TEMP_OUT, 0]) == [0x40, 0x40]
+    # 25 degC are -81 counts, in 12 bits.
+    assert sensor.xfer2([0, 0]) == [0x0F, 0xAF]
+    pair = sensor.xfer2([Register.PROD_ID, 0, 0, 0])
+    assert pair[2:] == [0x40, 0x40]
+
+
+def test_halves_of_registers_are_written_by_themselves(sensor):
+    sensor.xfer2([0x80 | Register.GPIO_CTRL, 0x12])
+    assert sensor.registers[Register.GPIO_CTRL] == 0x0012
+    sensor.xfer2([0x80 | Register.GPIO_CTRL + 1, 0x34])
+    assert sensor.registers[Register.GPIO_CTRL] == 0x3412
+
+
+def test_identity_cannot_be_written(sensor):
+    sensor.xfer2([0x80 | Register.PROD_ID, 0x12])
+    sensor.xfer2([Register.PROD_ID, 0])
+    assert sensor.xfer2([0, 0]) == [0x40, 0x40]
+
+
+def test_burst_has_a_crc_if_it_is_asked_for(sensor):
+    def burst():
+        received = sensor.xfer2(BURST)
+        return [received[i] << 8 | received[i + 1] for i in range(2, len(received), 2)]
+
+    assert burst()[-1] == 0
+    sensor.xfer2([0x80 | Register.MSC_CTRL, BURST_CRC])
+    words = burst()
+    assert len(words) == BURST_WORDS
+    assert words[-1] == crc16(words[1:-1]) != 0
+
+
+def test_transfer_that_is_not_of_whole_words_is_told_once(sensor):
+    sensor.xfer2([Register.PROD_ID, 0, 0])
+    sensor.xfer2([Register.DIAG_STAT, 0])
+    assert sensor.xfer2([Register.DIAG_STAT, 0]) == [0, 1 << 3]
+    assert sensor.xfer2([0, 0]) == [0, 0]
+
+
+def test_single_outputs_can_be_read(sensor, harness):
+    harness.set("imu.gyro", (0.0, math.radians(-0.04), 0.0))
+    sensor.xfer2([Register.YGYRO_OUT, 0])
+    assert sensor.xfer2([Register.ZACCL_OUT, 0]) == [0xFF, 0xFF]
+    assert sensor.xfer2([0, 0]) == list(divmod(1200, 256))
+
+
+# --- sockets
+
+CLIENT = """
+import json, sys
+from parapod.systems.hardware.adis16448_spi import Adis16448Spi, Adis16448SpiParams
+with Adis16448Spi(Adis16448SpiParams(address=sys.argv[1])) as imu:
+    print(json.dumps(dict(imu.read())))
+"""
+
+
+def test_another_process_reads_through_a_socket(server, harness):
+    harness.set("imu.gyro", (0.1, -0.2, 0.3))
+    run = subprocess.run(
+        [sys.executable, "-c", CLIENT, server.address],
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=True,
+    )
+    measured = json.loads(run.stdout)
+    assert measured["gyro"] == pytest.approx((0.1, -0.2, 0.3), abs=4e-4)
+    assert measured["accel"] == pytest.approx((0.0, 0.0, 9.80665))
+
+
+def test_sensor_at_a_socket_is_unplugged_and_comes_back(server, misbehaviour, socket_path):
+    with device(address=server.address) as imu:
+        imu.read()
+        begin(misbehaviour, "unplugged")
+        deadline = time.monotonic() + 5.0
+        faults = []
+        while faults[-3:] != [DeviceFault.UNPLUGGED] * 3:
+            try:
+                imu.read()
+            except DeviceError as error:
+                faults.append(error.fault)
+            assert time.monotonic() < deadline
+        assert set(faults) == {DeviceFault.UNPLUGGED}
+        misbehaviour.end()
+        until_it_reads(imu)
+
+
+def test_two_clients_share_a_chip(server):
+    with device(address=server.address) as one, device(address=server.address) as other:
+        # The second one has reset the sensor and set it up alike.
+        assert until_it_reads(one) == other.read()
+
+
+def test_server_that_is_not_there_is_named():
+    error = fails(device(address="unix:/nowhere/imu").configure)
+    assert error.fault is DeviceFault.UNPLUGGED
+    assert "ADIS16448 at unix:/nowhere/imu: cannot be reached" in str(error)
+
+
+def test_server_that_hangs_is_silent_in_time(socket_path):
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(socket_path)
+        listener.listen()
+        error = fails(device(address=f"unix:{socket_path}").configure)
+    assert error.fault is DeviceFault.SILENT
+    assert "no answer within 0.2 s" in str(error)
+
+
+def test_slow_bus_does_not_take_longer_than_the_timeout(imu, sensor, monkeypatch):
+    real = sensor.xfer2
+
+    def slow(values):
+        time.sleep(0.04)
+        return real(values)
+
+    monkeypatch.setattr(sensor, "xfer2", slow)
+    imu.read()
+    # Set up again, it would be more than a dozen transfers.
+    imu._is_set_up = False
+    assert fails(imu.read).fault is DeviceFault.SILENT
+
+
+def test_socket_that_a_killed_server_left_is_replaced(sensor, socket_path):
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(socket_path)
+    with SpiSocketServer(socket_path, sensor), device(address=f"unix:{socket_path}") as imu:
+        imu.read()
+
+
+def test_transfer_that_comes_in_pieces_is_answered(server, socket_path):
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.connect(socket_path)
+        connection.settimeout(5.0)
+        for byte in b"\x00\x04\x56\x00\x00\x00":
+            connection.sendall(bytes([byte]))
+        assert connection.recv(6, socket.MSG_WAITALL)[4:] == b"\x40\x40"
+
+
+def test_empty_transfer_is_empty(server, socket_path):
+    client = SpiSocketClient(socket_path, TIMEOUT)
+    assert client.xfer2([]) == []
+    assert len(client.xfer2([0, 0])) == 2
+    client.close()
+
+
+def test_client_connects_again_after_an_error(server, socket_path):
+    client = SpiSocketClient(socket_path, TIMEOUT)
+    client.close()
+    assert len(client.xfer2([0, 0])) == 2
+    client.close()
+
+
+# --- spidev
+
+
+class FakeSpiDev:
+    """What of spidev the device uses, without a bus."""
+
+    made: list = []  # noqa: RUF012
+
+    def __init__(self):
+        self.path, self.is_closed = None, False
+        FakeSpiDev.made.append(self)
+
+    def open_path(self, path):
+        self.path = path
+        if path == "/dev/spidev9.9":
+            raise FileNotFoundError(2, "No such file or directory", path)
+
+    def xfer2(self, values):
+        return self.chip.xfer2(values)
+
+    def close(self):
+        self.is_closed = True
+
+
+@pytest.mark.parametrize("address", ["/dev/spidev0.1", "0.1"])
+def test_bus_of_this_computer_is_opened_in_mode_3(sensor, monkeypatch, address):
+    monkeypatch.setattr(FakeSpiDev, "chip", sensor, raising=False)
+    monkeypatch.setattr(adis16448_spi, "need", lambda _: SimpleNamespace(SpiDev=FakeSpiDev))
+    with device(address=address, clock=5e5) as imu:
+        imu.read()
+        bus = FakeSpiDev.made[-1]
+        assert (bus.path, bus.mode, bus.max_speed_hz) == ("/dev/spidev0.1", 3, 500_000)
+    assert bus.is_closed
+
+
+def test_bus_that_is_not_there_is_named(monkeypatch):
+    monkeypatch.setattr(adis16448_spi, "need", lambda _: SimpleNamespace(SpiDev=FakeSpiDev))
+    error = fails(device(address="9.9").configure)
+    assert error.fault is DeviceFault.UNPLUGGED
+    assert "/dev/spidev9.9" in str(error)
+    assert FakeSpiDev.made[-1].is_closed
+
+
+def test_library_that_is_not_installed_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "spidev", None)
+    with pytest.raises(MissingExtra, match=r"parapod\[spi\]"):
+        device().configure()
+
+
+def test_emulated_sensor_needs_no_library(server, monkeypatch):
+    monkeypatch.setitem(sys.modules, "spidev", None)
+    with device(address=server.address) as imu:
+        imu.read()
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"address": "spidev"}, "address must be"),
+        ({"clock": 2e6}, "at most 1e\\+06 Hz"),
+        ({"clock": 0.0}, "clock"),
+        ({"decimation": 13}, "decimation"),
+        ({"mounting": (0.0, 0.0)}, "mounting"),
+        ({"start_up_time": -1.0}, "start_up_time"),
+        ({"timeout": math.inf}, "timeout"),
+    ],
+)
+def test_senseless_settings_are_refused(settings, text):
+    with pytest.raises(ValueError, match=text):
+        Adis16448SpiParams(**settings)

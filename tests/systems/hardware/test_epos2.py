@@ -1,0 +1,468 @@
+import dataclasses
+import itertools
+import math
+import time
+
+import pytest
+
+from parapod.systems.hardware import epos2_objects as objects
+from parapod.systems.hardware.device import DeviceError, DeviceFault
+from parapod.systems.hardware.ds402 import DriveState
+from parapod.systems.hardware.emulators.epos2_node import EmulatedMotor
+from parapod.systems.hardware.emulators.epos2_nodes import Epos2Nodes
+from parapod.systems.hardware.emulators.harness import Harness
+from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
+from parapod.systems.hardware.epos2 import Epos2
+from parapod.systems.hardware.epos2_setup import Epos2Params, settings, unwrapped
+
+RPM = 2.0 * math.pi / 60.0
+RESOLUTION = RPM / 26.0  # of a velocity at the wheel: whole rpm at the motor
+COUNT = 2.0 * math.pi / 52_000.0
+CHANNELS = (f"test_epos2 {k}" for k in itertools.count())
+# Steep ramps, so that a test does not wait for them; a patient guard, for busy machines.
+QUICK = {"acceleration": 1e4, "deceleration": 1e4, "quick_stop_deceleration": 1e4}
+PATIENT = {"heartbeat_timeout": 2.0, "timeout": 0.5, "sdo_timeout": 0.5}
+
+
+def wires(n=4):
+    sizes = {"velocity_command": n, "brake": 1, "position": n, "velocity": n}
+    return Harness({f"wheels.{name}": size for name, size in sizes.items()})
+
+
+def wheels(velocity, brake=0.0):
+    return {"velocity_command": velocity, "brake": (brake,)}
+
+
+class Rig:
+    """Drives, the emulated nodes that they are on, and the wires behind these."""
+
+    def __init__(self, params=None, **emulated):
+        self.harness, self.misbehaviour = wires(), Misbehaviour()
+        self.nodes = Epos2Nodes(
+            self.harness, channel=next(CHANNELS), misbehaviour=self.misbehaviour, **emulated
+        )
+        changes = {**QUICK, **PATIENT, **(params or {})}
+        self.params = Epos2Params(
+            **{"interface": "virtual", "channel": self.nodes.channel, **changes}
+        )
+        self.drives = Epos2(self.params)
+
+    def __enter__(self):
+        self.nodes.__enter__()
+        return self
+
+    def __exit__(self, *_):
+        self.drives.close()
+        self.nodes.__exit__()
+
+    def activate(self):
+        self.drives.configure()
+        self.drives.activate()
+
+    @property
+    def command(self):
+        return self.harness.get("wheels.velocity_command")
+
+    @property
+    def is_braked(self):
+        return self.harness.get("wheels.brake") == (1.0,)
+
+    def wait(self, condition, timeout=5.0):
+        """Polls, and goes on reading meanwhile as an owner does."""
+        deadline = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < deadline, (self.command, self.nodes.states)
+            self.drives.read()
+            time.sleep(0.001)
+
+
+@pytest.fixture
+def rig():
+    with Rig() as rig:
+        yield rig
+
+
+def fault_of(call, *arguments):
+    with pytest.raises(DeviceError) as caught:
+        call(*arguments)
+    return caught.value
+
+
+# --- the life of a device
+
+
+def test_configure_sets_up_all_nodes_and_energises_none(rig):
+    rig.drives.configure()
+    assert set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
+    rig.drives.write(wheels((1.0, 2.0, 3.0, 4.0)))
+    rig.drives.neutral()
+    rig.drives.read()
+    assert set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
+    assert rig.is_braked
+    assert rig.command == (0.0,) * 4
+
+
+def test_activate_enables_all_nodes_at_rest(rig):
+    rig.activate()
+    assert set(rig.nodes.states) == {DriveState.OPERATION_ENABLED}
+    assert rig.command == (0.0,) * 4
+
+
+def test_deactivate_takes_the_power_and_activate_gives_it_again(rig):
+    rig.activate()
+    rig.drives.write(wheels((1.0,) * 4))
+    rig.drives.deactivate()
+    assert rig.is_braked
+    rig.wait(lambda: set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED})
+    rig.drives.activate()
+    assert rig.command == (0.0,) * 4
+
+
+def test_pause_before_activate_is_harmless():
+    with Rig({"heartbeat_timeout": 0.1}) as rig:
+        rig.drives.configure()
+        time.sleep(0.25)
+        rig.drives.read()
+        rig.drives.activate()
+
+
+def test_close_takes_the_power_and_may_come_at_any_time(rig):
+    rig.drives.close()
+    rig.activate()
+    rig.drives.close()
+    rig.drives.close()
+    deadline = time.monotonic() + 5.0
+    while set(rig.nodes.states) != {DriveState.SWITCH_ON_DISABLED}:
+        assert time.monotonic() < deadline
+    for call in (rig.drives.read, rig.drives.neutral, rig.drives.activate):
+        assert fault_of(call).fault is DeviceFault.UNPLUGGED
+
+
+def test_device_can_be_configured_again(rig):
+    for _ in range(2):
+        rig.activate()
+        assert set(rig.nodes.states) == {DriveState.OPERATION_ENABLED}
+
+
+# --- signals
+
+
+def test_signals_are_those_declared(rig):
+    rig.drives.configure()
+    measured = rig.drives.read()
+    assert {name: len(values) for name, values in measured.items()} == rig.drives.measures
+    assert rig.drives.commands == {"velocity_command": 4, "brake": 1}
+
+
+def test_velocities_arrive_in_whole_rpm(rig):
+    rig.activate()
+    wanted = (1.0, -2.0, 0.1234, 10.0)
+    rig.drives.write(wheels(wanted))
+    expected = pytest.approx([round(v / RESOLUTION) * RESOLUTION for v in wanted], abs=1e-12)
+    rig.wait(lambda: rig.command == expected)
+    assert rig.command == pytest.approx(wanted, abs=0.5 * RESOLUTION * (1.0 + 1e-9))
+    assert not rig.is_braked
+
+
+@pytest.mark.parametrize("is_synchronous", [True, False])
+def test_measurements_arrive_within_a_count_and_an_rpm(is_synchronous):
+    with Rig({"is_synchronous": is_synchronous}) as rig:
+        rig.drives.configure()
+        position, velocity = (0.5, -1.25, 100.0, 1e-3), (0.25, -3.0, 7.0, 0.0)
+        rig.harness.set("wheels.position", position)
+        rig.harness.set("wheels.velocity", velocity)
+        shown = pytest.approx(position, abs=0.51 * COUNT)
+        rig.wait(lambda: rig.drives.read()["position"] == shown)
+        measured = rig.drives.read()
+        assert measured["velocity"] == pytest.approx(velocity, abs=0.51 * RESOLUTION)
+
+
+def test_one_turn_of_the_wheel_is_52_000_counts():
+    assert Epos2Params().angle(52_000) == pytest.approx(2.0 * math.pi, rel=1e-15)
+
+
+def test_position_goes_on_when_the_counter_overflows():
+    with Rig(motor=EmulatedMotor(position_offset=(1 << 31) - 10)) as rig:
+        rig.drives.configure()
+        start = rig.drives.read()["position"][0]
+        for turns in (0.5, 1.0, 0.2):
+            rig.harness.set("wheels.position", (turns,) * 4)
+            expected = pytest.approx(start + turns, abs=COUNT)
+            rig.wait(lambda e=expected: rig.drives.read()["position"][0] == e)
+
+
+@pytest.mark.parametrize(
+    ("counts", "previous", "expected"),
+    [
+        (7, None, 7),
+        (-(1 << 31), (1 << 31) - 1, 1 << 31),
+        ((1 << 31) - 1, -(1 << 31), -(1 << 31) - 1),
+        (3, (1 << 32) + 1, (1 << 32) + 3),
+    ],
+)
+def test_unwrapped(counts, previous, expected):
+    assert unwrapped(counts, previous) == expected
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_what_is_not_finite_is_zero(rig, bad):
+    rig.activate()
+    rig.drives.write(wheels((1.0,) * 4))
+    rig.wait(lambda: rig.command == pytest.approx((1.0,) * 4, abs=RESOLUTION))
+    rig.drives.write(wheels((bad, 1.0, 1.0, 1.0), brake=math.nan))
+    rig.wait(lambda: rig.command[0] == 0.0)
+    assert rig.command[1:] == pytest.approx((1.0,) * 3, abs=RESOLUTION)
+
+
+def test_velocity_is_limited(rig):
+    rig.activate()
+    rig.drives.write(wheels((1e9, -1e9, 0.0, 0.0)))
+    limit = 8000.0 * RESOLUTION
+    rig.wait(lambda: rig.command == pytest.approx((limit, -limit, 0.0, 0.0), rel=1e-12))
+
+
+def test_velocity_follows_a_ramp():
+    with Rig({"acceleration": 2.0}) as rig:
+        rig.activate()
+        start = time.monotonic()
+        rig.drives.write(wheels((1.0,) * 4))
+        rig.wait(lambda: rig.command[0] > 0.9)
+        assert time.monotonic() - start > 0.4
+
+
+def test_neutral_stops_and_holds(rig):
+    rig.activate()
+    rig.drives.write(wheels((1.0,) * 4))
+    rig.wait(lambda: rig.command[0] > 0.9)
+    rig.drives.neutral()
+    rig.wait(lambda: rig.command == (0.0,) * 4)
+    assert set(rig.nodes.states) == {DriveState.OPERATION_ENABLED}
+
+
+def test_brake_is_the_quick_stop_and_needs_no_homing(rig):
+    rig.activate()
+    rig.harness.set("wheels.position", (5.0,) * 4)
+    rig.wait(lambda: rig.drives.read()["position"] == pytest.approx((5.0,) * 4, abs=COUNT))
+    before = rig.drives.read()["position"]
+    rig.drives.write(wheels((1.0,) * 4, brake=1.0))
+    rig.wait(lambda: set(rig.nodes.states) == {DriveState.QUICK_STOP_ACTIVE})
+    assert rig.is_braked
+    rig.drives.neutral()
+    rig.drives.read()
+    assert set(rig.nodes.states) == {DriveState.QUICK_STOP_ACTIVE}
+    rig.drives.write(wheels((1.0,) * 4))
+    rig.wait(lambda: rig.command == pytest.approx((1.0,) * 4, abs=RESOLUTION))
+    assert not rig.is_braked
+    assert rig.drives.read()["position"] == before
+
+
+# --- refusals
+
+
+def test_missing_node_is_named_with_those_that_answer():
+    with Rig({"node_ids": (1, 2, 9, 4), "sdo_timeout": 0.2}) as rig:
+        error = fault_of(rig.drives.configure)
+        assert error.fault is DeviceFault.SILENT
+        assert "node 9 does not answer; nodes that do: 1, 2, 3, 4" in str(error)
+        assert rig.nodes.channel in str(error)
+
+
+def test_wrong_channel_has_no_nodes():
+    with Rig({"channel": "elsewhere", "sdo_timeout": 0.1}) as rig:
+        error = fault_of(rig.drives.configure)
+        assert error.fault is DeviceFault.SILENT
+        assert "virtual elsewhere: node 1 does not answer; nodes that do: none" in str(error)
+
+
+@pytest.mark.parametrize("interface", ["slcan", "socketcan"])
+def test_missing_port_is_no_bus(interface):
+    params = Epos2Params(interface=interface, channel="/dev/not-there")
+    error = fault_of(Epos2(params).configure)
+    assert error.fault is DeviceFault.UNPLUGGED
+    assert "/dev/not-there" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("motor", "words"),
+    [
+        (EmulatedMotor(vendor=0x2E), "vendor 0x2E"),
+        (EmulatedMotor(hardware=0x6320), "hardware 0x6320"),
+    ],
+)
+def test_other_devices_are_refused(motor, words):
+    with Rig(motor=motor) as rig:
+        error = fault_of(rig.drives.configure)
+        assert error.fault is DeviceFault.CORRUPT
+        assert words in str(error)
+        assert "node 1" in str(error)
+        assert set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
+
+
+def test_other_encoder_is_refused():
+    with Rig(motor=EmulatedMotor(pulses=1000)) as rig:
+        assert "4000 counts per turn, not 2000" in str(fault_of(rig.drives.configure))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"node_ids": (1, 1)},
+        {"node_ids": ()},
+        {"node_ids": (0,)},
+        {"node_ids": (127,)},
+        {"heartbeat_timeout": 0.03},
+    ],
+)
+def test_impossible_parameters_are_refused(changes):
+    with pytest.raises(ValueError, match="must be"):
+        dataclasses.replace(Epos2Params(), **changes)
+
+
+# --- faults
+
+
+def test_configure_resets_a_latched_fault(rig):
+    rig.nodes.trip(2, 0x2310)
+    rig.drives.configure()
+    rig.drives.activate()
+    assert set(rig.nodes.states) == {DriveState.OPERATION_ENABLED}
+
+
+def test_fault_is_told_with_its_code_and_words(rig):
+    rig.activate()
+    rig.nodes.trip(3, 0x2310)
+    error = fault_of(rig.drives.read)
+    assert error.fault is DeviceFault.FAILED
+    assert "node 3 is in fault: EMCY 0x2310 (overcurrent)" in str(error)
+    # Commands do not bring it back, and the other wheels go on.
+    rig.drives.write(wheels((1.0,) * 4))
+    deadline = time.monotonic() + 5.0
+    while rig.command[0] < 0.9:
+        assert time.monotonic() < deadline
+    assert rig.command[2] == 0.0
+
+
+def test_activate_does_not_reset_a_fault_of_the_drive(rig):
+    rig.drives.configure()
+    rig.nodes.trip(1, 0x3210)
+    assert "EMCY 0x3210 (overvoltage)" in str(fault_of(rig.drives.activate))
+    assert rig.is_braked
+
+
+def test_silent_caller_lets_the_wheels_stop():
+    params = {"heartbeat_timeout": 0.1, "quick_stop_deceleration": 100.0}
+    with Rig(params) as rig:
+        rig.activate()
+        rig.drives.write(wheels((2.0,) * 4))
+        rig.wait(lambda: rig.command == pytest.approx((2.0,) * 4, abs=RESOLUTION))
+        last = time.monotonic()
+        while not rig.is_braked:
+            assert time.monotonic() - last < 0.2
+            time.sleep(0.001)
+        assert rig.command == (0.0,) * 4
+        deadline = time.monotonic() + 5.0
+        while set(rig.nodes.states) != {DriveState.FAULT}:
+            assert time.monotonic() < deadline
+        error = fault_of(rig.drives.read)
+        assert error.fault is DeviceFault.FAILED
+        assert "node 1 is in fault: EMCY 0x8130" in str(error)
+        rig.drives.write(wheels((2.0,) * 4))
+        assert rig.is_braked
+        # Asked to, the drives recover from what was not their fault.
+        rig.drives.activate()
+        rig.drives.write(wheels((1.0,) * 4))
+        rig.wait(lambda: rig.command == pytest.approx((1.0,) * 4, abs=RESOLUTION))
+
+
+def test_wheels_are_guarded_as_soon_as_they_have_power():
+    with Rig({"heartbeat_timeout": 0.1}) as rig:
+        rig.activate()
+        last = time.monotonic()
+        while not rig.is_braked:
+            assert time.monotonic() - last < 0.2
+            time.sleep(0.001)
+
+
+def test_silent_nodes_are_named_in_time():
+    with Rig({"timeout": 0.05}) as rig:
+        rig.activate()
+        rig.misbehaviour.begin("off", time.monotonic())
+        start = time.monotonic()
+        error = fault_of(rig.drives.read)
+        assert error.fault is DeviceFault.SILENT
+        assert "node 1 does not answer SYNC" in str(error)
+        assert time.monotonic() - start < 0.5
+        rig.misbehaviour.end()
+        rig.wait(lambda: True)
+
+
+def test_unplugged_nodes_stop_the_wheels():
+    with Rig({"heartbeat_timeout": 0.1, "timeout": 0.05}) as rig:
+        rig.activate()
+        rig.misbehaviour.begin("unplugged", time.monotonic())
+        deadline = time.monotonic() + 5.0
+        while not rig.is_braked:
+            assert time.monotonic() < deadline
+            assert fault_of(rig.drives.read).fault is DeviceFault.SILENT
+
+
+def test_node_that_restarts_is_noticed(rig):
+    rig.activate()
+    rig.drives._bus.manage(2, 0x81)
+    error = fault_of(lambda: [rig.drives.read() for _ in range(100)])
+    assert "node 2" in str(error)
+
+
+def test_power_that_is_lost_is_noticed(rig):
+    rig.activate()
+    rig.drives._bus.set(4, objects.CONTROLWORD, 0x00)
+    error = fault_of(rig.drives.read)
+    assert error.fault is DeviceFault.FAILED
+    assert "node 4 has lost its power, it is in switch on disabled" in str(error)
+
+
+@pytest.mark.parametrize("kind", ["stuck", "wrong"])
+def test_measurements_misbehave_as_told(rig, kind):
+    rig.drives.configure()
+    rig.harness.set("wheels.position", (1.0,) * 4)
+    rig.wait(lambda: rig.drives.read()["position"][0] > 0.9)
+    rig.misbehaviour.begin(kind, time.monotonic())
+    sign = -1.0 if kind == "wrong" else 1.0
+    rig.wait(lambda: rig.drives.read()["position"][0] == pytest.approx(sign, abs=COUNT))
+    rig.harness.set("wheels.position", (2.0,) * 4)
+    expected = -2.0 if kind == "wrong" else 1.0
+    rig.wait(lambda: rig.drives.read()["position"][0] == pytest.approx(expected, abs=COUNT))
+
+
+def test_frames_of_wrong_length_are_corrupt(rig):
+    rig.drives.configure()
+    rig.misbehaviour.begin("garbage", time.monotonic())
+    error = fault_of(lambda: [rig.drives.read() for _ in range(20)])
+    assert error.fault is DeviceFault.CORRUPT
+    rig.misbehaviour.end()
+    rig.wait(lambda: True)
+
+
+# --- what goes over the bus
+
+
+def test_settings_name_each_entry_and_make_pdos_valid_last():
+    written = list(settings(Epos2Params(), 3))
+    values = dict(written)
+    assert values[objects.MODE] == 3
+    assert values[objects.MAX_VELOCITY] == 8000
+    assert values[objects.ACCELERATION] == round(20.0 * 26.0 / RPM)
+    assert Epos2Params().guard == 127 << 16 | 100
+    assert values[objects.Entry(0x1400, 1, "<I")] == 0x203
+    assert values[objects.Entry(0x1800, 1, "<I")] == 0x183
+    assert values[objects.Entry(0x1801, 1, "<I")] == 0x283
+    assert values[objects.Entry(0x1600, 1, "<I")] == 0x60400010
+    assert values[objects.Entry(0x1600, 2, "<I")] == 0x60FF0020
+    assert values[objects.Entry(0x1A00, 2, "<I")] == 0x60640020
+    assert values[objects.Entry(0x1A01, 1, "<I")] == 0x606C0020
+    first = written.index((objects.Entry(0x1800, 1, "<I"), 0x183 | 1 << 31))
+    assert first < written.index((objects.Entry(0x1800, 1, "<I"), 0x183))
+
+
+def test_command_frame_is_controlword_and_rpm():
+    assert objects.COMMAND.pack(0x0F, -1500) == bytes.fromhex("0F0024FAFFFF")
