@@ -1,4 +1,4 @@
-"""`python -m benchmarks [--strict] [kinematics] [realtime] [accuracy] [endurance] [day]`.
+"""`python -m benchmarks [--strict] [GROUP ...]`: kinematics, realtime, accuracy, .. (see _GROUPS).
 
 Measures and prints: the groups that are named, or all but the day's run. With `--strict` a missed
 bound is an exit code of 1; what a busy machine misses is no error.
@@ -8,10 +8,10 @@ import sys
 
 from rich.console import Console
 
-from benchmarks import accuracy, endurance, kinematics, realtime
+from benchmarks import accuracy, endurance, hardware, kinematics, realtime
 from benchmarks.report import Measurement, print_measurements
 
-_GROUPS = ("kinematics", "realtime", "accuracy", "endurance", "day")
+_GROUPS = ("kinematics", "realtime", "accuracy", "endurance", "hardware", "day")
 _DEFAULT = tuple(name for name in _GROUPS if name != "day")
 
 
@@ -31,6 +31,7 @@ def main(arguments: list[str]) -> int:
             "realtime": lambda: realtime.run(console),
             "accuracy": lambda: accuracy.run(console),
             "endurance": lambda: endurance.run(console),
+            "hardware": lambda: hardware.run(console),
             "day": lambda: endurance.run_day(console),
         }[name]()
         print_measurements(name, measured, console)

@@ -8,7 +8,9 @@ import numpy as np
 
 from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS
 from parapod.diagrams.scenario import choice, quantity
-from parapod.diagrams.scenario_reader import Reader, plain, show
+from parapod.diagrams.scenario_reader import Reader
+from parapod.diagrams.scenario_tree import plain
+from parapod.diagrams.scenario_words import show
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.errors import ScenarioError
 from parapod.systems.safety.fault_injector import LONGEST_DELAY, FaultInjector

@@ -46,10 +46,10 @@ class Parts:
         return [thread for threads in self.threads.values() for thread in threads]
 
     def reset(self, root_context: Context) -> None:
-        """Begins with what the devices measure now; before `active`, with nothing.
+        """Begins with what the devices measure now.
 
         Raises:
-            DeviceError: a device has a fault.
+            DeviceError: a device has a fault, or is not active yet.
         """
         for reader in self.readers.values():
             reader.reset(reader.GetMyMutableContextFromRoot(root_context))
@@ -100,13 +100,18 @@ def make_parts(
                 f"{key} = '{driver.part}' is not one of {', '.join(sorted(parts))}", key
             )
         ports = PartPorts(_signals(outputs, driver.part), _signals(inputs, driver.part))
-        devices.append((driver.part, driver.make(ports)))
+        device = driver.make(ports)
+        for signal in device.commands:
+            if signal not in ports.commands:
+                text = f"{device.name} takes {driver.part}.{signal}, which is no port"
+                raise ScenarioError(f"hardware.drivers: {text}", "hardware.drivers")
+        devices.append((driver.part, device))
     for specs, what in ((outputs, "measures"), (inputs, "commands")):
         for spec in specs:
             _check(spec, devices, what)
-    threads: dict[str, list[DeviceThread]] = {part: [] for part in sorted(parts)}
+    threads: dict[str, list[DeviceThread]] = {}
     for part, device in devices:
-        threads[part].append(DeviceThread(device, period))
+        threads.setdefault(part, []).append(DeviceThread(device, period))
     return Parts(threads)
 
 
@@ -131,11 +136,13 @@ def _check(spec: Port, devices: Sequence[tuple[str, Device]], what: str) -> None
     if what == "measures" and len(found) > 1:
         names = " and ".join(device.name for device in found)
         raise ScenarioError(f"{key}: {spec.name} is measured by {names}; it must be one", key)
-    size = getattr(found[0], what)[signal]
-    if size != spec.size:
-        raise ScenarioError(
-            f"{key}: {found[0].name} has {size} elements of {spec.name}, the port {spec.size}", key
-        )
+    for device in found:
+        size = getattr(device, what)[signal]
+        if size != spec.size:
+            raise ScenarioError(
+                f"{key}: {device.name} has {size} elements of {spec.name}, the port {spec.size}",
+                key,
+            )
 
 
 def add_parts(

@@ -29,19 +29,18 @@ from typing import Any
 import yaml  # type: ignore[import-untyped]
 from pydrake.common.yaml import yaml_load_data
 
-from parapod.diagrams.scenario_reader import (
+from parapod.diagrams.scenario_reader import Reader
+from parapod.diagrams.scenario_tree import (
     RULE,
     TAG,
     Options,
     Range,
-    Reader,
     build,
     defaults,
-    one_line,
     overlay,
     plain,
-    show,
 )
+from parapod.diagrams.scenario_words import one_line, show
 from parapod.systems.errors import ScenarioError
 
 

@@ -121,7 +121,7 @@ def wake_up_latency(period: float, duration: float) -> list[float]:
 
 def print_punctuality(results: Sequence[Punctuality], console: Console) -> None:
     """Prints a table, in milliseconds."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     for name in ("rate", "period error", "tick cost", "missed", "wake-up alone"):
         table.add_column(name, justify="right", no_wrap=True)
     for result in results:
@@ -137,4 +137,10 @@ def print_punctuality(results: Sequence[Punctuality], console: Console) -> None:
 
 
 def _shown(seconds: NDArray[np.float64]) -> str:
-    return " / ".join(f"{1e3 * value:.2f}" for value in seconds)
+    return " / ".join(_three_digits(1e3 * value) for value in seconds)
+
+
+def _three_digits(ms: float) -> str:
+    """As many decimals as leave four characters, so that three times three fit a terminal."""
+    decimals = 2 if ms < 9.995 else 1 if ms < 99.95 else 0
+    return f"{ms:.{decimals}f}"

@@ -10,7 +10,7 @@ from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 from parapod.diagrams.drivers.driver import Driver
-from parapod.sims.real_time import SWITCH_INTERVAL
+from parapod.sims.real_time import SWITCH_INTERVAL, take_priority
 from parapod.systems.errors import OutputError, ParapodError, ScenarioError
 from parapod.systems.hardware.emulators.shared_harness import SharedHarness
 
@@ -89,6 +89,7 @@ def _serve(
 ) -> None:
     """Emulates one device until the other end of the connection is closed."""
     sys.setswitchinterval(SWITCH_INTERVAL)
+    take_priority()  # a real device waits for no other program
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for all; the first process ends us
     try:
         harness = SharedHarness(path, sizes, parts)

@@ -98,6 +98,9 @@ def run_on_hardware(
     with ExitStack() as stack:
         stack.enter_context(ended_by_signals())
         write = stack.enter_context(_log(options.log, loop, root, what, units))
+        # Before any device waits for heartbeats, because a collection stops all threads; and the
+        # devices' threads, which send them, inherit the priority.
+        stack.enter_context(undisturbed())
         stack.enter_context(station.active())
         report = stack.enter_context(progress(options.console, what, until))
         loop.reset(root)
@@ -109,8 +112,7 @@ def run_on_hardware(
             report(context.get_time())
 
         running = RealTimeLoop(simulator, station.scenario.control.period, on_tick)
-        with undisturbed():
-            running.run(until)
+        running.run(until)
     return running.timing
 
 

@@ -154,11 +154,17 @@ def write_log(
 
 
 def read_log(path: Path) -> Log:
-    """Reads what `write_log` wrote.
+    """Reads what `write_log` wrote, or the `.mcap` log of a run on hardware.
 
     Raises:
         OutputError: the file is missing or is no such log.
+        MissingExtra: for an MCAP log, mcap is not installed.
     """
+    if path.suffix == ".mcap":
+        from parapod.sims.mcap_log import read_mcap
+
+        return read_mcap(path)
+
     import zipfile
 
     import numpy as np

@@ -156,7 +156,7 @@ def undisturbed() -> Iterator[None]:
     gc.freeze()
     gc.disable()
     sys.setswitchinterval(SWITCH_INTERVAL)
-    is_fifo = _take_priority()
+    is_fifo = take_priority()
     try:
         yield
     finally:
@@ -168,8 +168,12 @@ def undisturbed() -> Iterator[None]:
             gc.enable()
 
 
-def _take_priority() -> bool:
-    """Whether the calling thread is a real-time one now, and was not before."""
+def take_priority() -> bool:
+    """Makes the calling thread and those that it starts from now on real-time ones, if permitted.
+
+    Returns:
+        Whether it is one now, and was not before.
+    """
     if not hasattr(os, "sched_setscheduler") or os.sched_getscheduler(0) == os.SCHED_FIFO:
         return False
     with suppress(PermissionError):

@@ -1,10 +1,21 @@
 """The one exception tree of parapod. Every error carries the data a caller needs to react."""
 
 from collections.abc import Sequence
+from typing import Any
 
 
 class ParapodError(Exception):
     """Base of every error that parapod raises on purpose; its text is one readable line."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Errors cross from one process to another, whatever their constructors take.
+        return _restored, (type(self), self.args, self.__dict__)
+
+
+def _restored(kind: type, args: tuple[Any, ...], attributes: dict[str, Any]) -> Exception:
+    error: Exception = kind.__new__(kind, *args)
+    error.__dict__.update(attributes)
+    return error
 
 
 class UnreachablePosture(ParapodError):

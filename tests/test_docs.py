@@ -1,11 +1,32 @@
 """What the documents take from the code is what the code says."""
 
+import math
+import os
+import pty
+import re
+import sys
+import threading
+import time
+import tty
 from pathlib import Path
 
+import pytest
+
+from parapod.diagrams.drivers.driver import PartPorts
+from parapod.diagrams.drivers.external import load_drivers
+from parapod.diagrams.hardware_scenario import DRIVERS
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.scenario import load_scenario
+from parapod.sims.experiment import ENTRIES
+from parapod.systems.errors import ScenarioError
+from parapod.systems.hardware.device import DeviceError
 from parapod.systems.levelling_platform.findings import as_markdown
 from parapod.systems.levelling_platform.phases import as_mermaid
 
-_OPERATION = (Path(__file__).parents[1] / "docs" / "operation.md").read_text()
+_DOCS = Path(__file__).parents[1] / "docs"
+_OPERATION = (_DOCS / "operation.md").read_text()
+_HARDWARE = _DOCS / "hardware.md"
+(LEVEL,) = [entry for entry in ENTRIES if entry.name == "level"]
 
 
 def test_the_phases_are_drawn_from_the_table_of_transitions():
@@ -14,3 +35,94 @@ def test_the_phases_are_drawn_from_the_table_of_transitions():
 
 def test_the_findings_are_those_of_the_detector():
     assert as_markdown() in _OPERATION
+
+
+def code_of(document, begins):
+    """The block of Python in a document that begins with a text."""
+    blocks = re.findall(r"```python\n(.*?)```", document.read_text(), re.DOTALL)
+    (found,) = [block for block in blocks if block.startswith(begins)]
+    return found
+
+
+class Arm(threading.Thread):
+    """The other end of the line of the driver that the documents show."""
+
+    def __init__(self, answer):
+        super().__init__(daemon=True)
+        self.answer, self.lines = answer, []
+        self.ours, theirs = pty.openpty()
+        tty.setraw(theirs)
+        self.port = os.ttyname(theirs)
+        self._theirs = theirs
+        self.start()
+
+    def run(self):
+        buffer = b""
+        while True:
+            try:
+                buffer += os.read(self.ours, 100)
+            except OSError:
+                return
+            while b"\n" in buffer:
+                line, _, buffer = buffer.partition(b"\n")
+                self.lines.append(line)
+                if line == b"?":
+                    os.write(self.ours, self.answer + b"\n")
+
+
+@pytest.fixture(scope="module")
+def my_arm(tmp_path_factory):
+    pytest.importorskip("serial")
+    text = code_of(_HARDWARE, '"""my_arm.py')
+    assert len([line for line in text.splitlines() if line.strip()]) <= 42
+    path = tmp_path_factory.mktemp("lab") / "my_arm.py"
+    path.write_text(text)
+    load_drivers(path)
+    return sys.modules["my_arm"]
+
+
+def test_the_driver_that_is_shown_can_be_named_in_a_scenario(my_arm, tmp_path):
+    file = tmp_path / "lab.yaml"
+    file.write_text("hardware: {drivers: [!MyArm {port: /dev/none, limit_deg: 30}]}")
+    default = LEVEL.default_scenario
+    scenario = load_scenario(LevellingScenario, default, file)
+    (driver,) = scenario.hardware.drivers
+    assert driver == my_arm.MyArm("arm", "/dev/none", 30.0)
+    with pytest.raises(ScenarioError, match=r"limit_deg = 300 is outside 0..180"):
+        load_scenario(LevellingScenario, default, file, ["hardware.drivers.0.limit_deg=300"])
+
+
+def test_the_driver_that_is_shown_works(my_arm):
+    arm = Arm(b"ARM1")
+    device = my_arm.MyArm(port=arm.port, limit_deg=30.0).make(PartPorts({}, {}))
+    with device:
+        for angle in (0.1, math.nan, 10.0):
+            device.write({"position_command": (angle,)})
+        end = time.monotonic() + 2.0
+        while len(arm.lines) < 3 and time.monotonic() < end:
+            time.sleep(0.01)
+    assert arm.lines == [b"?", b"P 5.73", b"P 30.00"]
+
+
+def test_the_driver_that_is_shown_refuses_what_is_no_arm(my_arm):
+    with pytest.raises(DeviceError, match="not ARM1"):
+        my_arm.MyArm(port=Arm(b"MODEM").port).make(PartPorts({}, {})).configure()
+    with pytest.raises(DeviceError, match="/dev/none"):
+        my_arm.MyArm(port="/dev/none").make(PartPorts({}, {})).configure()
+
+
+def test_every_driver_is_in_the_table():
+    text = _HARDWARE.read_text()
+    for driver in DRIVERS:
+        assert f"| `!{driver.__name__}` |" in text
+
+
+def test_drivers_that_cannot_be_imported_are_refused(tmp_path):
+    with pytest.raises(ScenarioError, match="there is no such Python file"):
+        load_drivers(tmp_path / "none.py")
+    path = tmp_path / "broken_lab_drivers.py"
+    path.write_text("1 / 0\n")
+    with pytest.raises(
+        ScenarioError, match=r"broken_lab_drivers\.py' cannot be imported"
+    ):
+        load_drivers(path)

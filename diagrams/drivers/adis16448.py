@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
 from parapod.diagrams.scenario import quantity
+from parapod.systems.errors import OutputError, ScenarioError
 from parapod.systems.hardware.adis16448_iio import Adis16448Iio, Adis16448IioParams
 from parapod.systems.hardware.adis16448_spi import Adis16448Spi, Adis16448SpiParams
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulators.adis16448_registers import Adis16448Registers
 from parapod.systems.hardware.emulators.directory import resolved
 from parapod.systems.hardware.emulators.harness import Harness
+from parapod.systems.hardware.emulators.iiod_server import IiodServer, is_available
 from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
 from parapod.systems.hardware.emulators.spi_socket import SpiSocketServer
 
@@ -64,7 +66,8 @@ class Adis16448IioImu(Driver):
 
     Attributes:
         part: of the machine.
-        uri: of libiio's context: "local:", "ip:host" or "ip:host:port".
+        uri: of libiio's context: "local:", "ip:host" or "ip:host:port"; of an emulated one
+            "ip:127.0.0.1:port" with any free port.
         decimation: D of the sample rate 819.2 Hz / 2^D [-].
         mounting_deg: roll, pitch and yaw of the sensor in the platform's frame [deg].
         timeout_ms: longest time for one call [ms].
@@ -87,3 +90,17 @@ class Adis16448IioImu(Driver):
                 timeout=1e-3 * self.timeout_ms,
             )
         return Adis16448Iio(params)
+
+    def emulate(
+        self, harness: Harness, misbehaviour: Misbehaviour
+    ) -> AbstractContextManager[object]:
+        """See `Driver`: the kernel's files, made up, behind Debian's own iiod."""
+        here, _, port = self.uri.rpartition(":")
+        if here != "ip:127.0.0.1" or not port.isdecimal():
+            key = f"!{type(self).__name__}.uri"
+            text = f"{key} = {self.uri} is not an address of the emulator, ip:127.0.0.1:PORT"
+            raise ScenarioError(text, key)
+        reason = is_available()
+        if reason is not None:
+            raise OutputError(f"iiod cannot be emulated here: {reason}; use !Adis16448SpiImu")
+        return IiodServer(harness, misbehaviour, int(port))

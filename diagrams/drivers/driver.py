@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
-from parapod.diagrams.scenario_reader import Variant
+from parapod.diagrams.scenario_tree import Variant
 from parapod.systems.errors import ScenarioError
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulators.directory import resolved

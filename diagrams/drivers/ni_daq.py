@@ -66,7 +66,9 @@ class NiDaqLegs(Driver):
         """See `Driver`: an NI gRPC Device Server."""
         params = self._params()
         path = emulated(self.target, f"!{type(self).__name__}.target").removeprefix("unix:")
-        Path(resolved(self.extension_file)).unlink(missing_ok=True)
+        kept = resolved(self.extension_file)
+        if kept != self.extension_file:  # a file elsewhere is of another machine
+            Path(kept).unlink(missing_ok=True)
         return NiServer(
             path,
             harness,

@@ -1,5 +1,6 @@
 """A station without a machine: it answers every command as if it had been carried out."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,12 +13,15 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.station_base import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuator
-from parapod.systems.actuators.wheel_drive import WheelDrive
+from parapod.systems.actuators.wheel_drive import WheelDrive, WheelDriveParams
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
 from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.sensors.imu import ImuParams
 from parapod.systems.sensors.limit_switches import LimitSwitches
+
+# At once, and in counts that nobody sees; as fast as the real ones.
+_WHEELS = WheelDriveParams(counts_per_turn=1e9, time_constant=1e-9, acceleration=math.inf)
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,7 @@ def make_mock_station(scenario: LevellingScenario, meshcat: Meshcat | None = Non
     period = scenario.control.period
     params = replace(scenario.actuators.params, model="integrator", coulomb_friction=0.0)
     actuators = add(builder, LinearActuator(params, time_step=period))
-    wheels = add(builder, WheelDrive(period=period))
+    wheels = add(builder, WheelDrive(_WHEELS, period=period))
     builder.ExportInput(actuators.GetInputPort("voltage"), "legs.voltage")
     builder.ExportInput(actuators.GetInputPort("stop"), "legs.stop")
     builder.ExportInput(wheels.GetInputPort("velocity_command"), "wheels.velocity_command")

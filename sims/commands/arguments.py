@@ -96,6 +96,12 @@ def add_scenario_options(parser: argparse.ArgumentParser, entries: "Sequence[Ent
         help="change keys, as in ground.pitch_deg=4 or job.waypoints.0.time=8; may be repeated",
     )
     parser.add_argument("--backend", metavar="B", help="short for --set backend=B")
+    parser.add_argument(
+        "--drivers",
+        type=Path,
+        metavar="FILE",
+        help="Python file with drivers of your own, for the backend hardware",
+    )
     parser.add_argument("--seed", metavar="N", help="short for --set seed=N")
     switches: dict[str, list[str]] = {}
     for entry in entries:
@@ -118,8 +124,12 @@ def load(arguments: argparse.Namespace, entries: "Sequence[Entry]") -> "tuple[Ex
     """
     entry = _find(arguments.name, entries)
 
+    from parapod.diagrams.drivers.external import load_drivers, load_installed_drivers
     from parapod.diagrams.scenario import load_scenario
 
+    load_installed_drivers()
+    if arguments.drivers is not None:
+        load_drivers(arguments.drivers)
     experiment = entry.load()
     overrides = [*arguments.overrides, *_switched(entry, arguments.switches)]
     for key in ("backend", "seed"):

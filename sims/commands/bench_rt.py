@@ -16,7 +16,7 @@ DESCRIPTION = (
     "it a loop that only wakes up. Prints how late ticks begin (period error), what they cost, "
     "and how late the machine wakes up by itself: a controller cannot be more punctual than that."
 )
-_BACKENDS = ("mock", "kinematic", "hardware")
+_BACKENDS = ("mock", "kinematic")  # never the hardware: the job moves the machine
 
 
 def add_arguments(parser: argparse.ArgumentParser, entries: "Sequence[Entry]") -> None:

@@ -116,6 +116,8 @@ def _sweep(experiment: "Experiment", scenario: Any, arguments: argparse.Namespac
     for option in _ALONE:
         if getattr(arguments, option):
             raise UsageError(f"--{option} shows a single run and does not go with --seeds")
+    if scenario.backend == "hardware":
+        raise UsageError("--seeds runs simulations one after the other; the backend is hardware")
     results = run_seeds(experiment, scenario, arguments.seeds, Console(stderr=True))
     print_spread(results, Console())
     if arguments.json is not None:

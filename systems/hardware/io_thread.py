@@ -131,7 +131,8 @@ class DeviceThread:
         """
         self._stopping.clear()
         self._has_sample.clear()
-        self._command = self._written = None
+        self._command = self._written = self._write_words = None
+        self._is_neutral = True
         self.device.activate()
         name = f"io {self.device.name}"
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -178,10 +179,17 @@ class DeviceThread:
             self._sample = self._sample._replace(fault=fault, words=words)
             return
         self._sample = Sample(values, began, DeviceFault.NONE, "")
-        # Follows that quantile of the times, which a rare long one does not move.
-        longer = self._clock() - began > self._reading_time
-        self._reading_time += _LEARNING * (_IN_TIME if longer else _IN_TIME - 1.0)
+        self._learn(self._clock() - began)
         self._has_sample.set()
+
+    def _learn(self, took: float) -> None:
+        """Follows that quantile of the times, which a rare long one does not move."""
+        if not self._has_sample.is_set():
+            # From nothing it would take ten readings, all of them too late.
+            self._reading_time = min(took, _LARGEST_LEAD * self.period)
+            return
+        longer = took > self._reading_time
+        self._reading_time += _LEARNING * (_IN_TIME if longer else _IN_TIME - 1.0)
 
     def _write(self, command: _Command) -> None:
         self._written = command

@@ -32,13 +32,19 @@ class ReferencedNiDaq(NiDaq):
     def configure(self) -> None:
         """As `NiDaq`; refuses extensions that nobody knows.
 
+        Even then the outputs are neutral afterwards: after a program that was killed they hold.
+
         Raises:
             DeviceError: see there, and `ExtensionMemory.recall`.
         """
-        known = self._memory.recall()
         super().configure()
-        if known is not None:
-            self.set_extension(known)
+        try:
+            known = self._memory.recall()
+            if known is not None:
+                self.set_extension(known)
+        except BaseException:
+            self.close()
+            raise
 
     def activate(self) -> None:
         """As `NiDaq`; from now on the file knows nothing."""

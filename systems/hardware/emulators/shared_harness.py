@@ -10,6 +10,9 @@ from parapod.systems.hardware.emulators.misbehaviour import KINDS, Misbehaviour,
 
 _COUNT = struct.Struct("<q")
 _STATE = struct.Struct("<qd")
+# A writer that was killed in the middle leaves an odd count for ever; a living one takes
+# microseconds, some of these readings.
+_PATIENCE = 10_000
 
 
 class SharedHarness(Harness):
@@ -48,22 +51,25 @@ class SharedHarness(Harness):
         """See `Harness`."""
         at, values = self._layout[name]
         buffer = self._memory
-        while True:
+        for _ in range(_PATIENCE):
             (before,) = _COUNT.unpack_from(buffer, at)
             read = values.unpack_from(buffer, at + _COUNT.size)
             (after,) = _COUNT.unpack_from(buffer, at)
             if before == after and before % 2 == 0:
-                return read
+                break
+        return read
 
     def set(self, name: str, values: Sequence[float]) -> None:
         """See `Harness`."""
         at, layout = self._layout[name]
         if 8 * len(values) != layout.size:
             raise ValueError(f"{name} has {layout.size // 8} elements, not {len(values)}")
+        packed = layout.pack(*values)  # may fail; between the counts nothing must
         buffer = self._memory
         (count,) = _COUNT.unpack_from(buffer, at)
         _COUNT.pack_into(buffer, at, count + 1)
-        layout.pack_into(buffer, at + _COUNT.size, *values)
+        begin = at + _COUNT.size
+        buffer[begin : begin + layout.size] = packed
         _COUNT.pack_into(buffer, at, count + 2)
 
     def misbehaviour(self, part: str, seed: int = 0) -> "SharedMisbehaviour":

@@ -1,0 +1,46 @@
+"""Drivers that are not parapod's own: from installed packages and from files."""
+
+import importlib
+import sys
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from parapod.systems.errors import ScenarioError
+
+GROUP = "parapod.drivers"
+
+
+def load_installed_drivers() -> None:
+    """Imports the modules that installed packages name under the entry point `parapod.drivers`.
+
+    Raises:
+        ScenarioError: one cannot be imported; names it.
+    """
+    for entry in entry_points(group=GROUP):
+        try:
+            entry.load()
+        except Exception as error:
+            raise _failed(f"the drivers '{entry.name}' ({entry.value})", error) from error
+
+
+def load_drivers(path: Path) -> None:
+    """Imports a Python file that defines drivers, by its name, as if it lay beside the program.
+
+    Raises:
+        ScenarioError: it is not there, or cannot be imported.
+    """
+    if not path.is_file() or path.suffix != ".py":
+        raise ScenarioError(f"drivers '{path}': there is no such Python file")
+    # By name and through the path, so that processes that are started from here find it too.
+    folder = str(path.resolve().parent)
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    try:
+        importlib.import_module(path.stem)
+    except Exception as error:
+        raise _failed(f"the drivers '{path}'", error) from error
+
+
+def _failed(what: str, error: Exception) -> ScenarioError:
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    return ScenarioError(f"{what} cannot be imported: {text}")

@@ -1,0 +1,260 @@
+"""What is kept of the extensions of self-locking actuators from one program to the next."""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from parapod.systems.hardware.device import DeviceError
+from parapod.systems.hardware.extension_memory import ExtensionMemory
+from parapod.systems.hardware.ni_daq import NiDaq
+from parapod.systems.hardware.ni_params import NiDaqParams
+from parapod.systems.hardware.referenced_ni_daq import ReferencedNiDaq
+
+EXTENSION = (0.401, 0.402, 0.1 + 0.2, 1.0 / 3.0)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "extensions.json"
+
+
+@pytest.fixture
+def memory(path):
+    return ExtensionMemory(path, 4)
+
+
+def test_without_a_file_nothing_is_recalled(memory, path):
+    assert memory.recall() is None
+    assert not path.exists()
+
+
+def test_what_is_saved_is_recalled_to_the_last_bit(memory, path):
+    memory.save(EXTENSION)
+    assert memory.recall() == EXTENSION
+    assert ExtensionMemory(path, 4).recall() == EXTENSION
+
+
+def test_the_file_is_json_that_people_can_read_and_nothing_else_is_left(memory, path):
+    memory.save(EXTENSION)
+    assert json.loads(path.read_text()) == {"extension_m": list(EXTENSION)}
+    assert [file.name for file in path.parent.iterdir()] == ["extensions.json"]
+
+
+def test_what_was_forgotten_is_refused_with_what_to_do(memory):
+    memory.save(EXTENSION)
+    memory.forget()
+    with pytest.raises(DeviceError) as caught:
+        memory.recall()
+    text = str(caught.value)
+    assert "\n" not in text
+    assert "nobody knows the extensions" in text
+    assert "delete the file" in text
+    memory.save(EXTENSION)
+    assert memory.recall() == EXTENSION
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "cannot be read"),
+        ("{", "cannot be read"),
+        ("[0.4, 0.4, 0.4, 0.4]", "cannot be read"),
+        ('"extension_m"', "cannot be read"),
+        ("{}", "cannot be read"),
+        ('{"extension_m": 0.4}', "must have 4 extensions"),
+        ('{"extension_m": [0.4, 0.4, 0.4]}', "must have 4 extensions"),
+        ('{"extension_m": [0.4, 0.4, 0.4, NaN]}', "must have 4 extensions"),
+        ('{"extension_m": [0.4, 0.4, 0.4, Infinity]}', "must have 4 extensions"),
+        ('{"extension_m": [0.4, 0.4, 0.4, "0.4"]}', "must have 4 extensions"),
+        ('{"extension_m": [0.4, 0.4, 0.4, true]}', "must have 4 extensions"),
+        ('{"extension_m": [0.4, 0.4, 0.4, null]}', "must have 4 extensions"),
+    ],
+)
+def test_a_file_that_is_none_of_ours_is_refused(memory, path, text, words):
+    path.write_text(text)
+    with pytest.raises(DeviceError, match=words) as caught:
+        memory.recall()
+    assert str(path) in str(caught.value)
+
+
+def test_a_file_that_is_not_text_is_refused(memory, path):
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(DeviceError, match="cannot be read"):
+        memory.recall()
+
+
+def test_a_folder_in_its_place_is_refused(memory, path):
+    path.mkdir()
+    with pytest.raises(DeviceError, match="cannot be read"):
+        memory.recall()
+    with pytest.raises(DeviceError, match="cannot be written"):
+        memory.save(EXTENSION)
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path):
+    memory = ExtensionMemory(tmp_path / "none" / "x.json", 4)
+    for act in (memory.forget, lambda: memory.save(EXTENSION)):
+        with pytest.raises(DeviceError, match="cannot be written: No such file or directory"):
+            act()
+
+
+def test_a_write_that_fails_leaves_what_was_there(memory, path, monkeypatch):
+    memory.save(EXTENSION)
+
+    def fail(descriptor):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(DeviceError, match="cannot be written: No space left"):
+        memory.save((0.0,) * 4)
+    assert memory.recall() == EXTENSION
+
+
+def test_a_program_that_is_killed_leaves_the_old_or_the_new_extensions(path):
+    code = """if True:
+        import itertools, sys
+        from pathlib import Path
+        from parapod.systems.hardware.extension_memory import ExtensionMemory
+        memory = ExtensionMemory(Path(sys.argv[1]), 4)
+        for k in itertools.count():
+            memory.save([float(k)] * 4)
+            if k == 20:
+                print(flush=True)
+    """
+    command = [sys.executable, "-c", code, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as program:
+        program.stdout.readline()
+        program.send_signal(signal.SIGKILL)
+    found = ExtensionMemory(path, 4).recall()
+    assert len(set(found)) == 1
+    assert found[0] >= 20.0
+
+
+# The card that keeps it
+
+
+class Tasks:
+    """Counters, inputs and outputs of a card whose encoders turn when a test says so."""
+
+    def __init__(self, params, name):
+        self.counts, self.relay, self.time = [0] * 4, None, 0.0
+
+    def begin(self, timeout):
+        self.time += 0.01
+
+    def open(self):
+        pass
+
+    def close(self):
+        pass
+
+    def read_counters(self):
+        return [(count % 2**32, self.time) for count in self.counts]
+
+    def read_inputs(self):
+        return (0.0,) * 12
+
+    def write_outputs(self, values):
+        pass
+
+    def write_relay(self, is_on):
+        self.relay = is_on
+
+
+@pytest.fixture
+def card(path, monkeypatch):
+    """card(): a new one at the same file, as a new program has it."""
+    monkeypatch.setattr("parapod.systems.hardware.ni_daq.NiTasks", Tasks)
+    params = NiDaqParams(extension_at_start=(0.41,) * 4, metres_per_count=1e-5)
+    return lambda: ReferencedNiDaq(params, path)
+
+
+def extension(card):
+    return card.read()["extension"]
+
+
+def turn(card, counts):
+    card._tasks.counts = counts
+
+
+def test_without_a_file_a_card_begins_with_its_parameters(card, path):
+    with card() as ours:
+        assert extension(ours) == pytest.approx((0.41,) * 4)
+        assert ours.is_referenced
+    assert not path.exists()
+
+
+def test_a_card_begins_where_the_last_program_ended(card):
+    with card() as ours:
+        ours.activate()
+        turn(ours, [100, -100, 0, 1])
+        ours.deactivate()
+    with card() as next_one:
+        assert extension(next_one) == pytest.approx((0.411, 0.409, 0.41, 0.41001))
+        next_one.activate()
+        turn(next_one, [10, 0, 0, 0])
+        next_one.deactivate()
+    with card() as last:
+        assert extension(last)[0] == pytest.approx(0.4111)
+
+
+def test_while_the_drives_have_power_the_file_knows_nothing(card, path):
+    with card() as ours:
+        ours.activate()
+        with pytest.raises(DeviceError, match="nobody knows"), card():
+            pass
+        ours.deactivate()
+    with card() as next_one:
+        assert extension(next_one) == pytest.approx((0.41,) * 4)
+
+
+def test_a_program_that_ends_without_deactivating_leaves_the_extensions_unknown(card):
+    with card() as ours:
+        ours.activate()
+    with pytest.raises(DeviceError, match="nobody knows"), card():
+        pass
+
+
+def test_reading_without_power_changes_nothing_in_the_file(card, path):
+    ExtensionMemory(path, 4).save(EXTENSION)
+    before = path.read_bytes()
+    with card() as ours:
+        assert extension(ours) == pytest.approx(EXTENSION)
+        ours.deactivate()
+    assert path.read_bytes() == before
+
+
+def test_deactivating_twice_saves_once(card, path):
+    with card() as ours:
+        ours.activate()
+        ours.deactivate()
+        saved = path.read_bytes()
+        turn(ours, [500] * 4)
+        ours.deactivate()
+    assert path.read_bytes() == saved
+
+
+def test_a_file_that_cannot_be_written_keeps_the_drives_without_power(card, path, monkeypatch):
+    def fail(descriptor):
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with card() as ours:
+        with pytest.raises(DeviceError, match="cannot be written: Read-only"):
+            ours.activate()
+        assert ours._tasks.relay is False
+
+
+def test_a_card_that_is_not_referenced_is_worth_nothing_and_says_so(monkeypatch):
+    monkeypatch.setattr("parapod.systems.hardware.ni_daq.NiTasks", Tasks)
+    with NiDaq(NiDaqParams()) as ours:
+        assert not ours.is_referenced
+        ours.set_extension([0.4, 0.4, 0.4, 0.4])
+        assert ours.is_referenced
+        with pytest.raises(ValueError, match="4 finite extensions"):
+            ours.set_extension([0.4, 0.4, 0.4, math.nan])
