@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from parapod.diagrams.drivers.driver import refuse_without_emulator
 from parapod.diagrams.hardware_parts import make_parts
 from parapod.diagrams.levelling_platform.hardware_station import MEASURED
 from parapod.diagrams.levelling_platform.ports import INPUTS
@@ -100,12 +101,14 @@ def check_part(
         What was measured, with bounds.
 
     Raises:
-        ScenarioError: a part that there is not, or that cannot be moved so.
+        ScenarioError: a part that there is not, or that cannot be moved so, or whose devices are
+            those of an emulator that does not run.
         DeviceError: a device is not there, is another one, or fails.
     """
     parts = make_parts(scenario.hardware.drivers, INPUTS, MEASURED, scenario.control.period)
     if part not in parts.threads:
         raise ScenarioError(f"part '{part}' is not one of {', '.join(parts.threads)}")
+    refuse_without_emulator([d for d in scenario.hardware.drivers if d.part == part])
     threads = parts.threads[part]
     if move is not None:
         _check_move(part, move, threads)

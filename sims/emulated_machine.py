@@ -15,7 +15,7 @@ from parapod.diagrams.levelling_platform.station import make_station
 from parapod.sims.emulated_devices import emulated_devices
 from parapod.sims.real_time import RealTimeLoop
 from parapod.systems.errors import ScenarioError
-from parapod.systems.hardware.emulators.directory import emulator_directory
+from parapod.systems.hardware.emulators.directory import WIRES, emulator_directory
 from parapod.systems.hardware.emulators.shared_harness import SharedHarness
 
 # How often wires and physics see each other; a longer step of the plant makes it rarer [s].
@@ -58,7 +58,7 @@ class EmulatedMachine:
         self._parts = sorted({driver.part for driver in scenario.hardware.drivers})
         directory = emulator_directory()
         directory.mkdir(mode=0o700, parents=True, exist_ok=True)
-        self._wires = directory / "wires"
+        self._wires = directory / WIRES
         self.harness = SharedHarness(self._wires, self._sizes, self._parts, is_new=True)
         self.misbehaviours = {part: self.harness.misbehaviour(part) for part in self._parts}
         diagram = self._station.diagram
@@ -79,8 +79,11 @@ class EmulatedMachine:
             ScenarioError: a driver has no emulator, or an address that is not the emulator's.
         """
         drivers, seed = self._scenario.hardware.drivers, self._scenario.seed
-        with emulated_devices(drivers, self._wires, self._sizes, self._parts, seed):
-            yield
+        try:
+            with emulated_devices(drivers, self._wires, self._sizes, self._parts, seed):
+                yield
+        finally:
+            self._wires.unlink(missing_ok=True)
 
     def run(self, duration: float, on_tick: Callable[[Context], None]) -> None:
         """Simulates in real time; late ticks are left out.

@@ -13,6 +13,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 from rich.console import Console
 
+from parapod.diagrams.drivers.driver import refuse_without_emulator
 from parapod.diagrams.levelling_platform.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.hardware_station import HardwareStation
 from parapod.diagrams.levelling_platform.station_base import Station
@@ -90,9 +91,11 @@ def run_on_hardware(
         DeviceError: a device is not there, is another one, or has failed.
         DeadlineError: this computer is too slow.
         OutputError: the log cannot be written, or is not to be an MCAP file.
+        ScenarioError: the devices are the emulator's, and there is none.
     """
     station = loop.station
     assert isinstance(station, HardwareStation)
+    refuse_without_emulator(station.scenario.hardware.drivers)
     root = simulator.get_mutable_context()
     watch = DeviceWatch(station.parts.all_threads)
     with ExitStack() as stack:

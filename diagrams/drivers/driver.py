@@ -1,13 +1,17 @@
 """What all drivers are."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
 from parapod.diagrams.scenario_tree import Variant
 from parapod.systems.errors import ScenarioError
 from parapod.systems.hardware.device import Device
-from parapod.systems.hardware.emulators.directory import resolved
+from parapod.systems.hardware.emulators.directory import (
+    WIRES,
+    emulator_directory,
+    resolved,
+)
 from parapod.systems.hardware.emulators.harness import Harness
 from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
 
@@ -94,3 +98,23 @@ def named(driver: Driver) -> Iterator[None]:
     except ValueError as error:
         text = f"hardware.drivers: !{type(driver).__name__} of {driver.part}: {error}"
         raise ScenarioError(text, "hardware.drivers") from None
+
+
+def refuse_without_emulator(drivers: Sequence[Driver]) -> None:
+    """Tells those who have not begun the emulator that its addresses lead nowhere.
+
+    Raises:
+        ScenarioError: a driver has such an address, and no emulator runs.
+    """
+    directory = emulator_directory()
+    if (directory / WIRES).exists():
+        return
+    for driver in drivers:
+        for key, value in vars(driver).items():
+            if isinstance(value, str) and resolved(value) != value:
+                raise ScenarioError(
+                    f"!{type(driver).__name__}.{key} = {value}, but no emulator runs in "
+                    f"'{directory}': begin `parapod emulate level` in another terminal, or name "
+                    "your own devices under hardware.drivers",
+                    "hardware.drivers",
+                )

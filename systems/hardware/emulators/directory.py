@@ -7,6 +7,8 @@ from pathlib import Path
 
 # Addresses that begin so are of devices in the emulator's directory.
 PREFIX = "emulator/"
+# The file of the wires between the emulated devices; there while the emulator runs.
+WIRES = "wires"
 _VARIABLE = "PARAPOD_EMULATOR"
 
 
