@@ -32,11 +32,17 @@ from parapod.systems.hardware.device import DeviceError
 from parapod.systems.hardware.io_thread import DeviceThread
 
 # A device that has been wrong for so long does not come back by itself [s].
-_PATIENCE = 0.1
+_PATIENCE = 0.2
+# How much faster trust is lost than it comes back [-].
+_DISTRUST = 4.0
 
 
 class DeviceWatch:
-    """Ends a run in which a device has failed; for controllers that have no supervisor."""
+    """Ends a run in which a device has failed; for controllers that have no supervisor.
+
+    The time for which a device is wrong is added up, and forgotten four times slower while it is
+    right again: one that comes and goes is found as well.
+    """
 
     def __init__(self, threads: Sequence[DeviceThread], patience: float = _PATIENCE):
         """Begins to watch.
@@ -46,7 +52,8 @@ class DeviceWatch:
             patience: how long a device may be wrong [s].
         """
         self._threads, self._patience = threads, patience
-        self._since: dict[int, float] = {}
+        self._wrong = [0.0] * len(threads)
+        self._checked: float | None = None
 
     def check(self, now: float) -> None:
         """Looks at every device.
@@ -57,11 +64,15 @@ class DeviceWatch:
         Raises:
             DeviceError: one has been wrong for too long; has its words.
         """
+        since = 0.0 if self._checked is None else now - self._checked
+        self._checked = now
         for i, thread in enumerate(self._threads):
             sample = thread.sample
             if not sample.fault:
-                self._since.pop(i, None)
-            elif now - self._since.setdefault(i, now) > self._patience:
+                self._wrong[i] = max(0.0, self._wrong[i] - since / _DISTRUST)
+                continue
+            self._wrong[i] += since
+            if self._wrong[i] > self._patience:
                 words = sample.words.removeprefix(f"{thread.device.name}: ")
                 raise DeviceError(thread.device.name, words, sample.fault)
 

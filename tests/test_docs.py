@@ -122,7 +122,5 @@ def test_drivers_that_cannot_be_imported_are_refused(tmp_path):
         load_drivers(tmp_path / "none.py")
     path = tmp_path / "broken_lab_drivers.py"
     path.write_text("1 / 0\n")
-    with pytest.raises(
-        ScenarioError, match=r"broken_lab_drivers\.py' cannot be imported"
-    ):
+    with pytest.raises(ScenarioError, match=r"broken_lab_drivers\.py' cannot be imported"):
         load_drivers(path)

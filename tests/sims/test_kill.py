@@ -1,0 +1,422 @@
+"""Programs that are killed: what becomes of the machine, of the logs and of the next program."""
+
+import itertools
+import json
+import os
+import re
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS
+from parapod.sims.cli import main
+from parapod.sims.mcap_log import read_mcap
+from parapod.systems.hardware.emulators.shared_harness import SharedHarness
+from parapod.systems.hardware.extension_memory import ExtensionMemory
+
+for library in ("nidaqmx", "grpc", "canopen", "can", "serial", "mcap"):
+    pytest.importorskip(library)
+
+pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+
+# SIGINT is ignored by children of shells without job control, hence the default handler.
+PARAPOD = (
+    sys.executable,
+    "-c",
+    "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
+    "from parapod.sims.cli import main; sys.exit(main())",
+)
+SIZES = {spec.name: spec.size for spec in (*INPUTS, *OUTPUTS)}
+# Where programs may not have a priority, others delay heartbeats by more than a wheel bears.
+PATIENT = "hardware.drivers.2.heartbeat_timeout_ms=500"
+PARTS = ("arm", "imu", "legs", "turntable", "wheels")
+SERIAL = """
+hardware:
+  drivers:
+    - !NiDaqEncoders {}
+    - !SabertoothLegs {}
+    - !Adis16448SpiImu {}
+    - !Epos2Wheels {}
+    - !NotFittedPart {part: arm}
+    - !NotFittedPart {part: turntable}
+"""
+# Drives legs and wheels until it is killed.
+DRIVING = f"""
+import sys, time
+from pathlib import Path
+from parapod.diagrams.hardware_parts import make_parts
+from parapod.diagrams.levelling_platform.hardware_station import MEASURED
+from parapod.diagrams.levelling_platform.ports import INPUTS
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.scenario import load_scenario
+
+COMMANDS = {{
+    "legs.voltage": [1.0, -1.0, 1.0, 0.0],
+    "legs.stop": [0.0],
+    "wheels.velocity_command": [2.0] * 4,
+    "wheels.brake": [0.0],
+    "arm.position_command": [0.0],
+    "turntable.position_command": [0.0],
+}}
+default = Path({str(resources.files("parapod.sims.scenarios") / "level.yaml")!r})
+scenario = load_scenario(LevellingScenario, default, *map(Path, sys.argv[1:]))
+parts = make_parts(scenario.hardware.drivers, INPUTS, MEASURED, 0.01)
+with parts.active():
+    print("driving", flush=True)
+    while True:
+        for part, threads in parts.threads.items():
+            for thread in threads:
+                names = thread.device.commands
+                values = {{name: COMMANDS[f"{{part}}.{{name}}"] for name in names}}
+                thread.post(values, time.monotonic())
+        time.sleep(0.01)
+"""
+
+
+def until(condition, timeout):
+    end = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(1e-3)
+    return True
+
+
+class Emulator:
+    """`parapod emulate` in a process group of its own."""
+
+    def __init__(self, scenario=""):
+        # A socket's path is short, which pytest's folders are not.
+        self.directory = Path(tempfile.mkdtemp(prefix="pp", dir="/tmp"))
+        self.log = self.directory / "emulator.mcap"
+        self.environment = os.environ | {"PARAPOD_EMULATOR": str(self.directory / "e")}
+        self.scenario = []
+        if scenario:
+            self.scenario = [str(self.directory / "drivers.yaml")]
+            Path(*self.scenario).write_text(scenario)
+        options = [f"--scenario={path}" for path in self.scenario]
+        command = (*PARAPOD, "emulate", "level", "--backend=kinematic", "--log", self.log)
+        self.process = subprocess.Popen(
+            (*command, *options),
+            env=self.environment,
+            stdin=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            bufsize=1,
+            start_new_session=True,
+        )
+        self.said = []
+        threading.Thread(target=self._listen, daemon=True).start()
+        if not until(lambda: any(line.startswith("ready") for line in self.said), 60.0):
+            self.end()
+            pytest.fail(f"the emulator does not begin: {self.said}")
+        self.wires = SharedHarness(self.directory / "e" / "wires", SIZES, PARTS)
+
+    def _listen(self):
+        for line in self.process.stderr:
+            self.said.append(line.strip())
+
+    def misbehave(self, part, kind):
+        """Returns when the devices do it."""
+        line = f"{part} {kind}"
+        count = len(self.said)
+        self.process.stdin.write(f"{line}\n")
+        assert until(lambda: any(said.endswith(line) for said in self.said[count:]), 5.0), line
+
+    def program(self, *command):
+        """A controller; stop it."""
+        return subprocess.Popen(
+            [*map(str, command)],
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def driving(self):
+        """A program that has driven the machine for a while."""
+        program = self.program(sys.executable, "-c", DRIVING, *self.scenario)
+        line = program.stdout.readline()
+        assert line == "driving\n", program.communicate()
+        time.sleep(0.5)
+        return program
+
+    def levelling(self, *options):
+        """`parapod run level` whose legs move."""
+        program = self.program(*PARAPOD, *job(), *options)
+        assert until(lambda: self.has_power, 30.0), program.communicate()
+        time.sleep(1.2)
+        return program
+
+    @property
+    def has_power(self):
+        return self.wires.get("legs.stop")[0] < 0.5
+
+    @property
+    def is_neutral(self):
+        legs = not self.has_power and self.wires.get("legs.voltage") == (0.0,) * 4
+        speeds = self.wires.get("wheels.velocity_command")
+        return legs and self.wires.get("wheels.brake")[0] > 0.5 and speeds == (0.0,) * 4
+
+    def measure_extensions(self):
+        """What an operator does after a run that did not end in peace."""
+        memory = ExtensionMemory(self.directory / "e" / "extensions.json", 4)
+        memory.save(self.wires.get("legs.extension"))
+
+    def logged(self, *names):
+        """Wall clock [s] and, for each port, its values, of the log that is being written."""
+        time.sleep(0.5)
+        return stamped(self.log, *names)
+
+    def members(self):
+        """Processes of the emulator that live."""
+        found = []
+        for path in Path("/proc").glob("[0-9]*/stat"):
+            try:
+                state, _, group = path.read_text().rpartition(")")[2].split()[:3]
+            except (OSError, ValueError):
+                continue
+            if int(group) == self.process.pid and state not in "ZX":
+                found.append(int(path.parent.name))
+        return found
+
+    def end(self):
+        if self.process.poll() is None:
+            self.process.terminate()
+        try:
+            self.process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            os.killpg(self.process.pid, signal.SIGKILL)
+            self.process.wait()
+        self.process.stdin.close()
+        shutil.rmtree(self.directory, ignore_errors=True)
+
+
+HEIGHTS = itertools.cycle((485.0, 470.0))
+
+
+def job(estimate_at=0.5):
+    """A job whose legs move from then on, for some seconds."""
+    return (
+        *("run", "level", "--backend", "hardware", "--set", "job.waypoints=[]"),
+        *("job.settled_after=0.5", "job.end=20", f"job.estimate_at={estimate_at}"),
+        f"job.height_mm={next(HEIGHTS)}",
+        "job.arm={start: 0, duration: 0.1}",
+        PATIENT,
+    )
+
+
+def stamped(path, *names):
+    """Wall clock [s] and the values of each port, also of a log that is being written."""
+    stream_reader = pytest.importorskip("mcap.stream_reader")
+    exceptions = pytest.importorskip("mcap.exceptions")
+    channels, stamps, rows = {}, [], {name: [] for name in names}
+    with open(path, "rb") as stream:
+        try:
+            for record in stream_reader.StreamReader(stream).records:
+                kind = type(record).__name__
+                if kind == "Channel" and record.topic in names:
+                    channels[record.id] = record.topic
+                elif kind == "Message" and record.channel_id in channels:
+                    name = channels[record.channel_id]
+                    rows[name].append(json.loads(record.data)["value"])
+                    if name == names[0]:
+                        stamps.append(1e-9 * record.log_time)
+        except (exceptions.EndOfFile, struct.error):
+            pass  # in the middle of a record
+    count = min(map(len, rows.values()))
+    return (np.array(stamps[:count]), *(np.array(v[:count], float) for v in rows.values()))
+
+
+def first(stamps, holds, after):
+    """When something held for the first time after an instant [s after it], and from then on."""
+    later = stamps > after
+    assert holds[later].any()
+    last_not = np.flatnonzero(later & ~holds)
+    index = last_not[-1] + 1 if last_not.size else np.flatnonzero(later)[0]
+    assert index < len(stamps)
+    return stamps[index] - after
+
+
+@pytest.fixture(scope="module")
+def analog():
+    """A machine whose legs are driven by analog outputs."""
+    emulator = Emulator()
+    yield emulator
+    emulator.end()
+
+
+@pytest.fixture(scope="module")
+def serial():
+    """A machine whose legs are driven over a serial line."""
+    emulator = Emulator(SERIAL)
+    yield emulator
+    emulator.end()
+
+
+@pytest.fixture
+def machine(analog, monkeypatch):
+    """The first of them, for a controller in this process: neutral, well and referenced."""
+    monkeypatch.setenv("PARAPOD_EMULATOR", analog.environment["PARAPOD_EMULATOR"])
+    analog.measure_extensions()
+    yield analog
+    if analog.process.poll() is not None:
+        return
+    for part in ("imu", "legs"):
+        analog.misbehave(part, "well")
+    analog.measure_extensions()
+    main(["check", "legs", "--seconds", "0.1"])
+    assert analog.is_neutral
+
+
+def killed(program):
+    """Kills a program; the wall clock [s]."""
+    at = time.time()
+    program.kill()
+    program.communicate()
+    return at
+
+
+# --- the controller ends ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
+def test_a_controller_that_is_asked_to_end_leaves_the_machine_neutral(machine, name):
+    path = machine.directory / f"{name}.mcap"
+    program = machine.levelling("--log", path)
+    at, began = time.time(), time.monotonic()
+    program.send_signal(getattr(signal, name))
+    _, said = program.communicate(timeout=20)
+    took = time.monotonic() - began
+    assert program.returncode == 130, said
+    assert said.splitlines()[-1] == "parapod: interrupted"
+    assert "Traceback" not in said
+    assert took < 2.0
+    assert machine.is_neutral
+    stamps, stop, brake = machine.logged("legs.stop", "wheels.brake")
+    neutral = first(stamps, (stop[:, 0] > 0.5) & (brake[:, 0] > 0.5), at)
+    print(f"neutral {1e3 * neutral:.0f} ms after {name}")
+    assert neutral < 1.0
+    # Whole, up to the signal.
+    mcap_reader = pytest.importorskip("mcap.reader")
+    with open(path, "rb") as stream:
+        assert mcap_reader.make_reader(stream).get_summary() is not None
+    stamps, *_ = stamped(path, "legs.extension")
+    assert stamps[-1] > at - 0.2
+    assert len(read_mcap(path).time) == len(stamps)
+    # It has ended in peace: the next program knows where the rods are.
+    assert main(["check", "legs", "--seconds", "0.1"]) == 0
+
+
+@pytest.mark.parametrize(("part", "dead"), [("imu", 0.08), ("legs", 0.25)])
+def test_the_loop_keeps_its_rate_while_a_bus_is_stalled(machine, part, dead, capsys):
+    path = machine.directory / f"{part}-off.mcap"
+    begun = []
+
+    def disturb():
+        assert until(lambda: machine.has_power, 20.0)
+        time.sleep(0.7)
+        machine.misbehave(part, "off")
+        begun.append(time.time())
+
+    thread = threading.Thread(target=disturb)
+    thread.start()
+    assert main([*job(), "--log", str(path)]) == 2
+    thread.join()
+    device = {"imu": "ADIS16448", "legs": "PXIe-6363"}[part]
+    assert f"parapod: error: {device} " in capsys.readouterr().err
+    stamps, age = stamped(path, "status.age")
+    index = {"legs": 0, "imu": 1}[part]
+    # Nothing new of that device for so long, and ticks all the while.
+    assert age[-1, index] > dead
+    stalled = np.diff(stamps[stamps > begun[0]])
+    assert len(stalled) >= dead / 0.01 / 2
+    assert np.median(stalled) == pytest.approx(0.01, abs=2e-3)
+    assert stalled.max() < 0.1
+
+
+def test_the_log_of_a_killed_controller_is_readable_up_to_the_last_second(machine):
+    path = machine.directory / "killed.mcap"
+    at = killed(machine.levelling("--log", path))
+    log = read_mcap(path)
+    last = log.metadata["wall_time"] + log.time[-1]
+    assert at - 1.0 < last < at + 0.1
+    assert len(log.signals["legs.extension"]) == len(log.time) > 50
+    assert np.abs(log.signals["legs.voltage"]).max() > 0.1
+    stamps, *_ = stamped(path, "legs.extension")
+    assert stamps[-1] > at - 1.0
+
+
+def test_wheels_stop_when_the_controller_is_killed_and_analog_outputs_hold(machine, capsys):
+    at = killed(machine.driving())
+    time.sleep(0.5)
+    stamps, speed, brake, voltage, stop = machine.logged(
+        "wheels.velocity_command", "wheels.brake", "legs.voltage", "legs.stop"
+    )
+    before = (stamps > at - 0.2) & (stamps < at)
+    np.testing.assert_allclose(speed[before], 2.0, atol=0.01)
+    assert (brake[before] < 0.5).all()
+    stands = (speed == 0.0).all(axis=1) & (brake[:, 0] > 0.5)
+    took = first(stamps, stands, at)
+    print(f"wheels stop {1e3 * took:.0f} ms after the controller was killed")
+    assert took < 0.2
+    # As documented: nothing tells the card that its program is gone.
+    after = stamps > at
+    np.testing.assert_allclose(voltage[after][:, :3], [[1.0, -1.0, 1.0]] * after.sum(), atol=0.01)
+    assert (stop[after] < 0.5).all()
+    # The next program does not know where the rods are, but stops them.
+    assert main(["check", "legs"]) == 2
+    line = capsys.readouterr().err
+    assert re.fullmatch(r"parapod: error: extensions' file .*: says that .*\n", line)
+    assert "measure them, and delete the file" in line
+    assert machine.is_neutral
+
+
+def test_serial_drivers_stop_the_legs_when_the_controller_is_killed(serial):
+    at = killed(serial.driving())
+    time.sleep(0.5)
+    stamps, voltage, speed, brake = serial.logged(
+        "legs.voltage", "wheels.velocity_command", "wheels.brake"
+    )
+    before = (stamps > at - 0.2) & (stamps < at)
+    assert (np.abs(voltage[before][:, :3]) > 0.8).all()
+    legs = first(stamps, (voltage == 0.0).all(axis=1), at)
+    wheels = first(stamps, (speed == 0.0).all(axis=1) & (brake[:, 0] > 0.5), at)
+    print(f"legs stop {1e3 * legs:.0f} ms, wheels {1e3 * wheels:.0f} ms after the kill")
+    assert legs < 0.3
+    assert wheels < 0.2
+
+
+# --- the emulator is killed: the last tests, there is none afterwards -----------------------
+
+
+def test_a_controller_whose_machine_is_gone_ends_and_names_a_device(machine):
+    controller = machine.program(*PARAPOD, *job(estimate_at=20.0))
+    assert until(lambda: machine.has_power, 30.0), controller.communicate()
+    time.sleep(0.5)
+    os.killpg(machine.process.pid, signal.SIGKILL)
+    began = time.monotonic()
+    _, said = controller.communicate(timeout=20)
+    took = time.monotonic() - began
+    print(f"the controller ended {took:.2f} s after the emulator was killed")
+    assert controller.returncode == 2, said
+    assert re.match(r"parapod: error: (PXIe-6363|ADIS16448|EPOS2) ", said.splitlines()[-1]), said
+    assert "Traceback" not in said
+    assert took < 2.0
+
+
+def test_processes_of_the_devices_end_with_the_emulator(serial):
+    assert len(serial.members()) >= 5
+    serial.process.kill()
+    serial.process.wait()
+    assert until(lambda: not serial.members(), 2.0), serial.members()
