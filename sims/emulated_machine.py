@@ -1,8 +1,11 @@
 """A simulated levelling platform behind emulated devices."""
 
+import fcntl
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +40,7 @@ class EmulatedMachine:
             scenario: its backend must be a simulated one; its drivers are emulated.
 
         Raises:
-            ScenarioError: another backend.
+            ScenarioError: another backend, or an emulator runs already.
         """
         if scenario.backend not in SIMULATED:
             raise ScenarioError(
@@ -58,6 +61,7 @@ class EmulatedMachine:
         self._parts = sorted({driver.part for driver in scenario.hardware.drivers})
         directory = emulator_directory()
         directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._lock = _locked(directory)
         self._wires = directory / WIRES
         self.harness = SharedHarness(self._wires, self._sizes, self._parts, is_new=True)
         self.misbehaviours = {part: self.harness.misbehaviour(part) for part in self._parts}
@@ -84,6 +88,7 @@ class EmulatedMachine:
                 yield
         finally:
             self._wires.unlink(missing_ok=True)
+            self._lock.close()
 
     def run(self, duration: float, on_tick: Callable[[Context], None]) -> None:
         """Simulates in real time; late ticks are left out.
@@ -118,3 +123,21 @@ class EmulatedMachine:
         taken = [self._port(spec).Eval(root) for spec in INPUTS]
         shown = [diagram.GetOutputPort(s.name).Eval(root) for s in (*OUTPUTS, *TRUTH_OUTPUTS)]
         return taken + shown
+
+
+def _locked(directory: Path) -> IO[str]:
+    """The folder's lock file, locked until it is closed or the process ends.
+
+    Raises:
+        ScenarioError: another process has locked it.
+    """
+    lock = open(directory / "lock", "w")  # noqa: SIM115 (kept open on purpose)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        lock.close()
+        raise ScenarioError(
+            f"an emulator runs in '{directory}' already; end it, or name another folder in the "
+            "environment's PARAPOD_EMULATOR"
+        ) from None
+    return lock

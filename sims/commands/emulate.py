@@ -1,6 +1,7 @@
 """`parapod emulate`: the simulated machine behind emulated devices, for another program."""
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -58,5 +59,8 @@ def execute(arguments: argparse.Namespace, entries: "Sequence[Entry]") -> int:
     parts = sorted({driver.part for driver in scenario.hardware.drivers})
     requests = [parsed_fault(text, parts) for text in arguments.fault]
     duration = math.inf if arguments.duration is None else arguments.duration
-    emulate(scenario, requests, duration, arguments.log)
+    try:
+        emulate(scenario, requests, duration, arguments.log)
+    except KeyboardInterrupt:
+        print("the emulator has ended", file=sys.stderr)  # as it is meant to
     return HELD

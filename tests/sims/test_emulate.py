@@ -600,3 +600,9 @@ def test_a_self_test_finds_an_encoder_with_a_swapped_sign(here, capsys):
     out = capsys.readouterr().out
     assert re.search(r"wrong_sign +1 +<= 0 +BROKEN", out), out
     assert here.is_neutral
+
+
+def test_a_second_emulator_in_the_same_folder_is_refused(here, capsys):
+    assert main(["emulate", "level", "--backend", "kinematic"]) == 2
+    assert "an emulator runs in" in capsys.readouterr().err
+    assert main(["check", "imu", "--seconds", "0.1"]) in (0, 1)  # the first goes on
