@@ -36,7 +36,7 @@ class SabertoothLegs(Driver):
     baud: int = choice(38400, tuple(BAUDS))
     addresses: list[int] = field(default_factory=lambda: [128, 129])
     supply_voltage: float = quantity(12.0, 1.0, 48.0)
-    serial_timeout_ms: float = quantity(200.0, 100.0, 200.0)
+    serial_timeout_ms: float = quantity(100.0, 100.0, 200.0)
 
     def make(self, ports: PartPorts) -> Device:
         """See `Driver`."""

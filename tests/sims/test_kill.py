@@ -393,7 +393,7 @@ def test_serial_drivers_stop_the_legs_when_the_controller_is_killed(serial):
     legs = first(stamps, (voltage == 0.0).all(axis=1), at)
     wheels = first(stamps, (speed == 0.0).all(axis=1) & (brake[:, 0] > 0.5), at)
     print(f"legs stop {1e3 * legs:.0f} ms, wheels {1e3 * wheels:.0f} ms after the kill")
-    assert legs < 0.3
+    assert legs < 0.2
     assert wheels < 0.2
 
 
