@@ -192,7 +192,7 @@ def _short(cell: Cell | None) -> str:
 def _unnoticed(cells: Sequence[Cell]) -> list[str]:
     """What is not found, in how many phases, and why."""
     counted = Counter((c.device, c.kind) for c in cells if c.injected and not c.findings)
-    return ["not found:"] + [
+    return ["not found:"] * bool(counted) + [
         f"{device}, {kind} (in {count} phases): {_REASONS.get((device, kind), 'UNEXPLAINED')}"
         for (device, kind), count in counted.items()
     ]
