@@ -54,7 +54,7 @@ def evaluated(system, fix, **inputs):
     return output_of(system, context)
 
 
-def test_extension_on_level_ground_is_that_of_the_digests_table(fix):
+def test_extension_on_level_ground_is_that_of_the_table(fix):
     # d = .400: h = .505429 m.
     output = evaluated(
         KinematicFeedforward(),

@@ -117,7 +117,7 @@ def test_foots_rate_agrees_with_differences(leg):
     [(0.390, 1.595, -6.458), (0.400, 0.595, -6.047), (0.410, -0.206, -5.745),
      (0.420, -0.911, -5.497), (0.450, -2.90, -4.82)],
 )  # fmt: skip
-def test_rates_of_the_digests_table(d, p_x_rate, p_z_rate):
+def test_rates_of_a_table_of_differences(d, p_x_rate, p_z_rate):
     leg = LEGS[1]
     x, y, z = foot_to_centre_rate(leg, d)
     assert x * leg.e_b[0] + y * leg.e_b[1] == pytest.approx(p_x_rate, abs=6e-3)
