@@ -2,6 +2,7 @@
 
 import mmap
 import struct
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -11,8 +12,8 @@ from parapod.systems.hardware.emulators.misbehaviour import KINDS, Misbehaviour,
 _COUNT = struct.Struct("<q")
 _STATE = struct.Struct("<qd")
 # A writer that was killed in the middle leaves an odd count for ever; a living one takes
-# microseconds, some of these readings.
-_PATIENCE = 10_000
+# microseconds, or what the system lets it wait in the middle [s].
+_PATIENCE = 1.0
 
 
 class SharedHarness(Harness):
@@ -51,12 +52,14 @@ class SharedHarness(Harness):
         """See `Harness`."""
         at, values = self._layout[name]
         buffer = self._memory
-        for _ in range(_PATIENCE):
+        until = None
+        while until is None or time.monotonic() < until:
             (before,) = _COUNT.unpack_from(buffer, at)
             read = values.unpack_from(buffer, at + _COUNT.size)
             (after,) = _COUNT.unpack_from(buffer, at)
             if before == after and before % 2 == 0:
                 break
+            until = until or time.monotonic() + _PATIENCE
         return read
 
     def set(self, name: str, values: Sequence[float]) -> None:
