@@ -29,7 +29,7 @@ def run(console: Console) -> list[Measurement]:
         loop = make_closed_loop(scenario, log=())
         simulator = Simulator(loop.diagram)
         timing = run_on_hardware(
-            loop, simulator, _DURATION, RunOptions(console=console), "emulated machine", {}
+            loop, simulator, _DURATION, RunOptions(console=console), "emulated machine"
         )
     assert isinstance(loop.station, HardwareStation)
     results.append(

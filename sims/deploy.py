@@ -16,13 +16,14 @@ from pydrake.systems.framework import Context, EventStatus, System
 from parapod.diagrams.levelling_platform.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.deployment import make_deployment
 from parapod.diagrams.levelling_platform.scenario import SIMULATED
-from parapod.sims.deploy_metrics import NEEDED, measure, unit_of
+from parapod.sims.deploy_metrics import NEEDED, measure
 from parapod.sims.deploy_scenario import DeployScenario
 from parapod.sims.experiment import Experiment, RunOptions
 from parapod.sims.experiment_log import write_experiment_log
 from parapod.sims.levelling_job import make_scene
 from parapod.sims.phase_label import PhaseLabel
 from parapod.sims.results import Result
+from parapod.sims.signal_units import with_units
 from parapod.sims.simulate import in_real_time, recording, simulate, write_graphviz
 from parapod.systems.errors import RefusedRequest, UnreachablePosture
 from parapod.systems.levelling_platform.phases import Phase
@@ -70,8 +71,7 @@ def run(scenario: DeployScenario, options: RunOptions) -> Result:
     context = simulator.get_context()
     time, signals = loop.recorded(context)
     if options.log is not None:
-        units = {name: (samples, unit_of(name)) for name, samples in signals.items()}
-        write_experiment_log(options.log, "deploy", scenario, time, units)
+        write_experiment_log(options.log, "deploy", scenario, time, with_units(signals))
     watch.raise_refusal(context)
     return measure(
         scenario, watch.steps_left(context), time, signals, context.get_time() / elapsed

@@ -3,10 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUTPUTS
 from parapod.sims.deploy_figures import figures
 from parapod.sims.deploy_scenario import DeployScenario
-from parapod.sims.levelling_job import CONTROLLER_UNITS, Signals
+from parapod.sims.levelling_job import Signals
 from parapod.sims.posture_errors import error_metrics, in_deg_and_mm
 from parapod.sims.results import Metric, Result
 from parapod.systems.levelling_platform.decision import SupervisorParams
@@ -35,32 +34,6 @@ _LIFTED = 0.5  # a foot that is back sooner has not been lost [s]
 _CLEARANCE = 20.0  # of the wheels while the platform works [mm]
 # A command that jumps is one that changes by more than this in a period [V].
 _VOLTAGE_STEP = 0.5
-
-
-def unit_of(name: str) -> str:
-    """Unit of a signal."""
-    ports = {port.name: port.unit for port in (*INPUTS, *OUTPUTS, *TRUTH_OUTPUTS)}
-    if name.startswith("fault."):
-        return "s" if name.endswith("age") else "0/1"
-    return (ports | CONTROLLER_UNITS | _SUPERVISION_UNITS)[name]
-
-
-_SUPERVISION_UNITS = {
-    "phase": "-",
-    "findings": "0/1",
-    "severity": "-",
-    "legs.stop": "-",
-    "refusal": "-",
-    "arm_command": "rad",
-    "arm_refused": "0/1",
-    "arm_margin": "m",
-    "stability_margin": "m",
-    "operator": "-",
-    "drive_request": "m/s, rad/s",
-    "posture_request": "rad, rad, m",
-    "arm_request": "rad",
-    "steps_done": "-",
-}
 
 
 def measure(

@@ -1,7 +1,7 @@
 """A levelling platform's job on the real machine, in real time."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -27,6 +27,7 @@ from parapod.sims.real_time import (
     percentiles,
     undisturbed,
 )
+from parapod.sims.signal_units import unit_of
 from parapod.systems.errors import OutputError
 from parapod.systems.hardware.device import DeviceError
 from parapod.systems.hardware.io_thread import DeviceThread
@@ -83,7 +84,6 @@ def run_on_hardware(
     until: float,
     options: RunOptions,
     what: str,
-    units: Mapping[str, str],
 ) -> Timing:
     """Runs a closed loop whose station is hardware; the machine is neutral when this returns.
 
@@ -96,7 +96,6 @@ def run_on_hardware(
         until: when it ends [s].
         options: where progress goes, and the log.
         what: what is going on, for the progress and in the log.
-        units: of all ports that can be logged.
 
     Raises:
         DeviceError: a device is not there, is another one, or has failed.
@@ -111,7 +110,7 @@ def run_on_hardware(
     watch = DeviceWatch(station.parts.all_threads)
     with ExitStack() as stack:
         stack.enter_context(ended_by_signals())
-        write = stack.enter_context(_log(options.log, loop, root, what, units))
+        write = stack.enter_context(_log(options.log, loop, root, what))
         # Before any device waits for heartbeats, because a collection stops all threads; and the
         # devices' threads, which send them, inherit the priority.
         stack.enter_context(undisturbed())
@@ -132,7 +131,7 @@ def run_on_hardware(
 
 @contextmanager
 def _log(
-    path: Path | None, loop: ClosedLoop, root: Context, what: str, units: Mapping[str, str]
+    path: Path | None, loop: ClosedLoop, root: Context, what: str
 ) -> Iterator[Callable[[float], None]]:
     """Yields what writes all ports to an MCAP file; without one, nothing."""
     if path is None:
@@ -148,7 +147,7 @@ def _log(
     systems: list[Any] = [port.get_system() for port in loop.ports.values()]
     contexts = [system.GetMyContextFromRoot(root) for system in systems]
     sources = list(zip(loop.ports.values(), contexts, strict=True))
-    with McapLog(path, {name: units[name] for name in loop.ports}, metadata) as log:
+    with McapLog(path, {name: unit_of(name) for name in loop.ports}, metadata) as log:
         yield lambda t: log.write(t, [port.Eval(context) for port, context in sources])
 
 

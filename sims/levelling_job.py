@@ -13,11 +13,11 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.levelling_platform.closed_loop import ClosedLoop, make_closed_loop
-from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUTPUTS
 from parapod.diagrams.levelling_platform.scenario import SIMULATED, LevellingScenario
 from parapod.sims.experiment import RunOptions
 from parapod.sims.experiment_log import write_experiment_log
 from parapod.sims.hardware_job import run_on_hardware, show_timing
+from parapod.sims.signal_units import with_units
 from parapod.sims.simulate import (
     in_real_time,
     make_viewer,
@@ -29,18 +29,6 @@ from parapod.sims.unsupported_options import refuse_options
 from parapod.systems.errors import ScenarioError
 
 type Signals = dict[str, NDArray[Any]]
-
-CONTROLLER_UNITS = {
-    "posture_command": "rad, rad, m",
-    "posture_desired_state": "rad, rad, m, and their rates",
-    "extension_desired_state": "m, m/s",
-    "ground_estimated": "rad",
-    "ground_valid": "0/1",
-    "foot_offsets_estimated": "m",
-    "attitude_estimated": "rad",
-}
-_PORTS = (*INPUTS, *OUTPUTS, *TRUTH_OUTPUTS)
-UNITS = {port.name: port.unit for port in _PORTS} | CONTROLLER_UNITS
 
 
 @dataclass(frozen=True)
@@ -93,7 +81,7 @@ def run_job(
 
     def job() -> float:
         if scenario.backend == "hardware":
-            timing = run_on_hardware(loop, simulator, until, options, what, UNITS)
+            timing = run_on_hardware(loop, simulator, until, options, what)
             show_timing(timing, loop.station, options.console)
             return until
         loop.reset(simulator.get_mutable_context())
@@ -111,7 +99,7 @@ def run_job(
         elapsed = job()
     time, signals = loop.recorded(simulator.get_context())
     if options.log is not None and scenario.backend != "hardware":
-        write_experiment_log(options.log, what, scenario, time, _with_units(signals))
+        write_experiment_log(options.log, what, scenario, time, with_units(signals))
     return Job(time, signals, _scale(loop, simulator), elapsed, meshcat, job)
 
 
@@ -168,7 +156,3 @@ def make_scene(scenario: LevellingScenario) -> Meshcat:
     meshcat.SetObject("/floor", Cylinder(4.5, 0.02), Rgba(0.86, 0.89, 0.91))
     meshcat.SetTransform("/floor", RigidTransform(np.array([0.0, 0.0, floor - 0.01])))
     return meshcat
-
-
-def _with_units(signals: Signals) -> dict[str, tuple[NDArray[Any], str]]:
-    return {name: (samples, UNITS[name]) for name, samples in signals.items()}

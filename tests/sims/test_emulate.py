@@ -34,7 +34,6 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.cli import main
 from parapod.sims.experiment import RunOptions
 from parapod.sims.hardware_job import run_on_hardware
-from parapod.sims.levelling_job import UNITS
 from parapod.sims.mcap_log import read_mcap
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulators.misbehaviour import KINDS
@@ -262,7 +261,7 @@ def freshness(scenario, duration):
     loop = make_closed_loop(scenario, log=())
     simulator = Simulator(loop.diagram)
     options = RunOptions(console=Console(file=io.StringIO()))
-    run_on_hardware(loop, simulator, duration, options, "freshness", UNITS)
+    run_on_hardware(loop, simulator, duration, options, "freshness")
     threads = loop.station.parts.threads
     ages = [np.array(threads[part][0].write_ages) for part in ("legs", "wheels")]
     assert min(map(len, ages)) > 0.5 * duration / scenario.control.period
@@ -354,7 +353,7 @@ def test_devices_with_power_wait_for_no_garbage_collector_and_threads_have_the_l
     )
     loop = make_closed_loop(scenario, log=())
     options = RunOptions(console=Console(file=io.StringIO()))
-    run_on_hardware(loop, Simulator(loop.diagram), 0.1, options, "undisturbed", UNITS)
+    run_on_hardware(loop, Simulator(loop.diagram), 0.1, options, "undisturbed")
     for thread in loop.station.parts.all_threads:
         assert not thread.device.collected_with_power
         assert thread.device.policy == thread.device.policy_of_loop

@@ -31,6 +31,7 @@ from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.level import EXPERIMENT, run
 from parapod.sims.levelling_job import check_job
 from parapod.sims.live import RESTART, STOP, LivePlatform, stay_live
+from parapod.sims.outputs import read_log
 from parapod.systems.errors import OutputError, ScenarioError, UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import height_range
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
@@ -234,6 +235,17 @@ def test_the_recording_is_self_contained(options, tmp_path):
     assert not re.search(r"<link[^>]*\bhref=\"(?!data:)", html)
     assert len(html) > 1e6
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_log_of_a_run_with_faults_has_them_too(options, tmp_path):
+    path = tmp_path / "level.npz"
+    fault = "faults=[{at: 1.0, target: legs.extension, index: 2, kind: stuck}]"
+    run(scenario_with("backend=kinematic", *SHORT, fault), replace(options, log=path))
+    log = read_log(path)
+    assert log.signals["fault.legs.extension.changed"][-1] == 1.0
+    units = log.metadata["units"]
+    assert units["fault.legs.extension.extra_age"] == "s"
+    assert set(units) == set(log.signals)
 
 
 def test_the_log_is_readable_by_numpy_alone(options, tmp_path):
