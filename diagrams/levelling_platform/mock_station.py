@@ -1,6 +1,5 @@
 """A station without a machine: it answers every command as if it had been carried out."""
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,15 +12,16 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.station_base import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuator
-from parapod.systems.actuators.wheel_drive import WheelDrive, WheelDriveParams
+from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY, WHEEL_COUNT
+from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE
 from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.sensors.imu import ImuParams
 from parapod.systems.sensors.limit_switches import LimitSwitches
 
-# At once, and in counts that nobody sees; as fast as the real ones.
-_WHEELS = WheelDriveParams(counts_per_turn=1e9, time_constant=1e-9, acceleration=math.inf)
+# At once and without counts; as fast as the real ones.
+_WHEELS = VelocityServoParams(0.0, 1e-9, WHEEL_DRIVE.max_velocity)
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def make_mock_station(scenario: LevellingScenario, meshcat: Meshcat | None = Non
     period = scenario.control.period
     params = replace(scenario.actuators.params, model="integrator", coulomb_friction=0.0)
     actuators = add(builder, LinearActuator(params, time_step=period))
-    wheels = add(builder, WheelDrive(_WHEELS, period=period))
+    wheels = add(builder, VelocityServo(_WHEELS, WHEEL_COUNT, period), "wheel_drive")
     builder.ExportInput(actuators.GetInputPort("voltage"), "legs.voltage")
     builder.ExportInput(actuators.GetInputPort("stop"), "legs.stop")
     builder.ExportInput(wheels.GetInputPort("velocity_command"), "wheels.velocity_command")

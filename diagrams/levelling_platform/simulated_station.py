@@ -23,15 +23,15 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.station_base import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
-from parapod.systems.actuators.wheel_drive import WheelDrive
+from parapod.systems.actuators.velocity_servo import VelocityServo
 from parapod.systems.errors import ScenarioError
 from parapod.systems.levelling_platform.decision import SupervisorParams
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
 from parapod.systems.levelling_platform.plane import to_platform
-from parapod.systems.levelling_platform.platform_model import PlatformModel
+from parapod.systems.levelling_platform.platform_model import WHEEL_COUNT, PlatformModel
 from parapod.systems.levelling_platform.posture_to_legs import inverse_kinematics
-from parapod.systems.levelling_platform.wheels import WheelGeometry
+from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
 from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.sensors.encoder import Encoder
 from parapod.systems.sensors.imu import STANDARD_GRAVITY, Imu, ImuParams, add_imu, seed_noise
@@ -169,7 +169,7 @@ def make_simulated_station(
     )
     builder.ExportInput(actuators.GetInputPort("voltage"), "legs.voltage")
     builder.ExportInput(actuators.GetInputPort("stop"), "legs.stop")
-    wheels = add(builder, WheelDrive(period=period))
+    wheels = add(builder, VelocityServo(WHEEL_DRIVE, WHEEL_COUNT, period), "wheel_drive")
     builder.ExportInput(wheels.GetInputPort("velocity_command"), "wheels.velocity_command")
     builder.ExportInput(wheels.GetInputPort("brake"), "wheels.brake")
     drives = _add_arm_drive(builder, period, actuators, wheels)
@@ -187,7 +187,7 @@ def make_simulated_station(
 
 
 def _add_arm_drive(
-    builder: DiagramBuilder, period: float, actuators: LinearActuator, wheels: WheelDrive
+    builder: DiagramBuilder, period: float, actuators: LinearActuator, wheels: VelocityServo
 ) -> Drives:
     """Position commands of turntable and arm, with the velocity that goes with them."""
     command = add(builder, Multiplexer(2), "arm_command")
@@ -207,7 +207,7 @@ def _add_sensors(
     builder: DiagramBuilder,
     scenario: LevellingScenario,
     actuators: LinearActuator,
-    wheels: WheelDrive,
+    wheels: VelocityServo,
     plant: Plant,
 ) -> tuple[Imu, RandomSource]:
     """Encoders, limit switches, inertial sensor and device status, exported."""

@@ -1,12 +1,24 @@
-"""The platform's four wheels: where they are, and skid steering."""
+"""The platform's four wheels: where they are, how they are driven, and skid steering."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from parapod.systems.actuators.velocity_servo import VelocityServoParams
 from parapod.systems.levelling_platform.plane import Vector3
+
+# Reduction n between motor and wheel [-] (section 2.1).
+WHEEL_GEAR = 26.0
+# Maxon motors on EPOS2 24/5 (assumptions): 500 lines with four edges, 8000 rpm at the motor.
+WHEEL_DRIVE = VelocityServoParams(
+    resolution=2.0 * math.pi / (2000.0 * WHEEL_GEAR),
+    time_constant=0.05,
+    max_velocity=8000.0 * 2.0 * math.pi / 60.0 / WHEEL_GEAR,
+    acceleration=20.0,
+)
 
 
 @dataclass(frozen=True)

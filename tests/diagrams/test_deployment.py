@@ -15,13 +15,12 @@ from parapod.diagrams.levelling_platform.scenario import (
     LevellingScenario,
     PlantScenario,
 )
-from parapod.systems.actuators.wheel_drive import WheelDriveParams
 from parapod.systems.levelling_platform.decision import SupervisorParams
 from parapod.systems.levelling_platform.operator_script import Step
 from parapod.systems.levelling_platform.phases import Phase
 from parapod.systems.levelling_platform.requests import Command, Refusal
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
-from parapod.systems.levelling_platform.wheels import WheelGeometry
+from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
 
 PERIOD = 0.01
 FOOT_HEIGHTS = (20.0, 0.0, 12.0, 5.0)  # [mm]
@@ -135,7 +134,7 @@ def test_voltages_never_jump(deployment):
 
 
 def test_wheels_accelerate_within_their_limit(deployment):
-    params = WheelDriveParams()
+    params = WHEEL_DRIVE
     velocity = deployment.signals["wheels.velocity"]
     step = params.acceleration * PERIOD + params.resolution / PERIOD
     assert 0.0 < np.abs(np.diff(velocity, axis=0)).max() <= step

@@ -13,11 +13,16 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 
 import parapod.systems
 from parapod.diagrams.levelling_platform.model import add_platform
+from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE
 
 ROOT = Path(__file__).parents[2]
 ROW = re.compile(r"^\s*\| (in|out) `([a-z_0-9]+)` \|([^|]*)\|([^|]*)\|([^|]*)\|\s*$")
 NEED_A_MODEL = {"PlatformTruth", "FootTruth", "PlatformPose"}
 NEED_MESHCAT = {"PostureSliders"}
+ARGUMENTS = {
+    "InertialMotion": {"state_size": 13, "pose_start": 0, "velocity_start": 7, "period": 0.01},
+    "VelocityServo": {"params": WHEEL_DRIVE, "channels": 4},
+}
 
 
 def modules():
@@ -71,11 +76,9 @@ def system(name, request):
     if name == "ParallelLinks":
         platform, _ = request.getfixturevalue("model")
         return SYSTEMS[name](platform, SceneGraph(), platform.plant.num_positions())
-    if name == "InertialMotion":
-        return SYSTEMS[name](state_size=13, pose_start=0, velocity_start=7, period=0.01)
     if name in NEED_MESHCAT:
         return SYSTEMS[name](request.getfixturevalue("meshcat"))
-    return SYSTEMS[name]()
+    return SYSTEMS[name](**ARGUMENTS.get(name, {}))
 
 
 def table_of(name):

@@ -108,7 +108,7 @@ _COMPONENTS = (
     Component("Four linear actuators", "LinearActuator", "Eqs. (15) to (18), self-locking screw"),
     Component("Two motor drivers Sabertooth 2x25", "LinearActuator", "supply and saturation"),
     Component("Four actuator encoders", "Encoder", "whole counts"),
-    Component("Four Maxon motors, gear 26, and EPOS2 24/5", "WheelDrive", "velocity and brake"),
+    Component("Four Maxon motors, gear 26, and EPOS2 24/5", "VelocityServo", "velocity and brake"),
     Component("Twelve limit switches", "LimitSwitches", "extended, retracted, ground contact"),
     Component(
         "Inertial sensor ADIS16448", "Imu", "noise, biases, ranges and counts of its data sheet"

@@ -14,10 +14,10 @@ from parapod.sims.report.chapter import Claim, Numbers, Relation
 from parapod.sims.slip_scenario import SwingScenario
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.actuators.pi_controller import PiControllerParams
-from parapod.systems.actuators.wheel_drive import WheelDriveParams
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, posture_jacobian
 from parapod.systems.levelling_platform.leg import foot_to_centre
+from parapod.systems.levelling_platform.wheels import WHEEL_GEAR
 from parapod.systems.levelling_platform.workspace import ArmGeometry
 from parapod.systems.levelling_platform.workspace_surfaces import CENTRE, SURFACE_COUNT
 
@@ -116,7 +116,7 @@ def _machine() -> tuple[Claim, ...]:
         _used("section 2.1", "linear actuators, with encoders", 4, "", _size("legs.extension")),
         _used("section 2.1", "limit switches", 12, "", _size("legs.limits")),
         _used("section 2.1", "wheel motors with encoders", 4, "", _size("wheels.position")),
-        _used("section 2.1", "reduction n of the wheels' gears", 26, "", WheelDriveParams().gear),
+        _used("section 2.1", "reduction n of the wheels' gears", 26, "", WHEEL_GEAR),
         _used("section 2.1", "axes of gyroscope, accelerometer", 3, "", _size("imu.gyro")),
         Claim(
             "section 2.1",

@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.systems.actuators.wheel_drive import WheelDrive, WheelDriveParams
+from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
+from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE as PARAMS
 
-PARAMS = WheelDriveParams()
+STOPPED = VelocityServoParams(
+    0.0, time_constant=0.04, max_velocity=0.08, stop_min=0.5, stop_max=(0.6, 0.7)
+)
+
+
+def make_drive(channels=4, period=0.01, params=PARAMS):
+    return VelocityServo(params, channels, period)
 
 
 def start(drive, fix, command, brake=0.0):
@@ -36,15 +43,15 @@ def test_one_count_is_a_turn_over_gear_and_counts():
 
 
 def test_drive_starts_at_rest(fix, read):
-    drive = WheelDrive()
-    _, context = start(drive, fix, 5.0)
+    drive = make_drive()
+    _, context = start(drive, fix, 0.0)
     for value in read(drive, context).values():
         assert not value.any()
 
 
 @pytest.mark.parametrize("command", [3.0, -3.0, 0.5, -20.0])
 def test_velocity_reaches_the_command_without_overshoot(fix, command):
-    drive = WheelDrive(channels=1)
+    drive = make_drive(channels=1)
     simulator, context = start(drive, fix, command)
     velocity = velocities_over(drive, simulator, context, np.arange(1, 300) * 0.01 + 0.005)
     along = np.sign(command) * velocity[:, 0]
@@ -54,7 +61,7 @@ def test_velocity_reaches_the_command_without_overshoot(fix, command):
 
 
 def test_small_step_is_a_first_order_lag(fix):
-    drive = WheelDrive(channels=1, period=0.01)
+    drive = make_drive(channels=1, period=0.01)
     simulator, context = start(drive, fix, 0.5)
     for k in (1, 5, 20):
         simulator.AdvanceTo(0.01 * k - 0.005)
@@ -65,7 +72,7 @@ def test_small_step_is_a_first_order_lag(fix):
 def test_lag_does_not_depend_on_the_period(fix):
     velocities = []
     for period in (0.01, 0.005, 0.002):
-        drive = WheelDrive(channels=1, period=period)
+        drive = make_drive(channels=1, period=period)
         simulator, context = start(drive, fix, 0.5)
         simulator.AdvanceTo(0.1 - 0.25 * period)
         velocities.append(state_of(drive, context)[1][0])
@@ -73,7 +80,7 @@ def test_lag_does_not_depend_on_the_period(fix):
 
 
 def test_acceleration_is_limited(fix):
-    drive = WheelDrive(channels=2)
+    drive = make_drive(channels=2)
     simulator, context = start(drive, fix, (25.0, -25.0))
     velocity = velocities_over(drive, simulator, context, np.arange(100) * 0.01 + 0.005)
     change = np.abs(np.diff(velocity, axis=0))
@@ -86,7 +93,7 @@ def test_acceleration_is_limited(fix):
 def test_velocity_is_limited_to_that_of_the_motor(fix, command):
     # 8000 rpm behind a gear of 26: 32.2 rad/s.
     assert PARAMS.max_velocity == pytest.approx(32.22, abs=5e-3)
-    drive = WheelDrive(channels=1)
+    drive = make_drive(channels=1)
     simulator, context = start(drive, fix, command)
     simulator.AdvanceTo(5.0)
     velocity = state_of(drive, context)[1][0]
@@ -94,17 +101,73 @@ def test_velocity_is_limited_to_that_of_the_motor(fix, command):
     assert abs(velocity) <= PARAMS.max_velocity
 
 
-def test_angle_is_the_integral_of_the_velocity(fix):
-    drive = WheelDrive(channels=1)
-    simulator, context = start(drive, fix, 3.0)
+@pytest.mark.parametrize("command", [0.5, 3.0])
+def test_angle_is_the_integral_of_the_velocity(fix, command):
+    # A lag below the limit of acceleration, and a ramp with a lag at its end.
+    drive = make_drive(channels=1)
+    simulator, context = start(drive, fix, command)
     times = np.arange(200) * 0.01 + 0.005
     velocity = velocities_over(drive, simulator, context, times)[:, 0]
-    integral = 0.5 * 0.01 * (velocity[0] + np.sum(velocity[1:] + velocity[:-1]))
-    assert state_of(drive, context)[0][0] == pytest.approx(integral, rel=1e-12)
+    change = np.diff(velocity, prepend=0.0)
+    tau, h = PARAMS.time_constant, 0.01
+    before = velocity - change
+    lags = change < PARAMS.acceleration * h - 1e-12
+    exact = np.where(lags, command * h - tau * change, (before + 0.5 * change) * h)
+    assert state_of(drive, context)[0][0] == pytest.approx(exact.sum(), rel=1e-12)
+
+
+def test_lag_is_exact_whatever_the_period(fix):
+    angles = []
+    for period in (0.01, 0.005, 0.001):
+        drive = make_drive(channels=1, period=period)
+        simulator, context = start(drive, fix, 0.5)
+        simulator.AdvanceTo(0.1 - 0.25 * period)
+        angles.append(state_of(drive, context)[0][0])
+    tau = PARAMS.time_constant
+    expected = 0.5 * (0.1 + tau * math.expm1(-0.1 / tau))
+    np.testing.assert_allclose(angles, expected, rtol=1e-12)
+
+
+def test_drives_rest_at_their_end_stops(fix):
+    drive = make_drive(2, params=STOPPED)
+    simulator, context = start(drive, fix, 0.08)
+    drive.set_position(context, (0.55, 0.55))
+    simulator.AdvanceTo(1.5)
+    position, velocity = state_of(drive, context)
+    assert position[0] == 0.6
+    assert velocity[0] == 0.0
+    assert 0.6 < position[1] < 0.7
+    simulator.AdvanceTo(3.0)
+    assert state_of(drive, context)[0].tolist() == [0.6, 0.7]
+    fix(drive, context, velocity_command=(-0.08, -0.08))
+    simulator.AdvanceTo(6.0)
+    assert state_of(drive, context)[0].tolist() == [0.5, 0.5]
+
+
+def test_drive_begins_inside_its_stops():
+    drive = make_drive(2, params=STOPPED)
+    assert state_of(drive, drive.CreateDefaultContext())[0].tolist() == [0.5, 0.5]
+
+
+def test_imperfect_drive_runs_off_its_command(fix):
+    drive = make_drive(2)
+    simulator, context = start(drive, fix, 1.0)
+    drive.set_imperfection(context, (1.02, 0.985), (-0.001, 0.002))
+    simulator.AdvanceTo(3.0)
+    np.testing.assert_allclose(state_of(drive, context)[1], (1.019, 0.987), rtol=1e-9)
+
+
+def test_next_state_is_the_state_one_period_on(fix):
+    drive = make_drive()
+    simulator, context = start(drive, fix, (1.0, -2.0, 0.3, 40.0))
+    simulator.AdvanceTo(0.095)
+    ahead = drive.GetOutputPort("next_state").Eval(context).copy()
+    simulator.AdvanceTo(0.105)
+    assert drive.GetOutputPort("state").Eval(context).tolist() == ahead.tolist()
 
 
 def test_brake_stops_the_wheels_and_holds_them(fix):
-    drive = WheelDrive()
+    drive = make_drive()
     simulator, context = start(drive, fix, (5.0, -5.0, 1.0, 0.0))
     simulator.AdvanceTo(1.0)
     fix(drive, context, brake=(1.0,))
@@ -116,14 +179,14 @@ def test_brake_stops_the_wheels_and_holds_them(fix):
 
 
 def test_wheels_turn_independently(fix):
-    drive = WheelDrive()
+    drive = make_drive()
     simulator, context = start(drive, fix, (1.0, -2.0, 0.0, 3.0))
     simulator.AdvanceTo(2.0)
     np.testing.assert_allclose(state_of(drive, context)[1], (1.0, -2.0, 0.0, 3.0), rtol=1e-6)
 
 
 def test_measured_position_is_the_nearest_count(fix):
-    drive = WheelDrive()
+    drive = make_drive()
     simulator, context = start(drive, fix, (1.234, -0.777, 0.01, 5.0))
     for time in (0.1, 0.5, 1.1):
         simulator.AdvanceTo(time)
@@ -135,7 +198,7 @@ def test_measured_position_is_the_nearest_count(fix):
 
 
 def test_measured_velocity_is_whole_counts_per_period(fix):
-    drive = WheelDrive(channels=2, period=0.01)
+    drive = make_drive(channels=2, period=0.01)
     simulator, context = start(drive, fix, (1.234, -0.777))
     simulator.AdvanceTo(1.0)
     measured = drive.GetOutputPort("velocity_measured").Eval(context)
@@ -146,7 +209,7 @@ def test_measured_velocity_is_whole_counts_per_period(fix):
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_command_that_is_not_finite_counts_as_zero(fix, bad):
-    drive = WheelDrive(channels=2)
+    drive = make_drive(channels=2)
     simulator, context = start(drive, fix, (bad, 2.0))
     simulator.AdvanceTo(2.0)
     assert state_of(drive, context)[1][0] == 0.0
@@ -154,7 +217,7 @@ def test_command_that_is_not_finite_counts_as_zero(fix, bad):
 
 
 def test_brake_that_is_nan_does_not_brake(fix):
-    drive = WheelDrive(channels=1)
+    drive = make_drive(channels=1)
     simulator, context = start(drive, fix, 2.0, brake=math.nan)
     simulator.AdvanceTo(1.0)
     assert state_of(drive, context)[1][0] > 1.9
@@ -162,7 +225,7 @@ def test_brake_that_is_nan_does_not_brake(fix):
 
 @pytest.mark.parametrize(("name", "value"), [("velocity_command", (2.0,)), ("brake", (1.0,))])
 def test_each_input_moves_the_next_state(fix, name, value):
-    drive = WheelDrive(channels=1)
+    drive = make_drive(channels=1)
     states = []
     for change in ({}, {name: value}):
         simulator, context = start(drive, fix, 1.0)
@@ -173,11 +236,29 @@ def test_each_input_moves_the_next_state(fix, name, value):
 
 
 def test_state_moves_all_outputs(moved, fix):
-    drive = WheelDrive(channels=1)
+    drive = make_drive(channels=1)
     _, context = start(drive, fix, 1.0)
     names = moved(drive, context, lambda: context.SetDiscreteState(0, (1.0, 2.0)))
-    assert names == {"position_measured", "velocity_measured", "state"}
+    assert names == {
+        "position_measured",
+        "velocity_measured",
+        "position",
+        "velocity",
+        "state",
+        "next_state",
+    }
 
 
-def test_no_output_depends_on_an_input_directly():
-    assert not WheelDrive().HasAnyDirectFeedthrough()
+@pytest.mark.parametrize("change", [{"velocity_command": (2.0,)}, {"brake": (1.0,)}])
+def test_inputs_move_the_state_ahead_and_nothing_else(moved, fix, change):
+    drive = make_drive(channels=1)
+    _, context = start(drive, fix, 1.0)
+    context.SetDiscreteState(0, (0.0, 0.5))
+    assert moved(drive, context, lambda: fix(drive, context, **change)) == {"next_state"}
+
+
+def test_imperfection_moves_the_state_ahead(moved, fix):
+    drive = make_drive(channels=1)
+    _, context = start(drive, fix, 1.0)
+    change = lambda: drive.set_imperfection(context, 0.9, 0.0)  # noqa: E731
+    assert moved(drive, context, change) == {"next_state"}
