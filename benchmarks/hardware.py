@@ -12,8 +12,8 @@ from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
 from benchmarks.report import Measurement
+from parapod.diagrams.hardware_station import HardwareStation
 from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
-from parapod.diagrams.levelling_platform.hardware_station import HardwareStation
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.bench_rt import bench_real_time
 from parapod.sims.experiment import RunOptions

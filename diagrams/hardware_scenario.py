@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from parapod.diagrams.drivers.adis16448 import Adis16448IioImu, Adis16448SpiImu
 from parapod.diagrams.drivers.driver import Driver
-from parapod.diagrams.drivers.epos2 import Epos2Wheels
+from parapod.diagrams.drivers.epos2 import Epos2Legs, Epos2Wheels
 from parapod.diagrams.drivers.ni_daq import NiDaqEncoders, NiDaqLegs
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.drivers.sabertooth import SabertoothLegs
@@ -15,28 +15,19 @@ DRIVERS = (
     NiDaqEncoders,
     SabertoothLegs,
     Epos2Wheels,
+    Epos2Legs,
     Adis16448SpiImu,
     Adis16448IioImu,
     NotFittedPart,
 )
 
 
-def _emulated() -> list[Driver]:
-    return [
-        NiDaqLegs(),
-        Adis16448SpiImu(),
-        Epos2Wheels(),
-        NotFittedPart("arm"),
-        NotFittedPart("turntable"),
-    ]
-
-
 @dataclass
 class HardwareScenario:
-    """Devices of the backend "hardware"; by default those of `parapod emulate`.
+    """Devices of the backend "hardware"; each machine has defaults of its own.
 
     Attributes:
         drivers: of each part of the machine, chosen by their tags; see `Driver`.
     """
 
-    drivers: list[Driver] = field(default_factory=_emulated)
+    drivers: list[Driver] = field(default_factory=list)

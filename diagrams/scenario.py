@@ -48,7 +48,7 @@ def quantity(default: Any, low: float, high: float, *, length: int | None = None
     """Field of a schema: a number, or a list of numbers, with an admissible range.
 
     Args:
-        default: the default; a list is copied; None for an optional number.
+        default: the default; a list is copied; None for an optional number or list.
         low: smallest admissible value, of every element if it is a list.
         high: largest admissible value.
         length: how many elements a list must have; None for any number of them.

@@ -98,11 +98,13 @@ class Reader:
             child = self.assign(inner_kind, node[head], rest, value, inner, inner_rule)
             return node | {head: child}
         if typing.get_origin(kind) is list:
-            count = 0 if node is None else len(node)
+            inner_kind = typing.get_args(kind)[0]
+            if node is None:
+                self._refuse(key, f"is null; give it whole, {_list_of(inner_kind, rule)}")
+            count = len(node)
             if not head.isdecimal() or int(head) >= count:
                 elements = f"has elements 0..{count - 1}" if count else "is empty"
                 self._fail(inner, f"unknown key '{inner}'; '{key}' {elements}")
-            inner_kind = typing.get_args(kind)[0]
             child = self.assign(inner_kind, node[int(head)], rest, value, inner, rule)
             return [child if i == int(head) else node[i] for i in range(count)]
         self._fail(inner, f"unknown key '{inner}'; '{key}' is {_noun(kind)}, not a mapping")
@@ -139,8 +141,7 @@ class Reader:
     def _read_list(self, kind: Any, value: Any, key: str, rule: Rule) -> list[Any]:
         length = rule.length if isinstance(rule, Range) else None
         if not isinstance(value, list) or length not in (None, len(value)):
-            count = "" if length is None else f"{length} "
-            self._refuse(key, f"must be a list of {count}{_plural(kind)}, not {show(value)}")
+            self._refuse(key, f"must be {_list_of(kind, rule)}, not {show(value)}")
         return [self.read(kind, item, _join(key, str(i)), rule) for i, item in enumerate(value)]
 
     def _read_number(self, kind: type, value: Any, key: str, rule: Rule) -> float | int:
@@ -219,6 +220,12 @@ _NOUNS: dict[Any, tuple[str, str]] = {
 
 def _noun(kind: Any) -> str:
     return _NOUNS.get(kind, ("a value", ""))[0]
+
+
+def _list_of(kind: Any, rule: Rule) -> str:
+    length = rule.length if isinstance(rule, Range) else None
+    count = "" if length is None else f"{length} "
+    return f"a list of {count}{_plural(kind)}"
 
 
 def _plural(kind: Any) -> str:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.machines import machine_of
 from parapod.sims.experiment import progress
 from parapod.sims.real_time import (
     RealTimeLoop,
@@ -54,12 +54,12 @@ class Punctuality:
 
 
 def bench_real_time(
-    scenario: LevellingScenario, rates: Sequence[float], seconds: float, console: Console
+    scenario: Any, rates: Sequence[float], seconds: float, console: Console
 ) -> list[Punctuality]:
     """Runs the closed loop in real time at each rate, in turns with a loop that only wakes up.
 
     Args:
-        scenario: of the machine; its `control.period` is replaced.
+        scenario: of a machine; its `control.period` is replaced.
         rates: of the loop [Hz].
         seconds: how long each is run [s].
         console: where progress is shown.
@@ -85,11 +85,11 @@ def _report(report: Callable[[float], None], run: int, seconds: float, t: float)
 
 
 def _run(
-    scenario: LevellingScenario, rate: float, seconds: float, report: Callable[[float], None]
+    scenario: Any, rate: float, seconds: float, report: Callable[[float], None]
 ) -> tuple[Timing, list[float]]:
     """Timing of the loop at one rate, and the lateness of waking up [s]."""
     control = replace(scenario.control, period=1.0 / rate)
-    loop = make_closed_loop(replace(scenario, control=control), log=())
+    loop = machine_of(scenario).make_closed_loop(replace(scenario, control=control))
     simulator = Simulator(loop.diagram)
     wake_up: list[float] = []
     with ExitStack() as stack:
@@ -97,7 +97,14 @@ def _run(
         stack.enter_context(loop.station.active())
         loop.reset(simulator.get_mutable_context())
         simulator.Initialize()
-        running = RealTimeLoop(simulator, 1.0 / rate, lambda c: report(c.get_time()), False)
+        # A measurement is of all its ticks, however many.
+        running = RealTimeLoop(
+            simulator,
+            1.0 / rate,
+            lambda context: report(context.get_time()),
+            is_strict=False,
+            kept=None,
+        )
         stack.enter_context(undisturbed())
         # In turns, so that both see the same disturbances.
         for k in range(1, round(seconds) + 1):

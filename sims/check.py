@@ -4,26 +4,26 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.diagrams.drivers.driver import refuse_without_emulator
+from parapod.diagrams.drivers.driver import Driver, refuse_without_emulator
 from parapod.diagrams.hardware_parts import make_parts
-from parapod.diagrams.levelling_platform.hardware_station import MEASURED
-from parapod.diagrams.levelling_platform.ports import INPUTS
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.machine import Machine, Motion
+from parapod.diagrams.machines import machine_of
 from parapod.sims.real_time import ended_by_signals
 from parapod.sims.results import Metric
-from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.errors import ScenarioError
-from parapod.systems.hardware.device import DeviceError
 from parapod.systems.hardware.io_thread import DeviceThread
 from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
 _STEP = 0.01  # [s]
 # A command grows and fades for so long [s].
 _RAMP = 0.2
+# After it, so long is looked whether everything stands still [s].
+_REST = 0.3
 # Others must not move by more than this share of what the tested one moves [-].
 _CROSSTALK = 0.05
 _SCALE_ERROR = 30.0  # [%]
@@ -32,53 +32,22 @@ _RATE_AT_REST = 1.0  # [deg/s]
 
 
 @dataclass(frozen=True)
-class Motion:
-    """What a part is commanded and what of it is measured.
-
-    Attributes:
-        command: signal.
-        unit: of the command.
-        largest: command that a self-test may give.
-        measured: signal that is its integral.
-        measured_unit: of that.
-        gain: rate of the measured signal by command.
-        rest: commands of the part besides, for which it moves.
-    """
-
-    command: str
-    unit: str
-    largest: float
-    measured: str
-    measured_unit: str
-    gain: float
-    rest: dict[str, float]
-
-
-MOTIONS = {
-    "legs": Motion(
-        "voltage", "V", 2.0, "extension", "m", LinearActuatorParams().gain, {"stop": 0.0}
-    ),
-    "wheels": Motion("velocity_command", "rad/s", 2.0, "position", "rad", 1.0, {"brake": 0.0}),
-}
-
-
-@dataclass(frozen=True)
 class Move:
     """A small motion of one actuator, there and back.
 
     Attributes:
         index: of the actuator, counted from 0.
-        command: while it moves, in the unit of the part's command.
+        command: while it moves, in the unit of the part's command; None: the usual one.
         duration: in each direction [s].
     """
 
     index: int
-    command: float
+    command: float | None
     duration: float
 
 
 def check_part(
-    scenario: LevellingScenario,
+    scenario: Any,
     part: str,
     move: Move | None,
     seconds: float,
@@ -91,7 +60,7 @@ def check_part(
     checked.
 
     Args:
-        scenario: its `hardware` is taken.
+        scenario: of a machine; its `hardware` is taken.
         part: of the machine.
         move: what to move, or None.
         seconds: how long is read [s].
@@ -105,13 +74,14 @@ def check_part(
             those of an emulator that does not run.
         DeviceError: a device is not there, is another one, or fails.
     """
-    parts = make_parts(scenario.hardware.drivers, INPUTS, MEASURED, scenario.control.period)
+    machine = machine_of(scenario)
+    drivers: list[Driver] = scenario.hardware.drivers
+    parts = make_parts(drivers, machine.inputs, machine.measured, scenario.control.period)
     if part not in parts.threads:
         raise ScenarioError(f"part '{part}' is not one of {', '.join(parts.threads)}")
-    refuse_without_emulator([d for d in scenario.hardware.drivers if d.part == part])
+    refuse_without_emulator([d for d in drivers if d.part == part], machine.experiment)
     threads = parts.threads[part]
-    if move is not None:
-        _check_move(part, move, threads)
+    checked = None if move is None else _checked(machine, part, move, threads)
     metrics: list[Metric] = []
     with ExitStack() as stack:
         stack.enter_context(ended_by_signals())
@@ -122,29 +92,43 @@ def check_part(
         for thread in threads:
             if thread.device.measures:
                 metrics += _read(thread, seconds, say)
-        if move is not None:
-            metrics += _move(part, threads, move, stack, say)
+        if checked is not None:
+            metrics += _move(part, threads, checked, stack, say)
     say("outputs are neutral and without power")
     return metrics
 
 
-def _check_move(part: str, move: Move, threads: Sequence[DeviceThread]) -> None:
-    if part not in MOTIONS:
-        raise ScenarioError(f"part '{part}' cannot be moved; {', '.join(MOTIONS)} can")
-    motion = MOTIONS[part]
+@dataclass(frozen=True)
+class _CheckedMove:
+    """A move that may be made, and of what."""
+
+    motion: Motion
+    index: int
+    command: float
+    duration: float
+
+
+def _checked(
+    machine: Machine, part: str, move: Move, threads: Sequence[DeviceThread]
+) -> _CheckedMove:
+    if part not in machine.motions:
+        raise ScenarioError(f"part '{part}' cannot be moved; {', '.join(machine.motions)} can")
+    motion = machine.motions[part]
+    command = motion.usual if move.command is None else move.command
     sizes = [
         t.device.commands[motion.command] for t in threads if motion.command in t.device.commands
     ]
     size = max(sizes, default=0)
     if not 0 <= move.index < size:
         raise ScenarioError(f"{part} have numbers 1..{size}, not {move.index + 1}")
-    if not 0.0 < abs(move.command) <= motion.largest:
+    if not 0.0 < abs(command) <= motion.largest:
         raise ScenarioError(
             f"a self-test moves {part} with up to {motion.largest:g} {motion.unit}, "
-            f"not {move.command:g} {motion.unit}"
+            f"not {command:g} {motion.unit}"
         )
     if not 2.0 * _RAMP <= move.duration <= 5.0:
         raise ScenarioError(f"a motion takes {2.0 * _RAMP:g}..5 s, not {move.duration:g} s")
+    return _CheckedMove(motion, move.index, command, move.duration)
 
 
 def _read(thread: DeviceThread, seconds: float, say: Callable[[str], None]) -> list[Metric]:
@@ -193,25 +177,25 @@ def _at_rest(accel: NDArray[np.float64], gyro: NDArray[np.float64]) -> list[Metr
     ]
 
 
-def _profile(move: Move, period: float) -> Iterator[tuple[float, float]]:
-    """Commands of a motion, there and back, and the times that they last [s]."""
+def _profile(move: _CheckedMove) -> Iterator[float]:
+    """Commands of a motion, there and back and at rest, each for one step."""
     for sign in (1.0, -1.0):
-        for k in range(round(move.duration / period)):
-            t = k * period
+        for k in range(round(move.duration / _STEP)):
+            t = k * _STEP
             share = min(1.0, t / _RAMP, (move.duration - t) / _RAMP)
-            yield sign * share * move.command, period
-    for _ in range(round(0.3 / period)):
-        yield 0.0, period
+            yield sign * share * move.command
+    for _ in range(round(_REST / _STEP)):
+        yield 0.0
 
 
 def _move(
     part: str,
     threads: Sequence[DeviceThread],
-    move: Move,
+    move: _CheckedMove,
     stack: ExitStack,
     say: Callable[[str], None],
 ) -> list[Metric]:
-    motion = MOTIONS[part]
+    motion = move.motion
     for thread in threads:
         stack.callback(thread.stop)
         thread.start()
@@ -221,15 +205,14 @@ def _move(
     reader = next(t for t in threads if motion.measured in t.device.measures)
     commanded, measured = [0.0], [np.array(reader.sample.values[motion.measured])]
     due = time.monotonic()
-    for command, lasts in _profile(move, _STEP):
+    for command in _profile(move):
         _post(threads, motion, move.index, command)
-        due += lasts
+        due += _STEP
         time.sleep(max(0.0, due - time.monotonic()))
-        sample = reader.sample
-        if sample.fault:
-            raise DeviceError(reader.device.name, sample.words, sample.fault)
-        commanded.append(commanded[-1] + command * lasts)
-        measured.append(np.array(sample.values[motion.measured]))
+        if (error := reader.error) is not None:
+            raise error
+        commanded.append(commanded[-1] + command * _STEP)
+        measured.append(np.array(reader.sample.values[motion.measured]))
     way = np.array(measured) - measured[0]
     turn = int(np.argmax(np.abs(commanded)))
     moved, expected = way[:, move.index], motion.gain * commanded[turn]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.sims.figures import Figure
-from parapod.sims.levelling_job import Signals
+from parapod.sims.job import Signals
 from parapod.sims.posture_errors import AXES, in_deg_and_mm
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.phases import Phase

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from parapod.sims.deploy_figures import figures
 from parapod.sims.deploy_scenario import DeployScenario
-from parapod.sims.levelling_job import Signals
+from parapod.sims.job import Signals
 from parapod.sims.posture_errors import error_metrics, in_deg_and_mm
 from parapod.sims.results import Metric, Result
 from parapod.systems.levelling_platform.decision import SupervisorParams

@@ -5,7 +5,8 @@ from typing import Protocol
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from parapod.diagrams.levelling_platform.idle import idle_inputs
+from parapod.diagrams.idle import idle_inputs
+from parapod.diagrams.levelling_platform.ports import IDLE
 from parapod.diagrams.levelling_platform.scenario import (
     ActuatorScenario,
     GroundScenario,
@@ -14,7 +15,7 @@ from parapod.diagrams.levelling_platform.scenario import (
     PlantScenario,
     SensorScenario,
 )
-from parapod.diagrams.levelling_platform.station import Station
+from parapod.diagrams.levelling_platform.station import LevellingStation
 
 
 class DrivenScenario(Protocol):
@@ -47,14 +48,14 @@ def on_level_ground(
     )
 
 
-def make_simulator(builder: DiagramBuilder, station: Station) -> Simulator:
+def make_simulator(builder: DiagramBuilder, station: LevellingStation) -> Simulator:
     """A simulator, to be initialized, of a diagram in which the machine stands on its feet.
 
     Args:
         builder: has the station and what drives it; ports that nothing drives are idle.
         station: the machine.
     """
-    idle_inputs(builder, station.diagram)
+    idle_inputs(builder, station.diagram, IDLE)
     simulator = Simulator(builder.Build())
     station.reset(simulator.get_mutable_context())
     return simulator

@@ -10,11 +10,12 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from pydrake.systems.framework import Context
 from rich.console import Console
 
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.scenario import dump_scenario
 from parapod.sims.emulated_machine import EmulatedMachine
 from parapod.sims.mcap_log import McapLog
@@ -70,11 +71,12 @@ def parsed_fault(text: str, parts: Sequence[str], at: float | None = None) -> De
 
 
 def emulate(
-    scenario: LevellingScenario,
+    scenario: Any,
     requests: Sequence[DeviceFaultRequest] = (),
     duration: float = math.inf,
     log: Path | None = None,
     console: Console | None = None,
+    experiment: str | None = None,
 ) -> None:
     """Runs emulated devices until Ctrl-C, or for a time.
 
@@ -82,11 +84,12 @@ def emulate(
     device's misbehaviour.
 
     Args:
-        scenario: the machine, and the drivers whose devices are emulated.
+        scenario: of a machine, with the drivers whose devices are emulated.
         requests: misbehaviours at their times.
         duration: [s].
         log: file for all ports, the truth among them, in MCAP; or None.
         console: where it is said what is going on.
+        experiment: that another program may run with it; None for the machine's own.
 
     Raises:
         ScenarioError: see `EmulatedMachine`.
@@ -102,7 +105,7 @@ def emulate(
         if record is not None:
             stack.enter_context(record)
         stack.enter_context(machine.devices())
-        _introduce(scenario, said)
+        _introduce(scenario, experiment or machine.description.experiment, said)
         schedule.listen()
         every = max(1, round(_LOG_PERIOD / machine.period))
         ticks = itertools.count()
@@ -117,12 +120,13 @@ def emulate(
             machine.run(min(duration, _FOREVER), on_tick)
 
 
-def _introduce(scenario: LevellingScenario, console: Console) -> None:
-    tags = ", ".join(f"{type(d).__name__} ({d.part})" for d in scenario.hardware.drivers)
+def _introduce(scenario: Any, experiment: str, console: Console) -> None:
+    hardware: HardwareScenario = scenario.hardware
+    tags = ", ".join(f"{type(d).__name__} ({d.part})" for d in hardware.drivers)
     for line in (
         f"emulated: {tags}",
         f"in {emulator_directory()}; physics: {scenario.backend}",
-        "ready: in another terminal, parapod run level --backend hardware",
+        f"ready: in another terminal, parapod run {experiment} --backend hardware",
     ):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
 

@@ -4,7 +4,7 @@ import multiprocessing
 import signal
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
@@ -94,9 +94,15 @@ def _serve(
     try:
         harness = SharedHarness(path, sizes, parts)
         with driver.emulate(harness, harness.misbehaviour(driver.part, seed)):
-            connection.send(_READY)
+            _tell(connection, _READY)
             connection.poll(None)
     except ScenarioError as error:
-        connection.send(error)
+        _tell(connection, error)
     except (ParapodError, OSError) as error:
-        connection.send(" ".join(str(error).split()))
+        _tell(connection, " ".join(str(error).split()))
+
+
+def _tell(connection: Connection, answer: object) -> None:
+    """Answers, unless nobody listens any more: another device has refused already."""
+    with suppress(ConnectionError):
+        connection.send(answer)

@@ -1,63 +1,61 @@
-"""A simulated levelling platform behind emulated devices."""
+"""A simulated machine behind emulated devices."""
 
 import fcntl
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, OutputPort
+from pydrake.systems.framework import Context, InputPort, OutputPort
 
-from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUTPUTS, PortSpec
-from parapod.diagrams.levelling_platform.scenario import SIMULATED, LevellingScenario
-from parapod.diagrams.levelling_platform.station import make_station
+from parapod.diagrams.machines import machine_of
+from parapod.diagrams.ports import PortSpec
 from parapod.sims.emulated_devices import emulated_devices
 from parapod.sims.real_time import RealTimeLoop
 from parapod.systems.errors import ScenarioError
 from parapod.systems.hardware.emulators.directory import WIRES, emulator_directory
 from parapod.systems.hardware.emulators.shared_harness import SharedHarness
-
-# How often wires and physics see each other; a longer step of the plant makes it rarer [s].
-_PERIOD = 2e-3
+from parapod.systems.ports import read_array
 
 
 class EmulatedMachine:
     """A simulated station whose ports are wires to emulated devices.
 
     Attributes:
+        description: of the machine.
         harness: the wires.
         misbehaviours: by part of the machine.
+        period: between two exchanges of wires and physics [s].
     """
 
-    def __init__(self, scenario: LevellingScenario):
+    def __init__(self, scenario: Any):
         """Builds the machine, in the state in which the scenario's job begins.
 
         Args:
-            scenario: its backend must be a simulated one; its drivers are emulated.
+            scenario: of a machine; its backend must be a simulated one; its drivers are emulated.
 
         Raises:
-            ScenarioError: another backend, or an emulator runs already.
+            ScenarioError: no machine's, another backend, or an emulator runs already.
         """
-        if scenario.backend not in SIMULATED:
+        self.description = machine = machine_of(scenario)
+        if scenario.backend not in machine.simulated:
             raise ScenarioError(
                 f"backend = '{scenario.backend}' cannot be behind emulated devices; "
-                f"there are: {', '.join(SIMULATED)}",
+                f"there are: {', '.join(machine.simulated)}",
                 "backend",
             )
         self._scenario = scenario
-        self.period = max(_PERIOD, scenario.plant.time_step)
-        if scenario.backend == "kinematic":
-            self.period = _PERIOD
-        fast = replace(scenario, control=replace(scenario.control, period=self.period))
-        self._station = make_station(fast)
+        # A longer step of the plant makes it rarer.
+        step = 0.0 if scenario.backend == "kinematic" else scenario.plant.time_step
+        self.period = max(machine.simulated[scenario.backend], step)
+        self._station = machine.make_station(machine.behind_devices(scenario, self.period))
         self._simulator = Simulator(self._station.diagram)
         self._context = self._simulator.get_mutable_context()
         self._station.reset(self._context)
-        self._sizes = {spec.name: spec.size for spec in (*INPUTS, *OUTPUTS)}
+        self._sizes = {spec.name: spec.size for spec in (*machine.inputs, *machine.outputs)}
         self._parts = sorted({driver.part for driver in scenario.hardware.drivers})
         directory = emulator_directory()
         directory.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -67,12 +65,13 @@ class EmulatedMachine:
         self.misbehaviours = {part: self.harness.misbehaviour(part) for part in self._parts}
         diagram = self._station.diagram
         self._outputs: list[tuple[str, OutputPort]]
-        self._outputs = [(spec.name, diagram.GetOutputPort(spec.name)) for spec in OUTPUTS]
-        for spec in INPUTS:
+        self._outputs = [(spec.name, diagram.GetOutputPort(spec.name)) for spec in machine.outputs]
+        for spec in machine.inputs:
+            self.harness.set(spec.name, [machine.idle.get(spec.name, 0.0)] * spec.size)
             self._port(spec).FixValue(self._context, self.harness.get(spec.name))
         self._show()
 
-    def _port(self, spec: PortSpec):  # type: ignore[no-untyped-def]
+    def _port(self, spec: PortSpec) -> InputPort:
         return self._station.diagram.GetInputPort(spec.name)
 
     @contextmanager
@@ -97,7 +96,7 @@ class EmulatedMachine:
             duration: [s].
             on_tick: told the context after each tick.
         """
-        inputs = [(spec.name, self._port(spec)) for spec in INPUTS]
+        inputs = [(spec.name, self._port(spec)) for spec in self.description.inputs]
 
         def exchange(root: Context) -> None:
             self._show()
@@ -115,13 +114,16 @@ class EmulatedMachine:
 
     def ports(self) -> dict[str, str]:
         """Names and units of what can be logged."""
-        return {spec.name: spec.unit for spec in (*INPUTS, *OUTPUTS, *TRUTH_OUTPUTS)}
+        machine = self.description
+        specs = (*machine.inputs, *machine.outputs, *machine.truth)
+        return {spec.name: spec.unit for spec in specs}
 
     def values(self, root: Context) -> list[NDArray[np.float64]]:
         """Of all ports that can be logged."""
-        diagram = self._station.diagram
-        taken = [self._port(spec).Eval(root) for spec in INPUTS]
-        shown = [diagram.GetOutputPort(s.name).Eval(root) for s in (*OUTPUTS, *TRUTH_OUTPUTS)]
+        machine, diagram = self.description, self._station.diagram
+        taken = [read_array(self._port(spec), root) for spec in self.description.inputs]
+        specs = (*machine.outputs, *machine.truth)
+        shown = [np.asarray(diagram.GetOutputPort(spec.name).Eval(root)) for spec in specs]
         return taken + shown
 
 

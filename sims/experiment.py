@@ -149,6 +149,11 @@ ENTRIES: tuple[Entry, ...] = (
         "How far the feet slip while the legs lift the platform and while the arm swings.",
         _module("parapod.sims.slip"),
     ),
+    Entry(
+        "chair-walk",
+        "The walking chair carries a passenger a few steps forward and back.",
+        _module("parapod.sims.chair_walk"),
+    ),
 )
 
 

@@ -1,4 +1,4 @@
-"""A levelling platform's job on the real machine, in real time."""
+"""A job on the real machine, in real time."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -13,11 +13,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 from rich.console import Console
 
+from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.drivers.driver import refuse_without_emulator
-from parapod.diagrams.levelling_platform.closed_loop import ClosedLoop
-from parapod.diagrams.levelling_platform.hardware_station import HardwareStation
-from parapod.diagrams.levelling_platform.station_base import Station
+from parapod.diagrams.hardware_station import HardwareStation
+from parapod.diagrams.machines import machine_of
 from parapod.diagrams.scenario import dump_scenario
+from parapod.diagrams.station import Station
 from parapod.sims.experiment import RunOptions, progress
 from parapod.sims.mcap_log import McapLog
 from parapod.sims.real_time import (
@@ -29,7 +30,6 @@ from parapod.sims.real_time import (
 )
 from parapod.sims.signal_units import unit_of
 from parapod.systems.errors import OutputError
-from parapod.systems.hardware.device import DeviceError
 from parapod.systems.hardware.io_thread import DeviceThread
 
 # A device that has been wrong for so long does not come back by itself [s].
@@ -68,18 +68,17 @@ class DeviceWatch:
         since = 0.0 if self._checked is None else now - self._checked
         self._checked = now
         for i, thread in enumerate(self._threads):
-            sample = thread.sample
-            if not sample.fault:
+            error = thread.error
+            if error is None:
                 self._wrong[i] = max(0.0, self._wrong[i] - since / _DISTRUST)
                 continue
             self._wrong[i] += since
             if self._wrong[i] > self._patience:
-                words = sample.words.removeprefix(f"{thread.device.name}: ")
-                raise DeviceError(thread.device.name, words, sample.fault)
+                raise error
 
 
 def run_on_hardware(
-    loop: ClosedLoop,
+    loop: ClosedLoop[Any],
     simulator: Simulator,
     until: float,
     options: RunOptions,
@@ -105,7 +104,8 @@ def run_on_hardware(
     """
     station = loop.station
     assert isinstance(station, HardwareStation)
-    refuse_without_emulator(station.scenario.hardware.drivers)
+    experiment = machine_of(station.scenario).experiment
+    refuse_without_emulator(station.scenario.hardware.drivers, experiment)
     root = simulator.get_mutable_context()
     watch = DeviceWatch(station.parts.all_threads)
     with ExitStack() as stack:
@@ -131,7 +131,7 @@ def run_on_hardware(
 
 @contextmanager
 def _log(
-    path: Path | None, loop: ClosedLoop, root: Context, what: str
+    path: Path | None, loop: ClosedLoop[Any], root: Context, what: str
 ) -> Iterator[Callable[[float], None]]:
     """Yields what writes all ports to an MCAP file; without one, nothing."""
     if path is None:
@@ -147,16 +147,20 @@ def _log(
     systems: list[Any] = [port.get_system() for port in loop.ports.values()]
     contexts = [system.GetMyContextFromRoot(root) for system in systems]
     sources = list(zip(loop.ports.values(), contexts, strict=True))
-    with McapLog(path, {name: unit_of(name) for name in loop.ports}, metadata) as log:
+    machine = machine_of(loop.station.scenario)
+    units = {name: unit_of(name, machine) for name in loop.ports}
+    with McapLog(path, units, metadata) as log:
         yield lambda t: log.write(t, [port.Eval(context) for port, context in sources])
 
 
 def show_timing(timing: Timing, station: Station, console: Console) -> None:
     """Says how punctual the loop was and how old measurements were when they had an effect."""
     late, cost = percentiles(timing.late), percentiles(timing.cost)
+    kept = len(timing.cost)
+    newest = f" of the last {kept}" if kept < timing.ticks else ""
     lines = [
-        f"{len(timing.cost)} ticks of {1e3 * timing.period:g} ms, {timing.missed} missed; "
-        f"late {_ms(late)}, cost {_ms(cost)} ms (median, 99 %, largest)"
+        f"{timing.ticks} ticks of {1e3 * timing.period:g} ms, {timing.missed} missed; "
+        f"late {_ms(late)}, cost {_ms(cost)} ms (median, 99 %, largest{newest})"
     ]
     assert isinstance(station, HardwareStation)
     for thread in station.parts.all_threads:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingScenario
-from parapod.sims.levelling_job import Signals
+from parapod.sims.job import Signals
 from parapod.sims.posture_errors import in_deg_and_mm
 from parapod.sims.results import Metric, Result
 from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics

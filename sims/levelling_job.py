@@ -1,10 +1,9 @@
 """A levelling platform's job, run once: watched, recorded and logged as the options ask."""
 
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,23 +11,13 @@ from pydrake.geometry import Cylinder, Meshcat, Rgba
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
+from parapod.diagrams.closed_loop import ClosedLoop as SimulatedLoop
 from parapod.diagrams.levelling_platform.closed_loop import ClosedLoop, make_closed_loop
 from parapod.diagrams.levelling_platform.scenario import SIMULATED, LevellingScenario
 from parapod.sims.experiment import RunOptions
-from parapod.sims.experiment_log import write_experiment_log
-from parapod.sims.hardware_job import run_on_hardware, show_timing
-from parapod.sims.signal_units import with_units
-from parapod.sims.simulate import (
-    in_real_time,
-    make_viewer,
-    recording,
-    simulate,
-    write_graphviz,
-)
-from parapod.sims.unsupported_options import refuse_options
+from parapod.sims.job import Signals, Task, run_task
+from parapod.sims.simulate import make_viewer
 from parapod.systems.errors import ScenarioError
-
-type Signals = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -69,41 +58,25 @@ def run_job(
         OutputError: a file cannot be written.
     """
     check_job(scenario)
-    if scenario.backend not in SIMULATED:
-        why = f"shows a simulated machine; the backend is {scenario.backend}"
-        refuse_options(options, ("meshcat", "html"), why)
-    meshcat = make_scene(scenario) if options.meshcat or options.html else None
-    loop = make_closed_loop(scenario, meshcat, log=needed if options.log is None else None)
-    if options.graphviz is not None:
-        write_graphviz(options.graphviz, loop.diagram)
-    simulator = Simulator(loop.diagram)
-    until = scenario.job.estimate_at + scenario.job.end
 
-    def job() -> float:
-        if scenario.backend == "hardware":
-            timing = run_on_hardware(loop, simulator, until, options, what)
-            show_timing(timing, loop.station, options.console)
-            return until
-        loop.reset(simulator.get_mutable_context())
-        simulator.Initialize()
-        with in_real_time(simulator) if options.meshcat else nullcontext():
-            return simulate(simulator, until, options.console, what)
+    def make_loop(meshcat: Meshcat | None, log: tuple[str, ...] | None) -> ClosedLoop:
+        return make_closed_loop(scenario, meshcat, log=log)
 
-    if meshcat is not None and options.meshcat:
-        where = f"The platform is shown at {meshcat.web_url()}"
-        options.console.print(where, markup=False, highlight=False, soft_wrap=True)
-    if meshcat is not None and options.html is not None:
-        with recording(meshcat, options.html):
-            elapsed = job()
-    else:
-        elapsed = job()
-    time, signals = loop.recorded(simulator.get_context())
-    if options.log is not None and scenario.backend != "hardware":
-        write_experiment_log(options.log, what, scenario, time, with_units(signals))
-    return Job(time, signals, _scale(loop, simulator), elapsed, meshcat, job)
+    task = Task(
+        what=what,
+        machine="The platform",
+        scenario=scenario,
+        until=scenario.job.estimate_at + scenario.job.end,
+        needed=needed,
+        make_loop=make_loop,
+        make_scene=partial(make_scene, scenario),
+    )
+    done = run_task(task, options, SIMULATED)
+    scale = _scale(done.loop, done.simulator)
+    return Job(done.time, done.signals, scale, done.elapsed, done.meshcat, done.again)
 
 
-def _scale(loop: ClosedLoop, simulator: Simulator) -> float:
+def _scale(loop: SimulatedLoop[LevellingScenario], simulator: Simulator) -> float:
     script = loop.diagram.GetSubsystemByName("posture_script")
     context = script.GetMyContextFromRoot(simulator.get_context())
     return float(np.asarray(script.GetOutputPort("scale").Eval(context))[0])

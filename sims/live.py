@@ -1,8 +1,7 @@
 """The time after the job: a person moves the platform by sliders in the browser."""
 
 import copy
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +11,10 @@ from rich.console import Console
 
 from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.sims.live_buttons import RESTART, STOP, buttons, clicked
 from parapod.sims.simulate import in_real_time, simulate
 from parapod.systems.levelling_platform.posture_sliders import PostureSliders
 
-RESTART, STOP = "Restart", "Stop"
 # Simulated time between two looks at the buttons [s].
 _LOOK_PERIOD = 0.1
 _HELP = (
@@ -84,25 +83,10 @@ def stay_live(
         console.print(_HELP, markup=False, highlight=False, soft_wrap=True)
         while True:
             platform.level(console)
-            with platform.sliders.shown(), _buttons(meshcat):
-                platform.obey(lambda: _clicked(meshcat, RESTART) or _clicked(meshcat, STOP))
-                if _clicked(meshcat, STOP):
+            with platform.sliders.shown(), buttons(meshcat):
+                platform.obey(lambda: clicked(meshcat, RESTART) or clicked(meshcat, STOP))
+                if clicked(meshcat, STOP):
                     return
             job()
     except KeyboardInterrupt:
         return
-
-
-@contextmanager
-def _buttons(meshcat: Meshcat) -> Iterator[None]:
-    for name in (RESTART, STOP):
-        meshcat.AddButton(name)
-    try:
-        yield
-    finally:
-        for name in (RESTART, STOP):
-            meshcat.DeleteButton(name, strict=False)
-
-
-def _clicked(meshcat: Meshcat, button: str) -> bool:
-    return meshcat.GetButtonClicks(button) > 0

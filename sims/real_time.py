@@ -6,7 +6,8 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from types import FrameType
@@ -25,6 +26,8 @@ _TOLERATED_SHARE = 0.5
 _WINDOW = 1.0  # [s]
 # What a thread may compute while others wait for the interpreter [s]; Python's own is 5 ms.
 SWITCH_INTERVAL = 1e-4
+# The timing of so many ticks is kept: a quarter of an hour at 100 Hz.
+KEPT = 100_000
 _PRIORITY = 40
 
 
@@ -36,27 +39,48 @@ class DeadlineError(ParapodError):
 class Timing:
     """How punctual a loop has been.
 
+    A loop may run for days: `late` and `cost` are of its newest 100 000 ticks unless something
+    else is said, and so is whatever is made of them. The counts are of all ticks.
+
     Attributes:
         period: of the loop [s].
+        kept: how many of the newest ticks `late` and `cost` are of; None for all.
         late: by how much each tick began after its deadline [s].
         cost: how long each tick took [s].
+        ticks: how many there were.
         missed: deadlines that passed without a tick.
     """
 
     period: float
-    late: list[float] = field(default_factory=list)
-    cost: list[float] = field(default_factory=list)
+    kept: int | None = KEPT
+    late: deque[float] = field(init=False)
+    cost: deque[float] = field(init=False)
+    ticks: int = 0
     missed: int = 0
+
+    def __post_init__(self) -> None:
+        self.late, self.cost = deque(maxlen=self.kept), deque(maxlen=self.kept)
+
+    def add(self, late: float, cost: float) -> None:
+        """Notes a tick.
+
+        Args:
+            late: by how much it began after its deadline [s].
+            cost: how long it took [s].
+        """
+        self.late.append(late)
+        self.cost.append(cost)
+        self.ticks += 1
 
     @property
     def period_error(self) -> list[float]:
-        """By how much the time between two ticks differed from the period [s]."""
-        return np.abs(np.diff(self.late)).tolist()
+        """By how much the time between two of these ticks differed from the period [s]."""
+        return np.abs(np.diff(list(self.late))).tolist()
 
 
-def percentiles(values: list[float]) -> NDArray[np.float64]:
+def percentiles(values: Collection[float]) -> NDArray[np.float64]:
     """Median, 99th percentile and maximum."""
-    return np.percentile(values, [50.0, 99.0, 100.0]) if values else np.full(3, np.nan)
+    return np.percentile(list(values), [50.0, 99.0, 100.0]) if values else np.full(3, np.nan)
 
 
 class RealTimeLoop:
@@ -78,6 +102,7 @@ class RealTimeLoop:
         is_strict: bool = True,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
+        kept: int | None = KEPT,
     ):
         """Prepares the loop.
 
@@ -88,10 +113,13 @@ class RealTimeLoop:
             is_strict: missed deadlines end the loop, as said above.
             clock: monotonic [s].
             sleep: waits for a time [s].
+            kept: see `Timing`.
         """
         self._simulator, self._on_tick = simulator, on_tick
         self._is_strict, self._clock, self._sleep = is_strict, clock, sleep
-        self.timing = Timing(period)
+        self.timing = Timing(period, kept)
+        self._window = max(10, round(_WINDOW / period))
+        self._slow: deque[bool] = deque(maxlen=self._window)
 
     def run(self, until: float) -> None:
         """Runs to a time of the simulation.
@@ -110,13 +138,13 @@ class RealTimeLoop:
         for k in range(ticks):
             self._wait(due)
             started = self._clock()
-            timing.late.append(started - due)
             # Half a period beyond the tick, so that its writing events are in it.
             self._simulator.AdvanceTo(begin + (k + 0.5) * period)
             if self._on_tick is not None:
                 self._on_tick(context)
             ended = self._clock()
-            timing.cost.append(ended - started)
+            timing.add(started - due, ended - started)
+            self._slow.append(ended - started > period)
             due += period
             if (behind := ended - due) > 0.0:
                 left_out = int(behind / period) + 1
@@ -133,12 +161,10 @@ class RealTimeLoop:
         timing = self.timing
         if behind > _HOPELESS:
             raise DeadlineError(f"a tick ended {1e3 * behind:.0f} ms after the next was due")
-        window = max(10, round(_WINDOW / timing.period))
-        recent = timing.cost[-window:]
-        slow = sum(cost > timing.period for cost in recent)
-        if slow > _TOLERATED_SHARE * window:
+        slow = sum(self._slow)
+        if slow > _TOLERATED_SHARE * self._window:
             raise DeadlineError(
-                f"{slow} of {window} ticks took longer than the period of "
+                f"{slow} of {self._window} ticks took longer than the period of "
                 f"{1e3 * timing.period:g} ms; this computer is too slow for it"
             )
 

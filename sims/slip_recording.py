@@ -11,7 +11,8 @@ from pydrake.systems.primitives import TrajectorySource
 
 from parapod.diagrams.levelling_platform.posture_chain import pi_params
 from parapod.diagrams.levelling_platform.scenario import GroundScenario
-from parapod.diagrams.levelling_platform.station import Station, make_station
+from parapod.diagrams.levelling_platform.simulated_station import SimulatedStation
+from parapod.diagrams.levelling_platform.station import LevellingStation, make_station
 from parapod.diagrams.wiring import add, connect
 from parapod.sims.driven_machine import make_simulator
 from parapod.sims.experiment import RunOptions
@@ -112,7 +113,11 @@ def _add_lift(builder: DiagramBuilder, machine: Diagram, scenario: SlipScenario)
 
 
 def _record(
-    builder: DiagramBuilder, station: Station, until: float, options: RunOptions, what: str
+    builder: DiagramBuilder,
+    station: LevellingStation,
+    until: float,
+    options: RunOptions,
+    what: str,
 ) -> Recording:
     simulator = make_simulator(builder, station)
     normal = np.array(normal_of(*station.scenario.ground.inclination))
@@ -125,9 +130,10 @@ def _record(
 
 
 def _monitor(
-    station: Station, normal: NDArray[np.float64], rows: list[tuple[Any, ...]]
+    station: LevellingStation, normal: NDArray[np.float64], rows: list[tuple[Any, ...]]
 ) -> Callable[[Context], EventStatus]:
     """Appends a recording's columns but for the normal, once per `_PERIOD`."""
+    assert isinstance(station, SimulatedStation)
     model = station.model
     assert model is not None
     rollers = model.leg_bodies("roller")

@@ -8,17 +8,20 @@ import sys
 import threading
 import time
 import tty
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
 
 from parapod.diagrams.drivers.driver import PartPorts
+from parapod.diagrams.drivers.epos2 import Epos2Legs
 from parapod.diagrams.drivers.external import load_drivers
 from parapod.diagrams.hardware_scenario import DRIVERS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.scenario import load_scenario
 from parapod.sims.experiment import ENTRIES
 from parapod.systems.errors import ScenarioError
+from parapod.systems.hardware.bus_load import bus_load, frame_bits
 from parapod.systems.hardware.device import DeviceError
 from parapod.systems.levelling_platform.findings import as_markdown
 from parapod.systems.levelling_platform.phases import as_mermaid
@@ -115,6 +118,36 @@ def test_every_driver_is_in_the_table():
     text = _HARDWARE.read_text()
     for driver in DRIVERS:
         assert f"| `!{driver.__name__}` |" in text
+
+
+def test_the_load_of_the_chairs_bus_is_what_its_driver_makes_of_it():
+    params = Epos2Legs().make(PartPorts({}, {})).device._params
+    load, slow = (bus_load(p, 0.01) for p in (params, replace(params, bitrate=500_000)))
+    text = " ".join(_HARDWARE.read_text().split())
+    assert (
+        f"that is {10.0 * load:.1f} ms of a period of 10 ms, a load of {100.0 * load:.0f} %"
+        in text
+    )
+    assert f"At 500 kbit/s it would be {100.0 * slow:.0f} %" in text
+    reading = frame_bits(0) + 2 * 12 * frame_bits(6)
+    assert f"of which the readings are {1e-3 * reading:.1f} ms" in text
+
+
+def test_what_the_limits_allow_is_what_the_documents_say():
+    limits = Epos2Legs().make(PartPorts({}, {})).device._params.limits
+    text = " ".join(_HARDWARE.read_text().split())
+    shown = []
+    for distance in (0.01, 0.001):
+        position = [upper - distance for upper in limits.upper]
+        shown.append(1e3 * limits.allowed((1.0,) * 12, position)[0])
+    fast, slow = shown
+    assert f"At 10 mm from a limit {fast:.0f} mm/s are allowed, at 1 mm {slow:.1f} mm/s" in text
+
+
+def test_every_setting_of_the_chairs_drives_is_in_its_table():
+    text = _HARDWARE.read_text()
+    for field in fields(Epos2Legs):
+        assert field.name == "part" or f"`{field.name}`" in text
 
 
 def test_drivers_that_cannot_be_imported_are_refused(tmp_path):

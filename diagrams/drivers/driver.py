@@ -100,8 +100,12 @@ def named(driver: Driver) -> Iterator[None]:
         raise ScenarioError(text, "hardware.drivers") from None
 
 
-def refuse_without_emulator(drivers: Sequence[Driver]) -> None:
+def refuse_without_emulator(drivers: Sequence[Driver], experiment: str) -> None:
     """Tells those who have not begun the emulator that its addresses lead nowhere.
+
+    Args:
+        drivers: of the machine.
+        experiment: with which its emulator is begun.
 
     Raises:
         ScenarioError: a driver has such an address, and no emulator runs.
@@ -114,7 +118,7 @@ def refuse_without_emulator(drivers: Sequence[Driver]) -> None:
             if isinstance(value, str) and resolved(value) != value:
                 raise ScenarioError(
                     f"!{type(driver).__name__}.{key} = {value}, but no emulator runs in "
-                    f"'{directory}': begin `parapod emulate level` in another terminal, or name "
-                    "your own devices under hardware.drivers",
+                    f"'{directory}': begin `parapod emulate {experiment}` in another terminal, or "
+                    "name your own devices under hardware.drivers",
                     "hardware.drivers",
                 )

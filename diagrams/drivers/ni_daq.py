@@ -13,7 +13,8 @@ from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
 from parapod.systems.hardware.emulators.ni_server import NiServer
 from parapod.systems.hardware.ni_daq import NiDaq
 from parapod.systems.hardware.ni_params import NiDaqParams, expand_channels
-from parapod.systems.hardware.referenced_ni_daq import ReferencedNiDaq
+from parapod.systems.hardware.position_memory import PositionMemory
+from parapod.systems.hardware.referenced import Referenced
 
 
 @dataclass
@@ -30,10 +31,11 @@ class NiDaqLegs(Driver):
         relay: digital output of the relay in the motor drivers' supply.
         product: the card's type, as it must answer.
         um_per_count: one count of an encoder [um].
-        extension_at_start_mm: what the extensions are when the program starts [mm].
+        extension_at_start_mm: what the extensions are when the program starts, as somebody has
+            measured them [mm]; None: nobody has, and the file must know them.
         extension_file: where the extensions are kept from one program to the next, in the folder
-            in which the program is started if it has no other; "" for nowhere, so that each
-            program begins with `extension_at_start_mm`.
+            in which the program is started if it has no other; while there is none, and with ""
+            for nowhere, a program begins with `extension_at_start_mm`.
         supply_voltage: of the motor drivers [V].
         timeout_ms: longest time for one call [ms].
     """
@@ -46,7 +48,8 @@ class NiDaqLegs(Driver):
     relay: str = "PXI1Slot2/port0/line12"
     product: str = "PXIe-6363"
     um_per_count: float = quantity(10.0, 0.01, 1000.0)
-    extension_at_start_mm: list[float] = quantity([410.0] * 4, 0.0, 2000.0, length=4)
+    # No default: a guess would be believed, and the stroke's ends would be where they are not.
+    extension_at_start_mm: list[float] | None = quantity(None, 0.0, 2000.0, length=4)
     extension_file: str = "emulator/extensions.json"
     supply_voltage: float = quantity(12.0, 1.0, 48.0)
     timeout_ms: float = quantity(200.0, 5.0, 10000.0)
@@ -55,20 +58,25 @@ class NiDaqLegs(Driver):
         """See `Driver`."""
         return self._card()
 
-    def _card(self) -> NiDaq:
+    def _card(self) -> Device:
         if self.extension_file:
-            return ReferencedNiDaq(self._params(), Path(resolved(self.extension_file)))
+            card = NiDaq(self._params())
+            return Referenced(card, Path(resolved(self.extension_file)), self.part)
+        with named(self):
+            if self.extension_at_start_mm is None:
+                raise ValueError("without extension_file it needs extension_at_start_mm")
         return NiDaq(self._params())
 
     def emulate(
         self, harness: Harness, misbehaviour: Misbehaviour
     ) -> AbstractContextManager[object]:
-        """See `Driver`: an NI gRPC Device Server."""
+        """See `Driver`: an NI gRPC Device Server, and a file that knows the extensions."""
         params = self._params()
         path = emulated(self.target, f"!{type(self).__name__}.target").removeprefix("unix:")
         kept = resolved(self.extension_file)
         if kept != self.extension_file:  # a file elsewhere is of another machine
-            Path(kept).unlink(missing_ok=True)
+            memory = PositionMemory(Path(kept), len(params.counters), NiDaq.position_signal)
+            memory.save(harness.get("legs.extension"))
         return NiServer(
             path,
             harness,
@@ -81,6 +89,7 @@ class NiDaqLegs(Driver):
         )
 
     def _params(self) -> NiDaqParams:
+        start = self.extension_at_start_mm
         with named(self):
             return NiDaqParams(
                 target=resolved(self.target),
@@ -90,7 +99,7 @@ class NiDaqLegs(Driver):
                 relay=self.relay,
                 product=self.product,
                 metres_per_count=1e-6 * self.um_per_count,
-                extension_at_start=tuple(1e-3 * mm for mm in self.extension_at_start_mm),
+                extension_at_start=None if start is None else tuple(1e-3 * mm for mm in start),
                 supply_voltage=self.supply_voltage,
                 timeout=1e-3 * self.timeout_ms,
             )
@@ -117,7 +126,7 @@ class NiDaqEncoders(NiDaqLegs):
 class _WithoutVoltage(Device):
     """A card that is not asked for voltages."""
 
-    def __init__(self, card: NiDaq):
+    def __init__(self, card: Device):
         self._card = card
         self.name, self.measures = card.name, card.measures
         self.commands = {"stop": 1}

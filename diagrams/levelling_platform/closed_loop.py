@@ -5,60 +5,39 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
-from pydrake.systems.primitives import LogVectorOutput, TrajectorySource, VectorLogSink
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
+from parapod.diagrams.closed_loop import ClosedLoop as SimulatedLoop
+from parapod.diagrams.closed_loop import log_ports, output_ports
+from parapod.diagrams.idle import idle_inputs
 from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.fault_points import FaultPoints
-from parapod.diagrams.levelling_platform.idle import idle_inputs
+from parapod.diagrams.levelling_platform.ports import IDLE
 from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingScenario
-from parapod.diagrams.levelling_platform.station import Station, make_station
+from parapod.diagrams.levelling_platform.station import make_station
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.posture_script import PostureScript, Waypoint
 
 
 @dataclass(frozen=True)
-class ClosedLoop:
+class ClosedLoop(SimulatedLoop[LevellingScenario]):
     """A levelling platform that can be simulated.
 
     Attributes:
-        diagram: the whole.
-        station: the machine in it.
-        controller: the controller in it.
-        ports: all that can be recorded, by port name.
-        logs: what is recorded, likewise.
         faults: where faults are injected.
     """
 
-    diagram: Diagram
-    station: Station
-    controller: Diagram
-    ports: dict[str, OutputPort]
-    logs: dict[str, VectorLogSink]
     faults: FaultPoints
 
     def reset(self, context: Context, scenario: LevellingScenario | None = None) -> None:
         """Puts everything at its beginning; see `Station.reset`."""
-        self.diagram.SetDefaultContext(context)
-        context.SetTime(0.0)
+        super().reset(context, scenario)
         if scenario is not None:
             self.faults.set_faults(context, scenario.faults, scenario.seed)
-        self.station.reset(context, scenario)
-        for log in self.logs.values():
-            log.FindMutableLog(context).Clear()
-
-    def recorded(self, context: Context) -> tuple[NDArray[np.float64], dict[str, NDArray]]:
-        """Times (n) [s], and for each port name the samples (n, size); empty without logs."""
-        time, samples = np.empty(0), {}
-        for name, sink in self.logs.items():
-            log = sink.FindLog(context)
-            time, samples[name] = log.sample_times().copy(), log.data().T.copy()
-        return time, samples
 
 
 def make_closed_loop(
@@ -100,17 +79,9 @@ def make_closed_loop(
     connect(builder, asked, controller.GetInputPort("posture_command"))
     _add_job(builder, scenario.job, machine, controller)
 
-    ports = {
-        system.get_output_port(i).get_name(): system.get_output_port(i)
-        for system in (machine, controller)
-        for i in range(system.num_output_ports())
-    } | {"posture_command": script.GetOutputPort("posture_command")}
-    ports |= faults.ports()
-    logs = {
-        name: LogVectorOutput(port, builder, scenario.control.period)
-        for name, port in ports.items()
-        if log is None or name in log
-    }
+    ports = output_ports(machine, controller)
+    ports |= {"posture_command": script.GetOutputPort("posture_command")} | faults.ports()
+    logs = log_ports(builder, ports, scenario.control.period, log)
     diagram = builder.Build()
     diagram.set_name("levelling_platform")
     return ClosedLoop(diagram, station, controller, ports, logs, faults)
@@ -146,4 +117,4 @@ def _add_job(
     ):
         source = add(builder, TrajectorySource(trajectory), name)
         connect(builder, source.get_output_port(), port)
-    idle_inputs(builder, machine)
+    idle_inputs(builder, machine, IDLE)

@@ -1,16 +1,17 @@
 """Station, supervised controller and an operator in one diagram, with its signals logged."""
 
 from collections.abc import Collection, Sequence
-from typing import Any
 
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.primitives import Adder, Demultiplexer, LogVectorOutput, MatrixGain
+from pydrake.systems.primitives import Adder, Demultiplexer, MatrixGain
 
+from parapod.diagrams.closed_loop import log_ports, output_ports
+from parapod.diagrams.idle import idle_inputs
 from parapod.diagrams.levelling_platform.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.fault_points import FaultPoints
-from parapod.diagrams.levelling_platform.idle import idle_inputs
+from parapod.diagrams.levelling_platform.ports import IDLE
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.station import make_station
 from parapod.diagrams.levelling_platform.supervised_controller import make_supervised_controller
@@ -64,18 +65,9 @@ def make_deployment(
     asked = faults.seen(operator.GetOutputPort("posture_request"), "posture_command")
     connect(builder, asked, controller.GetInputPort("posture_request"))
     connect(builder, controller.GetOutputPort("phase"), operator.GetInputPort("phase"))
-    idle_inputs(builder, machine)
-    systems: tuple[Any, ...] = (machine, controller, operator)
-    ports = {
-        system.get_output_port(i).get_name(): system.get_output_port(i)
-        for system in systems
-        for i in range(system.num_output_ports())
-    } | faults.ports()
-    logs = {
-        name: LogVectorOutput(port, builder, scenario.control.period)
-        for name, port in ports.items()
-        if log is None or name in log
-    }
+    idle_inputs(builder, machine, IDLE)
+    ports = output_ports(machine, controller, operator) | faults.ports()
+    logs = log_ports(builder, ports, scenario.control.period, log)
     diagram = builder.Build()
     diagram.set_name("levelling_platform")
     return ClosedLoop(diagram, station, controller, ports, logs, faults)

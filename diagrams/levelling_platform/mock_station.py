@@ -9,10 +9,11 @@ from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 
 from parapod.diagrams.levelling_platform.ports import INPUTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.levelling_platform.station_base import Station
+from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuator
-from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
+from parapod.systems.actuators.servo_goal import VelocityServoParams
+from parapod.systems.actuators.velocity_servo import VelocityServo
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
 from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY, WHEEL_COUNT
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE
@@ -25,7 +26,7 @@ _WHEELS = VelocityServoParams(0.0, 1e-9, WHEEL_DRIVE.max_velocity)
 
 
 @dataclass(frozen=True)
-class MockStation(Station):
+class MockStation(Station[LevellingScenario]):
     """See `make_mock_station`."""
 
     _actuators: LinearActuator

@@ -1,6 +1,5 @@
 """Builds the levelling platform's bodies, joints and ground into a MultibodyPlant."""
 
-import logging
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,6 +12,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, RevoluteJoint, RigidBody
 
+from parapod.diagrams.ground import add_ground
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.systems.levelling_platform.geometry import PlatformGeometry, drawn_deviations
 from parapod.systems.levelling_platform.leg import foot_to_centre
@@ -31,14 +31,6 @@ _WHEEL_GAINS = PdControllerGains(p=2000.0, d=50.0)
 # Pads of uneven ground: side [m], where the feet stand in the middle of the stroke, colour.
 _PAD_SIZE, _FEET_AT = 0.3, 0.405
 _PAD_COLOUR = np.array([0.45, 0.42, 0.38, 1.0])
-
-
-def _concerns_us(record: logging.LogRecord) -> bool:
-    """False for Drake's warning that a half space does not touch deformable bodies: none here."""
-    return "half spaces are not currently supported for deformable" not in record.getMessage()
-
-
-logging.getLogger("drake").addFilter(_concerns_us)
 
 
 def geometry_as_built(scenario: LevellingScenario) -> PlatformGeometry:
@@ -82,7 +74,7 @@ def add_platform(
         else:
             turn = plant.AddJoint(RevoluteJoint(f"wheel_{i}", axle, wheel, np.array([0, 1.0, 0])))
             plant.AddJointActuator(f"wheel_{i}", turn).set_controller_gains(_WHEEL_GAINS)
-    (slab,) = parser.AddModels(url=f"{_FOLDER}/ground.sdf")
+    slab = add_ground(parser)
     X_WG = RigidTransform(RollPitchYaw(ground[0], ground[1], 0.0), np.zeros(3))
     mount: Any = plant.AddFrame(FixedOffsetFrame("ground_mount", plant.world_frame(), X_WG))
     plant.WeldFrames(mount, plant.GetFrameByName("ground", slab))

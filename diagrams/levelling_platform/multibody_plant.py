@@ -2,19 +2,16 @@
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Demultiplexer, MatrixGain, ZeroOrderHold
 
 from parapod.diagrams.levelling_platform.model import add_platform, geometry_as_built
 from parapod.diagrams.levelling_platform.plant import Drives, Plant
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.levelling_platform.visualization import (
-    add_drawing,
-    add_visualization,
-    remove_visuals,
-)
-from parapod.diagrams.wiring import add, connect
+from parapod.diagrams.levelling_platform.visualization import add_drawing, add_visualization
+from parapod.diagrams.multibody import add_discrete_plant
+from parapod.diagrams.visualization import remove_visuals
+from parapod.diagrams.wiring import add, connect, split_states
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.leg_transmission import LegTransmission
 from parapod.systems.levelling_platform.platform_model import WHEEL_COUNT, PlatformModel
@@ -30,16 +27,8 @@ def add_multibody_plant(
     meshcat: Meshcat | None,
 ) -> Plant:
     """Adds the plant of rigid bodies with closed loops and contact."""
-    plant, scene_graph = AddMultibodyPlant(
-        MultibodyPlantConfig(
-            time_step=scenario.plant.time_step,
-            contact_model="point",
-            discrete_contact_approximation=scenario.plant.contact_approximation,
-            # Sampled ports would make every step an unrestricted update, which copies the whole
-            # state of the diagram; `_drive_legs` samples the one signal that is fed back.
-            use_sampled_output_ports=False,
-        ),
-        builder,
+    plant, scene_graph = add_discrete_plant(
+        builder, scenario.plant.time_step, scenario.plant.contact_approximation
     )
     model = add_platform(
         plant,
@@ -98,7 +87,7 @@ def _draw_as_full(
 
 
 def _drive_wheels(builder: DiagramBuilder, model: PlatformModel, drives: Drives) -> None:
-    split = _split_by_joint(builder, "wheel_states", WHEEL_COUNT, drives.wheels)
+    split = split_states(builder, "wheel_states", drives.wheels, WHEEL_COUNT)
     for port, wheel in zip(split, model.wheels, strict=True):
         connect(builder, port, model.plant.get_desired_state_input_port(wheel))
 
@@ -130,24 +119,10 @@ def _drive_legs(
         connect(builder, load_force, transmission.GetInputPort("swing_torque"))
         ahead = transmission.GetOutputPort("swing_state")
         load_force = transmission.GetOutputPort("load_force")
-    split = _split_by_joint(builder, "leg_states", LEG_COUNT, ahead)
+    split = split_states(builder, "leg_states", ahead, LEG_COUNT)
     for port, leg in zip(split, model.legs, strict=True):
         connect(builder, port, plant.get_desired_state_input_port(leg))
     return load_force
-
-
-def _split_by_joint(
-    builder: DiagramBuilder, name: str, count: int, states: OutputPort
-) -> list[OutputPort]:
-    """Ports with (position, velocity) of each joint, from (all positions, all velocities)."""
-    permutation = np.zeros((2 * count, 2 * count))
-    for i in range(count):
-        permutation[2 * i, i] = permutation[2 * i + 1, count + i] = 1.0
-    by_joint = add(builder, MatrixGain(permutation), f"{name}_by_joint")
-    split = add(builder, Demultiplexer(2 * count, 2), name)
-    connect(builder, states, by_joint.get_input_port())
-    connect(builder, by_joint.get_output_port(), split.get_input_port(0))
-    return [split.get_output_port(i) for i in range(count)]
 
 
 def _add_inertial_motion(builder: DiagramBuilder, model: PlatformModel) -> list[OutputPort]:

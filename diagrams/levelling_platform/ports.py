@@ -1,24 +1,6 @@
 """The ports of the levelling platform's station, the same for every backend."""
 
-from dataclasses import dataclass
-
-
-@dataclass(frozen=True)
-class PortSpec:
-    """One port of a station.
-
-    Attributes:
-        name: `<part>.<signal>`.
-        size: number of elements.
-        unit: unit of each element.
-        meaning: one line.
-    """
-
-    name: str
-    size: int
-    unit: str
-    meaning: str
-
+from parapod.diagrams.ports import PortSpec
 
 INPUTS = (
     PortSpec("legs.voltage", 4, "V", "motor voltages, saturated at the supply"),
@@ -28,6 +10,9 @@ INPUTS = (
     PortSpec("arm.position_command", 1, "rad", "arm angle, 0 upright, positive forward"),
     PortSpec("turntable.position_command", 1, "rad", "angle of the arm's base"),
 )
+
+# What an idle machine is told: what is braked stays so, and nothing else is asked of it.
+IDLE = {"wheels.brake": 1.0}
 
 # What the elements of `status` are about.
 STATUS_PARTS = ("legs", "imu", "wheels", "arm")

@@ -3,6 +3,10 @@
 import math
 from dataclasses import dataclass, field
 
+from parapod.diagrams.drivers.adis16448 import Adis16448SpiImu
+from parapod.diagrams.drivers.epos2 import Epos2Wheels
+from parapod.diagrams.drivers.ni_daq import NiDaqLegs
+from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.fault_scenario import FaultScenario
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.scenario import choice, quantity
@@ -196,6 +200,19 @@ class JobScenario:
     end: float = quantity(30.0, 1.0, 3600.0)
 
 
+def emulated_hardware() -> HardwareScenario:
+    """The devices of `parapod emulate level`."""
+    return HardwareScenario(
+        [
+            NiDaqLegs(),
+            Adis16448SpiImu(),
+            Epos2Wheels(),
+            NotFittedPart("arm"),
+            NotFittedPart("turntable"),
+        ]
+    )
+
+
 @dataclass
 class LevellingScenario:
     """One run of the levelling platform.
@@ -211,7 +228,7 @@ class LevellingScenario:
         control: see `ControlScenario`.
         job: see `JobScenario`.
         faults: see `FaultScenario`.
-        hardware: see `HardwareScenario`.
+        hardware: see `HardwareScenario`; by default what is emulated.
     """
 
     backend: str = choice("multibody", BACKENDS)
@@ -223,4 +240,4 @@ class LevellingScenario:
     control: ControlScenario = field(default_factory=ControlScenario)
     job: JobScenario = field(default_factory=JobScenario)
     faults: list[FaultScenario] = field(default_factory=list)
-    hardware: HardwareScenario = field(default_factory=HardwareScenario)
+    hardware: HardwareScenario = field(default_factory=emulated_hardware)

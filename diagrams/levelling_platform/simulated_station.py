@@ -20,7 +20,7 @@ from parapod.diagrams.levelling_platform.multibody_plant import add_multibody_pl
 from parapod.diagrams.levelling_platform.plant import Drives, Plant, PlantMaker
 from parapod.diagrams.levelling_platform.ports import STATUS_PARTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.levelling_platform.station_base import Station
+from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
 from parapod.systems.actuators.velocity_servo import VelocityServo
@@ -46,7 +46,7 @@ _STOPS = LinearActuatorParams()
 
 
 @dataclass(frozen=True)
-class SimulatedStation(Station):
+class SimulatedStation(Station[LevellingScenario]):
     """A built station and the handles that a simulation needs to begin.
 
     Attributes:

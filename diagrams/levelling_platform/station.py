@@ -8,17 +8,19 @@ from parapod.diagrams.levelling_platform.hardware_station import make_hardware_s
 from parapod.diagrams.levelling_platform.mock_station import make_mock_station
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.simulated_station import PLANTS, make_simulated_station
-from parapod.diagrams.levelling_platform.station_base import Station
+from parapod.diagrams.station import Station
 from parapod.systems.errors import ScenarioError
 
-STATIONS: dict[str, Callable[[LevellingScenario, Meshcat | None], Station]] = {
+type LevellingStation = Station[LevellingScenario]
+
+STATIONS: dict[str, Callable[[LevellingScenario, Meshcat | None], LevellingStation]] = {
     **dict.fromkeys(PLANTS, make_simulated_station),
     "mock": make_mock_station,
     "hardware": make_hardware_station,
 }
 
 
-def make_station(scenario: LevellingScenario, meshcat: Meshcat | None = None) -> Station:
+def make_station(scenario: LevellingScenario, meshcat: Meshcat | None = None) -> LevellingStation:
     """Builds the station of a scenario's backend.
 
     Args:

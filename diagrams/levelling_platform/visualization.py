@@ -1,17 +1,11 @@
 """Draws the levelling platform in Meshcat."""
 
-from pydrake.geometry import (
-    Meshcat,
-    MeshcatVisualizer,
-    MeshcatVisualizerParams,
-    Role,
-    SceneGraph,
-)
+from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from parapod.diagrams.levelling_platform.model import add_platform
+from parapod.diagrams.visualization import draw, publish
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.parallel_links import ParallelLinks
 from parapod.systems.levelling_platform.platform_model import PlatformModel
@@ -37,11 +31,7 @@ def add_visualization(
     links = add(builder, ParallelLinks(model, scene_graph, positions.size()))
     connect(builder, positions, links.get_input_port())
     connect(builder, links.get_output_port(), scene_graph.get_source_pose_port(links.source_id))
-    # Not `ApplyVisualizationConfig`, which wants the plant to be part of the diagram.
-    params = MeshcatVisualizerParams(
-        publish_period=1.0 / 30.0, prefix="platform", delete_on_initialization_event=False
-    )
-    MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
+    publish(builder, scene_graph, meshcat, "platform")
 
 
 def add_drawing(
@@ -70,19 +60,5 @@ def add_drawing(
     connect(builder, extension, pose.GetInputPort("extension"))
     connect(builder, base_pose, pose.GetInputPort("base_pose"))
     connect(builder, arm_position, pose.GetInputPort("arm_position"))
-    to_geometry = add(builder, MultibodyPositionToGeometryPose(plant))
-    connect(builder, pose.get_output_port(), to_geometry.get_input_port())
-    source_id = plant.get_source_id()
-    assert source_id is not None
-    connect(builder, to_geometry.get_output_port(), scene_graph.get_source_pose_port(source_id))
+    draw(builder, plant, pose.get_output_port(), scene_graph)
     add_visualization(builder, model, pose.get_output_port(), scene_graph, meshcat)
-
-
-def remove_visuals(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
-    """Removes what is there to be seen only, so that a step does not compute its pose."""
-    inspector = scene_graph.model_inspector()
-    touched = set(inspector.GetAllGeometryIds(Role.kProximity))
-    source_id = plant.get_source_id()
-    assert source_id is not None
-    for geometry in set(inspector.GetAllGeometryIds()) - touched:
-        scene_graph.RemoveGeometry(source_id, geometry)

@@ -13,6 +13,8 @@ if TYPE_CHECKING:  # Help and errors must not wait for Drake.
     from parapod.sims.experiment import Entry, Experiment
 
 HELD, BROKEN, MISTAKE, INTERRUPTED = 0, 1, 2, 130
+# The experiment whose machine is meant unless another one is named.
+_USUAL = "level"
 
 EPILOG = """\
 examples:
@@ -81,6 +83,17 @@ def add_scenario_arguments(parser: argparse.ArgumentParser, entries: "Sequence[E
     add_scenario_options(parser, entries)
 
 
+def add_machine_option(parser: argparse.ArgumentParser) -> None:
+    """Which machine is meant, for commands that run no experiment."""
+    parser.add_argument(
+        "--of",
+        dest="name",
+        default=_USUAL,
+        metavar="NAME",
+        help=f"an experiment of the machine that is meant; default {_USUAL}",
+    )
+
+
 def add_scenario_options(parser: argparse.ArgumentParser, entries: "Sequence[Entry]") -> None:
     """What `add_scenario_arguments` adds beside the experiment's name."""
     parser.add_argument(
@@ -122,7 +135,7 @@ def load(arguments: argparse.Namespace, entries: "Sequence[Entry]") -> "tuple[Ex
         UsageError: there is no such experiment, or it has no such option.
         ScenarioError: a key, a value, a file or a backend that there is not.
     """
-    entry = _find(arguments.name, entries)
+    entry = find(arguments.name, entries)
 
     from parapod.diagrams.drivers.external import load_drivers, load_installed_drivers
     from parapod.diagrams.scenario import load_scenario
@@ -149,7 +162,12 @@ def load(arguments: argparse.Namespace, entries: "Sequence[Entry]") -> "tuple[Ex
     return experiment, scenario
 
 
-def _find(name: str, entries: "Sequence[Entry]") -> "Entry":
+def find(name: str, entries: "Sequence[Entry]") -> "Entry":
+    """The experiment of a name.
+
+    Raises:
+        UsageError: there is none.
+    """
     by_name = {entry.name: entry for entry in entries}
     if name not in by_name:
         close = difflib.get_close_matches(name, by_name, n=1)

@@ -5,14 +5,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from parapod.sims.commands.arguments import HELD, UsageError, check_outputs
+from parapod.sims.commands.arguments import (
+    HELD,
+    UsageError,
+    add_machine_option,
+    check_outputs,
+    find,
+)
 
 if TYPE_CHECKING:  # Help and errors must not wait for Drake.
     from parapod.sims.experiment import Entry
 
 HELP = "measure how punctually this computer runs the controller"
 DESCRIPTION = (
-    "Runs the levelling platform's closed loop in real time at several rates, and in turns with "
+    "Runs a machine's closed loop in real time at several rates, and in turns with "
     "it a loop that only wakes up. Prints how late ticks begin (period error), what they cost, "
     "and how late the machine wakes up by itself: a controller cannot be more punctual than that."
 )
@@ -21,6 +27,7 @@ _BACKENDS = ("mock", "kinematic")  # never the hardware: the job moves the machi
 
 def add_arguments(parser: argparse.ArgumentParser, entries: "Sequence[Entry]") -> None:
     """The command's arguments."""
+    add_machine_option(parser)
     parser.add_argument(
         "--rates",
         type=float,
@@ -49,11 +56,10 @@ def execute(arguments: argparse.Namespace, entries: "Sequence[Entry]") -> int:
 
     from rich.console import Console
 
-    from parapod.diagrams.levelling_platform.scenario import LevellingScenario
     from parapod.sims.bench_rt import bench_real_time, print_punctuality
     from parapod.sims.outputs import write_json
 
-    scenario = LevellingScenario(backend=arguments.backend)
+    scenario = find(arguments.name, entries).load().scenario(backend=arguments.backend)
     rates, seconds = arguments.rates, arguments.seconds
     results = bench_real_time(scenario, rates, seconds, Console(stderr=True))
     print_punctuality(results, Console())

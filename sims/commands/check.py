@@ -9,6 +9,7 @@ from parapod.sims.commands.arguments import (
     BROKEN,
     HELD,
     UsageError,
+    add_machine_option,
     add_scenario_options,
     load,
 )
@@ -26,9 +27,9 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser, entries: "Sequence[Entry]") -> None:
     """The command's arguments."""
-    parser.add_argument("part", metavar="PART", help="legs, wheels, imu, arm or turntable")
+    parser.add_argument("part", metavar="PART", help="of the machine, such as legs, wheels or imu")
+    add_machine_option(parser)
     add_scenario_options(parser, entries)
-    parser.set_defaults(name="level")
     parser.add_argument(
         "--seconds", type=float, default=2.0, metavar="S", help="how long to read; default 2"
     )
@@ -39,9 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser, entries: "Sequence[Entry]") -
         "--command",
         dest="size",
         type=float,
-        default=1.0,
         metavar="X",
-        help="with --move: motor voltage in V or wheel velocity in rad/s; default 1",
+        help="with --move: motor voltage in V, wheel velocity in rad/s or velocity of a leg in "
+        "m/s; default 1, 1 or 0.01",
     )
     parser.add_argument(
         "--for", dest="duration", type=float, default=1.0, metavar="S", help="default 1"

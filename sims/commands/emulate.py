@@ -51,16 +51,17 @@ def execute(arguments: argparse.Namespace, entries: "Sequence[Entry]") -> int:
     check_outputs({"log": arguments.log})
     _, scenario = load(arguments, entries)
 
-    from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+    from parapod.diagrams.machines import MACHINES
     from parapod.sims.emulate import emulate, parsed_fault
 
-    if not isinstance(scenario, LevellingScenario):
-        raise UsageError(f"'{arguments.name}' has no machine that can be emulated; 'level' has")
+    if not any(machine.has(scenario) for machine in MACHINES):
+        able = " and ".join(f"'{machine.experiment}'" for machine in MACHINES)
+        raise UsageError(f"'{arguments.name}' has no machine that can be emulated; {able} have")
     parts = sorted({driver.part for driver in scenario.hardware.drivers})
     requests = [parsed_fault(text, parts) for text in arguments.fault]
     duration = math.inf if arguments.duration is None else arguments.duration
     try:
-        emulate(scenario, requests, duration, arguments.log)
+        emulate(scenario, requests, duration, arguments.log, experiment=arguments.name)
     except KeyboardInterrupt:
         print("the emulator has ended", file=sys.stderr)  # as it is meant to
     return HELD

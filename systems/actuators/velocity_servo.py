@@ -1,39 +1,24 @@
 """Drives that follow a velocity: motor, gear, encoder and positioning controller."""
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import (
+    Adder,
+    Demultiplexer,
+    LinearSystem,
+    MatrixGain,
+    ZeroOrderHold,
+)
 
-from parapod.systems.caching import declare_cached
-from parapod.systems.ports import is_on
-
-
-@dataclass(frozen=True)
-class VelocityServoParams:
-    """Closed velocity loop of a motor on its controller.
-
-    Attributes:
-        resolution: one count of the encoder [m or rad]; 0 for a perfect one.
-        time_constant: of the velocity loop [s].
-        max_velocity: largest velocity [m/s or rad/s].
-        acceleration: largest acceleration [m/s^2 or rad/s^2].
-        stop_min: lower end stop of each drive, or of all of them [m or rad].
-        stop_max: upper end stop, likewise.
-    """
-
-    resolution: float
-    time_constant: float
-    max_velocity: float
-    acceleration: float = math.inf
-    stop_min: float | tuple[float, ...] = -math.inf
-    stop_max: float | tuple[float, ...] = math.inf
+from parapod.systems.actuators.servo_goal import ServoGoal, VelocityServoParams
+from parapod.systems.sensors.encoder import Encoder
 
 
-class VelocityServo(LeafSystem):
+class VelocityServo(Diagram):
     """Drives that follow a velocity command, or brake.
 
     | port | size | unit | meaning |
@@ -43,16 +28,19 @@ class VelocityServo(LeafSystem):
     | out `position_measured` | n | m or rad | encoder: whole counts |
     | out `velocity_measured` | n | m/s or rad/s | counts per gate time |
     | out `position` | n | m or rad | where the drives are |
-    | out `velocity` | n | m/s or rad/s | its rate |
     | out `state` | 2n | m or rad, and per s | positions and velocities |
     | out `next_state` | 2n | m or rad, and per s | positions and velocities one step ahead |
 
-    State: discrete, positions and velocities (2n), updated every period: a first-order lag,
-    dv/dt = (gain u + offset - v) / time_constant, exact for a command that is constant over the
-    period, unless the acceleration is at its limit. A drive rests at its end stops. `next_state`
-    lets an implicit plant arrive where the drive will be, instead of trailing it by a step.
+    The drives are a lag of first order, dv/dt = (g - v) / time_constant, exact for the goals g
+    (`ServoGoal`) that are sampled every period. `next_state` lets an implicit plant arrive where
+    the drive will be, instead of trailing it by a step.
 
-    Parameters (Context): gains (n) [-] and offsets (n) [m/s or rad/s], see `set_imperfection`.
+    Where the lag has a shorter step than the period, goals are held in between. Any discrete
+    update makes everything that depends on discrete state be evaluated anew, so that without the
+    hold a controller would be evaluated at every step of the lag; with it, nothing is computed
+    in Python between two samples.
+
+    State: of the lag and of the hold.
 
     Bad input: a command that is not finite counts as zero.
     """
@@ -62,117 +50,71 @@ class VelocityServo(LeafSystem):
         params: VelocityServoParams,
         channels: int,
         period: float = 0.01,
-        gate_time: float | None = None,
+        time_step: float | None = None,
     ):
-        """Declares the ports.
+        """Builds the diagram.
 
         Args:
             params: of each drive.
             channels: number of drives n.
-            period: of the model [s].
-            gate_time: over which the encoder's counts make a velocity [s]; None for the period.
+            period: at which commands are taken, and over which the encoder's counts make a
+                velocity [s].
+            time_step: of the lag [s]; None for the period.
         """
         super().__init__()
+        self.params, self._channels = params, channels
+        builder = DiagramBuilder()
+        self._goal = ServoGoal(params, channels, period)
+        builder.AddSystem(self._goal)
+        goal = self._goal.get_output_port()
+        if time_step is not None and time_step < period:
+            hold = builder.AddSystem(ZeroOrderHold(period, channels))
+            builder.Connect(goal, hold.get_input_port())
+            goal = hold.get_output_port()
+        self._lag, ahead = self._add_lag(builder, goal, time_step or period)
+        builder.Connect(self._lag.get_output_port(), self._goal.GetInputPort("state"))
+        parts = builder.AddSystem(Demultiplexer(2 * channels, channels))
+        builder.Connect(self._lag.get_output_port(), parts.get_input_port(0))
+        encoder = builder.AddSystem(Encoder(channels, params.resolution, period))
+        for i, name in enumerate(("position", "velocity")):
+            builder.Connect(parts.get_output_port(i), encoder.GetInputPort(name))
+        for name in ("velocity_command", "brake"):
+            builder.ExportInput(self._goal.GetInputPort(name), name)
+        for name in ("position_measured", "velocity_measured"):
+            builder.ExportOutput(encoder.GetOutputPort(name), name)
+        builder.ExportOutput(parts.get_output_port(0), "position")
+        builder.ExportOutput(self._lag.get_output_port(), "state")
+        builder.ExportOutput(ahead, "next_state")
+        builder.BuildInto(self)
         self.set_name("velocity_servo")
-        self.params, self._channels, self._period = params, channels, period
-        self._gate_time = gate_time or period
-        self._low = np.broadcast_to(np.asarray(params.stop_min, dtype=float), channels)
-        self._high = np.broadcast_to(np.asarray(params.stop_max, dtype=float), channels)
-        self._command = self.DeclareVectorInputPort("velocity_command", channels)
-        self._brake = self.DeclareVectorInputPort("brake", 1)
-        self._gain = self.DeclareNumericParameter(BasicVector(np.ones(channels)))
-        self._offset = self.DeclareNumericParameter(BasicVector(np.zeros(channels)))
-        start = np.concatenate((np.clip(0.0, self._low, self._high), np.zeros(channels)))
-        index = self.DeclareDiscreteState(BasicVector(start))
-        state = {self.discrete_state_ticket(index)}
-        for name, calc in (
-            ("position_measured", self._calc_position_measured),
-            ("velocity_measured", self._calc_velocity_measured),
-            ("position", self._calc_position),
-            ("velocity", self._calc_velocity),
-        ):
-            self.DeclareVectorOutputPort(name, channels, calc, state)
-        self.DeclareStateOutputPort("state", index)
-        inputs = {self._command.ticket(), self._brake.ticket(), self.all_parameters_ticket()}
-        self._next = declare_cached(self, "next", self._step, state | inputs)
-        self.DeclareVectorOutputPort(
-            "next_state", 2 * channels, self._calc_next_state, {self._next.ticket}
-        )
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_state)
 
     def set_position(self, context: Context, position: ArrayLike) -> None:
         """Puts the drives at rest at the given positions (n) [m or rad]."""
         at = np.broadcast_to(np.asarray(position, dtype=float), self._channels)
-        context.SetDiscreteState(0, np.concatenate((at, np.zeros(self._channels))))
+        lag = self._lag.GetMyMutableContextFromRoot(context)
+        lag.SetDiscreteState(np.concatenate((at, np.zeros(self._channels))))
 
     def set_imperfection(self, context: Context, gain: ArrayLike, offset: ArrayLike) -> None:
-        """Lets the drives run off their command.
+        """Lets the drives run off their command, see `ServoGoal.set_imperfection`."""
+        self._goal.set_imperfection(self._goal.GetMyMutableContextFromRoot(context), gain, offset)
 
-        Args:
-            context: of this system.
-            gain: (n) velocity by command [-].
-            offset: (n) velocity at a command of zero [m/s or rad/s].
-        """
-        for parameter, value in ((self._gain, gain), (self._offset, offset)):
-            vector: Any = context.get_mutable_numeric_parameter(parameter)
-            vector.SetFromVector(np.broadcast_to(np.asarray(value, dtype=float), self._channels))
-
-    def _halves(self, context: Context) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        state: Any = context.get_discrete_state_vector()
-        values = state.value()
-        return values[: self._channels], values[self._channels :]
-
-    def _calc_position_measured(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(_counted(self._halves(context)[0], self.params.resolution))
-
-    def _calc_velocity_measured(self, context: Context, output: BasicVector) -> None:
-        resolution = self.params.resolution / self._gate_time
-        output.SetFromVector(_counted(self._halves(context)[1], resolution))
-
-    def _calc_position(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._halves(context)[0])
-
-    def _calc_velocity(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._halves(context)[1])
-
-    def _calc_next_state(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._next.of(self, context))
-
-    def _update_state(self, context: Context, discrete_state: Any) -> None:
-        discrete_state.set_value(self._next.of(self, context))
-
-    def _step(self, context: Context) -> NDArray[np.float64]:
-        """Positions and velocities after a period."""
-        position, velocity = self._halves(context)
-        braked = is_on(self._brake, context)
-        if braked and not velocity.any():
-            return np.concatenate((position, velocity))
-        params, h = self.params, self._period
-        change = -math.expm1(-h / params.time_constant) * (
-            (0.0 if braked else self._goal(context)) - velocity
-        )
-        step = params.acceleration * h
-        limited = np.clip(change, -step, step)
-        # The lag's own integral where it is not limited, and a ramp's where it is.
-        lag = velocity + change / -math.expm1(-h / params.time_constant)
-        travel = np.where(
-            limited == change,
-            lag * h - params.time_constant * change,
-            (velocity + 0.5 * limited) * h,
-        )
-        ahead = position + travel
-        stopped = np.clip(ahead, self._low, self._high)
-        return np.concatenate((stopped, np.where(stopped == ahead, velocity + limited, 0.0)))
-
-    def _goal(self, context: Context) -> NDArray[np.float64]:
-        """Velocities that the drives would reach in the end."""
-        command: Any = self._command.Eval(context)
-        limit = self.params.max_velocity
-        wanted = np.clip(np.where(np.isfinite(command), command, 0.0), -limit, limit)
-        gain: Any = context.get_numeric_parameter(self._gain)
-        offset: Any = context.get_numeric_parameter(self._offset)
-        return gain.value() * wanted + offset.value()
-
-
-def _counted(values: NDArray[np.float64], count: float) -> NDArray[np.float64]:
-    return np.round(values / count) * count if count else values
+    def _add_lag(
+        self, builder: DiagramBuilder, goal: OutputPort, time_step: float
+    ) -> tuple[LinearSystem, OutputPort]:
+        """The lag, and its state one step ahead."""
+        tau, each = self.params.time_constant, np.eye(self._channels)
+        share = -math.expm1(-time_step / tau)
+        by_state: Any = np.kron([[1.0, tau * share], [0.0, 1.0 - share]], each)
+        by_goal: Any = np.kron([[time_step - tau * share], [share]], each)
+        both, none = np.eye(2 * self._channels), np.zeros_like(by_goal)
+        lag = LinearSystem(by_state, by_goal, both, none, time_step)
+        builder.AddSystem(lag)
+        lag.set_name("lag")
+        builder.Connect(goal, lag.get_input_port())
+        ahead = builder.AddSystem(Adder(2, 2 * self._channels))
+        terms = ((by_state, lag.get_output_port()), (by_goal, goal))
+        for i, (matrix, source) in enumerate(terms):
+            part = builder.AddSystem(MatrixGain(matrix))
+            builder.Connect(source, part.get_input_port())
+            builder.Connect(part.get_output_port(), ahead.get_input_port(i))
+        return lag, ahead.get_output_port()

@@ -9,6 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 from parapod.systems.hardware import epos2_objects as objects
+from parapod.systems.hardware.buffered_port import BufferedPort
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.epos2_objects import Entry
 from parapod.systems.hardware.extras import need
@@ -68,6 +69,8 @@ class CanopenBus:
             self._bus = self._can.Bus(ignore_config=True, **options)
         except (self._can.CanError, OSError, ValueError) as error:
             raise self._unplugged(error) from error
+        if hasattr(self._bus, "serialPortOrig"):
+            self._bus.serialPortOrig = BufferedPort(self._bus.serialPortOrig)
         name = f"receive {self._name}"
         self._thread = threading.Thread(target=self._receive, name=name, daemon=True)
         self._thread.start()

@@ -39,11 +39,12 @@ class DeviceError(ParapodError):
     Attributes:
         device: its name and address.
         fault: in which way.
+        words: what it says, in one line and without its name.
     """
 
     def __init__(self, device: str, message: str, fault: DeviceFault = DeviceFault.FAILED):
-        self.device, self.fault = device, fault
-        super().__init__(f"{device}: {' '.join(message.split())}")
+        self.device, self.fault, self.words = device, fault, " ".join(message.split())
+        super().__init__(f"{device}: {self.words}")
 
 
 class Device(ABC):

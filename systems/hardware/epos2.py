@@ -1,4 +1,4 @@
-"""Wheel drives: Maxon motors on EPOS2 24/5 positioning controllers on a CANopen bus."""
+"""Velocity-controlled axes: Maxon motors on EPOS2 24/5 controllers on a CANopen bus."""
 
 import math
 import time
@@ -7,42 +7,55 @@ from contextlib import suppress
 
 from parapod.systems.hardware import epos2_objects as objects
 from parapod.systems.hardware.canopen_bus import CanopenBus
-from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
+from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
 from parapod.systems.hardware.ds402 import Controlword
 from parapod.systems.hardware.epos2_controller import Epos2Controller, Sample
 from parapod.systems.hardware.epos2_setup import Epos2Params, unwrapped
+from parapod.systems.hardware.incremental_device import IncrementalDevice
 
-# How often wheels that should stop are looked at [s].
+# How often axes that should stop are looked at [s].
 _POLL = 0.002
 # A motor that is slower stands still [rpm]: two counts per millisecond of a 500-pulse encoder.
 _STANDSTILL = 60
 
 
-class Epos2(Device):
-    """Velocity-controlled wheels, one controller (node) each, in profile velocity mode.
+class Epos2(IncrementalDevice):
+    """Velocity-controlled axes, one controller (node) each, in profile velocity mode.
 
     | signal | size | unit | meaning |
     |---|---|---|---|
-    | measure `position` | n | rad | of the wheels, as the controllers count since power-on |
-    | measure `velocity` | n | rad/s | of the wheels |
-    | command `velocity_command` | n | rad/s | of the wheels |
+    | measure `position` | n | rad or m | of the axes, as the controllers count since power-on |
+    | measure `velocity` | n | rad/s or m/s | of the axes |
+    | measure `current` | n | A | of the motors, positive where they push; if it is asked for |
+    | command `velocity_command` | n | rad/s or m/s | of the axes |
     | command `brake` | 1 | - | above 0.5: stop and hold |
 
     The brake is the drives' quick stop: they stop on a steeper ramp than a command of zero has,
-    hold the wheels with power, and ignore velocities until `brake` falls, whatever goes wrong on
+    hold the axes with power, and ignore velocities until `brake` falls, whatever goes wrong on
     this side. The position goes on counting, so a release needs no homing. Without power, after
-    `deactivate` or a fault, nothing holds the wheels but the gear's friction.
+    `deactivate` or a fault, nothing holds the axes but the friction of gear and screw.
 
-    This computer's heartbeat guards the wheels from `activate` to `deactivate`: controllers that
-    miss it for `heartbeat_timeout` stop the wheels and go to a fault. The calls of this class
+    **Reference.** The controllers count from zero since their power-on. `position` is absolute
+    when the parameters say where the axes are at `configure`, or after `set_reference`.
+
+    **Limits.** With limits nothing moves before there is a reference, and no command, however
+    wild, drives an axis out of them: see `SoftLimits`. They are kept at every command and at
+    every reading, so also between two commands of a controller that hangs. Axes whose position
+    has not been measured for the limits' `lead` are commanded zero, all of them if one node is
+    silent or has a fault.
+
+    This computer's heartbeat guards the axes from `activate` to `deactivate`: controllers that
+    miss it for `heartbeat_timeout` stop the axes and go to a fault. The calls of this class
     send it, no thread of its own: it must not outlive a thread that hangs. Without power there is
     nothing to guard, and pauses of any length are harmless.
     """
 
+    position_signal = "position"
+
     def __init__(
         self, params: Epos2Params = Epos2Params(), clock: Callable[[], float] = time.monotonic
     ):
-        """Describes the wheels; nothing is opened.
+        """Describes the axes; nothing is opened.
 
         Args:
             params: of the drives and of the bus.
@@ -50,14 +63,25 @@ class Epos2(Device):
         """
         self._params, self._clock = params, clock
         self.name = params.name
-        wheels = len(params.node_ids)
-        self.measures = {"position": wheels, "velocity": wheels}
-        self.commands = {"velocity_command": wheels, "brake": 1}
+        axes = len(params.node_ids)
+        self.measures = {"position": axes, "velocity": axes}
+        if params.measures_current:
+            self.measures["current"] = axes
+        self.commands = {"velocity_command": axes, "brake": 1}
         self._bus: CanopenBus | None = None
         self._controllers: list[Epos2Controller] = []
-        self._is_active = self._is_braked = False
-        self._beaten = -math.inf
+        self._is_active = self._is_braked = self._is_referenced = False
+        self._beaten = self._measured = -math.inf
         self._counts: list[int | None] = []
+        self._offset, self._position = [0.0] * axes, [0.0] * axes
+        self._wanted: Sequence[float] = (0.0,) * axes
+        # Velocities of the motors that have been sent; None: another controlword has.
+        self._sent: list[int | None] | None = None
+
+    @property
+    def is_referenced(self) -> bool:
+        """Whether it is known which positions the counts mean."""
+        return self._is_referenced
 
     def configure(self) -> None:
         """Opens the bus, makes sure of every controller and sets it up, without power.
@@ -76,6 +100,7 @@ class Epos2(Device):
             Epos2Controller(bus, i, params, self._beat, self._clock) for i in params.node_ids
         ]
         self._counts = [None] * len(params.node_ids)
+        self._offset, self._is_referenced = [0.0] * len(params.node_ids), False
         try:
             bus.open(params.bus_options)
             bus.listen(self._report_ids)
@@ -84,20 +109,25 @@ class Epos2(Device):
             for controller in self._controllers:
                 controller.set_up()
             self.read()
+            if params.position_at_start is not None:
+                self.set_reference(params.position_at_start)
         except BaseException:
             self.close()
             raise
 
     def activate(self) -> None:
-        """Enables the drives at zero velocity; the wheels are held from here on.
+        """Enables the drives at zero velocity; the axes are held from here on.
 
         A fault for want of heartbeats is reset, since it tells of this computer's past and not
         of the drive's health.
 
         Raises:
-            DeviceError: a node is silent, refuses, or has another fault.
+            DeviceError: a node is silent, refuses, or has another fault; or there are limits,
+                and nobody knows the positions.
         """
         self._open_bus()
+        if self._params.limits is not None and not self._is_referenced:
+            raise DeviceError(self.name, "nobody knows the positions, and there are limits")
         for controller in self._controllers:
             controller.recover()
         self._is_active, self._is_braked = True, False
@@ -115,31 +145,42 @@ class Epos2(Device):
             raise
 
     def read(self) -> Signals:
-        """Positions and velocities of the wheels at the SYNC that this sends.
+        """What the drives measured at the SYNC that this sends.
 
         Raises:
             DeviceError: a node has a fault or has lost its power, is silent, or sends rubbish.
         """
         self._beat()
-        samples = self._samples()
-        for controller, sample in zip(self._controllers, samples, strict=True):
-            controller.check(sample, self._is_active)
-        pairs = zip(samples, self._counts, strict=True)
-        counts = [unwrapped(sample.counts, previous) for sample, previous in pairs]
-        self._counts = [*counts]
-        return {
-            "position": [self._params.angle(count) for count in counts],
-            "velocity": [self._params.velocity(sample.rpm) for sample in samples],
+        began = self._clock()
+        try:
+            samples = self._samples()
+            for controller, sample in zip(self._controllers, samples, strict=True):
+                controller.check(sample, self._is_active)
+        except DeviceError:
+            with suppress(DeviceError):
+                self._restrain()
+            raise
+        self._position = self._counted(samples)
+        self._measured = began
+        self._restrain()
+        params = self._params
+        directed = list(zip(samples, params.directions, strict=True))
+        signals = {
+            "position": self._position,
+            "velocity": [sign * params.velocity(sample.rpm) for sample, sign in directed],
         }
+        if params.measures_current:
+            signals["current"] = [1e-3 * sign * sample.milliamperes for sample, sign in directed]
+        return signals
 
     def write(self, commands: Signals) -> None:
-        """Commands the wheels; without power, nothing.
+        """Commands the axes; without power, nothing.
 
         Raises:
             DeviceError: the bus is gone.
         """
         self._is_braked = commands["brake"][0] > 0.5
-        self._command([self._params.rpm(v) for v in commands["velocity_command"]])
+        self._command(commands["velocity_command"])
 
     def neutral(self) -> None:
         """Commands zero velocity; the brake stays as it is.
@@ -147,12 +188,12 @@ class Epos2(Device):
         Raises:
             DeviceError: the bus is gone.
         """
-        self._command([0] * len(self._params.node_ids))
+        self._command((0.0,) * len(self._params.node_ids))
 
     def deactivate(self) -> None:
-        """Stops the wheels quickly, waits until they stand, and takes the power away.
+        """Stops the axes quickly, waits until they stand, and takes the power away.
 
-        It takes as long as the wheels take to stop, `Epos2Params.stopping_time` at most.
+        It takes as long as the axes take to stop, `Epos2Params.stopping_time` at most.
 
         Raises:
             DeviceError: a node is silent; the others have obeyed.
@@ -172,7 +213,7 @@ class Epos2(Device):
                 controller.guard(False)
 
     def close(self) -> None:
-        """Stops the wheels, takes their power and closes the bus; never raises."""
+        """Stops the axes, takes their power and closes the bus; never raises."""
         with suppress(Exception):
             self.deactivate()
         bus, self._bus = self._bus, None
@@ -201,20 +242,60 @@ class Epos2(Device):
         frames = self._open_bus().synchronise(self._report_ids, self._params.timeout)
         return [controller.sample(frames) for controller in self._controllers]
 
-    def _command(self, rpm: Sequence[int]) -> None:
+    def _set_reference(self, values: Sequence[float]) -> None:
+        self._offset = [0.0] * len(values)
+        counted = self._counted(self._samples())
+        self._offset = [value - since for value, since in zip(values, counted, strict=True)]
+        self._position = [*values]  # the limits are kept from now on
+        self._is_referenced = True
+
+    def _counted(self, samples: Sequence[Sample]) -> list[float]:
+        """Positions of the axes, with their reference if there is one."""
+        pairs = zip(samples, self._counts, strict=True)
+        counts = [unwrapped(sample.counts, previous) for sample, previous in pairs]
+        self._counts = [*counts]
+        params = self._params
+        axes = zip(counts, params.directions, self._offset, strict=True)
+        return [offset + sign * params.position(count) for count, sign, offset in axes]
+
+    def _command(self, velocities: Sequence[float]) -> None:
         """Sends velocities to drives that have power."""
         self._beat()
+        self._wanted = velocities
         if not self._is_active:
             self._send(Controlword.DISABLE_VOLTAGE)
         elif self._is_braked:
             self._send(Controlword.QUICK_STOP)
         else:
-            self._send(Controlword.ENABLE_OPERATION, rpm)
+            self._send(Controlword.ENABLE_OPERATION, self._targets())
 
-    def _send(self, word: Controlword, rpm: Sequence[int] | None = None) -> None:
-        targets = [0] * len(self._controllers) if rpm is None else rpm
-        for controller, target in zip(self._controllers, targets, strict=True):
-            controller.command(word, target)
+    def _restrain(self) -> None:
+        """Slows down axes that have come closer to a limit since they were commanded."""
+        if self._params.limits is None or self._sent is None:
+            return
+        targets = self._targets()
+        for i, (controller, target) in enumerate(zip(self._controllers, targets, strict=True)):
+            if target != self._sent[i]:
+                controller.command(Controlword.ENABLE_OPERATION, target)
+                self._sent[i] = target
+
+    def _targets(self) -> list[int]:
+        """Velocities of the motors [rpm] for those that are wanted of the axes."""
+        params, velocities = self._params, self._wanted
+        if (limits := params.limits) is not None:
+            is_known = self._clock() - self._measured <= limits.lead
+            allowed = limits.allowed(velocities, self._position)
+            velocities = allowed if is_known else [0.0] * len(allowed)
+        pairs = zip(velocities, params.directions, strict=True)
+        return [sign * params.rpm(velocity) for velocity, sign in pairs]
+
+    def _send(self, word: Controlword, rpm: Sequence[int] = ()) -> None:
+        """Sends a controlword to all drives, with velocities if it lets them move."""
+        self._sent = None if not rpm else [None] * len(rpm)
+        for i, controller in enumerate(self._controllers):
+            controller.command(word, rpm[i] if rpm else 0)
+            if self._sent is not None:
+                self._sent[i] = rpm[i]
 
     def _wait_for_standstill(self) -> None:
         deadline = self._clock() + self._params.stopping_time

@@ -20,7 +20,6 @@ from parapod.systems.hardware.epos2_setup import Epos2Params, settings
 
 # How often a state that is waited for is asked for [s].
 _POLL = 0.002
-_REPORTS = (objects.STATUS, objects.MOTION)
 
 
 class Sample(NamedTuple):
@@ -30,11 +29,13 @@ class Sample(NamedTuple):
         state: of the drive; None if the statusword has none of CiA 402's patterns.
         counts: position of the motor.
         rpm: velocity of the motor.
+        milliamperes: current of the motor; 0 if it is not measured.
     """
 
     state: DriveState | None
     counts: int
     rpm: int
+    milliamperes: int = 0
 
 
 class Epos2Controller:
@@ -63,7 +64,7 @@ class Epos2Controller:
     @property
     def report_ids(self) -> list[int]:
         """Identifiers of the frames that answer SYNC."""
-        return [pdo.base + self._id for pdo in _REPORTS]
+        return [pdo.base + self._id for pdo in self._params.reports]
 
     def identify(self) -> None:
         """Makes sure that the node is what it should be."""
@@ -131,15 +132,16 @@ class Epos2Controller:
 
     def poll(self) -> Sample:
         """Asks for the newest sample by service data."""
-        statusword, counts, rpm = (
-            self._get(entry) for entry in (objects.STATUSWORD, objects.POSITION, objects.VELOCITY)
-        )
-        return Sample(state_of(statusword), counts, rpm)
+        entries = (entry for pdo in self._params.reports for entry in pdo.entries)
+        statusword, *rest = (self._get(entry) for entry in entries)
+        return Sample(state_of(statusword), *rest)
 
     def sample(self, frames: Mapping[int, bytes]) -> Sample:
         """The sample that the node's frames carry."""
         try:
-            reports = [pdo.unpack(frames[pdo.base + self._id]) for pdo in _REPORTS]
+            status, motion = (
+                pdo.unpack(frames[pdo.base + self._id]) for pdo in self._params.reports
+            )
         except KeyError:
             code = self._bus.emergency(self._id)
             if code is not None:
@@ -150,8 +152,8 @@ class Epos2Controller:
             raise self._error(
                 f"sends frames of wrong length: {error}", DeviceFault.CORRUPT
             ) from None
-        (statusword, counts), (rpm,) = reports
-        return Sample(state_of(statusword), counts, rpm)
+        statusword, counts = status
+        return Sample(state_of(statusword), counts, *motion)
 
     def check(self, sample: Sample, is_active: bool) -> None:
         """Refuses what a drive measures that does not do what it should."""

@@ -1,4 +1,4 @@
-"""Parameters of wheel drives on EPOS2 controllers, and the settings that they become."""
+"""Parameters of drives on EPOS2 controllers, and the settings that they become."""
 
 import math
 from collections.abc import Iterator
@@ -8,6 +8,7 @@ from typing import Any
 from parapod.systems.elementwise import clamp
 from parapod.systems.hardware import epos2_objects as objects
 from parapod.systems.hardware.epos2_objects import Entry, Pdo
+from parapod.systems.hardware.soft_limits import SoftLimits
 
 type Setting = tuple[Entry, int]
 
@@ -16,25 +17,35 @@ _RPM = 2.0 * math.pi / 60.0  # [rad/s]
 
 @dataclass(frozen=True)
 class Epos2Params:
-    """Motors with gear and encoder on EPOS2 24/5 controllers, and the bus that they are on.
+    """Axes driven by motors on EPOS2 24/5 controllers, and the bus that they are on.
+
+    An axis turns or is pushed: its unit below is rad or m. The defaults are the levelling
+    platform's wheels.
 
     Attributes:
         interface: of python-can: "slcan" (serial adapter), "socketcan", or "virtual" (tests).
         channel: of the interface: a serial port, a network interface, any name.
         bitrate: of the bus [bit/s] (EPOS2's default); socketcan has its own.
-        node_ids: of the controllers, in the order of the wheels.
-        gear: reduction between motor and wheel [-] (section 2.1 of the paper).
+        node_ids: of the controllers, in the order of the axes.
+        gear: by how much the motor turns [rad] for one unit of the axis: the reduction for a
+            wheel (section 2.1 of the paper), 2 pi reduction / lead for a screw.
+        signs: 1 or -1 of each axis, -1 where the motor's positive direction is the axis's
+            negative one; empty: all 1.
         counts_per_turn: encoder counts per turn of the motor [-] (assumption: 500 pulses, of
             which the EPOS2 counts all four edges).
-        max_velocity: largest velocity of a wheel [rad/s] (assumption: 8000 rpm at the motor).
-        acceleration: of a wheel that speeds up [rad/s^2] (assumption).
-        deceleration: of a wheel that slows down [rad/s^2] (assumption).
-        quick_stop_deceleration: of a wheel that brakes [rad/s^2] (assumption).
+        max_velocity: largest velocity of an axis [unit/s] (assumption: 8000 rpm at the motor).
+        acceleration: of an axis that speeds up [unit/s^2] (assumption).
+        deceleration: of an axis that slows down [unit/s^2] (assumption).
+        quick_stop_deceleration: of an axis that brakes [unit/s^2] (assumption).
+        measures_current: whether the motors' currents are measured as well.
+        position_at_start: of the axes when the device is configured [unit]; None: not known.
+        limits: that no axis leaves; None: none.
         is_synchronous: reads by SYNC and process data, 2 frames per node; otherwise by service
-            data, 6 frames per node one after another, for buses on which others send SYNC.
+            data, 6 frames per node one after another and 2 more for the current, for buses on
+            which others send SYNC.
         master_id: node id under which this computer sends its heartbeat.
         heartbeat_period: least time between two heartbeats [s].
-        heartbeat_timeout: silence after which the controllers stop the wheels by themselves [s];
+        heartbeat_timeout: silence after which the controllers stop the axes by themselves [s];
             with the time for the quick stop it should be less than 0.2 s.
         timeout: of process data [s].
         sdo_timeout: of service data [s].
@@ -49,11 +60,15 @@ class Epos2Params:
     bitrate: int = 1_000_000
     node_ids: tuple[int, ...] = (1, 2, 3, 4)
     gear: float = 26.0
+    signs: tuple[int, ...] = ()
     counts_per_turn: int = 2000
     max_velocity: float = 8000.0 * _RPM / 26.0
     acceleration: float = 20.0
     deceleration: float = 20.0
     quick_stop_deceleration: float = 100.0
+    measures_current: bool = False
+    position_at_start: tuple[float, ...] | None = None
+    limits: SoftLimits | None = None
     is_synchronous: bool = True
     master_id: int = 127
     heartbeat_period: float = 0.02
@@ -72,6 +87,14 @@ class Epos2Params:
                 f"heartbeat_timeout must be two periods ({self.heartbeat_period} s) or more, "
                 f"not {self.heartbeat_timeout} s"
             )
+        axes = len(self.node_ids)
+        if self.signs and (len(self.signs) != axes or set(self.signs) - {1, -1}):
+            raise ValueError(f"signs must be {axes} times 1 or -1, not {self.signs}")
+        start = self.position_at_start
+        if start is not None and not (len(start) == axes and all(map(math.isfinite, start))):
+            raise ValueError(f"position_at_start must be {axes} finite values, not {start}")
+        if self.limits is not None and len(self.limits.lower) != axes:
+            raise ValueError(f"limits must be {axes}, not {len(self.limits.lower)}")
 
     @property
     def name(self) -> str:
@@ -88,19 +111,30 @@ class Epos2Params:
             options["sleep_after_open"] = self.opening_pause
         return options
 
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """The sign of each axis."""
+        return self.signs or (1,) * len(self.node_ids)
+
+    @property
+    def reports(self) -> tuple[Pdo, Pdo]:
+        """The process data with which a node answers SYNC."""
+        motion = objects.MOTION_AND_CURRENT if self.measures_current else objects.MOTION
+        return objects.STATUS, motion
+
     def rpm(self, velocity: float) -> int:
-        """Velocity of the motor [rpm] of that of a wheel [rad/s], limited; 0 if not finite."""
+        """Velocity of the motor [rpm] of that of an axis [unit/s], limited; 0 if not finite."""
         if not math.isfinite(velocity):
             return 0
         limited = clamp(velocity, -self.max_velocity, self.max_velocity)
         return round(limited * self.gear / _RPM)
 
     def velocity(self, rpm: float) -> float:
-        """Velocity of a wheel [rad/s] of that of its motor [rpm]."""
+        """Velocity of an axis [unit/s] of that of its motor [rpm]."""
         return rpm * _RPM / self.gear
 
-    def angle(self, counts: float) -> float:
-        """Angle of a wheel [rad] of the counts of its motor's encoder."""
+    def position(self, counts: float) -> float:
+        """Position of an axis [unit] of the counts of its motor's encoder."""
         return counts * 2.0 * math.pi / (self.counts_per_turn * self.gear)
 
     @property
@@ -131,7 +165,7 @@ def settings(params: Epos2Params, node_id: int) -> Iterator[Setting]:
     yield objects.HEARTBEAT_PRODUCED, 0
     for index in objects.UNUSED:
         yield Entry(index, 1, "<I"), _unused_id(index, node_id) | objects.NOT_VALID
-    for pdo in objects.PDOS:
+    for pdo in (objects.COMMAND, *params.reports):
         yield from _mapping(pdo, node_id)
 
 

@@ -16,7 +16,7 @@ _LOG = logging.getLogger(__name__)
 COMMAND_TIMEOUT = 0.1
 # A reading is begun so early that this share of all readings has ended, with a margin [s], when
 # its samples are taken; and at most this share of the period before.
-_IN_TIME = 0.95
+_IN_TIME = 0.98
 _MARGIN = 5e-4
 _LARGEST_LEAD = 0.7
 # By how much the estimate of what a reading takes follows each one [s].
@@ -34,7 +34,7 @@ class Sample(NamedTuple):
         values: of its signals; empty before the first.
         stamp: `time.monotonic` when the reading of them began [s].
         fault: what is wrong since then.
-        words: what the device says about it; "" if nothing is wrong.
+        words: what the device says about it, without its name; "" if nothing is wrong.
     """
 
     values: Mapping[str, tuple[float, ...]]
@@ -56,7 +56,8 @@ class DeviceThread:
     late that it ends just before they are taken again. Without a loop the readings are periodic.
 
     Samples and commands are tuples that are swapped whole. When no command has come for
-    `command_timeout`, the outputs are made neutral: a controller that hangs moves nothing. What
+    `command_timeout`, the outputs are made neutral: a controller that hangs moves nothing, unless
+    it hangs in compiled code that keeps Python's lock, and this thread waits for it. What
     the device raises becomes the sample's fault; the thread goes on and tries again, and a device
     that answers again has no fault any more.
 
@@ -80,7 +81,7 @@ class DeviceThread:
         """
         self.device, self.period = device, period
         self._timeout, self._clock = command_timeout, clock
-        self._sample = Sample({}, clock(), DeviceFault.SILENT, f"{device.name}: no sample yet")
+        self._sample = self._no_sample()
         self._command: _Command | None = None
         self._written: _Command | None = None
         self._is_neutral = True
@@ -98,6 +99,14 @@ class DeviceThread:
         if wrong is None or sample.fault:
             return sample
         return sample._replace(fault=wrong[0], words=wrong[1])
+
+    @property
+    def error(self) -> DeviceError | None:
+        """What is wrong with the device by now, to be raised; None if nothing is."""
+        sample = self.sample
+        if not sample.fault:
+            return None
+        return DeviceError(self.device.name, sample.words, sample.fault)
 
     @property
     def write_ages(self) -> list[float]:
@@ -131,17 +140,16 @@ class DeviceThread:
         """
         self._stopping.clear()
         self._has_sample.clear()
+        self._sample = self._no_sample()
         self._command = self._written = self._write_words = None
         self._is_neutral = True
         self.device.activate()
         name = f"io {self.device.name}"
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
-        if not self._has_sample.wait(timeout):
-            shown = self._sample
+        if not self._has_sample.wait(timeout) and (error := self.error) is not None:
             self.stop()
-            words = shown.words.removeprefix(f"{self.device.name}: ")
-            raise DeviceError(self.device.name, words, shown.fault or DeviceFault.SILENT)
+            raise error
 
     def stop(self) -> None:
         """Ends the thread and deactivates the device; never raises."""
@@ -154,6 +162,9 @@ class DeviceThread:
             self.device.deactivate()
         except Exception as error:  # close() is still to come, and other devices too
             _LOG.warning("%s", error)
+
+    def _no_sample(self) -> Sample:
+        return Sample({}, self._clock(), DeviceFault.SILENT, "no sample yet")
 
     def _run(self) -> None:
         self._due = self._clock()
@@ -192,32 +203,34 @@ class DeviceThread:
         self._reading_time += _LEARNING * (_IN_TIME if longer else _IN_TIME - 1.0)
 
     def _write(self, command: _Command) -> None:
-        self._written = command
+        # Before the write: one that fails half way may have moved something already.
+        self._written, self._is_neutral = command, False
         try:
             self.device.write(command.signals)
         except Exception as error:
             self._write_words = _described(self.device, error)
             return
-        self._write_words, self._is_neutral = None, False
+        self._write_words = None
         self._write_ages.append(self._clock() - command.measured)
 
     def _fall_silent(self) -> None:
         if self._is_neutral:
             return
-        words = f"{self.device.name}: no command for {self._timeout:g} s; outputs are neutral"
+        words = f"no command for {self._timeout:g} s"
         try:
             self.device.neutral()
             self._is_neutral = True
+            words = f"{words}; outputs are neutral"
         except Exception as error:
-            words = f"{words[: words.index(';')]}, and {error}"
+            words = f"{words}, and {_described(self.device, error)[1]}"
         self._write_words = DeviceFault.NO_COMMAND, words
 
 
 def _described(device: Device, error: Exception) -> tuple[DeviceFault, str]:
-    """Code and words of what a device has raised."""
+    """Code and words of what a device has raised; another device than itself is named."""
     if isinstance(error, DeviceError):
-        return error.fault, str(error)
+        return error.fault, error.words if error.device == device.name else str(error)
     if not isinstance(error, ParapodError):
         _LOG.error("%s", device.name, exc_info=error)
     text = " ".join(f"{type(error).__name__} {error}".split())
-    return DeviceFault.FAILED, f"{device.name}: {text}"
+    return DeviceFault.FAILED, text

@@ -4,7 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
-from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
+from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
+from parapod.systems.hardware.incremental_device import IncrementalDevice
 from parapod.systems.hardware.ni_params import NiDaqParams, expand_channels
 from parapod.systems.hardware.ni_tasks import NiTasks
 
@@ -15,7 +16,7 @@ _COUNTS = 2**32
 _SET = 0.5
 
 
-class NiDaq(Device):
+class NiDaq(IncrementalDevice):
     """Motor drivers with analog inputs, encoders and limit switches on one card.
 
     | signal | size | unit | meaning |
@@ -33,7 +34,7 @@ class NiDaq(Device):
     **Reference.** Incremental encoders know no absolute position: the counters begin at zero when
     the device is configured, and lose everything when it is closed. `extension` is the way since
     then, plus `extension_at_start` if the machine is known to stand there (all actuators
-    retracted, say); else it is worth nothing until `set_extension` has told what the present
+    retracted, say); else it is worth nothing until `set_reference` has told what the present
     counts mean: see `is_referenced`. Counts are followed through the wrap of the counters, if
     less than half of their range lies between two reads. The resolution of `velocity` is one
     count in the time between the reads.
@@ -55,6 +56,8 @@ class NiDaq(Device):
     Attributes:
         params: the settings.
     """
+
+    position_signal = "extension"
 
     def __init__(self, params: NiDaqParams = NiDaqParams()):
         self.params = params
@@ -97,19 +100,7 @@ class NiDaq(Device):
             tasks.close()
             raise
 
-    def set_extension(self, values: Sequence[float]) -> None:
-        """Makes the present counts mean these extensions.
-
-        Args:
-            values: what the extensions are now [m], as known from a reference: the ends of the
-                strokes, or a measurement by hand.
-
-        Raises:
-            DeviceError: the counters cannot be read.
-            ValueError: not n finite values.
-        """
-        if len(values) != self._size or not all(map(math.isfinite, values)):
-            raise ValueError(f"{self._size} finite extensions are needed, not {tuple(values)}")
+    def _set_reference(self, values: Sequence[float]) -> None:
         self._reference(self._begin(), values)
 
     def activate(self) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem, State
 
-from parapod.systems.hardware.device import DeviceError, DeviceFault
+from parapod.systems.hardware.device import DeviceFault
 from parapod.systems.hardware.io_thread import DeviceThread
 
 # Measurements that are older than this are shown as NaN, which no controller follows [s].
@@ -72,9 +72,8 @@ class PartReader(LeafSystem):
             DeviceError: a device has a fault.
         """
         for thread in self._threads:
-            if thread.sample.fault:
-                words = thread.sample.words.removeprefix(f"{thread.device.name}: ")
-                raise DeviceError(thread.device.name, words, thread.sample.fault)
+            if (error := thread.error) is not None:
+                raise error
         for index, values in enumerate(self._taken()):
             context.SetDiscreteState(index, values)
 

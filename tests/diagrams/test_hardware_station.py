@@ -13,7 +13,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import InputPortIndex, OutputPortIndex
 
-from parapod.diagrams.drivers.driver import Driver
+from parapod.diagrams.drivers.driver import Driver, PartPorts
 from parapod.diagrams.hardware_scenario import (
     Adis16448SpiImu,
     Epos2Wheels,
@@ -192,8 +192,22 @@ CARD = "PXIe-6363 PXI1Slot2 at unix:"
             r"!NiDaqLegs of legs: each of the 4 outputs needs one counter, not .*",
         ),
         (
-            with_fakes(NiDaqLegs(counters="PXI1Slot2/ctr0:2", outputs="PXI1Slot2/ao0:2")),
+            with_fakes(
+                NiDaqLegs(
+                    counters="PXI1Slot2/ctr0:2",
+                    outputs="PXI1Slot2/ao0:2",
+                    extension_at_start_mm=[410.0] * 4,
+                )
+            ),
             r"!NiDaqLegs of legs: extension_at_start must be 3 finite values, not .*",
+        ),
+        (
+            with_fakes(NiDaqLegs(extension_file="")),
+            r"!NiDaqLegs of legs: without extension_file it needs extension_at_start_mm",
+        ),
+        (
+            with_fakes(SabertoothLegs(), NiDaqEncoders(extension_file="")),
+            r"!NiDaqEncoders of legs: without extension_file it needs extension_at_start_mm",
         ),
         (
             with_fakes(NiDaqLegs(inputs="PXI1Slot2/port0/line0:10")),
@@ -361,9 +375,10 @@ def test_without_its_library_every_driver_says_what_to_install(tmp_path):
             except MissingExtra as error:
                 return str(error)
 
+        measured = {"extension_at_start_mm": [410.0] * 4}
         print(json.dumps({
             "NiDaqLegs": said(NiDaqLegs()),
-            "NiDaqLegs, here": said(NiDaqLegs(target="", extension_file="")),
+            "NiDaqLegs, here": said(NiDaqLegs(target="", extension_file="", **measured)),
             "NiDaqEncoders": said(NiDaqEncoders(), _Still("legs", ("measures",))),
             "SabertoothLegs": said(SabertoothLegs(), _Still("legs")),
             "Epos2Wheels": said(Epos2Wheels()),
@@ -541,22 +556,47 @@ def test_the_loop_begins_with_neutral_commands_and_without_a_jump(loop):
 # Emulation
 
 
-@pytest.mark.parametrize("kept", ["emulator/extensions.json", "mine.json", ""])
-def test_an_emulated_card_forgets_the_emulators_extensions_and_no_other_file(
-    tmp_path, monkeypatch, kept
-):
+@pytest.fixture
+def emulated_card(tmp_path, monkeypatch):
+    """emulated_card(driver): files known before, with what they say after it is emulated."""
+    pytest.importorskip("nidaqmx")
     monkeypatch.setenv("PARAPOD_EMULATOR", str(tmp_path / "emulator"))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "emulator").mkdir()
-    files = {tmp_path / "emulator" / "extensions.json", tmp_path / "mine.json"}
-    for file in files:
-        file.write_text("{}")
-    harness = Harness({spec.name: spec.size for spec in (*INPUTS, *OUTPUTS)})
-    NiDaqLegs(extension_file=kept).emulate(harness, Misbehaviour())
-    gone = {tmp_path / kept} if kept.startswith("emulator/") else set()
-    assert {file for file in files if not file.exists()} == gone
+
+    def emulate(driver):
+        files = ("emulator/extensions.json", "mine.json")
+        for file in files:
+            (tmp_path / file).write_text('{"extension_m": null}')
+        harness = Harness({spec.name: spec.size for spec in (*INPUTS, *OUTPUTS)})
+        harness.set("legs.extension", EXTENSION)
+        driver.emulate(harness, Misbehaviour())
+        return {file: json.loads((tmp_path / file).read_text())["extension_m"] for file in files}
+
+    return emulate
+
+
+@pytest.mark.parametrize("kind", [NiDaqLegs, NiDaqEncoders])
+def test_an_emulated_card_knows_the_extensions_of_the_emulated_machine(emulated_card, kind):
+    said = emulated_card(kind(extension_file="emulator/extensions.json"))
+    assert said == {"emulator/extensions.json": list(EXTENSION), "mine.json": None}
+
+
+@pytest.mark.parametrize("kept", ["mine.json", ""])
+def test_an_emulated_card_leaves_the_file_of_another_machine_alone(emulated_card, kept):
+    said = emulated_card(NiDaqLegs(extension_file=kept, extension_at_start_mm=[410.0] * 4))
+    assert set(said.values()) == {None}
+
+
+def test_nobody_guesses_the_extensions_of_a_machine():
+    assert NiDaqLegs().extension_at_start_mm is None
+    card = NiDaqLegs().make(PartPorts({}, {}))
+    assert card.device.params.extension_at_start is None
+    measured = NiDaqLegs(extension_at_start_mm=[400.0, 401.0, 402.0, 403.0])
+    card = measured.make(PartPorts({}, {}))
+    assert card.device.params.extension_at_start == pytest.approx((0.4, 0.401, 0.402, 0.403))
 
 
 def test_default_drivers_are_those_of_the_emulator():
-    drivers = HardwareScenario().drivers
+    drivers = LevellingScenario().hardware.drivers
     assert [type(driver) for driver in drivers[:3]] == [NiDaqLegs, Adis16448SpiImu, Epos2Wheels]

@@ -32,6 +32,7 @@ class Scenario:
     gain: float = 1.0
     friction: float | None = quantity(None, 0.0, 2.0)
     offsets: list[float] = quantity([0.0, 0.0, 0.0, 0.0], -0.1, 0.1, length=4)
+    starts: list[float] | None = quantity(None, 0.0, 1.0, length=4)
     counts: list[int] = quantity([1], 0, 9)
     ground: Ground = field(default_factory=Ground)
     gust: Ground | None = None
@@ -119,6 +120,10 @@ def test_optional_values_can_be_set_and_unset(load):
     assert load(overrides=["friction=0.5"]).friction == 0.5
     assert load("friction: null\n", default="friction: 0.5\n").friction is None
     assert load(overrides=["gust.roll_deg=3"]).gust == Ground(roll_deg=3.0)
+    starts = [0.1, 0.2, 0.3, 0.4]
+    assert load("starts: [0.1, 0.2, 0.3, 0.4]\n").starts == starts
+    assert load(overrides=["starts=[0.1, 0.2, 0.3, 0.4]", "starts.1=1"]).starts[1] == 1.0
+    assert load("starts: null\n", default="starts: [0, 0, 0, 0]\n").starts is None
 
 
 def test_loading_does_not_change_the_schemas_defaults(load):
@@ -151,8 +156,10 @@ def test_a_dumped_scenario_loads_as_an_equal_one(load):
 
 
 def test_none_survives_the_round_trip_over_a_default_file_that_sets_a_value(load):
-    scenario = load("friction: null\n", default="friction: 0.5\n")
-    assert load(dump_scenario(scenario), default="friction: 0.5\n") == scenario
+    default = "friction: 0.5\nstarts: [0, 0, 0, 0]\n"
+    scenario = load("friction: null\nstarts: null\n", default=default)
+    assert scenario.starts is None
+    assert load(dump_scenario(scenario), default=default) == scenario
 
 
 def test_a_dump_keeps_the_schemas_order_and_lists_of_numbers_on_one_line():
@@ -248,6 +255,12 @@ def test_the_error_carries_the_key(load):
         ("label=3", "label must be text, not 3"),
         ("offsets=3", "offsets must be a list of 4 numbers, not 3"),
         ("offsets=[0, 0, 0]", "offsets must be a list of 4 numbers, not [0, 0, 0]"),
+        ("starts=3", "starts must be a list of 4 numbers, not 3"),
+        ("starts=[0, 0, 0]", "starts must be a list of 4 numbers, not [0, 0, 0]"),
+        ("starts=[0, 0, 0, null]", "starts.3 must be a number, not null"),
+        ("starts=[0, 0, 0, 2]", "starts.3 = 2 is outside 0..1"),
+        ("starts.0=0.1", "starts is null; give it whole, a list of 4 numbers"),
+        ("offsets=null", "offsets must be a list of 4 numbers, not null"),
         ("script={}", "script must be a list of mappings, not {}"),
         ("ground=3", "'ground' must be a mapping with keys pitch_deg, roll_deg, not 3"),
         ("ground=!Hill {roll_deg: 1}", "ground must not have a tag, not '!Hill'"),

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 import pytest
 
 from parapod.diagrams.hardware_scenario import DRIVERS, HardwareScenario
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.machines import MACHINES
 from parapod.diagrams.scenario import check, dump_scenario, load_scenario, quantity
 from parapod.diagrams.scenario_tree import Variant
 from parapod.systems.errors import ScenarioError
@@ -280,10 +282,12 @@ def test_an_object_that_is_no_variant_is_refused():
 # The drivers of hardware
 
 
-def test_the_default_drivers_survive_the_round_trip(write):
-    scenario = HardwareScenario()
+@pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.experiment)
+def test_the_default_drivers_survive_the_round_trip(write, machine):
+    scenario = machine.scenario()
+    assert scenario.hardware.drivers
     file = write(dump_scenario(scenario))
-    assert load_scenario(HardwareScenario, write("", "default.yaml"), file) == scenario
+    assert load_scenario(machine.scenario, write("", "default.yaml"), file) == scenario
 
 
 @pytest.mark.parametrize("driver", DRIVERS, ids=lambda driver: driver.__name__)
@@ -294,7 +298,6 @@ def test_every_driver_can_be_chosen_by_its_tag(write, driver):
 
 
 def test_a_drivers_setting_is_overridden_by_its_number(write):
-    scenario = load_scenario(
-        HardwareScenario, write("", "default.yaml"), None, ["drivers.2.node_ids=[5, 6, 7, 8]"]
-    )
-    assert scenario.drivers[2].node_ids == [5, 6, 7, 8]
+    override = ["hardware.drivers.2.node_ids=[5, 6, 7, 8]"]
+    scenario = load_scenario(LevellingScenario, write("", "default.yaml"), None, override)
+    assert scenario.hardware.drivers[2].node_ids == [5, 6, 7, 8]

@@ -1,8 +1,9 @@
+import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 
-from parapod.diagrams.wiring import add, connect
+from parapod.diagrams.wiring import add, connect, split_states
 from parapod.systems.errors import WiringError
 
 
@@ -21,3 +22,19 @@ def test_source_of_an_exported_port_is_refused():
     builder.ExportInput(sink.get_input_port(), "outside")
     with pytest.raises(WiringError, match="'sink' is wired already"):
         connect(builder, source.get_output_port(), sink.get_input_port())
+
+
+@pytest.mark.parametrize("groups", [1, 2, 3, 6])
+def test_states_are_split_into_positions_and_velocities_of_each_group(groups):
+    builder = DiagramBuilder()
+    positions, velocities = np.arange(6.0), 10.0 + np.arange(6.0)
+    states = add(builder, ConstantVectorSource(np.concatenate((positions, velocities))))
+    for i, port in enumerate(split_states(builder, "parts", states.get_output_port(), groups)):
+        builder.ExportOutput(port, str(i))
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    size = 6 // groups
+    for i in range(groups):
+        part = slice(i * size, (i + 1) * size)
+        expected = np.concatenate((positions[part], velocities[part]))
+        np.testing.assert_array_equal(diagram.get_output_port(i).Eval(context), expected)

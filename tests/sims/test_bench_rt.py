@@ -12,6 +12,7 @@ from rich.console import Console
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.bench_rt import Punctuality, bench_real_time, print_punctuality, wake_up_latency
 from parapod.sims.cli import main
+from parapod.sims.real_time import RealTimeLoop
 
 KEYS = {
     "rate_hz",
@@ -106,6 +107,20 @@ def test_each_rate_is_run_for_its_time():
     assert (result.cost > 0.0).all()
     assert result.missed < 50
     assert scenario.control.period == LevellingScenario().control.period
+
+
+def test_the_figures_are_of_all_ticks_however_many(monkeypatch):
+    made = []
+
+    class Remembered(RealTimeLoop):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            made.append(self)
+
+    monkeypatch.setattr("parapod.sims.bench_rt.RealTimeLoop", Remembered)
+    console = Console(file=io.StringIO())
+    bench_real_time(LevellingScenario(backend="mock"), [50.0], 1.0, console)
+    assert made[0].timing.late.maxlen is None
 
 
 def test_the_command_prints_a_table_and_writes_the_figures(tmp_path, monkeypatch, capsys):

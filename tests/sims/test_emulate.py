@@ -6,9 +6,6 @@ import itertools
 import json
 import os
 import re
-import shutil
-import signal
-import struct
 import subprocess
 import sys
 import tempfile
@@ -28,8 +25,7 @@ from parapod.diagrams.drivers.driver import Driver
 from parapod.diagrams.hardware_parts import make_parts
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
-from parapod.diagrams.levelling_platform.hardware_station import MEASURED
-from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS
+from parapod.diagrams.levelling_platform.machine import LEVELLING_PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.cli import main
 from parapod.sims.experiment import RunOptions
@@ -37,99 +33,19 @@ from parapod.sims.hardware_job import run_on_hardware
 from parapod.sims.mcap_log import read_mcap
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulators.misbehaviour import KINDS
-from parapod.systems.hardware.emulators.shared_harness import SharedHarness
-from parapod.systems.hardware.extension_memory import ExtensionMemory
 from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
 for library in ("nidaqmx", "grpc", "canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)
 
-PARAPOD = (sys.executable, "-m", "parapod.sims")
-SIZES = {spec.name: spec.size for spec in (*INPUTS, *OUTPUTS)}
 # Where programs may not have a priority, others delay heartbeats by more than a wheel bears.
 PATIENT = "hardware.drivers.2.heartbeat_timeout_ms=500"
 PARTS = ("arm", "imu", "legs", "turntable", "wheels")
 
 
-def until(condition, timeout):
-    end = time.monotonic() + timeout
-    while not condition():
-        if time.monotonic() > end:
-            return False
-        time.sleep(1e-3)
-    return True
-
-
-class Emulator:
-    """`parapod emulate` in a process group of its own."""
-
-    def __init__(self, *options):
-        # A socket's path is short, which pytest's folders are not.
-        self.directory = Path(tempfile.mkdtemp(prefix="pp", dir="/tmp"))
-        self.log = self.directory / "emulator.mcap"
-        self.environment = os.environ | {"PARAPOD_EMULATOR": str(self.directory / "e")}
-        command = (*PARAPOD, "emulate", "level", "--backend", "kinematic", "--log", self.log)
-        self.process = subprocess.Popen(
-            (*command, *options),
-            env=self.environment,
-            stdin=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            bufsize=1,
-            start_new_session=True,
-        )
-        self.said = []
-        threading.Thread(target=self._listen, daemon=True).start()
-        if not until(lambda: any(line.startswith("ready") for line in self.said), 60.0):
-            self.end()
-            pytest.fail(f"the emulator does not begin: {self.said}")
-        self.wires = SharedHarness(self.directory / "e" / "wires", SIZES, PARTS)
-
-    def _listen(self):
-        for line in self.process.stderr:
-            self.said.append(line.strip())
-
-    def misbehave(self, part, kind):
-        """Returns when the devices do it."""
-        line = f"{part} {kind}"
-        count = len(self.said)
-        self.process.stdin.write(f"{line}\n")
-        assert until(lambda: any(said.endswith(line) for said in self.said[count:]), 5.0), line
-
-    @property
-    def has_power(self):
-        return self.wires.get("legs.stop")[0] < 0.5
-
-    @property
-    def is_neutral(self):
-        legs = not self.has_power and self.wires.get("legs.voltage") == (0.0,) * 4
-        speeds = self.wires.get("wheels.velocity_command")
-        return legs and self.wires.get("wheels.brake")[0] > 0.5 and speeds == (0.0,) * 4
-
-    @property
-    def extensions(self):
-        return ExtensionMemory(self.directory / "e" / "extensions.json", 4)
-
-    def measure_extensions(self):
-        """What an operator does after a run that did not end in peace."""
-        self.extensions.save(self.wires.get("legs.extension"))
-
-    def end(self):
-        self.process.terminate()
-        try:
-            self.process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            os.killpg(self.process.pid, signal.SIGKILL)
-            self.process.wait()
-        self.process.stdin.close()
-        shutil.rmtree(self.directory, ignore_errors=True)
-
-
 @pytest.fixture(scope="module")
-def machine():
-    emulator = Emulator()
-    yield emulator
-    emulator.end()
+def machine(emulate):
+    return emulate()
 
 
 @pytest.fixture
@@ -140,7 +56,7 @@ def here(machine, monkeypatch):
     yield machine
     for part in ("imu", "legs", "wheels"):
         machine.misbehave(part, "well")
-    machine.measure_extensions()
+    machine.measure_legs()
 
 
 @contextmanager
@@ -162,25 +78,6 @@ def looked_at(machine):
     finally:
         stopping.set()
         thread.join()
-
-
-def stamped(path, name):
-    """Wall clock [s] and values of one port, also of a log that is being written."""
-    stream_reader = pytest.importorskip("mcap.stream_reader")
-    exceptions = pytest.importorskip("mcap.exceptions")
-    channel, stamps, rows = None, [], []
-    with open(path, "rb") as stream:
-        try:
-            for record in stream_reader.StreamReader(stream).records:
-                kind = type(record).__name__
-                if kind == "Channel" and record.topic == name:
-                    channel = record.id
-                elif kind == "Message" and record.channel_id == channel:
-                    stamps.append(1e-9 * record.log_time)
-                    rows.append(json.loads(record.data)["value"])
-        except (exceptions.EndOfFile, struct.error):
-            pass  # in the middle of a record
-    return np.array(stamps), np.array(rows, dtype=float)
 
 
 def job(estimate_at, settled_after, end, height=477.0):
@@ -212,19 +109,13 @@ def levelled(machine):
     log, metrics = machine.directory / "hil.mcap", machine.directory / "hil.json"
     arguments = (*job(2.0, 4.0, 6.0), "--log", log, "--json", metrics)
     for _ in range(3):
-        done = subprocess.run(
-            (*PARAPOD, *arguments),
-            env=machine.environment,
-            capture_output=True,
-            text=True,
-            timeout=60,
-        )
+        program = machine.parapod(*arguments)
+        _, said = program.communicate(timeout=60)
         # A computer that stands still for so long that a device seems silent ends a run rightly.
-        if done.returncode != 2:
+        if program.returncode != 2:
             break
-    assert done.returncode == 0, done.stderr
-    time.sleep(0.5)  # until the emulator has written what happened
-    return Levelled(log, json.loads(metrics.read_text()), done.stderr, machine.extensions.recall())
+    assert program.returncode == 0, said
+    return Levelled(log, json.loads(metrics.read_text()), said, machine.memory.recall())
 
 
 class Levelled(NamedTuple):
@@ -247,7 +138,7 @@ def test_a_job_on_the_emulated_machine_holds_its_bounds_in_truth(levelled, machi
     settled = log.time >= 6.0
     begin = log.metadata["wall_time"] + log.time[settled][0]
     end = log.metadata["wall_time"] + log.time[-1]
-    stamps, posture = stamped(machine.log, "truth.posture")
+    stamps, posture = machine.logged("truth.posture")
     true = posture[(stamps >= begin) & (stamps <= end)]
     assert len(true) > 100
     assert np.degrees(np.abs(true[:, :2])).max() < 0.2
@@ -369,6 +260,33 @@ def test_a_run_begins_with_the_extensions_with_which_the_one_before_ended(levell
     assert max(abs(x - 0.41) for x in first) > 1e-3  # not as the scenario has it
 
 
+def test_a_first_run_knows_the_extensions_of_a_machine_that_stands_elsewhere(
+    emulate, monkeypatch, capsys
+):
+    # Counters begin at zero and nothing tells them: what is said of it must be of this machine.
+    machine = emulate(
+        "ground: {foot_heights_mm: [3.0, 0.0, -2.0, 0.0]}\njob: {initial_extension_mm: 405.0}\n"
+    )
+    try:
+        monkeypatch.setenv("PARAPOD_EMULATOR", machine.environment["PARAPOD_EMULATOR"])
+        true = machine.wires.get("legs.extension")
+        assert true[:3] == pytest.approx((0.405,) * 3)
+        assert abs(true[3] - 0.405) > 1e-4
+        assert main(["check", "legs", "--seconds", "0.1"]) == 0
+        shown = re.search(r"^extension: (.*) \(", capsys.readouterr().out, re.MULTILINE)[1]
+        assert [float(x) for x in shown.split(",")] == pytest.approx(true, abs=1.5e-5)
+        # Without the file nobody does.
+        machine.memory.path.unlink()
+        assert main(["check", "legs", "--seconds", "0.1"]) == 2
+        line = capsys.readouterr().err
+        assert re.fullmatch(r"parapod: error: PXIe-6363 .*: nobody knows the legs' .*\n", line)
+        assert "extension_at_start_mm" in line
+        given = "hardware.drivers.0.extension_at_start_mm=[405, 405, 405, 405]"
+        assert main(["check", "legs", "--seconds", "0.1", "--set", given]) == 0
+    finally:
+        machine.end()
+
+
 # --- devices that misbehave -----------------------------------------------------------------
 
 
@@ -381,9 +299,11 @@ class Ended(NamedTuple):
 
 def put_back(machine, extension):
     """Drives the legs to where they have been, lest the next job's posture is out of reach."""
-    parts = make_parts(LevellingScenario().hardware.drivers, INPUTS, MEASURED, 0.01)
+    platform = LEVELLING_PLATFORM
+    drivers = LevellingScenario().hardware.drivers
+    parts = make_parts(drivers, platform.inputs, platform.measured, 0.01)
     (legs,) = parts.threads["legs"]
-    machine.measure_extensions()
+    machine.measure_legs()
 
     def arrived():
         error = np.array(extension) - legs.sample.values["extension"]
@@ -394,7 +314,7 @@ def put_back(machine, extension):
     with legs.device:
         try:
             legs.start()
-            assert until(arrived, 10.0)
+            assert machine.until(arrived, 10.0)
         finally:
             legs.stop()
 
@@ -409,7 +329,7 @@ def run_with(here, capsys):
         begun, over = [], threading.Event()
 
         def disturb():
-            if until(lambda: here.has_power or over.is_set(), 20.0):
+            if here.until(lambda: here.has_power or over.is_set(), 20.0):
                 over.wait(1.0)
                 begun.append(time.monotonic())
                 for part in parts:
@@ -573,10 +493,22 @@ def test_misbehaviours_that_there_are_not_are_refused_with_those_that_there_are(
     assert list(Path(nowhere).iterdir()) == []
 
 
+def test_an_emulator_that_one_device_refuses_says_so_in_one_line(nowhere):
+    # Of its own, because the other devices' processes would write to the program's stderr.
+    command = (sys.executable, "-m", "parapod.sims", "emulate", "level", "--backend", "kinematic")
+    refused = ("--set", "hardware.drivers.0.target=localhost:1")
+    done = subprocess.run((*command, *refused), capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr == (
+        "parapod: error: !NiDaqLegs.target = localhost:1 is not an address of the emulator, "
+        "which begin with emulator/\n"
+    )
+
+
 def test_a_request_that_makes_no_sense_is_answered_with_those_that_do(here):
     count = len(here.said)
     here.process.stdin.write("imu nonsense\n")
-    assert until(lambda: len(here.said) > count, 5.0)
+    assert here.until(lambda: len(here.said) > count, 5.0)
     assert all(kind in here.said[-1] for kind in KINDS)
     here.misbehave("imu", "well")
 

@@ -1,15 +1,10 @@
 """Programs that are killed: what becomes of the machine, of the logs and of the next program."""
 
 import itertools
-import json
 import os
 import re
-import shutil
 import signal
-import struct
-import subprocess
 import sys
-import tempfile
 import threading
 import time
 from importlib import resources
@@ -18,28 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS
 from parapod.sims.cli import main
 from parapod.sims.mcap_log import read_mcap
-from parapod.systems.hardware.emulators.shared_harness import SharedHarness
-from parapod.systems.hardware.extension_memory import ExtensionMemory
 
 for library in ("nidaqmx", "grpc", "canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 
-# SIGINT is ignored by children of shells without job control, hence the default handler.
-PARAPOD = (
-    sys.executable,
-    "-c",
-    "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
-    "from parapod.sims.cli import main; sys.exit(main())",
-)
-SIZES = {spec.name: spec.size for spec in (*INPUTS, *OUTPUTS)}
 # Where programs may not have a priority, others delay heartbeats by more than a wheel bears.
 PATIENT = "hardware.drivers.2.heartbeat_timeout_ms=500"
-PARTS = ("arm", "imu", "legs", "turntable", "wheels")
 SERIAL = """
 hardware:
   drivers:
@@ -55,9 +38,7 @@ DRIVING = f"""
 import sys, time
 from pathlib import Path
 from parapod.diagrams.hardware_parts import make_parts
-from parapod.diagrams.levelling_platform.hardware_station import MEASURED
-from parapod.diagrams.levelling_platform.ports import INPUTS
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.levelling_platform.machine import LEVELLING_PLATFORM as PLATFORM
 from parapod.diagrams.scenario import load_scenario
 
 COMMANDS = {{
@@ -69,8 +50,8 @@ COMMANDS = {{
     "turntable.position_command": [0.0],
 }}
 default = Path({str(resources.files("parapod.sims.scenarios") / "level.yaml")!r})
-scenario = load_scenario(LevellingScenario, default, *map(Path, sys.argv[1:]))
-parts = make_parts(scenario.hardware.drivers, INPUTS, MEASURED, 0.01)
+scenario = load_scenario(PLATFORM.scenario, default, *map(Path, sys.argv[1:]))
+parts = make_parts(scenario.hardware.drivers, PLATFORM.inputs, PLATFORM.measured, 0.01)
 with parts.active():
     print("driving", flush=True)
     while True:
@@ -81,125 +62,6 @@ with parts.active():
                 thread.post(values, time.monotonic())
         time.sleep(0.01)
 """
-
-
-def until(condition, timeout):
-    end = time.monotonic() + timeout
-    while not condition():
-        if time.monotonic() > end:
-            return False
-        time.sleep(1e-3)
-    return True
-
-
-class Emulator:
-    """`parapod emulate` in a process group of its own."""
-
-    def __init__(self, scenario=""):
-        # A socket's path is short, which pytest's folders are not.
-        self.directory = Path(tempfile.mkdtemp(prefix="pp", dir="/tmp"))
-        self.log = self.directory / "emulator.mcap"
-        self.environment = os.environ | {"PARAPOD_EMULATOR": str(self.directory / "e")}
-        self.scenario = []
-        if scenario:
-            self.scenario = [str(self.directory / "drivers.yaml")]
-            Path(*self.scenario).write_text(scenario)
-        options = [f"--scenario={path}" for path in self.scenario]
-        command = (*PARAPOD, "emulate", "level", "--backend=kinematic", "--log", self.log)
-        self.process = subprocess.Popen(
-            (*command, *options),
-            env=self.environment,
-            stdin=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            bufsize=1,
-            start_new_session=True,
-        )
-        self.said = []
-        threading.Thread(target=self._listen, daemon=True).start()
-        if not until(lambda: any(line.startswith("ready") for line in self.said), 60.0):
-            self.end()
-            pytest.fail(f"the emulator does not begin: {self.said}")
-        self.wires = SharedHarness(self.directory / "e" / "wires", SIZES, PARTS)
-
-    def _listen(self):
-        for line in self.process.stderr:
-            self.said.append(line.strip())
-
-    def misbehave(self, part, kind):
-        """Returns when the devices do it."""
-        line = f"{part} {kind}"
-        count = len(self.said)
-        self.process.stdin.write(f"{line}\n")
-        assert until(lambda: any(said.endswith(line) for said in self.said[count:]), 5.0), line
-
-    def program(self, *command):
-        """A controller; stop it."""
-        return subprocess.Popen(
-            [*map(str, command)],
-            env=self.environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
-    def driving(self):
-        """A program that has driven the machine for a while."""
-        program = self.program(sys.executable, "-c", DRIVING, *self.scenario)
-        line = program.stdout.readline()
-        assert line == "driving\n", program.communicate()
-        time.sleep(0.5)
-        return program
-
-    def levelling(self, *options):
-        """`parapod run level` whose legs move."""
-        program = self.program(*PARAPOD, *job(), *options)
-        assert until(lambda: self.has_power, 30.0), program.communicate()
-        time.sleep(1.2)
-        return program
-
-    @property
-    def has_power(self):
-        return self.wires.get("legs.stop")[0] < 0.5
-
-    @property
-    def is_neutral(self):
-        legs = not self.has_power and self.wires.get("legs.voltage") == (0.0,) * 4
-        speeds = self.wires.get("wheels.velocity_command")
-        return legs and self.wires.get("wheels.brake")[0] > 0.5 and speeds == (0.0,) * 4
-
-    def measure_extensions(self):
-        """What an operator does after a run that did not end in peace."""
-        memory = ExtensionMemory(self.directory / "e" / "extensions.json", 4)
-        memory.save(self.wires.get("legs.extension"))
-
-    def logged(self, *names):
-        """Wall clock [s] and, for each port, its values, of the log that is being written."""
-        time.sleep(0.5)
-        return stamped(self.log, *names)
-
-    def members(self):
-        """Processes of the emulator that live."""
-        found = []
-        for path in Path("/proc").glob("[0-9]*/stat"):
-            try:
-                state, _, group = path.read_text().rpartition(")")[2].split()[:3]
-            except (OSError, ValueError):
-                continue
-            if int(group) == self.process.pid and state not in "ZX":
-                found.append(int(path.parent.name))
-        return found
-
-    def end(self):
-        if self.process.poll() is None:
-            self.process.terminate()
-        try:
-            self.process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            os.killpg(self.process.pid, signal.SIGKILL)
-            self.process.wait()
-        self.process.stdin.close()
-        shutil.rmtree(self.directory, ignore_errors=True)
 
 
 HEIGHTS = itertools.cycle((485.0, 470.0))
@@ -216,28 +78,6 @@ def job(estimate_at=0.5):
     )
 
 
-def stamped(path, *names):
-    """Wall clock [s] and the values of each port, also of a log that is being written."""
-    stream_reader = pytest.importorskip("mcap.stream_reader")
-    exceptions = pytest.importorskip("mcap.exceptions")
-    channels, stamps, rows = {}, [], {name: [] for name in names}
-    with open(path, "rb") as stream:
-        try:
-            for record in stream_reader.StreamReader(stream).records:
-                kind = type(record).__name__
-                if kind == "Channel" and record.topic in names:
-                    channels[record.id] = record.topic
-                elif kind == "Message" and record.channel_id in channels:
-                    name = channels[record.channel_id]
-                    rows[name].append(json.loads(record.data)["value"])
-                    if name == names[0]:
-                        stamps.append(1e-9 * record.log_time)
-        except (exceptions.EndOfFile, struct.error):
-            pass  # in the middle of a record
-    count = min(map(len, rows.values()))
-    return (np.array(stamps[:count]), *(np.array(v[:count], float) for v in rows.values()))
-
-
 def first(stamps, holds, after):
     """When something held for the first time after an instant [s after it], and from then on."""
     later = stamps > after
@@ -249,34 +89,60 @@ def first(stamps, holds, after):
 
 
 @pytest.fixture(scope="module")
-def analog():
+def analog(emulate):
     """A machine whose legs are driven by analog outputs."""
-    emulator = Emulator()
-    yield emulator
-    emulator.end()
+    return emulate()
 
 
 @pytest.fixture(scope="module")
-def serial():
+def serial(emulate):
     """A machine whose legs are driven over a serial line."""
-    emulator = Emulator(SERIAL)
-    yield emulator
-    emulator.end()
+    return emulate(SERIAL)
 
 
 @pytest.fixture
 def machine(analog, monkeypatch):
     """The first of them, for a controller in this process: neutral, well and referenced."""
     monkeypatch.setenv("PARAPOD_EMULATOR", analog.environment["PARAPOD_EMULATOR"])
-    analog.measure_extensions()
+    analog.measure_legs()
     yield analog
     if analog.process.poll() is not None:
         return
     for part in ("imu", "legs"):
         analog.misbehave(part, "well")
-    analog.measure_extensions()
+    analog.measure_legs()
     main(["check", "legs", "--seconds", "0.1"])
     assert analog.is_neutral
+
+
+def driving(machine):
+    """A program that has driven the machine for a while."""
+    program = machine.program(sys.executable, "-c", DRIVING, *machine.scenario)
+    line = program.stdout.readline()
+    assert line == "driving\n", program.communicate()
+    time.sleep(0.5)
+    return program
+
+
+def levelling(machine, *options):
+    """`parapod run level` whose legs move."""
+    program = machine.parapod(*job(), *options)
+    assert machine.until(lambda: machine.has_power, 30.0), program.communicate()
+    time.sleep(1.2)
+    return program
+
+
+def members(machine):
+    """Processes of the emulator that live."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, group = path.read_text().rpartition(")")[2].split()[:3]
+        except (OSError, ValueError):
+            continue
+        if int(group) == machine.process.pid and state not in "ZX":
+            found.append(int(path.parent.name))
+    return found
 
 
 def killed(program):
@@ -291,9 +157,9 @@ def killed(program):
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
-def test_a_controller_that_is_asked_to_end_leaves_the_machine_neutral(machine, name):
+def test_a_controller_that_is_asked_to_end_leaves_the_machine_neutral(machine, stamped, name):
     path = machine.directory / f"{name}.mcap"
-    program = machine.levelling("--log", path)
+    program = levelling(machine, "--log", path)
     at, began = time.time(), time.monotonic()
     program.send_signal(getattr(signal, name))
     _, said = program.communicate(timeout=20)
@@ -319,12 +185,12 @@ def test_a_controller_that_is_asked_to_end_leaves_the_machine_neutral(machine, n
 
 
 @pytest.mark.parametrize(("part", "dead"), [("imu", 0.08), ("legs", 0.25)])
-def test_the_loop_keeps_its_rate_while_a_bus_is_stalled(machine, part, dead, capsys):
+def test_the_loop_keeps_its_rate_while_a_bus_is_stalled(machine, stamped, part, dead, capsys):
     path = machine.directory / f"{part}-off.mcap"
     begun = []
 
     def disturb():
-        assert until(lambda: machine.has_power, 20.0)
+        assert machine.until(lambda: machine.has_power, 20.0)
         time.sleep(0.7)
         machine.misbehave(part, "off")
         begun.append(time.time())
@@ -345,9 +211,9 @@ def test_the_loop_keeps_its_rate_while_a_bus_is_stalled(machine, part, dead, cap
     assert stalled.max() < 0.1
 
 
-def test_the_log_of_a_killed_controller_is_readable_up_to_the_last_second(machine):
+def test_the_log_of_a_killed_controller_is_readable_up_to_the_last_second(machine, stamped):
     path = machine.directory / "killed.mcap"
-    at = killed(machine.levelling("--log", path))
+    at = killed(levelling(machine, "--log", path))
     log = read_mcap(path)
     last = log.metadata["wall_time"] + log.time[-1]
     assert at - 1.0 < last < at + 0.1
@@ -358,7 +224,7 @@ def test_the_log_of_a_killed_controller_is_readable_up_to_the_last_second(machin
 
 
 def test_wheels_stop_when_the_controller_is_killed_and_analog_outputs_hold(machine, capsys):
-    at = killed(machine.driving())
+    at = killed(driving(machine))
     time.sleep(0.5)
     stamps, speed, brake, voltage, stop = machine.logged(
         "wheels.velocity_command", "wheels.brake", "legs.voltage", "legs.stop"
@@ -383,7 +249,7 @@ def test_wheels_stop_when_the_controller_is_killed_and_analog_outputs_hold(machi
 
 
 def test_serial_drivers_stop_the_legs_when_the_controller_is_killed(serial):
-    at = killed(serial.driving())
+    at = killed(driving(serial))
     time.sleep(0.5)
     stamps, voltage, speed, brake = serial.logged(
         "legs.voltage", "wheels.velocity_command", "wheels.brake"
@@ -401,8 +267,8 @@ def test_serial_drivers_stop_the_legs_when_the_controller_is_killed(serial):
 
 
 def test_a_controller_whose_machine_is_gone_ends_and_names_a_device(machine):
-    controller = machine.program(*PARAPOD, *job(estimate_at=20.0))
-    assert until(lambda: machine.has_power, 30.0), controller.communicate()
+    controller = machine.parapod(*job(estimate_at=20.0))
+    assert machine.until(lambda: machine.has_power, 30.0), controller.communicate()
     time.sleep(0.5)
     os.killpg(machine.process.pid, signal.SIGKILL)
     began = time.monotonic()
@@ -416,7 +282,7 @@ def test_a_controller_whose_machine_is_gone_ends_and_names_a_device(machine):
 
 
 def test_processes_of_the_devices_end_with_the_emulator(serial):
-    assert len(serial.members()) >= 5
+    assert len(members(serial)) >= 5
     serial.process.kill()
     serial.process.wait()
-    assert until(lambda: not serial.members(), 2.0), serial.members()
+    assert serial.until(lambda: not members(serial), 2.0), members(serial)

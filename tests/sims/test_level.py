@@ -30,7 +30,8 @@ from parapod.sims.cli import main
 from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.level import EXPERIMENT, run
 from parapod.sims.levelling_job import check_job
-from parapod.sims.live import RESTART, STOP, LivePlatform, stay_live
+from parapod.sims.live import LivePlatform, stay_live
+from parapod.sims.live_buttons import RESTART, STOP
 from parapod.sims.outputs import read_log
 from parapod.systems.errors import OutputError, ScenarioError, UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import height_range

@@ -9,6 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import ConstantVectorSource
 
 from parapod.sims.real_time import (
+    KEPT,
     DeadlineError,
     RealTimeLoop,
     Timing,
@@ -70,15 +71,21 @@ def test_a_tick_that_is_far_too_late_ends_the_loop():
         run(World({3: 0.2}), 8)
 
 
-def test_a_computer_that_is_too_slow_ends_the_loop():
+@pytest.mark.parametrize("kept", [KEPT, 1])
+def test_a_computer_that_is_too_slow_ends_the_loop(kept):
     with pytest.raises(DeadlineError, match="too slow"):
-        run(World(dict.fromkeys(range(400), 0.012)), 400)
+        run(World(dict.fromkeys(range(400), 0.012)), 400, kept=kept)
+
+
+def test_a_computer_that_is_slow_for_less_than_half_of_a_second_goes_on():
+    timing = run(World(dict.fromkeys([*range(40), *range(300, 340)], 0.012)), 400)
+    assert timing.missed == 80
 
 
 def test_an_emulator_goes_on_however_late_it_is():
     timing = run(World({3: 0.5}), 8, is_strict=False)
     assert timing.missed > 0
-    assert len(timing.cost) == 8
+    assert timing.ticks == len(timing.cost) == 8
 
 
 def test_the_real_clock_is_kept_to():
@@ -89,12 +96,26 @@ def test_the_real_clock_is_kept_to():
     loop.run(0.3)
     assert 0.28 <= time.monotonic() - began < 2.0
     assert simulator.get_context().get_time() == pytest.approx(0.295)
-    assert len(loop.timing.cost) + loop.timing.missed >= 30
+    assert loop.timing.ticks + loop.timing.missed >= 30
 
 
 def test_period_error_is_what_two_late_ticks_differ_by():
-    timing = Timing(PERIOD, late=[0.0, 0.003, 0.001])
+    timing = Timing(PERIOD)
+    for late in (0.0, 0.003, 0.001):
+        timing.add(late, 0.0)
     assert timing.period_error == pytest.approx([0.003, 0.002])
+
+
+def test_a_loop_that_runs_for_long_keeps_the_newest_ticks_and_counts_all():
+    timing = run(World({k: 1e-5 * (k + 1) for k in range(50)}), 50, kept=20)
+    assert timing.cost == pytest.approx([1e-5 * (k + 1) for k in range(30, 50)])
+    assert (len(timing.late), len(timing.period_error)) == (20, 19)
+    assert timing.ticks == 50
+
+
+def test_ticks_are_kept_up_to_a_bound_unless_all_are_wanted():
+    assert Timing(PERIOD).late.maxlen == Timing(PERIOD).cost.maxlen == KEPT
+    assert Timing(PERIOD, None).late.maxlen is Timing(PERIOD, None).cost.maxlen is None
 
 
 def test_percentiles_of_nothing_are_not_numbers():

@@ -13,15 +13,17 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 
 import parapod.systems
 from parapod.diagrams.levelling_platform.model import add_platform
+from parapod.diagrams.walking_chair.model import add_chair
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE
 
 ROOT = Path(__file__).parents[2]
 ROW = re.compile(r"^\s*\| (in|out) `([a-z_0-9]+)` \|([^|]*)\|([^|]*)\|([^|]*)\|\s*$")
 NEED_A_MODEL = {"PlatformTruth", "FootTruth", "PlatformPose"}
+NEED_A_CHAIR = {"ChairTruth", "ChairPose"}
 NEED_MESHCAT = {"PostureSliders"}
 ARGUMENTS = {
     "InertialMotion": {"state_size": 13, "pose_start": 0, "velocity_start": 7, "period": 0.01},
-    "VelocityServo": {"params": WHEEL_DRIVE, "channels": 4},
+    "ServoGoal": {"params": WHEEL_DRIVE, "channels": 4},
 }
 
 
@@ -63,6 +65,13 @@ def model():
 
 
 @pytest.fixture(scope="module")
+def chair():
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    return add_chair(plant), builder.Build()
+
+
+@pytest.fixture(scope="module")
 def meshcat():
     return Meshcat()
 
@@ -73,6 +82,9 @@ def system(name, request):
     if name in NEED_A_MODEL:
         platform, _ = request.getfixturevalue("model")  # with the diagram that keeps it alive
         return SYSTEMS[name](platform)
+    if name in NEED_A_CHAIR:
+        model, _ = request.getfixturevalue("chair")
+        return SYSTEMS[name](model)
     if name == "ParallelLinks":
         platform, _ = request.getfixturevalue("model")
         return SYSTEMS[name](platform, SceneGraph(), platform.plant.num_positions())

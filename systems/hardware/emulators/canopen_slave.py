@@ -13,9 +13,12 @@ _GARBLED = 5
 
 
 class SlaveLine:
-    """The bus as emulated nodes see it: what they use of `canopen.Network`, without its threads.
+    """The bus as an emulated node sees it: what it uses of `canopen.Network`, without its threads.
 
     One thread calls `step` and everything else.
+
+    Attributes:
+        is_connected: whether the node is on the bus: otherwise it hears and says nothing.
     """
 
     def __init__(self, can_bus: Any, misbehaviour: Misbehaviour, clock: Callable[[], float]):
@@ -23,7 +26,7 @@ class SlaveLine:
 
         Args:
             can_bus: of python-can.
-            misbehaviour: of all nodes on the line.
+            misbehaviour: of all nodes on the bus.
             clock: monotonic [s].
         """
         self._bus, self._misbehaviour, self._clock = can_bus, misbehaviour, clock
@@ -31,6 +34,7 @@ class SlaveLine:
         self._subscribers: dict[int, list[Callable[..., None]]] = {}
         self._tasks: list[_Periodic] = []
         self._sent = 0
+        self.is_connected = True
 
     def subscribe(self, can_id: int, callback: Callable[..., None]) -> None:
         """Has frames with this identifier passed on."""
@@ -38,7 +42,7 @@ class SlaveLine:
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Sends a frame, unless the nodes are silent."""
-        if not self._misbehaviour.answers(self._clock()):
+        if not self.is_connected or not self._misbehaviour.answers(self._clock()):
             return
         self._sent += 1
         if self._misbehaviour.is_garbled and self._sent % _GARBLED == 0:
@@ -64,6 +68,8 @@ class SlaveLine:
 
     def receive(self, message: Any) -> None:
         """Passes a frame on to whom it concerns."""
+        if not self.is_connected:
+            return
         for callback in self._subscribers.get(message.arbitration_id, ()):
             callback(message.arbitration_id, message.data, message.timestamp)
 

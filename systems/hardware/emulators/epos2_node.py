@@ -25,11 +25,12 @@ class EmulatedMotor(NamedTuple):
     """What an emulated controller is, and what it drives.
 
     Attributes:
-        gear: reduction between motor and wheel [-].
+        gear: by how much the motor turns [rad] for one unit of the axis, rad or m.
         pulses: encoder pulses per turn of the motor; four counts each.
         vendor: maxon, unless somebody tests what becomes of another one.
         hardware: version, the EPOS2 24/5's unless likewise.
-        position_offset: counts that the controller shows when the wheel is at zero.
+        position_offset: counts that the controller shows when it is switched on.
+        sign: -1 where the motor's positive direction is the axis's negative one.
     """
 
     gear: float = 26.0
@@ -37,27 +38,48 @@ class EmulatedMotor(NamedTuple):
     vendor: int = objects.MAXON
     hardware: int = objects.EPOS2_24_5
     position_offset: int = 0
+    sign: int = 1
+
+
+class MeasuredMotor(NamedTuple):
+    """What a controller's sensors show, in the unit of the axis.
+
+    Attributes:
+        position: of the axis [rad or m].
+        velocity: of the axis [rad/s or m/s].
+        current: of the motor, positive where the axis pushes [A].
+    """
+
+    position: float = 0.0
+    velocity: float = 0.0
+    current: float = 0.0
 
 
 class Epos2Node:
     """One controller; its motor is moved by whoever asks for `velocity` and sets `measured`.
 
+    What is emulated is the controller's firmware: states, ramps of its profile, limits, whole
+    rpm, counts. How fast and how well the motor then follows the ramp is the machine's matter.
+
     Attributes:
         state: of the drive.
-        measured: position [rad] and velocity [rad/s] of the wheel, as the encoder shows them.
+        measured: what its sensors show.
     """
 
-    def __init__(self, node_id: int, line: SlaveLine, motor: EmulatedMotor):
-        """Creates a node and puts it on the line.
+    def __init__(
+        self, node_id: int, line: SlaveLine, motor: EmulatedMotor, switched_on_at: float = 0.0
+    ):
+        """Creates a node, switched on just now, and puts it on the line.
 
         Args:
             node_id: its address.
             line: the bus.
             motor: that it drives.
+            switched_on_at: position of the axis [rad or m], from which it counts.
         """
-        self._motor = motor
+        self._motor, self._zero = motor, switched_on_at
         self.state = DriveState.SWITCH_ON_DISABLED
-        self.measured = 0.0, 0.0
+        self.measured = MeasuredMotor(switched_on_at)
         self._controlword, self._demand, self._stepped = 0, 0.0, -math.inf
         self._slave = CanopenSlave(node_id, _defaults(node_id, motor), line, self._miss_heartbeat)
         self._slave.node.add_read_callback(self._on_read)
@@ -65,10 +87,10 @@ class Epos2Node:
 
     @property
     def velocity(self) -> float:
-        """What the motor is to do at the wheel [rad/s]; 0 unless operation is enabled."""
+        """What the axis is to do [rad/s or m/s]; 0 unless operation is enabled."""
         if self.state is not DriveState.OPERATION_ENABLED:
             return 0.0
-        return self._demand * _RPM / self._motor.gear
+        return self._motor.sign * self._demand * _RPM / self._motor.gear
 
     def hear(self, can_id: int, now: float) -> None:
         """Takes note of a frame that may be the master's heartbeat.
@@ -121,16 +143,19 @@ class Epos2Node:
         self.trip(objects.HEARTBEAT_LOST, _GENERIC | _COMMUNICATION)
 
     def _on_read(self, index: int, **_: Any) -> int | None:
-        position, velocity = self.measured
+        motor = self._motor
         if index == objects.STATUSWORD.index:
             powered = _VOLTAGE_ENABLED if is_energised(self.state) else 0
             return STATUSWORDS[self.state] | _OFFSETS_MEASURED | powered
         if index == objects.POSITION.index:
-            turns = position * self._motor.gear / (2.0 * math.pi)
-            counts = round(4 * self._motor.pulses * turns) + self._motor.position_offset
-            return _wrapped(counts)
+            turns = (self.measured.position - self._zero) * motor.gear / (2.0 * math.pi)
+            counts = round(motor.sign * 4 * motor.pulses * turns) + motor.position_offset
+            return _wrapped(counts, 32)
         if index == objects.VELOCITY.index:
-            return _wrapped(round(velocity * self._motor.gear / _RPM))
+            rpm = motor.sign * self.measured.velocity * motor.gear / _RPM
+            return _wrapped(round(rpm), 32)
+        if index == objects.CURRENT.index:
+            return _wrapped(round(1e3 * motor.sign * self.measured.current), 16)
         return None
 
     def _on_write(self, index: int, data: bytes, **_: Any) -> None:
@@ -147,10 +172,10 @@ class Epos2Node:
         self._slave.node.set_data(entry.index, entry.subindex, entry.pack(value))
 
 
-def _wrapped(value: int) -> int:
-    """A number as 32 bits show it."""
-    half = 1 << 31
-    return (value + half) % (1 << 32) - half
+def _wrapped(value: int, bits: int) -> int:
+    """A number as so many bits show it."""
+    half = 1 << bits - 1
+    return (value + half) % (1 << bits) - half
 
 
 def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
@@ -161,6 +186,7 @@ def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
         objects.HEARTBEAT_PRODUCED: 0,
         objects.VENDOR: motor.vendor,
         objects.PRODUCT: motor.hardware << 16,
+        objects.CURRENT: 0,
         objects.ENCODER_PULSES: motor.pulses,
         objects.ABORT_CONNECTION: objects.ABORT_BY_QUICK_STOP,
         objects.CONTROLWORD: 0,

@@ -9,7 +9,7 @@ from pathlib import Path
 from parapod.systems.hardware.emulators.harness import Harness
 from parapod.systems.hardware.emulators.misbehaviour import KINDS, Misbehaviour, State
 
-_COUNT = struct.Struct("<q")
+_COUNT_SIZE = 8
 _STATE = struct.Struct("<qd")
 # A writer that was killed in the middle leaves an odd count for ever; a living one takes
 # microseconds, or what the system lets it wait in the middle [s].
@@ -38,7 +38,7 @@ class SharedHarness(Harness):
         end = 0
         for signal, size in sizes.items():
             self._layout[signal] = end, struct.Struct(f"<{size}d")
-            end += _COUNT.size + 8 * size
+            end += _COUNT_SIZE + 8 * size
         self._states = {part: end + k * _STATE.size for k, part in enumerate(parts)}
         end += len(parts) * _STATE.size
         if is_new:
@@ -47,16 +47,18 @@ class SharedHarness(Harness):
             path.write_bytes(bytes(end))
         with open(path, "r+b") as file:
             self._memory = mmap.mmap(file.fileno(), end)
+        # Not with `pack_into`, which makes zeros first: others would see an even count meanwhile.
+        self._counts = memoryview(self._memory).cast("q")
 
     def get(self, name: str) -> tuple[float, ...]:
         """See `Harness`."""
         at, values = self._layout[name]
-        buffer = self._memory
+        counts, index = self._counts, at // _COUNT_SIZE
         until = None
         while until is None or time.monotonic() < until:
-            (before,) = _COUNT.unpack_from(buffer, at)
-            read = values.unpack_from(buffer, at + _COUNT.size)
-            (after,) = _COUNT.unpack_from(buffer, at)
+            before = counts[index]
+            read = values.unpack_from(self._memory, at + _COUNT_SIZE)
+            after = counts[index]
             if before == after and before % 2 == 0:
                 break
             until = until or time.monotonic() + _PATIENCE
@@ -68,12 +70,12 @@ class SharedHarness(Harness):
         if 8 * len(values) != layout.size:
             raise ValueError(f"{name} has {layout.size // 8} elements, not {len(values)}")
         packed = layout.pack(*values)  # may fail; between the counts nothing must
-        buffer = self._memory
-        (count,) = _COUNT.unpack_from(buffer, at)
-        _COUNT.pack_into(buffer, at, count + 1)
-        begin = at + _COUNT.size
-        buffer[begin : begin + layout.size] = packed
-        _COUNT.pack_into(buffer, at, count + 2)
+        counts, index = self._counts, at // _COUNT_SIZE
+        count = counts[index]
+        counts[index] = count + 1
+        begin = at + _COUNT_SIZE
+        self._memory[begin : begin + layout.size] = packed
+        counts[index] = count + 2
 
     def misbehaviour(self, part: str, seed: int = 0) -> "SharedMisbehaviour":
         """What the devices of a part do wrong, told by any process and done by another.
@@ -104,4 +106,4 @@ class SharedMisbehaviour(Misbehaviour):
     def _store(self, state: State | None) -> None:
         number = 0 if state is None else 1 + KINDS.index(state.kind)
         since = 0.0 if state is None else state.since
-        _STATE.pack_into(self._memory, self._at, number, since)
+        self._memory[self._at : self._at + _STATE.size] = _STATE.pack(number, since)

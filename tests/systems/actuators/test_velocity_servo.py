@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
+from parapod.systems.actuators.servo_goal import ServoGoal, VelocityServoParams
+from parapod.systems.actuators.velocity_servo import VelocityServo
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE as PARAMS
 
 STOPPED = VelocityServoParams(
@@ -12,8 +13,14 @@ STOPPED = VelocityServoParams(
 )
 
 
-def make_drive(channels=4, period=0.01, params=PARAMS):
-    return VelocityServo(params, channels, period)
+def make_drive(channels=4, period=0.01, params=PARAMS, time_step=None):
+    return VelocityServo(params, channels, period, time_step)
+
+
+def put(drive, context, position, velocity):
+    """Puts a drive's lag into a state."""
+    lag = drive.GetSubsystemByName("lag").GetMyMutableContextFromRoot(context)
+    lag.SetDiscreteState(np.concatenate((np.atleast_1d(position), np.atleast_1d(velocity))))
 
 
 def start(drive, fix, command, brake=0.0):
@@ -56,7 +63,7 @@ def test_velocity_reaches_the_command_without_overshoot(fix, command):
     velocity = velocities_over(drive, simulator, context, np.arange(1, 300) * 0.01 + 0.005)
     along = np.sign(command) * velocity[:, 0]
     assert (np.diff(along) >= 0.0).all()
-    assert along[-1] <= abs(command)
+    assert along[-1] <= abs(command) * (1.0 + 1e-15)  # rounding
     assert along[-1] == pytest.approx(abs(command), rel=1e-6)
 
 
@@ -103,16 +110,16 @@ def test_velocity_is_limited_to_that_of_the_motor(fix, command):
 
 @pytest.mark.parametrize("command", [0.5, 3.0])
 def test_angle_is_the_integral_of_the_velocity(fix, command):
-    # A lag below the limit of acceleration, and a ramp with a lag at its end.
+    # Below the limit of the acceleration, and above it.
     drive = make_drive(channels=1)
     simulator, context = start(drive, fix, command)
     times = np.arange(200) * 0.01 + 0.005
     velocity = velocities_over(drive, simulator, context, times)[:, 0]
-    change = np.diff(velocity, prepend=0.0)
+    before = np.concatenate(([0.0], velocity[:-1]))
+    # The goal of each period, from the change of velocity that its lag made.
     tau, h = PARAMS.time_constant, 0.01
-    before = velocity - change
-    lags = change < PARAMS.acceleration * h - 1e-12
-    exact = np.where(lags, command * h - tau * change, (before + 0.5 * change) * h)
+    goal = before + (velocity - before) / -math.expm1(-h / tau)
+    exact = goal * h - tau * (velocity - before)
     assert state_of(drive, context)[0][0] == pytest.approx(exact.sum(), rel=1e-12)
 
 
@@ -128,25 +135,20 @@ def test_lag_is_exact_whatever_the_period(fix):
     np.testing.assert_allclose(angles, expected, rtol=1e-12)
 
 
-def test_drives_rest_at_their_end_stops(fix):
-    drive = make_drive(2, params=STOPPED)
+@pytest.mark.parametrize("time_step", [None, 0.001])
+def test_drives_come_to_rest_at_the_ends_of_their_stroke(fix, time_step):
+    drive = make_drive(2, params=STOPPED, time_step=time_step)
     simulator, context = start(drive, fix, 0.08)
     drive.set_position(context, (0.55, 0.55))
-    simulator.AdvanceTo(1.5)
-    position, velocity = state_of(drive, context)
-    assert position[0] == 0.6
-    assert velocity[0] == 0.0
-    assert 0.6 < position[1] < 0.7
-    simulator.AdvanceTo(3.0)
-    assert state_of(drive, context)[0].tolist() == [0.6, 0.7]
+    positions = []
+    for time in np.arange(1, 400) * 0.01:
+        simulator.AdvanceTo(time)
+        positions.append(state_of(drive, context)[0])
+    assert (np.array(positions) <= np.array((0.6, 0.7)) + 1e-12).all()
+    np.testing.assert_allclose(positions[-1], (0.6, 0.7), rtol=0.0, atol=1e-6)
     fix(drive, context, velocity_command=(-0.08, -0.08))
-    simulator.AdvanceTo(6.0)
-    assert state_of(drive, context)[0].tolist() == [0.5, 0.5]
-
-
-def test_drive_begins_inside_its_stops():
-    drive = make_drive(2, params=STOPPED)
-    assert state_of(drive, drive.CreateDefaultContext())[0].tolist() == [0.5, 0.5]
+    simulator.AdvanceTo(8.0)
+    np.testing.assert_allclose(state_of(drive, context)[0], 0.5, rtol=0.0, atol=1e-6)
 
 
 def test_imperfect_drive_runs_off_its_command(fix):
@@ -235,15 +237,46 @@ def test_each_input_moves_the_next_state(fix, name, value):
     assert states[0] != states[1]
 
 
+def test_a_finer_step_of_the_lag_changes_nothing_but_when_commands_arrive(fix):
+    # The held goal is one step of the lag late.
+    states = []
+    for time_step, late in ((None, 0.0), (0.001, 0.001), (0.002, 0.002)):
+        drive = make_drive(channels=1, time_step=time_step)
+        simulator, context = start(drive, fix, 0.5)
+        simulator.AdvanceTo(0.2 + late - 1e-4)
+        states.append(drive.GetOutputPort("state").Eval(context).tolist())
+    np.testing.assert_allclose(states, [states[0]] * 3, rtol=1e-12)
+
+
+def test_goals_are_computed_once_a_period_however_fine_the_lag(fix, monkeypatch):
+    calls = []
+    wanted = ServoGoal._wanted
+    monkeypatch.setattr(ServoGoal, "_wanted", lambda *args: calls.append(0) or wanted(*args))
+    drive = make_drive(channels=1, time_step=0.001)
+    simulator, _ = start(drive, fix, 1.0)
+    simulator.AdvanceTo(1.0)
+    assert len(calls) == pytest.approx(100, abs=1)
+
+
+def test_commands_are_taken_once_a_period(fix):
+    drive = make_drive(channels=1, time_step=0.001)
+    simulator, context = start(drive, fix, 0.0)
+    simulator.AdvanceTo(0.0505)
+    fix(drive, context, velocity_command=(1.0,))
+    simulator.AdvanceTo(0.0605)
+    assert state_of(drive, context)[1][0] == 0.0
+    simulator.AdvanceTo(0.0615)
+    assert state_of(drive, context)[1][0] > 0.0
+
+
 def test_state_moves_all_outputs(moved, fix):
     drive = make_drive(channels=1)
     _, context = start(drive, fix, 1.0)
-    names = moved(drive, context, lambda: context.SetDiscreteState(0, (1.0, 2.0)))
+    names = moved(drive, context, lambda: put(drive, context, 1.0, 2.0))
     assert names == {
         "position_measured",
         "velocity_measured",
         "position",
-        "velocity",
         "state",
         "next_state",
     }
@@ -253,12 +286,15 @@ def test_state_moves_all_outputs(moved, fix):
 def test_inputs_move_the_state_ahead_and_nothing_else(moved, fix, change):
     drive = make_drive(channels=1)
     _, context = start(drive, fix, 1.0)
-    context.SetDiscreteState(0, (0.0, 0.5))
+    put(drive, context, 0.0, 0.5)
     assert moved(drive, context, lambda: fix(drive, context, **change)) == {"next_state"}
 
 
 def test_imperfection_moves_the_state_ahead(moved, fix):
     drive = make_drive(channels=1)
-    _, context = start(drive, fix, 1.0)
-    change = lambda: drive.set_imperfection(context, 0.9, 0.0)  # noqa: E731
+    _, context = start(drive, fix, 0.1)
+
+    def change():
+        drive.set_imperfection(context, 0.9, 0.0)
+
     assert moved(drive, context, change) == {"next_state"}

@@ -1,9 +1,20 @@
+import itertools
 import threading
 import time
 
 import pytest
 
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
+from parapod.systems.hardware.emulators.epos2_nodes import Epos2Nodes
+from parapod.systems.hardware.emulators.harness import Harness
+from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
+from parapod.systems.hardware.epos2 import Epos2
+from parapod.systems.hardware.epos2_setup import Epos2Params
+
+CHANNELS = (f"test_epos2 {k}" for k in itertools.count())
+# Steep ramps, so that a test does not wait for them; a patient guard, for busy machines.
+QUICK = {"acceleration": 1e4, "deceleration": 1e4, "quick_stop_deceleration": 1e4}
+PATIENT = {"heartbeat_timeout": 2.0, "timeout": 0.5, "sdo_timeout": 0.5}
 
 
 class FakeDevice(Device):
@@ -73,3 +84,62 @@ def until():
         return condition()
 
     return wait
+
+
+class Rig:
+    """Drives, the emulated nodes that they are on, and the wires behind these."""
+
+    def __init__(self, params=None, part="wheels", axes=4, position=0.0, **emulated):
+        self.part, self.misbehaviour = part, Misbehaviour()
+        sizes = {"velocity_command": axes, "brake": 1} | dict.fromkeys(
+            ("position", "velocity", "current"), axes
+        )
+        self.harness = Harness({f"{part}.{name}": size for name, size in sizes.items()})
+        self.harness.set(f"{part}.position", [position] * axes)
+        self.nodes = Epos2Nodes(
+            self.harness,
+            channel=next(CHANNELS),
+            misbehaviour=self.misbehaviour,
+            part=part,
+            **emulated,
+        )
+        changes = {**QUICK, **PATIENT, **(params or {})}
+        self.params = Epos2Params(
+            **{"interface": "virtual", "channel": self.nodes.channel, **changes}
+        )
+        self.drives = Epos2(self.params)
+
+    def __enter__(self):
+        self.nodes.__enter__()
+        return self
+
+    def __exit__(self, *_):
+        self.drives.close()
+        self.nodes.__exit__()
+
+    def activate(self):
+        self.drives.configure()
+        self.drives.activate()
+
+    @property
+    def command(self):
+        return self.harness.get(f"{self.part}.velocity_command")
+
+    @property
+    def is_braked(self):
+        return self.harness.get(f"{self.part}.brake") == (1.0,)
+
+    def wait(self, condition, timeout=5.0):
+        """Polls, and goes on reading meanwhile as an owner does."""
+        deadline = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < deadline, (self.command, self.nodes.states)
+            self.drives.read()
+            time.sleep(0.001)
+
+
+@pytest.fixture(scope="session")
+def make_rig():
+    """make_rig(params, ...): see `Rig`; to be entered."""
+    pytest.importorskip("canopen")
+    return Rig

@@ -1,5 +1,4 @@
 import dataclasses
-import itertools
 import math
 import time
 
@@ -9,76 +8,21 @@ from parapod.systems.hardware import epos2_objects as objects
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import DriveState
 from parapod.systems.hardware.emulators.epos2_node import EmulatedMotor
-from parapod.systems.hardware.emulators.epos2_nodes import Epos2Nodes
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
 from parapod.systems.hardware.epos2 import Epos2
 from parapod.systems.hardware.epos2_setup import Epos2Params, settings, unwrapped
 
 RPM = 2.0 * math.pi / 60.0
 RESOLUTION = RPM / 26.0  # of a velocity at the wheel: whole rpm at the motor
 COUNT = 2.0 * math.pi / 52_000.0
-CHANNELS = (f"test_epos2 {k}" for k in itertools.count())
-# Steep ramps, so that a test does not wait for them; a patient guard, for busy machines.
-QUICK = {"acceleration": 1e4, "deceleration": 1e4, "quick_stop_deceleration": 1e4}
-PATIENT = {"heartbeat_timeout": 2.0, "timeout": 0.5, "sdo_timeout": 0.5}
-
-
-def wires(n=4):
-    sizes = {"velocity_command": n, "brake": 1, "position": n, "velocity": n}
-    return Harness({f"wheels.{name}": size for name, size in sizes.items()})
 
 
 def wheels(velocity, brake=0.0):
     return {"velocity_command": velocity, "brake": (brake,)}
 
 
-class Rig:
-    """Drives, the emulated nodes that they are on, and the wires behind these."""
-
-    def __init__(self, params=None, **emulated):
-        self.harness, self.misbehaviour = wires(), Misbehaviour()
-        self.nodes = Epos2Nodes(
-            self.harness, channel=next(CHANNELS), misbehaviour=self.misbehaviour, **emulated
-        )
-        changes = {**QUICK, **PATIENT, **(params or {})}
-        self.params = Epos2Params(
-            **{"interface": "virtual", "channel": self.nodes.channel, **changes}
-        )
-        self.drives = Epos2(self.params)
-
-    def __enter__(self):
-        self.nodes.__enter__()
-        return self
-
-    def __exit__(self, *_):
-        self.drives.close()
-        self.nodes.__exit__()
-
-    def activate(self):
-        self.drives.configure()
-        self.drives.activate()
-
-    @property
-    def command(self):
-        return self.harness.get("wheels.velocity_command")
-
-    @property
-    def is_braked(self):
-        return self.harness.get("wheels.brake") == (1.0,)
-
-    def wait(self, condition, timeout=5.0):
-        """Polls, and goes on reading meanwhile as an owner does."""
-        deadline = time.monotonic() + timeout
-        while not condition():
-            assert time.monotonic() < deadline, (self.command, self.nodes.states)
-            self.drives.read()
-            time.sleep(0.001)
-
-
 @pytest.fixture
-def rig():
-    with Rig() as rig:
+def rig(make_rig):
+    with make_rig() as rig:
         yield rig
 
 
@@ -118,8 +62,8 @@ def test_deactivate_takes_the_power_and_activate_gives_it_again(rig):
     assert rig.command == (0.0,) * 4
 
 
-def test_pause_before_activate_is_harmless():
-    with Rig({"heartbeat_timeout": 0.1}) as rig:
+def test_pause_before_activate_is_harmless(make_rig):
+    with make_rig({"heartbeat_timeout": 0.1}) as rig:
         rig.drives.configure()
         time.sleep(0.25)
         rig.drives.read()
@@ -165,8 +109,8 @@ def test_velocities_arrive_in_whole_rpm(rig):
 
 
 @pytest.mark.parametrize("is_synchronous", [True, False])
-def test_measurements_arrive_within_a_count_and_an_rpm(is_synchronous):
-    with Rig({"is_synchronous": is_synchronous}) as rig:
+def test_measurements_arrive_within_a_count_and_an_rpm(make_rig, is_synchronous):
+    with make_rig({"is_synchronous": is_synchronous}) as rig:
         rig.drives.configure()
         position, velocity = (0.5, -1.25, 100.0, 1e-3), (0.25, -3.0, 7.0, 0.0)
         rig.harness.set("wheels.position", position)
@@ -178,11 +122,11 @@ def test_measurements_arrive_within_a_count_and_an_rpm(is_synchronous):
 
 
 def test_one_turn_of_the_wheel_is_52_000_counts():
-    assert Epos2Params().angle(52_000) == pytest.approx(2.0 * math.pi, rel=1e-15)
+    assert Epos2Params().position(52_000) == pytest.approx(2.0 * math.pi, rel=1e-15)
 
 
-def test_position_goes_on_when_the_counter_overflows():
-    with Rig(motor=EmulatedMotor(position_offset=(1 << 31) - 10)) as rig:
+def test_position_goes_on_when_the_counter_overflows(make_rig):
+    with make_rig(motor=EmulatedMotor(position_offset=(1 << 31) - 10)) as rig:
         rig.drives.configure()
         start = rig.drives.read()["position"][0]
         for turns in (0.5, 1.0, 0.2):
@@ -221,8 +165,8 @@ def test_velocity_is_limited(rig):
     rig.wait(lambda: rig.command == pytest.approx((limit, -limit, 0.0, 0.0), rel=1e-12))
 
 
-def test_velocity_follows_a_ramp():
-    with Rig({"acceleration": 2.0}) as rig:
+def test_velocity_follows_a_ramp(make_rig):
+    with make_rig({"acceleration": 2.0}) as rig:
         rig.activate()
         start = time.monotonic()
         rig.drives.write(wheels((1.0,) * 4))
@@ -259,16 +203,16 @@ def test_brake_is_the_quick_stop_and_needs_no_homing(rig):
 # --- refusals
 
 
-def test_missing_node_is_named_with_those_that_answer():
-    with Rig({"node_ids": (1, 2, 9, 4), "sdo_timeout": 0.2}) as rig:
+def test_missing_node_is_named_with_those_that_answer(make_rig):
+    with make_rig({"node_ids": (1, 2, 9, 4), "sdo_timeout": 0.2}) as rig:
         error = fault_of(rig.drives.configure)
         assert error.fault is DeviceFault.SILENT
         assert "node 9 does not answer; nodes that do: 1, 2, 3, 4" in str(error)
         assert rig.nodes.channel in str(error)
 
 
-def test_wrong_channel_has_no_nodes():
-    with Rig({"channel": "elsewhere", "sdo_timeout": 0.1}) as rig:
+def test_wrong_channel_has_no_nodes(make_rig):
+    with make_rig({"channel": "elsewhere", "sdo_timeout": 0.1}) as rig:
         error = fault_of(rig.drives.configure)
         assert error.fault is DeviceFault.SILENT
         assert "virtual elsewhere: node 1 does not answer; nodes that do: none" in str(error)
@@ -289,8 +233,8 @@ def test_missing_port_is_no_bus(interface):
         (EmulatedMotor(hardware=0x6320), "hardware 0x6320"),
     ],
 )
-def test_other_devices_are_refused(motor, words):
-    with Rig(motor=motor) as rig:
+def test_other_devices_are_refused(make_rig, motor, words):
+    with make_rig(motor=motor) as rig:
         error = fault_of(rig.drives.configure)
         assert error.fault is DeviceFault.CORRUPT
         assert words in str(error)
@@ -298,8 +242,8 @@ def test_other_devices_are_refused(motor, words):
         assert set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
 
 
-def test_other_encoder_is_refused():
-    with Rig(motor=EmulatedMotor(pulses=1000)) as rig:
+def test_other_encoder_is_refused(make_rig):
+    with make_rig(motor=EmulatedMotor(pulses=1000)) as rig:
         assert "4000 counts per turn, not 2000" in str(fault_of(rig.drives.configure))
 
 
@@ -349,9 +293,9 @@ def test_activate_does_not_reset_a_fault_of_the_drive(rig):
     assert rig.is_braked
 
 
-def test_silent_caller_lets_the_wheels_stop():
+def test_silent_caller_lets_the_wheels_stop(make_rig):
     params = {"heartbeat_timeout": 0.1, "quick_stop_deceleration": 100.0}
-    with Rig(params) as rig:
+    with make_rig(params) as rig:
         rig.activate()
         rig.drives.write(wheels((2.0,) * 4))
         rig.wait(lambda: rig.command == pytest.approx((2.0,) * 4, abs=RESOLUTION))
@@ -374,8 +318,8 @@ def test_silent_caller_lets_the_wheels_stop():
         rig.wait(lambda: rig.command == pytest.approx((1.0,) * 4, abs=RESOLUTION))
 
 
-def test_wheels_are_guarded_as_soon_as_they_have_power():
-    with Rig({"heartbeat_timeout": 0.1}) as rig:
+def test_wheels_are_guarded_as_soon_as_they_have_power(make_rig):
+    with make_rig({"heartbeat_timeout": 0.1}) as rig:
         rig.activate()
         last = time.monotonic()
         while not rig.is_braked:
@@ -383,8 +327,8 @@ def test_wheels_are_guarded_as_soon_as_they_have_power():
             time.sleep(0.001)
 
 
-def test_silent_nodes_are_named_in_time():
-    with Rig({"timeout": 0.05}) as rig:
+def test_silent_nodes_are_named_in_time(make_rig):
+    with make_rig({"timeout": 0.05}) as rig:
         rig.activate()
         rig.misbehaviour.begin("off", time.monotonic())
         start = time.monotonic()
@@ -396,8 +340,8 @@ def test_silent_nodes_are_named_in_time():
         rig.wait(lambda: True)
 
 
-def test_unplugged_nodes_stop_the_wheels():
-    with Rig({"heartbeat_timeout": 0.1, "timeout": 0.05}) as rig:
+def test_unplugged_nodes_stop_the_wheels(make_rig):
+    with make_rig({"heartbeat_timeout": 0.1, "timeout": 0.05}) as rig:
         rig.activate()
         rig.misbehaviour.begin("unplugged", time.monotonic())
         deadline = time.monotonic() + 5.0

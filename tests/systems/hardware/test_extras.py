@@ -30,6 +30,13 @@ def test_every_optional_module_has_an_extra_of_the_package(module):
     assert EXTRAS[module] in everything.partition("[")[2].rstrip("]").split(",")
 
 
+def test_tests_need_all_of_them_but_the_one_that_has_to_be_compiled():
+    extras = PROJECT["optional-dependencies"]
+    (ours,) = [name for name in extras["test"] if name.startswith("parapod[")]
+    names = ours.removeprefix("parapod[").rstrip("]").split(",")
+    assert set(names) == set(EXTRAS.values()) - {"spi"}
+
+
 def test_none_of_them_is_needed_by_the_package_itself():
     needed = {name.partition(">")[0].partition("=")[0] for name in PROJECT["dependencies"]}
     assert not needed & {*EXTRAS, *EXTRAS.values(), "python-can", "pyserial", "grpcio"}

@@ -184,3 +184,62 @@ def test_a_thread_can_be_started_again(running, fake, until):
     thread.start()
     assert until(lambda: thread.device.readings > readings)
     assert len(thread.device.written) == 1
+
+
+def test_a_write_that_fails_half_way_is_made_neutral_all_the_same(running, fake, failure, until):
+    class HalfWay(fake):
+        def write(self, commands):
+            self.written.append(commands)  # the first actuator moves
+            raise failure
+
+    thread = running(HalfWay(), period=10.0, command_timeout=0.05)
+    thread.post(COMMAND, time.monotonic())
+    assert until(lambda: thread.device.written)
+    assert until(lambda: "neutral" in thread.device.events)
+    assert until(lambda: thread.sample.fault is DeviceFault.NO_COMMAND)
+    time.sleep(0.1)
+    assert thread.device.events.count("neutral") == 1
+
+
+# What is wrong
+
+
+def test_a_device_that_is_well_has_no_error(running):
+    thread = running()
+    assert thread.error is None
+    assert thread.sample.words == ""
+
+
+def test_an_error_names_the_device_once(running, failure, until):
+    thread = running()
+    thread.device.error = failure
+    assert until(lambda: thread.error is not None)
+    error = thread.error
+    assert (error.device, error.words, error.fault) == ("fake", "the fuse is blown", failure.fault)
+    assert str(error) == "fake: the fuse is blown"
+    assert thread.sample.words == "the fuse is blown"
+
+
+def test_an_error_of_something_behind_the_device_names_both(running, until):
+    thread = running()
+    thread.device.error = DeviceError("fuse box", "door is open", DeviceFault.CORRUPT)
+    assert until(lambda: thread.error is not None)
+    assert str(thread.error) == "fake: fuse box: door is open"
+    assert thread.error.fault is DeviceFault.CORRUPT
+
+
+def test_a_device_that_is_neither_commanded_nor_neutral_is_named_once(running, failure, until):
+    thread = running(period=10.0, command_timeout=0.05)
+    thread.post(COMMAND, time.monotonic())
+    assert until(lambda: thread.device.written)
+    thread.device.error = failure
+    assert until(lambda: thread.error is not None)
+    assert str(thread.error) == "fake: no command for 0.05 s, and the fuse is blown"
+
+
+def test_a_thread_that_is_started_again_waits_for_a_new_sample(running, fake):
+    thread = running(fake())
+    thread.stop()
+    thread.device.stall = 0.2
+    with pytest.raises(DeviceError, match="no sample yet"):
+        thread.start(timeout=0.05)

@@ -157,9 +157,9 @@ def test_counters_are_followed_through_their_wrap(serve, harness, direction):
             assert all(abs(value) < 1.0 for value in measured["velocity"])
 
 
-def test_set_extension_tells_what_the_counts_mean(card, harness):
+def test_a_reference_tells_what_the_counts_mean(card, harness):
     harness.set("legs.extension", (0.2, 0.2, 0.2, 0.2))
-    card.set_extension((0.01, 0.02, 0.03, 0.04))
+    card.set_reference((0.01, 0.02, 0.03, 0.04))
     assert card.is_referenced
     assert card.read()["extension"] == pytest.approx((0.01, 0.02, 0.03, 0.04))
     harness.set("legs.extension", (0.25, 0.2, 0.2, 0.1))
@@ -169,14 +169,14 @@ def test_set_extension_tells_what_the_counts_mean(card, harness):
 @pytest.mark.parametrize("values", [(0.0,) * 3, (0.0, 0.0, 0.0, math.nan)])
 def test_references_that_are_none_are_refused(card, values):
     with pytest.raises(ValueError, match="4 finite extensions"):
-        card.set_extension(values)
+        card.set_reference(values)
     assert not card.is_referenced
 
 
 def test_reference_is_lost_with_the_connection(server, harness):
     card = device(server)
     with card:
-        card.set_extension((0.3,) * 4)
+        card.set_reference((0.3,) * 4)
     harness.set("legs.extension", (0.1,) * 4)
     with card:
         assert not card.is_referenced

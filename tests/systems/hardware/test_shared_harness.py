@@ -1,5 +1,6 @@
 """Wires and misbehaviour between processes."""
 
+import mmap
 import struct
 import subprocess
 import sys
@@ -157,6 +158,24 @@ while True:
     assert writer.poll() is None
     assert len(seen) > 100
     assert reads > 1000
+
+
+def test_the_count_by_which_torn_reads_are_known_never_goes_back(harness, process, path):
+    writer = process("""
+print(flush=True)
+while True:
+    harness.set("legs.voltage", [1.0] * 4)
+""")
+    writer.stdout.readline()
+    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ) as memory:
+        end = time.monotonic() + 0.5
+        last = 0
+        while time.monotonic() < end:
+            for _ in range(1000):
+                (count,) = struct.unpack_from("=q", memory)  # of the first signal
+                assert count >= last
+                last = count
+    assert last > 1000
 
 
 # Misbehaviour

@@ -1,4 +1,6 @@
-"""What an idle levelling platform is told on the ports that nothing else drives."""
+"""What an idle machine is told on the ports that nothing else drives."""
+
+from collections.abc import Mapping
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
@@ -6,21 +8,19 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from parapod.diagrams.wiring import add, connect
 
-# What is braked stays so, and nothing else is asked of it.
-_IDLE = {"wheels.brake": 1.0}
 
-
-def idle_inputs(builder: DiagramBuilder, machine: Diagram) -> None:
+def idle_inputs(builder: DiagramBuilder, machine: Diagram, values: Mapping[str, float]) -> None:
     """Puts a constant on every input of a station that nothing drives yet.
 
     Args:
         builder: has the station and what drives it.
         machine: the station's diagram.
+        values: by the name of a port; 0 for those that are left out.
     """
     for i in range(machine.num_input_ports()):
         port = machine.get_input_port(i)
         if not builder.IsConnectedOrExported(port):
             name = port.get_name()
-            value = np.full(port.size(), _IDLE.get(name, 0.0))
+            value = np.full(port.size(), values.get(name, 0.0))
             idle = add(builder, ConstantVectorSource(value), f"idle.{name}")
             connect(builder, idle.get_output_port(), port)

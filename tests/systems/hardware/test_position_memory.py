@@ -1,5 +1,6 @@
-"""What is kept of the extensions of self-locking actuators from one program to the next."""
+"""What is kept of the positions of self-locking actuators from one program to the next."""
 
+import itertools
 import json
 import math
 import os
@@ -10,10 +11,10 @@ import sys
 import pytest
 
 from parapod.systems.hardware.device import DeviceError
-from parapod.systems.hardware.extension_memory import ExtensionMemory
 from parapod.systems.hardware.ni_daq import NiDaq
 from parapod.systems.hardware.ni_params import NiDaqParams
-from parapod.systems.hardware.referenced_ni_daq import ReferencedNiDaq
+from parapod.systems.hardware.position_memory import PositionMemory
+from parapod.systems.hardware.referenced import Referenced
 
 EXTENSION = (0.401, 0.402, 0.1 + 0.2, 1.0 / 3.0)
 
@@ -25,7 +26,7 @@ def path(tmp_path):
 
 @pytest.fixture
 def memory(path):
-    return ExtensionMemory(path, 4)
+    return PositionMemory(path, 4, "extension")
 
 
 def test_without_a_file_nothing_is_recalled(memory, path):
@@ -36,7 +37,7 @@ def test_without_a_file_nothing_is_recalled(memory, path):
 def test_what_is_saved_is_recalled_to_the_last_bit(memory, path):
     memory.save(EXTENSION)
     assert memory.recall() == EXTENSION
-    assert ExtensionMemory(path, 4).recall() == EXTENSION
+    assert PositionMemory(path, 4, "extension").recall() == EXTENSION
 
 
 def test_the_file_is_json_that_people_can_read_and_nothing_else_is_left(memory, path):
@@ -97,7 +98,7 @@ def test_a_folder_in_its_place_is_refused(memory, path):
 
 
 def test_a_folder_that_is_not_there_is_named(tmp_path):
-    memory = ExtensionMemory(tmp_path / "none" / "x.json", 4)
+    memory = PositionMemory(tmp_path / "none" / "x.json", 4, "extension")
     for act in (memory.forget, lambda: memory.save(EXTENSION)):
         with pytest.raises(DeviceError, match="cannot be written: No such file or directory"):
             act()
@@ -119,8 +120,8 @@ def test_a_program_that_is_killed_leaves_the_old_or_the_new_extensions(path):
     code = """if True:
         import itertools, sys
         from pathlib import Path
-        from parapod.systems.hardware.extension_memory import ExtensionMemory
-        memory = ExtensionMemory(Path(sys.argv[1]), 4)
+        from parapod.systems.hardware.position_memory import PositionMemory
+        memory = PositionMemory(Path(sys.argv[1]), 4, "extension")
         for k in itertools.count():
             memory.save([float(k)] * 4)
             if k == 20:
@@ -130,7 +131,7 @@ def test_a_program_that_is_killed_leaves_the_old_or_the_new_extensions(path):
     with subprocess.Popen(command, stdout=subprocess.PIPE) as program:
         program.stdout.readline()
         program.send_signal(signal.SIGKILL)
-    found = ExtensionMemory(path, 4).recall()
+    found = PositionMemory(path, 4, "extension").recall()
     assert len(set(found)) == 1
     assert found[0] >= 20.0
 
@@ -138,11 +139,16 @@ def test_a_program_that_is_killed_leaves_the_old_or_the_new_extensions(path):
 # The card that keeps it
 
 
+opened = []
+
+
 class Tasks:
     """Counters, inputs and outputs of a card whose encoders turn when a test says so."""
 
     def __init__(self, params, name):
         self.counts, self.relay, self.time = [0] * 4, None, 0.0
+        self.outputs, self.is_closed = None, False
+        opened.append(self)
 
     def begin(self, timeout):
         self.time += 0.01
@@ -151,7 +157,7 @@ class Tasks:
         pass
 
     def close(self):
-        pass
+        self.is_closed = True
 
     def read_counters(self):
         return [(count % 2**32, self.time) for count in self.counts]
@@ -160,7 +166,7 @@ class Tasks:
         return (0.0,) * 12
 
     def write_outputs(self, values):
-        pass
+        self.outputs = list(values)
 
     def write_relay(self, is_on):
         self.relay = is_on
@@ -168,10 +174,14 @@ class Tasks:
 
 @pytest.fixture
 def card(path, monkeypatch):
-    """card(): a new one at the same file, as a new program has it."""
+    """card(start=...): a new one at the same file, as a new program has it."""
     monkeypatch.setattr("parapod.systems.hardware.ni_daq.NiTasks", Tasks)
-    params = NiDaqParams(extension_at_start=(0.41,) * 4, metres_per_count=1e-5)
-    return lambda: ReferencedNiDaq(params, path)
+
+    def make(start=(0.41,) * 4):
+        params = NiDaqParams(extension_at_start=start, metres_per_count=1e-5)
+        return Referenced(NiDaq(params), path)
+
+    return make
 
 
 def extension(card):
@@ -179,14 +189,35 @@ def extension(card):
 
 
 def turn(card, counts):
-    card._tasks.counts = counts
+    card.device._tasks.counts = counts
 
 
 def test_without_a_file_a_card_begins_with_its_parameters(card, path):
     with card() as ours:
         assert extension(ours) == pytest.approx((0.41,) * 4)
-        assert ours.is_referenced
+        assert ours.device.is_referenced
     assert not path.exists()
+
+
+def test_a_card_whose_extensions_nobody_knows_is_refused_and_neutral(card, path):
+    ours = card(start=None)
+    with pytest.raises(DeviceError) as caught, ours:
+        pass
+    text = str(caught.value)
+    assert text.startswith(f"{ours.name}: nobody knows the legs' extensions: measure them")
+    assert "give extension_at_start_mm" in text
+    assert str(path) in text
+    assert opened[-1].outputs == [2.5] * 4
+    assert opened[-1].relay is False
+    assert opened[-1].is_closed
+    assert not path.exists()
+
+
+def test_a_card_whose_extensions_only_the_file_knows_begins_there(card, path):
+    PositionMemory(path, 4, "extension").save(EXTENSION)
+    with card(start=None) as ours:
+        assert ours.device.is_referenced
+        assert extension(ours) == pytest.approx(EXTENSION)
 
 
 def test_a_card_begins_where_the_last_program_ended(card):
@@ -221,12 +252,44 @@ def test_a_program_that_ends_without_deactivating_leaves_the_extensions_unknown(
 
 
 def test_reading_without_power_changes_nothing_in_the_file(card, path):
-    ExtensionMemory(path, 4).save(EXTENSION)
+    PositionMemory(path, 4, "extension").save(EXTENSION)
     before = path.read_bytes()
     with card() as ours:
         assert extension(ours) == pytest.approx(EXTENSION)
         ours.deactivate()
     assert path.read_bytes() == before
+
+
+def test_what_still_moves_without_power_is_waited_for(card):
+    with card() as ours:
+        ours.activate()
+        left = iter([30, 20, 10, 3, 1])
+        read = ours.device.read
+
+        def coasting():
+            turn(ours, [100 - next(left, 0)] * 4)
+            return read()
+
+        ours.device.read = coasting
+        ours.deactivate()
+    with card() as next_one:
+        assert extension(next_one) == pytest.approx((0.411,) * 4)
+
+
+def test_an_encoder_that_is_never_quiet_does_not_keep_a_program_from_ending(card):
+    with card() as ours:
+        ours.activate()
+        counts = itertools.cycle((100, 101))
+        read = ours.device.read
+
+        def restless():
+            turn(ours, [next(counts)] * 4)
+            return read()
+
+        ours.device.read = restless
+        ours.deactivate()
+    with card() as next_one:
+        assert extension(next_one) == pytest.approx((0.411,) * 4, abs=1.1e-5)
 
 
 def test_deactivating_twice_saves_once(card, path):
@@ -247,14 +310,14 @@ def test_a_file_that_cannot_be_written_keeps_the_drives_without_power(card, path
     with card() as ours:
         with pytest.raises(DeviceError, match="cannot be written: Read-only"):
             ours.activate()
-        assert ours._tasks.relay is False
+        assert ours.device._tasks.relay is False
 
 
 def test_a_card_that_is_not_referenced_is_worth_nothing_and_says_so(monkeypatch):
     monkeypatch.setattr("parapod.systems.hardware.ni_daq.NiTasks", Tasks)
     with NiDaq(NiDaqParams()) as ours:
         assert not ours.is_referenced
-        ours.set_extension([0.4, 0.4, 0.4, 0.4])
+        ours.set_reference([0.4, 0.4, 0.4, 0.4])
         assert ours.is_referenced
         with pytest.raises(ValueError, match="4 finite extensions"):
-            ours.set_extension([0.4, 0.4, 0.4, math.nan])
+            ours.set_reference([0.4, 0.4, 0.4, math.nan])

@@ -1,4 +1,4 @@
-"""What every station of the levelling platform is, whatever stands behind its ports."""
+"""What every machine's station is, whatever stands behind its ports."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -7,29 +7,21 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import Context, Diagram
 
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.systems.levelling_platform.platform_model import PlatformModel
-
 
 @dataclass(frozen=True)
-class Station(ABC):
-    """The machine seen through its ports.
+class Station[Scenario](ABC):
+    """A machine seen through its ports.
 
     Attributes:
-        diagram: the station; its ports are those of `parapod.diagrams.levelling_platform.ports`.
+        diagram: the station; its ports are those of the machine's `ports` module.
         scenario: what it was built from.
     """
 
     diagram: Diagram
-    scenario: LevellingScenario
-
-    @property
-    def model(self) -> PlatformModel | None:
-        """Bodies and joints of the plant; None where none are simulated."""
-        return None
+    scenario: Scenario
 
     @abstractmethod
-    def reset(self, root_context: Context, scenario: LevellingScenario | None = None) -> None:
+    def reset(self, root_context: Context, scenario: Scenario | None = None) -> None:
         """Puts the station at its beginning.
 
         Args:

@@ -1,0 +1,1 @@
+"""The walking chair as diagrams: stations, controller, closed loop."""

@@ -1,0 +1,66 @@
+"""The walking chair's controller: from a gait and measurements to velocities of the drives."""
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from parapod.diagrams.walking_chair.scenario import ChairScenario
+from parapod.diagrams.wiring import add, connect
+from parapod.systems.actuators.compound_position_controller import CompoundPositionController
+from parapod.systems.walking_chair.branches import BRANCHES
+from parapod.systems.walking_chair.chair_feedforward import ChairFeedforward
+from parapod.systems.walking_chair.eased_start import EasedStart
+from parapod.systems.walking_chair.gait_planner import GaitPlanner
+from parapod.systems.walking_chair.payload_estimator import PayloadEstimator
+from parapod.systems.walking_chair.support_monitor import SupportMonitor, SupportMonitorParams
+
+
+def make_controller(scenario: ChairScenario) -> Diagram:
+    """Wires gait planner, feedforward, position controllers, payload estimator and monitor.
+
+    Inputs: `legs.position` (12), `legs.current` (12).
+    Outputs: `legs.velocity_command` (12), `position_node` (12), `gait_time` (1), `support` (4),
+    `done` (1), `payload_estimated` (3), `support_margin` (1), `hold` (1).
+
+    Args:
+        scenario: its `gait`, `control`, `drives.max_velocity_mm_s` and `begin` are used.
+    """
+    builder = DiagramBuilder()
+    control, walk = scenario.control, scenario.gait.walk
+    planner = add(builder, GaitPlanner(walk, period=control.period, begin=scenario.begin))
+    feedforward = add(builder, ChairFeedforward())
+    start = add(builder, EasedStart(period=control.period))
+    drive = CompoundPositionController(
+        control.params(scenario.drives), len(BRANCHES), control.period
+    )
+    position = add(builder, drive)
+    payload = add(builder, PayloadEstimator())
+    required = SupportMonitorParams(required=1e-3 * control.support_margin_mm)
+    monitor = add(builder, SupportMonitor(walk, required))
+    for source, sink in (
+        (planner.GetOutputPort("body_motion"), feedforward.GetInputPort("body_motion")),
+        (planner.GetOutputPort("foot_motion"), feedforward.GetInputPort("foot_motion")),
+        (planner.GetOutputPort("references"), feedforward.GetInputPort("references")),
+        (feedforward.GetOutputPort("length"), start.GetInputPort("length")),
+        (start.GetOutputPort("position_node"), position.GetInputPort("position_node")),
+        (payload.GetOutputPort("payload"), monitor.GetInputPort("payload")),
+        (planner.GetOutputPort("gait_time"), monitor.GetInputPort("gait_time")),
+        (monitor.GetOutputPort("hold"), planner.GetInputPort("hold")),
+    ):
+        connect(builder, source, sink)
+    measured = builder.ExportInput(position.GetInputPort("position_measured"), "legs.position")
+    builder.ConnectInput(measured, payload.GetInputPort("position"))
+    builder.ConnectInput(measured, start.GetInputPort("position_measured"))
+    builder.ExportInput(payload.GetInputPort("current"), "legs.current")
+    for port, name in (
+        (position.GetOutputPort("velocity_command"), "legs.velocity_command"),
+        (start.GetOutputPort("position_node"), "position_node"),
+        (planner.GetOutputPort("gait_time"), "gait_time"),
+        (planner.GetOutputPort("support"), "support"),
+        (planner.GetOutputPort("done"), "done"),
+        (payload.GetOutputPort("payload"), "payload_estimated"),
+        (monitor.GetOutputPort("margin"), "support_margin"),
+        (monitor.GetOutputPort("hold"), "hold"),
+    ):
+        builder.ExportOutput(port, name)
+    diagram = builder.Build()
+    diagram.set_name("controller")
+    return diagram

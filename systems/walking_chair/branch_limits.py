@@ -1,0 +1,163 @@
+"""What the branches' actuators allow: strokes and speeds, and the errors that name who exceeds."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from parapod.systems.batching import of_width
+from parapod.systems.errors import ParapodError
+from parapod.systems.walking_chair.branches import LEGS, branch_names
+from parapod.systems.walking_chair.geometry import LegGeometry
+
+# A length that was computed for an actuator at its stroke's end must be admissible [m].
+_STROKE_TOLERANCE = 1e-9
+_SPEED_TOLERANCE = 1e-9  # [m/s]
+
+
+def _at(time: float | None) -> str:
+    return "" if time is None else f" at {time:.3f} s"
+
+
+class StrokeExceeded(ParapodError):
+    """A branch that would have to be shorter or longer than its actuator allows.
+
+    Attributes:
+        branch: its name, as in "branch 12".
+        time: when [s]; None for a posture without time.
+        length: the length that it would need [m]; NaN if no length would do.
+        admissible: (smallest, largest) length [m].
+        missing: how far the length lies outside [m].
+    """
+
+    def __init__(
+        self, branch: str, time: float | None, length: float, admissible: tuple[float, float]
+    ):
+        self.branch, self.time, self.length, self.admissible = branch, time, length, admissible
+        low, high = admissible
+        self.missing = max(low - length, length - high)
+        stroke = f"stroke {1e3 * low:.1f}..{1e3 * high:.1f} mm"
+        if math.isnan(length):
+            text = f"{branch} has no length that puts the foot there{_at(time)} (its {stroke})"
+        else:
+            text = (
+                f"{branch} would need a length of {1e3 * length:.3f} mm{_at(time)}, "
+                f"{1e3 * self.missing:.3f} mm outside its {stroke}"
+            )
+        super().__init__(text)
+
+
+class SpeedExceeded(ParapodError):
+    """A branch that would have to move faster than its actuator does.
+
+    Attributes:
+        branch: its name, as in "branch 12".
+        time: when [s]; None for a state without time.
+        speed: how fast it would have to be, either way [m/s]; NaN if the foot is out of reach.
+        limit: how fast it can be [m/s].
+    """
+
+    def __init__(self, branch: str, time: float | None, speed: float, limit: float):
+        self.branch, self.time, self.speed, self.limit = branch, time, speed, limit
+        super().__init__(
+            f"{branch} would move at {1e3 * speed:.3f} mm/s{_at(time)}, "
+            f"{1e3 * (speed - limit):.3f} mm/s faster than its limit {1e3 * limit:.1f} mm/s"
+        )
+
+
+def stroke_excess(geometry: LegGeometry, length: ArrayLike) -> NDArray[np.float64]:
+    """How far each branch is outside its stroke.
+
+    Args:
+        geometry: the leg.
+        length: (..., 3) lengths of the branches UP, UPS, UPS [m].
+
+    Returns:
+        (..., 3) excess [m]: positive outside, negative for the distance to the nearer end inside;
+        NaN for NaN.
+    """
+    given = of_width(length, 3, "length")
+    low, high = geometry.strokes.T
+    return np.maximum(low - given, given - high)
+
+
+def check_strokes(
+    geometry: LegGeometry,
+    length: ArrayLike,
+    time: ArrayLike | None = None,
+    legs: Sequence[int] = LEGS,
+) -> None:
+    """Refuses lengths outside the strokes.
+
+    Args:
+        geometry: the legs.
+        length: (..., n, 3) lengths of the branches of n legs [m].
+        time: (...) of each posture [s], for the error; None for postures without time.
+        legs: numbers 1..4 of the n legs.
+
+    Raises:
+        StrokeExceeded: names the branch that is furthest outside, or has no length at all.
+        ValueError: wrong shapes.
+    """
+    lengths = _of_legs(length, legs, "length")
+    found = _worst(stroke_excess(geometry, lengths), _STROKE_TOLERANCE)
+    if found is not None:
+        low, high = geometry.strokes[found[-1]].tolist()
+        name, when = _name(found, legs), _time(time, lengths.shape[:-2], found)
+        raise StrokeExceeded(name, when, float(lengths[found]), (low, high))
+
+
+def check_speeds(
+    velocity: ArrayLike,
+    limit: float,
+    time: ArrayLike | None = None,
+    legs: Sequence[int] = LEGS,
+) -> None:
+    """Refuses velocities above a limit, either way.
+
+    Args:
+        velocity: (..., n, 3) of the branches of n legs [m/s].
+        limit: largest speed of each branch [m/s].
+        time: (...) of each state [s], for the error; None for states without time.
+        legs: numbers 1..4 of the n legs.
+
+    Raises:
+        SpeedExceeded: names the fastest branch.
+        ValueError: wrong shapes.
+    """
+    speeds = np.abs(_of_legs(velocity, legs, "velocity"))
+    found = _worst(speeds - limit, _SPEED_TOLERANCE)
+    if found is not None:
+        name, when = _name(found, legs), _time(time, speeds.shape[:-2], found)
+        raise SpeedExceeded(name, when, float(speeds[found]), limit)
+
+
+def _of_legs(value: ArrayLike, legs: Sequence[int], name: str) -> NDArray[np.float64]:
+    array = of_width(value, 3, name)
+    if array.ndim < 2 or array.shape[-2] != len(legs):
+        raise ValueError(f"{name} must have shape (..., {len(legs)}, 3), not {array.shape}")
+    return array
+
+
+def _worst(excess: NDArray[np.float64], tolerance: float) -> tuple[int, ...] | None:
+    """Index of the largest excess, NaN being the largest of all; None if all are tolerable.
+
+    Of excesses that are equal but for rounding, as those of mirrored legs are, it is the first.
+    """
+    if excess.size == 0:
+        return None
+    ranked = np.where(np.isnan(excess), np.inf, excess)
+    largest = ranked.max()
+    if largest <= tolerance:
+        return None
+    first = int(np.argmax(ranked >= largest - tolerance))
+    return tuple(int(i) for i in np.unravel_index(first, excess.shape))
+
+
+def _name(index: tuple[int, ...], legs: Sequence[int]) -> str:
+    return branch_names(legs)[3 * index[-2] + index[-1]]
+
+
+def _time(time: ArrayLike | None, shape: tuple[int, ...], index: tuple[int, ...]) -> float | None:
+    return None if time is None else float(np.broadcast_to(time, shape)[index[:-2]])

@@ -1,0 +1,232 @@
+"""Quasi-static plant of the walking chair: at every instant at rest on its feet."""
+
+import functools
+import weakref
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.math import RollPitchYaw
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from parapod.systems.caching import declare_cached
+from parapod.systems.ports import read_array
+from parapod.systems.walking_chair.branches import BRANCHES
+from parapod.systems.walking_chair.chair import foot_corners
+from parapod.systems.walking_chair.geometry import LEG_COUNT, ChairGeometry
+from parapod.systems.walking_chair.masses import (
+    GRAVITY,
+    ChairMasses,
+    Passenger,
+    centre_of_mass,
+)
+from parapod.systems.walking_chair.standing import rest
+from parapod.systems.walking_chair.statics import force_map
+
+_CORNERS = 3 * LEG_COUNT
+_LEVEL = np.eye(3)
+
+
+class _Stance(NamedTuple):
+    """The chair at an instant; names are those of the ports."""
+
+    body_position: NDArray[np.float64]
+    body_attitude: NDArray[np.float64]
+    force: NDArray[np.float64]
+    contact_force: NDArray[np.float64]
+    foot_height: NDArray[np.float64]
+    body_pose: NDArray[np.float64]
+    places: NDArray[np.float64]  # (12, 2) corners in the world
+    carry: NDArray[np.bool_]  # (12)
+
+
+class KinematicChair(LeafSystem):
+    """The chair as a body at rest on what carries it: no dynamics, contact without slip.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `position` | 12 | m | lengths of the branches |
+    | out `body_position` | 3 | m | of S in the world |
+    | out `body_attitude` | 3 | rad | roll, pitch, yaw |
+    | out `force` | 12 | N | with which the actuators hold, positive to extend |
+    | out `contact_force` | 4 | N | of the ground on the feet, upwards |
+    | out `foot_height` | 12 | m | corners E_1, E_2, E_3 of each foot above the ground |
+    | out `body_pose` | 7 | -, m | quaternion (w, x, y, z) and position of the body |
+
+    Branches are springs on a rigid ground, see `standing`: they share the load, and feet that
+    would have to pull lift. A corner that carries stays where it has come to carry; body and
+    heading follow from those that stay, each counted as much as it carries.
+
+    State: discrete, place and heading of the body (3) [m, m, rad], where the corners came to
+    carry (24) [m] and which of them do (12), updated every period.
+
+    Parameters (Context): mass [kg] and place (x, y, height) [m] of the passenger (4).
+
+    Bad input: NaN where a leg cannot be assembled.
+    """
+
+    def __init__(
+        self,
+        geometry: ChairGeometry = ChairGeometry(),
+        masses: ChairMasses = ChairMasses(),
+        passenger: Passenger = Passenger(),
+        period: float = 0.01,
+    ):
+        """Creates the plant.
+
+        Args:
+            geometry: the chair.
+            masses: what it weighs.
+            passenger: who sits on it, until `stand`.
+            period: between looks at what carries [s].
+        """
+        super().__init__()
+        self.set_name("kinematic_chair")
+        self._geometry, self._masses = geometry, masses
+        self._position = self.DeclareVectorInputPort("position", len(BRANCHES))
+        self._passenger = self.DeclareNumericParameter(BasicVector(_numbers(passenger)))
+        self.DeclareDiscreteState(3)
+        self.DeclareDiscreteState(3 * _CORNERS)
+        self._stance = declare_cached(
+            self,
+            "stance",
+            self._calc_stance,
+            {self._position.ticket(), self.xd_ticket(), self.all_parameters_ticket()},
+        )
+        for name, size in (
+            ("body_position", 3),
+            ("body_attitude", 3),
+            ("force", len(BRANCHES)),
+            ("contact_force", LEG_COUNT),
+            ("foot_height", _CORNERS),
+            ("body_pose", 7),
+        ):
+            calc = functools.partial(_copy_signal, weakref.ref(self), name)
+            self.DeclareVectorOutputPort(name, size, calc, {self._stance.ticket})
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_contacts)
+
+    def stand(
+        self,
+        root_context: Context,
+        lengths: ArrayLike,
+        body_position: ArrayLike,
+        passenger: Passenger,
+    ) -> None:
+        """Puts the body above a place, looking ahead; the feet come to stand where they are.
+
+        Args:
+            root_context: of the diagram that holds this system.
+            lengths: not used; they come in through the port.
+            body_position: (3) of S in the world, of which x and y count [m].
+            passenger: who sits on it.
+        """
+        context = self.GetMyMutableContextFromRoot(root_context)
+        x, y, _ = np.asarray(body_position, dtype=float)
+        context.SetDiscreteState(0, np.array((x, y, 0.0)))
+        context.SetDiscreteState(1, np.zeros(3 * _CORNERS))
+        self.seat(root_context, passenger)
+
+    def seat(self, root_context: Context, passenger: Passenger) -> None:
+        """Exchanges the passenger, in the context of the diagram that holds this system."""
+        context = self.GetMyMutableContextFromRoot(root_context)
+        seat: Any = context.get_mutable_numeric_parameter(self._passenger)
+        seat.SetFromVector(_numbers(passenger))
+
+    def signal(self, context: Context, name: str) -> NDArray[np.float64]:
+        """The signal of that name, from the one solution that all of them share."""
+        signal: NDArray[np.float64] = getattr(self._stance.of(self, context), name)
+        return signal
+
+    def _calc_stance(self, context: Context) -> _Stance:
+        lengths = read_array(self._position, context).reshape(LEG_COUNT, 3)
+        corners = foot_corners(self._geometry, np.zeros(3), _LEVEL, lengths)
+        if not np.isfinite(corners).all():
+            return _unknown()
+        seat: Any = context.get_numeric_parameter(self._passenger)
+        mass, centre = centre_of_mass(
+            self._masses, Passenger(*seat.value()), corners.mean(axis=-2)
+        )
+        flat = corners.reshape(_CORNERS, 3)
+        vertical = force_map(self._geometry, lengths)[..., 2]
+        foot_weight = self._masses.foot_end * GRAVITY
+        at_rest = rest(flat, vertical, mass * GRAVITY, centre, foot_weight)
+        tilt = RollPitchYaw(at_rest.roll, at_rest.pitch, 0.0).ToRotationMatrix().matrix()
+        turned = flat @ tilt.T
+        carry = at_rest.loads > 0.0
+        x, y, yaw = self._place(context, turned[:, :2], np.where(carry, at_rest.loads, 0.0))
+        attitude = RollPitchYaw(at_rest.roll, at_rest.pitch, yaw)
+        position = np.array((x, y, at_rest.height))
+        return _Stance(
+            position,
+            attitude.vector(),
+            at_rest.branch_forces,
+            at_rest.loads.reshape(LEG_COUNT, 3).sum(axis=1),
+            at_rest.gaps,
+            np.concatenate((attitude.ToQuaternion().wxyz(), position)),
+            turned[:, :2] @ _heading(yaw).T + (x, y),
+            carry,
+        )
+
+    def _place(
+        self, context: Context, corners: NDArray[np.float64], loads: NDArray[np.float64]
+    ) -> tuple[float, float, float]:
+        """Place and heading that leave the corners that carry where they are."""
+        last: Any = context.get_discrete_state(0)
+        contacts: Any = context.get_discrete_state(1)
+        anchors = contacts.value()[: 2 * _CORNERS].reshape(_CORNERS, 2)
+        share = loads * contacts.value()[2 * _CORNERS :]
+        if not share.any():
+            return tuple(last.value())
+        share = share / share.sum()
+        from_middle, anchors_from_middle = corners - share @ corners, anchors - share @ anchors
+        along = share @ (from_middle * anchors_from_middle).sum(axis=1)
+        across = share @ (
+            from_middle[:, 0] * anchors_from_middle[:, 1]
+            - from_middle[:, 1] * anchors_from_middle[:, 0]
+        )
+        yaw = float(np.arctan2(across, along))
+        x, y = share @ anchors - _heading(yaw) @ (share @ corners)
+        return float(x), float(y), yaw
+
+    def _update_contacts(self, context: Context, discrete_state: Any) -> None:
+        stance: _Stance = self._stance.of(self, context)
+        if not np.isfinite(stance.body_position).all():
+            return
+        contacts: Any = context.get_discrete_state(1)
+        anchors = contacts.value()[: 2 * _CORNERS].reshape(_CORNERS, 2)
+        carried = contacts.value()[2 * _CORNERS :] > 0.5
+        kept = np.where((carried & stance.carry)[:, None], anchors, stance.places)
+        x, y, _ = stance.body_position
+        discrete_state.set_value(0, np.array((x, y, stance.body_attitude[2])))
+        discrete_state.set_value(1, np.concatenate((kept.ravel(), stance.carry.astype(float))))
+
+
+def _numbers(passenger: Passenger) -> NDArray[np.float64]:
+    return np.array((passenger.mass, passenger.x, passenger.y, passenger.height))
+
+
+def _heading(yaw: float) -> NDArray[np.float64]:
+    sine, cosine = np.sin(yaw), np.cos(yaw)
+    return np.array(((cosine, -sine), (sine, cosine)))
+
+
+def _unknown() -> _Stance:
+    return _Stance(
+        body_position=np.full(3, np.nan),
+        body_attitude=np.full(3, np.nan),
+        force=np.full(len(BRANCHES), np.nan),
+        contact_force=np.full(LEG_COUNT, np.nan),
+        foot_height=np.full(_CORNERS, np.nan),
+        body_pose=np.full(7, np.nan),
+        places=np.full((_CORNERS, 2), np.nan),
+        carry=np.zeros(_CORNERS, dtype=np.bool_),
+    )
+
+
+def _copy_signal(
+    chair: weakref.ref[KinematicChair], name: str, context: Context, output: BasicVector
+) -> None:
+    """Calculates one output port; knows the system weakly, as a port must not keep it alive."""
+    system = chair()
+    assert system is not None
+    output.SetFromVector(system.signal(context, name))

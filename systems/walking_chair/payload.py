@@ -1,0 +1,210 @@
+"""How much the walking chair can carry, and how its branches share the weight.
+
+The paper's Eqs. (50) and (54) ask that the branches' forces stay within +-F_N; how a redundantly
+supported chair spreads them is open. The largest payload over all ways of spreading them bounds
+what any distribution can reach; what a real chair reaches lies below it, and follows from how
+stiff its branches are.
+
+The ground pushes on each corner along rays: straight up without friction, otherwise along the
+edges of the pyramid |f_x| + |f_y| <= mu f_z, which is inside the cone of friction. Forces are
+sums of rays with factors that are not negative.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linprog, nnls  # type: ignore[import-untyped]
+
+from parapod.systems.walking_chair.geometry import LEG_COUNT
+from parapod.systems.walking_chair.masses import GRAVITY
+
+# F_N of Eq. (53) [N].
+FORCE_LIMIT = 427.3
+
+# How much more the balance of forces weighs than the energy in `elastic_forces`, and by how much
+# of the weight it may still be missed.
+_BALANCE = 1e4
+_MISSED = 1e-4
+
+
+class Stand(NamedTuple):
+    """How the chair stands at an instant; its body is level.
+
+    Attributes:
+        force_map: (12, 12, 3) see `statics.force_map`.
+        corners: (12, 3) of the feet from S, along the body's axes [m].
+        touching: (12) whether each corner is on the ground.
+        chair_mass: without payload, its centre of mass above or below S [kg].
+        payload_place: (2) centre of mass of the payload, x and y from S [m].
+    """
+
+    force_map: NDArray[np.float64]
+    corners: NDArray[np.float64]
+    touching: NDArray[np.bool_]
+    chair_mass: float
+    payload_place: ArrayLike = (0.0, 0.0)
+
+    def wrench(self, mass: float) -> NDArray[np.float64]:
+        """(6) force and moment about S that balance the weight with a payload [N, N m]."""
+        own, payload = _unit_weight((0.0, 0.0)), _unit_weight(self.payload_place)
+        return GRAVITY * (self.chair_mass * own + mass * payload)
+
+
+class Payload(NamedTuple):
+    """A payload and the forces that carry it.
+
+    Attributes:
+        mass: [kg]; minus infinity if there is none with which the chair can stand.
+        forces: (12, 3) of the ground on the corners [N]; NaN if none will do.
+        branch_forces: (12) [N]; likewise.
+    """
+
+    mass: float
+    forces: NDArray[np.float64]
+    branch_forces: NDArray[np.float64]
+
+
+class _Rays(NamedTuple):
+    """Along which the ground pushes: n of them.
+
+    Attributes:
+        corner: (n) number 0..11 of the corner that each pushes on.
+        direction: (n, 3) force for a factor of 1.
+        branches: (12, n) forces of the branches, likewise.
+        wrenches: (6, n) force and moment about S, likewise.
+    """
+
+    corner: NDArray[np.intp]
+    direction: NDArray[np.float64]
+    branches: NDArray[np.float64]
+    wrenches: NDArray[np.float64]
+
+    def carrying(self, mass: float, factors: NDArray[np.float64]) -> Payload:
+        """A payload that these factors (n) carry."""
+        forces = np.zeros((3 * LEG_COUNT, 3))
+        np.add.at(forces, self.corner, factors[:, np.newaxis] * self.direction)
+        return Payload(mass, forces, self.branches @ factors)
+
+
+_NOTHING = Payload(-np.inf, np.full((3 * LEG_COUNT, 3), np.nan), np.full(3 * LEG_COUNT, np.nan))
+
+
+def largest_payload(stand: Stand, friction: float = 0.0, limit: float = FORCE_LIMIT) -> Payload:
+    """The largest payload that some distribution of forces carries.
+
+    Args:
+        stand: the chair.
+        friction: coefficient.
+        limit: largest force of a branch, either way [N].
+
+    Raises:
+        ValueError: numbers that are not finite.
+    """
+    rays = _rays(stand, friction)
+    count = len(rays.corner)
+    found = _solve(
+        np.append(np.zeros(count), -1.0),
+        _both_ways(rays.branches, 0.0),
+        limit,
+        np.column_stack((rays.wrenches, -GRAVITY * _unit_weight(stand.payload_place))),
+        stand.wrench(0.0),
+    )
+    return _NOTHING if found is None else rays.carrying(float(found[-1]), found[:-1])
+
+
+def least_branch_force(stand: Stand, mass: float, friction: float = 0.0) -> Payload:
+    """Forces that carry a payload with as small a largest force of a branch as there can be.
+
+    The largest is unique; the forces of other branches need not be.
+
+    Args:
+        stand: the chair.
+        mass: of the payload [kg].
+        friction: coefficient.
+
+    Raises:
+        ValueError: numbers that are not finite.
+    """
+    rays = _rays(stand, friction)
+    count = len(rays.corner)
+    found = _solve(
+        np.append(np.zeros(count), 1.0),
+        _both_ways(rays.branches, -1.0),
+        0.0,
+        np.column_stack((rays.wrenches, np.zeros(6))),
+        stand.wrench(mass),
+    )
+    return _NOTHING if found is None else rays.carrying(mass, found[:-1])
+
+
+def elastic_forces(
+    stand: Stand, mass: float, friction: float = 0.0, ups_stiffness: float = 1.0
+) -> Payload:
+    """Forces that carry a payload on branches that give, between rigid feet and a rigid body.
+
+    Of all distributions it is the one with the least energy stored in the branches; all branches
+    of a kind give alike.
+
+    Args:
+        stand: the chair.
+        mass: of the payload [kg].
+        friction: coefficient.
+        ups_stiffness: axial stiffness of a UPS branch by that of a UP branch.
+
+    Raises:
+        ValueError: numbers that are not finite.
+    """
+    rays = _rays(stand, friction)
+    by_energy = np.tile((1.0, *(ups_stiffness,) * 2), LEG_COUNT) ** -0.5
+    wanted = stand.wrench(mass)
+    if not len(rays.corner):
+        return _NOTHING
+    factors, _ = nnls(
+        np.vstack((by_energy[:, np.newaxis] * rays.branches, _BALANCE * rays.wrenches)),
+        np.concatenate((np.zeros(len(by_energy)), _BALANCE * wanted)),
+    )
+    missing = np.abs(rays.wrenches @ factors - wanted).max()
+    return _NOTHING if missing > _MISSED * wanted[2] else rays.carrying(mass, factors)
+
+
+def _rays(stand: Stand, friction: float) -> _Rays:
+    sides = [(friction, 0.0), (-friction, 0.0), (0.0, friction), (0.0, -friction)]
+    edges = [(x, y, 1.0) for x, y in sides] if friction > 0.0 else [(0.0, 0.0, 1.0)]
+    touching = np.flatnonzero(stand.touching)
+    corner = np.repeat(touching, len(edges))
+    direction = np.tile(np.array(edges), (len(touching), 1))
+    branches = np.einsum("bna,na->bn", stand.force_map[:, corner], direction)
+    moments = np.cross(stand.corners[corner], direction)
+    return _Rays(corner, direction, branches, np.hstack((direction, moments)).T)
+
+
+def _unit_weight(place: ArrayLike) -> NDArray[np.float64]:
+    """(6) force and moment about S that balance a unit of weight at a place (2)."""
+    x, y = np.asarray(place, dtype=np.float64)
+    return np.array((0.0, 0.0, 1.0, y, -x, 0.0))
+
+
+def _both_ways(branches: NDArray[np.float64], last: float) -> NDArray[np.float64]:
+    """Rows for forces of branches (12, n), either way, with a column for the last unknown."""
+    rows = np.vstack((branches, -branches))
+    return np.column_stack((rows, np.full(len(rows), last)))
+
+
+def _solve(
+    cost: NDArray[np.float64],
+    at_most_rows: NDArray[np.float64],
+    at_most: float,
+    equal_rows: NDArray[np.float64],
+    equal: NDArray[np.float64],
+) -> NDArray[np.float64] | None:
+    """Unknowns, none of them negative, of the least cost; None if there are none."""
+    found = linprog(
+        cost,
+        A_ub=at_most_rows,
+        b_ub=np.full(len(at_most_rows), at_most),
+        A_eq=equal_rows,
+        b_eq=equal,
+        bounds=(0.0, None),
+    )
+    return found.x if found.success else None

@@ -1,0 +1,164 @@
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from parapod.diagrams.idle import idle_inputs
+from parapod.diagrams.walking_chair.closed_loop import make_closed_loop
+from parapod.diagrams.walking_chair.ports import IDLE, INPUTS, OUTPUTS, TRUTH_OUTPUTS
+from parapod.diagrams.walking_chair.scenario import BACKENDS, SIMULATED, ChairScenario
+from parapod.diagrams.walking_chair.station import STATIONS, make_station
+from parapod.systems.walking_chair.chair_model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.start import starting_lengths
+
+
+def scenario_for(backend, **changes):
+    scenario = ChairScenario(backend=backend)
+    scenario.plant.time_step = 2e-3
+    for path, value in changes.items():
+        part, _, name = path.partition("__")
+        setattr(getattr(scenario, part) if name else scenario, name or part, value)
+    return scenario
+
+
+def ports_of(diagram):
+    inputs = [diagram.get_input_port(i) for i in range(diagram.num_input_ports())]
+    outputs = [diagram.get_output_port(i) for i in range(diagram.num_output_ports())]
+    return (
+        {port.get_name(): port.size() for port in inputs},
+        {port.get_name(): port.size() for port in outputs},
+    )
+
+
+def sizes(*tables):
+    return {spec.name: spec.size for table in tables for spec in table}
+
+
+def test_every_backend_has_a_station():
+    assert set(STATIONS) == set(BACKENDS)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_all_backends_have_the_same_ports(backend):
+    inputs, outputs = ports_of(make_station(scenario_for(backend)).diagram)
+    assert inputs == sizes(INPUTS)
+    truth = sizes(TRUTH_OUTPUTS) if backend in SIMULATED else {}
+    assert outputs == sizes(OUTPUTS) | truth
+
+
+class Held:
+    """A station whose inputs are held, in a diagram of its own."""
+
+    def __init__(self, scenario, command=None):
+        builder = DiagramBuilder()
+        self.station = make_station(scenario)
+        builder.AddSystem(self.station.diagram)
+        idle_inputs(builder, self.station.diagram, IDLE if command is None else {})
+        if command is not None:
+            source = builder.GetSubsystemByName("idle.legs.velocity_command")
+        self.simulator = Simulator(builder.Build())
+        self.context = self.simulator.get_mutable_context()
+        self.station.reset(self.context)
+        if command is not None:
+            own = source.GetMyMutableContextFromRoot(self.context)
+            source.get_mutable_source_value(own).SetFromVector(command)
+
+    def shown(self, name):
+        context = self.station.diagram.GetMyContextFromRoot(self.context)
+        return self.station.diagram.GetOutputPort(name).Eval(context)
+
+
+@pytest.mark.parametrize("backend", [*SIMULATED, "mock"])
+def test_a_braked_chair_stays_where_its_walk_begins(backend):
+    held = Held(scenario_for(backend))
+    held.simulator.AdvanceTo(0.5)
+    lengths = starting_lengths(CHAIR_GEOMETRY, held.station.scenario.gait.walk).ravel()
+    count = 1e-3 * held.station.scenario.drives.encoder_resolution_mm
+    np.testing.assert_allclose(held.shown("legs.position"), lengths, rtol=0, atol=count)
+    np.testing.assert_array_equal(held.shown("legs.velocity"), 0.0)
+    assert not held.shown("status.fault").any()
+    if backend in SIMULATED:
+        np.testing.assert_allclose(
+            held.shown("truth.body_position"), (0.0, 0.0, 0.6654), rtol=0, atol=1e-4
+        )
+
+
+@pytest.mark.parametrize("backend", [*SIMULATED, "mock"])
+def test_branches_follow_their_velocities(backend):
+    exact = scenario_for(backend, drives__gain_error=0.0, drives__offset_mm_s=0.0)
+    command = np.tile((0.02, 0.0197, 0.0197), 4)
+    held = Held(exact, command)
+    start = held.shown("legs.position").copy()
+    held.simulator.AdvanceTo(0.5)
+    tau = 0.0 if backend == "mock" else 0.04
+    moved = held.shown("legs.position") - start
+    # A lag and the sampling of the command come off.
+    np.testing.assert_allclose(moved, command * (0.5 - tau), rtol=0, atol=0.02 * 0.011)
+    np.testing.assert_allclose(held.shown("legs.velocity"), command, rtol=0, atol=6e-4)
+
+
+@pytest.mark.parametrize("backend", SIMULATED)
+def test_currents_are_the_forces_of_the_branches(backend):
+    held = Held(scenario_for(backend))
+    held.simulator.AdvanceTo(0.5)
+    force = held.shown("truth.force")
+    np.testing.assert_allclose(held.shown("legs.current"), force * 3.0 / 427.3, rtol=1e-9)
+    weight = (57.0 + 49.2) * 9.81
+    assert held.shown("truth.contact_force").sum() == pytest.approx(weight, rel=1e-3)
+    # They hold what is above the feet.
+    assert force.reshape(4, 3).sum() == pytest.approx((57.0 + 49.2 - 8.0) * 9.81, rel=0.02)
+
+
+def test_both_plants_share_the_load_alike():
+    forces = {}
+    for backend in SIMULATED:
+        held = Held(scenario_for(backend, passenger__x_mm=40.0, passenger__y_mm=-30.0))
+        held.simulator.AdvanceTo(0.5)
+        forces[backend] = held.shown("truth.force").copy()
+    np.testing.assert_allclose(forces["kinematic"], forces["multibody"], rtol=0, atol=12.0)
+    by_leg = {name: force.reshape(4, 3).sum(axis=1) for name, force in forces.items()}
+    np.testing.assert_allclose(by_leg["kinematic"], by_leg["multibody"], rtol=0.035)
+
+
+def test_imperfections_come_from_the_seed():
+    commands = np.full(12, 0.02)
+    moved = []
+    for seed in (0, 0, 1):
+        held = Held(scenario_for("kinematic", seed=seed), commands)
+        start = held.shown("truth.position").copy()
+        held.simulator.AdvanceTo(0.3)
+        moved.append(held.shown("truth.position") - start)
+    np.testing.assert_array_equal(moved[0], moved[1])
+    assert np.abs(moved[0] - moved[2]).max() > 1e-5
+    # Gains within 2 %, offsets within 1 mm/s.
+    assert np.ptp(moved[0]) < 0.3 * (2 * 0.02 * 0.02 + 2e-3)
+
+
+@pytest.mark.parametrize("backend", SIMULATED)
+def test_a_station_can_begin_again_with_another_passenger(backend):
+    station_scenario = scenario_for(backend)
+    loop = make_closed_loop(station_scenario, log=("truth.force",))
+    simulator = Simulator(loop.diagram)
+    ends = []
+    for mass in (57.0, 20.0, 57.0):
+        other = scenario_for(backend, passenger__mass_kg=mass)
+        loop.reset(simulator.get_mutable_context(), other)
+        simulator.Initialize()
+        simulator.AdvanceTo(0.3)
+        _, signals = loop.recorded(simulator.get_context())
+        ends.append(signals["truth.force"][-1])
+    assert ends[1].sum() < 0.75 * ends[0].sum()
+    np.testing.assert_allclose(ends[2], ends[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("backend", SIMULATED)
+def test_the_chair_is_drawn(backend):
+    meshcat = Meshcat()
+    loop = make_closed_loop(scenario_for(backend), meshcat, log=())
+    simulator = Simulator(loop.diagram)
+    loop.reset(simulator.get_mutable_context())
+    simulator.Initialize()
+    simulator.AdvanceTo(0.05)
+    for path in ("chair/body/body", "chair/leg_3/foot", "chair/passenger/passenger"):
+        assert meshcat.HasPath(path)

@@ -1,0 +1,219 @@
+"""The emulated machine in a program of its own, and what it leaves behind."""
+
+import json
+import os
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from parapod.diagrams.levelling_platform.machine import LEVELLING_PLATFORM
+from parapod.diagrams.walking_chair.machine import WALKING_CHAIR
+from parapod.systems.hardware.emulators.shared_harness import SharedHarness
+from parapod.systems.hardware.position_memory import PositionMemory
+
+# SIGINT is ignored by children of shells without job control, hence the default handler.
+PARAPOD = (
+    sys.executable,
+    "-c",
+    "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
+    "from parapod.sims.cli import main; sys.exit(main())",
+)
+
+
+def _stamped(path, *names):
+    stream_reader = pytest.importorskip("mcap.stream_reader")
+    exceptions = pytest.importorskip("mcap.exceptions")
+    channels, stamps, rows = {}, [], {name: [] for name in names}
+    with open(path, "rb") as stream:
+        try:
+            for record in stream_reader.StreamReader(stream).records:
+                kind = type(record).__name__
+                if kind == "Channel" and record.topic in names:
+                    channels[record.id] = record.topic
+                elif kind == "Message" and record.channel_id in channels:
+                    name = channels[record.channel_id]
+                    rows[name].append(json.loads(record.data)["value"])
+                    if name == names[0]:
+                        stamps.append(1e-9 * record.log_time)
+        except (exceptions.EndOfFile, struct.error):
+            pass  # in the middle of a record
+    count = min(map(len, rows.values()))
+    return (np.array(stamps[:count]), *(np.array(v[:count], float) for v in rows.values()))
+
+
+class Emulator:
+    """`parapod emulate` in a process group and a folder of its own.
+
+    Attributes:
+        machine: that is emulated.
+        options: of every emulator of it.
+        remembered: the signal that a file remembers from one program to the next, and the file.
+    """
+
+    def __init__(self, scenario=""):
+        # A socket's path is short, which pytest's folders are not.
+        self.directory = Path(tempfile.mkdtemp(prefix="pp", dir="/tmp"))
+        self.log = self.directory / "emulator.mcap"
+        self.environment = os.environ | {"PARAPOD_EMULATOR": str(self.directory / "e")}
+        self.scenario = []
+        if scenario:
+            self.scenario = [str(self.directory / "machine.yaml")]
+            Path(*self.scenario).write_text(scenario)
+        options = [f"--scenario={path}" for path in self.scenario]
+        command = (*PARAPOD, "emulate", self.machine.experiment, "--log", self.log)
+        self.process = subprocess.Popen(
+            (*command, *self.options, *options),
+            env=self.environment,
+            stdin=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            bufsize=1,
+            start_new_session=True,
+        )
+        self.said = []
+        threading.Thread(target=self._listen, daemon=True).start()
+        if not self.until(lambda: any(line.startswith("ready") for line in self.said), 60.0):
+            self.end()
+            pytest.fail(f"the emulator does not begin: {self.said}")
+        specs = (*self.machine.inputs, *self.machine.outputs)
+        sizes = {spec.name: spec.size for spec in specs}
+        parts = sorted({d.part for d in self.machine.scenario().hardware.drivers})
+        self.wires = SharedHarness(self.directory / "e" / "wires", sizes, parts)
+
+    @staticmethod
+    def until(condition, timeout):
+        """Waits for something to become so; says whether it did."""
+        end = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > end:
+                return False
+            time.sleep(1e-3)
+        return True
+
+    def _listen(self):
+        for line in self.process.stderr:
+            self.said.append(line.strip())
+
+    def misbehave(self, part, kind):
+        """Returns when the devices do it."""
+        line = f"{part} {kind}"
+        count = len(self.said)
+        self.process.stdin.write(f"{line}\n")
+        is_done = self.until(lambda: any(s.endswith(line) for s in self.said[count:]), 5.0)
+        assert is_done, line
+
+    def program(self, *command):
+        """Begins a program that finds this machine."""
+        return subprocess.Popen(
+            [*map(str, command)],
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def parapod(self, *arguments):
+        """Begins `parapod` with these arguments."""
+        return self.program(*PARAPOD, *arguments)
+
+    def logged(self, *names):
+        """Wall clock [s] and, for each port, its values, of the log that is being written."""
+        time.sleep(0.5)
+        return _stamped(self.log, *names)
+
+    @property
+    def memory(self):
+        """Of where the legs stood when a program ended."""
+        signal, file = self.remembered
+        size = len(self.wires.get(f"legs.{signal}"))
+        return PositionMemory(self.directory / "e" / file, size, signal)
+
+    def measure_legs(self):
+        """What an operator does after a run that did not end in peace."""
+        self.memory.save(self.wires.get(f"legs.{self.remembered[0]}"))
+
+    def end(self):
+        if self.process.poll() is None:
+            self.process.terminate()
+        try:
+            self.process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            os.killpg(self.process.pid, signal.SIGKILL)
+            self.process.wait()
+        self.process.stdin.close()
+        shutil.rmtree(self.directory, ignore_errors=True)
+
+
+class EmulatedPlatform(Emulator):
+    """The levelling platform."""
+
+    machine, options = LEVELLING_PLATFORM, ("--backend=kinematic",)
+    remembered = "extension", "extensions.json"
+
+    @property
+    def has_power(self):
+        return self.wires.get("legs.stop")[0] < 0.5
+
+    @property
+    def is_neutral(self):
+        legs = not self.has_power and self.wires.get("legs.voltage") == (0.0,) * 4
+        speeds = self.wires.get("wheels.velocity_command")
+        return legs and self.wires.get("wheels.brake")[0] > 0.5 and speeds == (0.0,) * 4
+
+
+class EmulatedChair(Emulator):
+    """The walking chair."""
+
+    machine = WALKING_CHAIR
+    options = ("--backend=multibody", "--set", "plant.time_step=0.002")
+    remembered = "position", "positions.json"
+
+    @property
+    def has_power(self):
+        return self.wires.get("legs.brake")[0] < 0.5
+
+    @property
+    def is_neutral(self):
+        return not self.has_power and not any(self.wires.get("legs.velocity_command"))
+
+
+@pytest.fixture(scope="module")
+def emulators():
+    """emulators(kind, scenario="") begins an `Emulator`, which ends after the module's tests."""
+    with ExitStack() as stack:
+
+        def begin(kind, scenario=""):
+            emulator = kind(scenario)
+            stack.callback(emulator.end)
+            return emulator
+
+        yield begin
+
+
+@pytest.fixture(scope="module")
+def emulate(emulators):
+    """emulate(scenario="") begins an `EmulatedPlatform`."""
+    return partial(emulators, EmulatedPlatform)
+
+
+@pytest.fixture(scope="module")
+def emulate_chair(emulators):
+    """emulate_chair(scenario="") begins an `EmulatedChair`."""
+    return partial(emulators, EmulatedChair)
+
+
+@pytest.fixture(scope="session")
+def stamped():
+    """stamped(path, *names): wall clock [s] and each port's values, also of an unfinished log."""
+    return _stamped

@@ -1,0 +1,201 @@
+"""The experiment `chair-walk`: short walks, refusals, files."""
+
+import io
+import json
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat
+from rich.console import Console
+
+from parapod.diagrams.scenario import load_scenario
+from parapod.diagrams.walking_chair.scenario import ChairScenario
+from parapod.sims.chair_live import LiveChair
+from parapod.sims.chair_walk import EXPERIMENT, check_walk, run
+from parapod.sims.chair_walk_metrics import measure
+from parapod.sims.cli import main
+from parapod.sims.experiment import RunOptions
+from parapod.sims.figures import render
+from parapod.sims.outputs import read_log
+from parapod.systems.errors import ScenarioError
+from parapod.systems.walking_chair.branch_limits import SpeedExceeded, StrokeExceeded
+from parapod.systems.walking_chair.gait_forces import ForceExceeded
+from parapod.systems.walking_chair.gait_support import SupportLost
+
+DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "chair-walk.yaml"
+FORWARD = ("gait.way=forward", "plant.time_step=0.005", "begin=0.5", "end=0.5")
+KEYS = {"body_error_mm", "tilt_deg", "peak_force_N", "realtime_factor"}
+
+
+def scenario_with(*overrides):
+    return load_scenario(ChairScenario, DEFAULT, None, overrides)
+
+
+@pytest.fixture
+def options():
+    return RunOptions(console=Console(file=io.StringIO()))
+
+
+@pytest.fixture(scope="module")
+def result():
+    return run(scenario_with(*FORWARD), RunOptions(console=Console(file=io.StringIO())))
+
+
+def test_the_default_scenario_is_the_schemas(options):
+    assert scenario_with() == ChairScenario(
+        gait=scenario_with().gait, hardware=ChairScenario().hardware
+    )
+    assert scenario_with().gait.way == "forward and back"
+
+
+def test_a_walk_with_the_papers_passenger_holds_all_bounds(result):
+    assert result.passed, result.broken
+    found = result.as_json()
+    assert found.keys() >= KEYS
+    assert found["body_error_mm"] <= 1.0
+    assert found["tilt_deg"] <= 0.1
+    assert found["peak_force_N"] <= 250.0
+    bounds = {metric.key: metric.bound for metric in result.metrics}
+    assert bounds["body_error_mm"] == 1.0
+    assert bounds["tilt_deg"] == 0.1
+    assert bounds["peak_force_N"] == 250.0
+    assert bounds["drift_mm"] == 5.0
+    assert bounds["foot_below_ground_mm"] <= 0.02
+
+
+def test_loops_are_closed_to_a_micrometre_at_the_default_step(options):
+    fine = scenario_with("gait.way=forward", "gait.phase_duration=4.75", "end=0", "begin=0.5")
+    fine.plant.time_step = 1e-3
+    found = run(fine, options)
+    (loop,) = (metric for metric in found.metrics if metric.key == "loop_error_um")
+    assert loop.bound == 1.0
+    assert loop.passed
+    assert found.passed
+
+
+def test_the_kinematic_plant_walks_ten_cycles_without_drift(options):
+    found = run(scenario_with(*FORWARD, "backend=kinematic", "gait.cycles=10"), options).as_json()
+    assert found["drift_mm"] < 1.0
+    assert found["body_error_mm"] <= 1.0
+
+
+def test_figures_can_be_drawn(result):
+    names = [figure.name for figure in result.figures]
+    assert names == ["chair_walk_body", "chair_walk_currents", "chair_walk_margin"]
+    for figure in result.figures:
+        assert b"<svg" in render(figure)
+
+
+def test_a_passenger_beyond_the_margin_is_refused_in_millimetres():
+    with pytest.raises(SupportLost) as caught:
+        check_walk(scenario_with("passenger.x_mm=100", "passenger.y_mm=50"))
+    text = str(caught.value)
+    assert f"{1e3 * caught.value.margin:.1f} mm" in text
+    assert caught.value.margin < 0.0
+    assert "first swing" in text
+    assert "\n" not in text
+
+
+def test_the_command_refuses_a_passenger_before_anything_moves(tmp_path, capsys):
+    out = tmp_path / "walk.json"
+    code = main(
+        ["run", "chair-walk", "--set", "passenger.x_mm=100", "--set", "passenger.y_mm=50",
+         "--json", str(out)]
+    )  # fmt: skip
+    assert code != 0
+    error = capsys.readouterr().err
+    assert "support margin of -3.4 mm" in error
+    assert len(error.strip().splitlines()) == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("override", "error", "words"),
+    [
+        ("gait.lift_mm=110", StrokeExceeded, "branch"),
+        ("gait.phase_duration=4.6", SpeedExceeded, "mm/s"),
+        ("passenger.mass_kg=200", ForceExceeded, "427.3 N"),
+        ("control.support_margin_mm=60", SupportLost, "60.0 mm"),
+        ("control.period=0.001", ScenarioError, "control.period"),
+    ],
+)
+def test_what_the_chair_cannot_do_is_refused(override, error, words):
+    extra = ("plant.time_step=0.002",) if "period=" in override else ()
+    with pytest.raises(error, match=words):
+        check_walk(scenario_with(override, *extra))
+
+
+def test_a_walk_that_was_held_is_an_error_with_the_margin(result):
+    scenario = scenario_with(*FORWARD)
+    n = 50
+    signals = {
+        "done": np.zeros((n, 1)),
+        "hold": np.repeat((0.0, 1.0), n // 2)[:, None],
+        "gait_time": np.linspace(0.0, 2.0, n)[:, None],
+        "support_margin": np.full((n, 1), 0.004),
+    }
+    with pytest.raises(SupportLost, match=r"4\.0 mm"):
+        measure(scenario, np.arange(n) * 0.02, signals, 1.0)
+
+
+def test_log_and_json_are_written(tmp_path):
+    log, out = tmp_path / "walk.npz", tmp_path / "walk.json"
+    arguments = ["run", "chair-walk", "--log", str(log), "--json", str(out)]
+    for override in (*FORWARD, "backend=kinematic"):
+        arguments += ["--set", override]
+    assert main(arguments) == 0
+    assert json.loads(out.read_text())["experiment"] == "chair-walk"
+    found = read_log(log)
+    assert found.signals["legs.position"].shape[1] == 12
+    assert found.metadata["units"]["legs.current"] == "A"
+    assert set(found.metadata["units"]) == set(found.signals)
+
+
+def test_the_mock_walks_without_a_machine(options):
+    found = run(scenario_with(*FORWARD, "backend=mock"), options)
+    assert found.passed, found.broken
+    assert "body_error_mm" not in found.as_json()
+
+
+@pytest.mark.parametrize("backend", ["kinematic", "multibody"])
+def test_live_sliders_move_the_passenger_and_the_chair_waits(backend):
+    meshcat = Meshcat()
+    scenario = scenario_with(f"backend={backend}", "plant.time_step=0.005", "begin=0.2")
+    chair = LiveChair(scenario, meshcat)
+    with chair.sliders():
+        chair.begin()
+        for _ in range(10):
+            chair.advance()
+        assert chair.asked().mass == 57.0
+        assert chair.signal("hold") == 0.0
+        meshcat.SetSliderValue("to the right [mm]", 150.0)
+        meshcat.SetSliderValue("ahead [mm]", 100.0)
+        for _ in range(30):
+            chair.advance()
+        assert chair.asked().x == pytest.approx(0.15)
+        assert chair.signal("hold") == 1.0
+        held = chair.signal("gait_time")
+        assert held < 5.0
+        meshcat.SetSliderValue("to the right [mm]", 0.0)
+        meshcat.SetSliderValue("ahead [mm]", 0.0)
+        for _ in range(40):
+            chair.advance()
+        assert chair.signal("hold") == 0.0
+        assert chair.signal("gait_time") > held
+    assert meshcat.GetSliderNames() == []
+
+
+def test_the_chair_walks_on_until_told_to_stop(options):
+    meshcat = Meshcat()
+    scenario = scenario_with("backend=kinematic", "begin=0", "gait.way=forward")
+    chair = LiveChair(scenario, meshcat)
+    looks = []
+    with chair.sliders():
+        chair.walk(lambda: len(looks) >= 3 or looks.append(0))
+    assert 0.0 < chair.signal("gait_time") < 1.0
+
+
+def test_backends_are_those_of_the_station():
+    assert EXPERIMENT.backends == ("multibody", "kinematic", "mock", "hardware")

@@ -1,0 +1,90 @@
+"""The self-test of a part whose devices are fakes."""
+
+import time
+from dataclasses import dataclass
+
+import pytest
+
+from parapod.diagrams.drivers.driver import Driver
+from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.levelling_platform.ports import INPUTS
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.sims.check import Move, check_part
+from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
+
+PARTS = sorted({spec.name.partition(".")[0] for spec in INPUTS} | {"imu"})
+
+
+class FakePart(Device):
+    """Turns its wheels as it is commanded, and has a fuse that can blow meanwhile."""
+
+    def __init__(self, part, ports):
+        self.name, self.measures, self.commands = f"fake {part}", ports.measures, ports.commands
+        self.velocity, self.angle, self.then = (0.0,) * 4, [0.0] * 4, time.monotonic()
+        self.asked, self.blows_at = [], None
+
+    def configure(self):
+        pass
+
+    def read(self):
+        now = time.monotonic()
+        for wheel, velocity in enumerate(self.velocity):
+            self.angle[wheel] += velocity * (now - self.then)
+        self.then = now
+        if self.blows_at is not None and self.blows_at in self.velocity:
+            raise DeviceError(self.name, "the fuse is blown", DeviceFault.FAILED)
+        zeros = {name: (0.0,) * size for name, size in self.measures.items()}
+        return zeros | {"position": tuple(self.angle)}
+
+    def write(self, commands):
+        self.velocity = tuple(commands["velocity_command"])
+        self.asked.append(self.velocity)
+
+    def neutral(self):
+        self.velocity = (0.0,) * 4
+
+    def close(self):
+        pass
+
+
+@dataclass
+class _FakeDriver(Driver):
+    made: FakePart | None = None
+    blows_at: float | None = None
+
+    def make(self, ports):
+        self.made = FakePart(self.part, ports)
+        self.made.blows_at = self.blows_at
+        return self.made
+
+
+@pytest.fixture
+def check():
+    """check(move, **settings): metrics of the wheels' self-test by key, and the device."""
+
+    def run(move, **settings):
+        drivers = [_FakeDriver(part, **settings) for part in PARTS]
+        scenario = LevellingScenario(backend="hardware", hardware=HardwareScenario(drivers))
+        metrics = check_part(scenario, "wheels", move, 0.1, lambda line: None)
+        return {metric.key: metric for metric in metrics}, drivers[PARTS.index("wheels")].made
+
+    return run
+
+
+def test_a_motion_goes_there_and_back_on_ramps_and_ends_at_rest(check):
+    metrics, wheels = check(Move(1, 2.0, 0.5))
+    assert all(metric.passed for metric in metrics.values()), metrics
+    # The area of a trapezium of 2 rad/s with ramps of 0.2 s in 0.5 s: 2 (0.5 - 0.2).
+    assert metrics["reached"].meaning == "expected 0.6 rad"
+    asked = [velocity[1] for velocity in wheels.asked]
+    assert max(asked) == pytest.approx(2.0)
+    assert min(asked) == pytest.approx(-2.0)
+    assert asked[-1] == 0.0
+    assert not any(velocity[i] for velocity in wheels.asked for i in (0, 2, 3))
+
+
+def test_a_device_that_fails_on_the_way_is_named_once(check):
+    with pytest.raises(DeviceError) as caught:
+        check(Move(1, 2.0, 0.5), blows_at=2.0)
+    assert str(caught.value) == "fake wheels: the fuse is blown"
+    assert caught.value.fault is DeviceFault.FAILED

@@ -1,0 +1,476 @@
+"""Twelve screws on EPOS2 controllers: absolute positions, signs, currents, limits, failures."""
+
+import dataclasses
+import math
+import random
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from parapod.systems.hardware import epos2_objects as objects
+from parapod.systems.hardware.device import DeviceError, DeviceFault
+from parapod.systems.hardware.ds402 import DriveState
+from parapod.systems.hardware.emulators.epos2_node import EmulatedMotor
+from parapod.systems.hardware.epos2_setup import Epos2Params, settings
+from parapod.systems.hardware.referenced import Referenced
+from parapod.systems.hardware.soft_limits import SoftLimits
+
+AXES = 12
+IDS = tuple(range(1, AXES + 1))
+SIGNS = (1, -1, 1, 1, -1, -1) * 2
+GEAR = 2.0 * math.pi * 5.0 / 5e-3  # five turns of the motor for 5 mm
+COUNT = 5e-3 / (5.0 * 2000.0)
+RPM = 5e-3 / 5.0 / 60.0  # velocity of a screw at 1 rpm of its motor
+LOWER, UPPER, START = (0.574,) * AXES, (0.874,) * AXES, (0.7,) * AXES
+LIMITS = SoftLimits(LOWER, UPPER, lead=0.15, deceleration=2.0)
+SCREWS = {
+    "node_ids": IDS,
+    "gear": GEAR,
+    "signs": SIGNS,
+    "max_velocity": 0.08,
+    "acceleration": 2.0,
+    "deceleration": 2.0,
+    "quick_stop_deceleration": 4.0,
+    "measures_current": True,
+    "position_at_start": START,
+}
+MOTOR = EmulatedMotor(gear=GEAR)
+
+
+def legs(velocity, brake=0.0):
+    return {"velocity_command": np.broadcast_to(velocity, AXES).tolist(), "brake": (brake,)}
+
+
+@pytest.fixture
+def make_screws(make_rig):
+    """make_screws(**params): a rig of twelve screws, of which all stand at 0.7 m."""
+
+    def make(emulated_signs=SIGNS, position=START[0], **params):
+        return make_rig(
+            SCREWS | params,
+            part="legs",
+            axes=AXES,
+            position=position,
+            node_ids=params.get("node_ids", IDS),
+            motor=MOTOR,
+            signs=emulated_signs,
+            measures_current=True,
+        )
+
+    return make
+
+
+@pytest.fixture
+def screws(make_screws):
+    with make_screws() as rig:
+        yield rig
+
+
+class Moving(threading.Thread):
+    """The screws: they follow the drives with a lag of 40 ms, and remember how far they came."""
+
+    def __init__(self, harness, position):
+        super().__init__(daemon=True)
+        self._harness, self._stopping = harness, threading.Event()
+        self.position = np.full(AXES, position)
+        self.velocity = np.zeros(AXES)
+        self.lowest, self.highest = self.position.copy(), self.position.copy()
+
+    def run(self):
+        then = time.monotonic()
+        while not self._stopping.wait(1e-3):
+            now = time.monotonic()
+            goal = np.array(self._harness.get("legs.velocity_command"))
+            if self._harness.get("legs.brake")[0] > 0.5:
+                goal = np.zeros(AXES)
+            share = -math.expm1((then - now) / 0.04)
+            self.velocity += share * (goal - self.velocity)
+            self.position = self.position + self.velocity * (now - then)
+            self.lowest = np.minimum(self.lowest, self.position)
+            self.highest = np.maximum(self.highest, self.position)
+            self._harness.set("legs.position", self.position.tolist())
+            self._harness.set("legs.velocity", self.velocity.tolist())
+            then = now
+
+    def __enter__(self):
+        self.start()
+        return self
+
+    def __exit__(self, *_):
+        self._stopping.set()
+        self.join()
+
+
+def fault_of(call, *arguments):
+    with pytest.raises(DeviceError) as caught:
+        call(*arguments)
+    return caught.value
+
+
+def driven(rig, seconds, command, period=0.01):
+    """Reads and writes as a controller does; the command is of the time."""
+    begin = time.monotonic()
+    while (now := time.monotonic() - begin) < seconds:
+        rig.drives.read()
+        rig.drives.write(command(now))
+        time.sleep(max(0.0, begin + now + period - time.monotonic()))
+
+
+# --- signals
+
+
+def test_signals_are_those_declared(screws):
+    screws.drives.configure()
+    measured = screws.drives.read()
+    assert {name: len(values) for name, values in measured.items()} == screws.drives.measures
+    assert screws.drives.measures == dict.fromkeys(("position", "velocity", "current"), AXES)
+    assert screws.drives.commands == {"velocity_command": AXES, "brake": 1}
+
+
+def test_current_is_measured_only_if_it_is_asked_for(make_screws):
+    with make_screws(measures_current=False) as rig:
+        rig.drives.configure()
+        assert set(rig.drives.read()) == set(rig.drives.measures) == {"position", "velocity"}
+
+
+@pytest.mark.parametrize("is_synchronous", [True, False])
+def test_position_velocity_and_current_of_every_axis_arrive_with_their_sign(
+    make_screws, is_synchronous
+):
+    with make_screws(is_synchronous=is_synchronous) as rig:
+        rig.drives.configure()
+        position = np.linspace(0.6, 0.85, AXES)
+        velocity, current = np.linspace(-0.05, 0.06, AXES), np.linspace(3.0, -2.9, AXES)
+        rig.harness.set("legs.position", position.tolist())
+        rig.harness.set("legs.velocity", velocity.tolist())
+        rig.harness.set("legs.current", current.tolist())
+        shown = pytest.approx(position, abs=0.51 * COUNT)
+        rig.wait(lambda: rig.drives.read()["position"] == shown)
+        measured = rig.drives.read()
+        assert measured["velocity"] == pytest.approx(velocity, abs=0.51 * RPM)
+        assert measured["current"] == pytest.approx(current, abs=0.51e-3)
+
+
+def test_commands_move_every_axis_in_its_direction(screws):
+    screws.activate()
+    wanted = np.linspace(-0.04, 0.05, AXES)
+    screws.drives.write(legs(wanted))
+    expected = pytest.approx(wanted, abs=0.51 * RPM)
+    screws.wait(lambda: screws.command == expected)
+
+
+def test_a_sign_turns_command_position_velocity_and_current_round(make_screws):
+    # The motors are all wired alike, and what is said of the axes with -1 is wrong.
+    with make_screws(emulated_signs=()) as rig:
+        rig.activate()
+        rig.drives.write(legs(0.02))
+        expected = pytest.approx(0.02 * np.array(SIGNS), abs=0.51 * RPM)
+        rig.wait(lambda: rig.command == expected)
+        rig.harness.set("legs.velocity", [0.02] * AXES)
+        rig.harness.set("legs.current", [1.0] * AXES)
+        rig.harness.set("legs.position", [0.71] * AXES)
+        shown = pytest.approx(0.7 + 0.01 * np.array(SIGNS), abs=0.51 * COUNT)
+        rig.wait(lambda: rig.drives.read()["position"] == shown)
+        assert rig.drives.read()["current"] == pytest.approx(SIGNS, abs=1e-3)
+        assert rig.drives.read()["velocity"] == pytest.approx(0.02 * np.array(SIGNS), abs=RPM)
+
+
+def test_a_current_takes_two_bytes_of_the_frame_of_the_velocity():
+    params = Epos2Params(**SCREWS)
+    values = dict(settings(params, 3))
+    assert values[objects.Entry(0x1A01, 0, "<B")] == 2
+    assert values[objects.Entry(0x1A01, 1, "<I")] == 0x606C0020
+    assert values[objects.Entry(0x1A01, 2, "<I")] == 0x20270010
+    assert [pdo.size for pdo in params.reports] == [6, 6]
+
+
+def test_axes_are_in_the_order_of_the_node_ids(make_screws):
+    ids = IDS[::-1]
+    with make_screws(node_ids=ids) as rig:
+        rig.activate()
+        wanted = np.linspace(0.01, 0.04, AXES)
+        rig.drives.write(legs(wanted))
+        expected = pytest.approx(wanted, abs=0.51 * RPM)
+        rig.wait(lambda: rig.command == expected)
+        rig.nodes.disconnect(12)
+        assert "node 12 does not answer" in str(fault_of(rig.drives.read))
+
+
+# --- the reference
+
+
+def test_positions_are_absolute_wherever_the_drives_were_switched_on(make_screws):
+    # They count from zero there.
+    with make_screws(position=0.123, position_at_start=START) as rig:
+        rig.drives.configure()
+        assert rig.drives.is_referenced
+        assert rig.drives.read()["position"] == pytest.approx(START, abs=COUNT)
+        rig.harness.set("legs.position", [0.133] * AXES)
+        shown = pytest.approx([0.71] * AXES, abs=COUNT)
+        rig.wait(lambda: rig.drives.read()["position"] == shown)
+
+
+def test_a_reference_can_be_given_later_and_is_that_of_the_moment(make_screws):
+    with make_screws(position_at_start=None) as rig:
+        rig.drives.configure()
+        assert not rig.drives.is_referenced
+        assert rig.drives.read()["position"] == pytest.approx([0.0] * AXES, abs=COUNT)
+        rig.harness.set("legs.position", [0.75] * AXES)
+        counted = pytest.approx([0.05] * AXES, abs=COUNT)
+        rig.wait(lambda: rig.drives.read()["position"] == counted)
+        values = np.linspace(0.6, 0.8, AXES)
+        rig.drives.set_reference(values)
+        assert rig.drives.is_referenced
+        assert rig.drives.read()["position"] == pytest.approx(values, abs=COUNT)
+
+
+@pytest.mark.parametrize("values", [(0.7,) * 11, (*START[1:], math.nan)])
+def test_a_reference_that_is_none_is_refused(screws, values):
+    screws.drives.configure()
+    with pytest.raises(ValueError, match="12 finite positions are needed"):
+        screws.drives.set_reference(values)
+
+
+def test_a_file_remembers_where_the_screws_stand(make_screws, tmp_path):
+    path = tmp_path / "positions.json"
+    with make_screws(limits=LIMITS) as rig, Moving(rig.harness, 0.7):
+        first = Referenced(rig.drives, path)
+        with first:
+            first.activate()
+            first.write(legs(0.03))
+            rig.wait(lambda: first.read()["position"][0] > 0.705)
+            first.deactivate()
+            left = first.read()["position"]
+    # The next program, after a power cycle: nobody tells it anything, and the counts are zero.
+    with make_screws(position_at_start=None, position=left[0]) as rig:
+        second = Referenced(rig.drives, path)
+        with second:
+            assert second.read()["position"] == pytest.approx(left, abs=COUNT)
+            second.activate()
+    # It has not been deactivated.
+    with make_screws(position_at_start=None) as rig:
+        error = fault_of(Referenced(rig.drives, path).configure)
+        assert str(error).startswith(f"positions' file '{path}': says that the last program")
+        assert "position_at_start_mm" in str(error)
+
+
+def test_screws_whose_positions_nobody_knows_are_refused_without_power(make_screws, tmp_path):
+    with make_screws(position_at_start=None) as rig:
+        error = fault_of(Referenced(rig.drives, tmp_path / "none.json").configure)
+        assert "nobody knows the legs' positions: measure them and give position_at" in str(error)
+        assert set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
+
+
+# --- limits
+
+
+def test_with_limits_and_without_a_reference_nothing_gets_power(make_screws):
+    with make_screws(limits=LIMITS, position_at_start=None) as rig:
+        rig.drives.configure()
+        assert "nobody knows the positions, and there are limits" in str(
+            fault_of(rig.drives.activate)
+        )
+        assert set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
+
+
+def test_a_mad_controller_does_not_drive_any_screw_out_of_its_limits(make_screws):
+    chance = random.Random(1)
+    start = 0.58
+
+    def mad(now):
+        # Mostly towards the near limit, as fast as can be said.
+        choices = [-1e9, -0.08, -0.05, math.nan, 0.005, -math.inf]
+        return legs([chance.choice(choices) for _ in IDS])
+
+    with (
+        make_screws(limits=LIMITS, position_at_start=(start,) * AXES, position=start) as rig,
+        Moving(rig.harness, start) as moving,
+    ):
+        rig.activate()
+        driven(rig, 2.0, mad)
+        assert moving.lowest.min() > LOWER[0] - 2.0 * COUNT
+        # They came close, so that the limits were needed.
+        assert moving.lowest.max() < LOWER[0] + 2e-3
+
+
+def test_a_controller_that_hangs_does_not_drive_any_screw_out_of_its_limits(make_screws):
+    start = 0.868
+    with (
+        make_screws(limits=LIMITS, position_at_start=(start,) * AXES, position=start) as rig,
+        Moving(rig.harness, start) as moving,
+    ):
+        rig.activate()
+        rig.drives.write(legs(0.08))  # for ever
+        rig.wait(lambda: moving.position.min() > UPPER[0] - 1e-4)
+        rig.wait(lambda: max(map(abs, rig.command)) < 1e-3)
+        assert moving.highest.max() < UPPER[0] + 2.0 * COUNT
+
+
+def test_a_program_that_is_killed_leaves_every_screw_within_its_limits(make_screws):
+    # Who wants that gives the limits a lead of more than the timeout and the drives' lag.
+    start, limits = 0.868, dataclasses.replace(LIMITS, lead=0.3)
+    with (
+        make_screws(
+            limits=limits,
+            position_at_start=(start,) * AXES,
+            position=start,
+            heartbeat_timeout=0.1,
+        ) as rig,
+        Moving(rig.harness, start) as moving,
+    ):
+        rig.activate()
+        rig.drives.write(legs(0.08))
+        rig.drives.read()
+        last = time.monotonic()  # no call any more
+        while not rig.is_braked:
+            assert time.monotonic() - last < 1.0
+            time.sleep(1e-3)
+        time.sleep(0.3)
+        assert moving.highest.max() > start + 1e-3
+        assert moving.highest.max() < UPPER[0]
+
+
+def test_from_outside_its_limits_a_screw_can_only_come_back(make_screws):
+    start = 0.9
+    with make_screws(limits=LIMITS, position_at_start=(start,) * AXES, position=start) as rig:
+        rig.activate()
+        driven(rig, 0.1, lambda _: legs(0.05))
+        assert rig.command == (0.0,) * AXES
+        driven(rig, 0.1, lambda _: legs(-0.05))
+        assert rig.command == pytest.approx((-0.05,) * AXES, abs=RPM)
+
+
+def test_limits_are_kept_before_the_first_reading_after_a_reference(make_screws):
+    start = 0.874
+    with make_screws(limits=LIMITS, position_at_start=(start,) * AXES, position=start) as rig:
+        rig.drives.configure()
+        rig.drives._measured = math.inf  # as if no time had passed
+        rig.drives.activate()
+        rig.drives.write(legs(0.05))
+        assert rig.drives._targets() == [0] * AXES
+        rig.drives.write(legs(-0.05))
+        assert rig.drives._targets() == [-3000 * sign for sign in SIGNS]
+
+
+def test_limits_leave_commands_in_the_middle_of_the_stroke_alone(make_screws):
+    with make_screws(limits=LIMITS) as rig:
+        rig.activate()
+        for velocity in (0.08, -0.08):
+            driven(rig, 0.15, lambda _, v=velocity: legs(v))
+            assert rig.command == pytest.approx((velocity,) * AXES, abs=RPM)
+
+
+# --- failures
+
+
+def test_a_node_that_falls_silent_is_named_and_all_screws_stop(make_screws):
+    with make_screws(limits=LIMITS, heartbeat_timeout=0.3, timeout=0.02) as rig:
+        rig.activate()
+        driven(rig, 0.1, lambda _: legs(0.02))
+        rig.nodes.disconnect(7)
+        gone = time.monotonic()
+        error = fault_of(rig.drives.read)
+        assert error.fault is DeviceFault.SILENT
+        assert "node 7 does not answer SYNC" in str(error)
+        # Its position is not known any more, so nothing may move; it stops by itself.
+        others = None
+        while any(rig.command):
+            assert time.monotonic() - gone < 1.0
+            assert fault_of(rig.drives.read).fault is DeviceFault.SILENT
+            rig.drives.write(legs(0.02))
+            if others is None and not any(v for i, v in enumerate(rig.command) if i != 6):
+                others = time.monotonic() - gone
+        took = time.monotonic() - gone
+        print(f"others stop {1e3 * others:.0f} ms, it stops {1e3 * took:.0f} ms after it")
+        assert others < LIMITS.lead + 0.1
+        assert rig.nodes.states[6] is not DriveState.OPERATION_ENABLED
+        assert DriveState.OPERATION_ENABLED in rig.nodes.states
+
+
+def test_a_drive_that_fails_is_named_and_all_screws_stop(make_screws):
+    with make_screws(limits=LIMITS) as rig:
+        rig.activate()
+        driven(rig, 0.1, lambda _: legs(0.02))
+        rig.nodes.trip(9, 0x2310)
+        failed = time.monotonic()
+        assert "node 9 is in fault: EMCY 0x2310 (overcurrent)" in str(fault_of(rig.drives.read))
+        while any(rig.command):
+            assert time.monotonic() - failed < 1.0
+            fault_of(rig.drives.read)
+            rig.drives.write(legs(0.02))
+
+
+def test_without_heartbeats_all_screws_stop_within_the_timeout_and_fail(make_screws):
+    with make_screws(heartbeat_timeout=0.1) as rig:
+        rig.activate()
+        rig.drives.write(legs(0.08))
+        rig.wait(lambda: rig.command == pytest.approx((0.08,) * AXES, abs=RPM))
+        last = time.monotonic()
+        while not rig.is_braked:
+            assert time.monotonic() - last < 0.2
+            time.sleep(1e-3)
+        took = time.monotonic() - last
+        print(f"all stand {1e3 * took:.0f} ms after the last heartbeat")
+        assert rig.command == (0.0,) * AXES
+        deadline = time.monotonic() + 5.0
+        while set(rig.nodes.states) != {DriveState.FAULT}:
+            assert time.monotonic() < deadline
+        assert "EMCY 0x8130" in str(fault_of(rig.drives.read))
+        # Asked to, all of them recover, and know where they are.
+        rig.drives.activate()
+        assert set(rig.nodes.states) == {DriveState.OPERATION_ENABLED}
+        assert rig.drives.read()["position"] == pytest.approx(START, abs=COUNT)
+
+
+def test_the_brake_is_the_quick_stop_of_all_nodes(screws):
+    screws.activate()
+    screws.drives.write(legs(0.05, brake=1.0))
+    screws.wait(lambda: set(screws.nodes.states) == {DriveState.QUICK_STOP_ACTIVE})
+    assert screws.is_braked
+
+
+def test_a_missing_node_of_twelve_is_named_with_those_that_answer(make_screws):
+    with make_screws(sdo_timeout=0.2) as rig:
+        rig.nodes.disconnect(5)
+        error = fault_of(rig.drives.configure)
+        assert error.fault is DeviceFault.SILENT
+        assert "node 5 does not answer; nodes that do: 1, 2, 3, 4, 6, 7, 8" in str(error)
+
+
+def test_reading_and_writing_twelve_nodes_takes_less_than_a_period(screws):
+    screws.activate()
+    times = []
+    for _ in range(200):
+        began = time.monotonic()
+        screws.drives.read()
+        screws.drives.write(legs(0.0))
+        times.append(time.monotonic() - began)
+    print(f"a cycle of twelve nodes takes {1e3 * np.median(times):.1f} ms")
+    assert np.median(times) < 0.01
+
+
+# --- parameters
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"signs": (1,) * 11}, "signs must be 12 times 1 or -1"),
+        ({"signs": (0,) * 12}, "signs must be 12 times 1 or -1"),
+        ({"position_at_start": (0.7,)}, "position_at_start must be 12 finite values"),
+        ({"position_at_start": (math.inf,) * 12}, "position_at_start must be 12 finite values"),
+        ({"limits": SoftLimits((0.0,), (1.0,), 0.1, 1.0)}, "limits must be 12, not 1"),
+    ],
+)
+def test_parameters_that_do_not_fit_the_axes_are_refused(changes, words):
+    with pytest.raises(ValueError, match=words):
+        dataclasses.replace(Epos2Params(**SCREWS), **changes)
+
+
+def test_a_screw_of_5_mm_behind_a_gear_of_5_moves_half_a_micrometre_a_count():
+    params = Epos2Params(**SCREWS)
+    assert params.position(1) == pytest.approx(0.5e-6, rel=1e-12)
+    assert params.rpm(0.08) == 4800
+    assert params.velocity(4800) == pytest.approx(0.08, rel=1e-12)

@@ -1,0 +1,130 @@
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from parapod.systems.errors import ParapodError
+from parapod.systems.walking_chair.branch_limits import (
+    SpeedExceeded,
+    StrokeExceeded,
+    check_speeds,
+    check_strokes,
+    stroke_excess,
+)
+from parapod.systems.walking_chair.geometry import LegGeometry
+
+LEG = LegGeometry()
+
+
+def lengths(count=3):
+    return np.full((count, 4, 3), 0.7)
+
+
+def test_excess_is_the_distance_to_the_nearer_end():
+    excess = stroke_excess(LEG, (0.5904, 0.584, 0.875))
+    np.testing.assert_allclose(excess, (1e-3, -0.010, 1e-3), rtol=0, atol=1e-15)
+    assert np.isnan(stroke_excess(LEG, (math.nan, 0.6, 0.6))).tolist() == [True, False, False]
+
+
+def test_lengths_at_both_ends_of_the_strokes_are_admissible():
+    low, high = LEG.strokes.T
+    check_strokes(LEG, np.broadcast_to(low, (4, 3)))
+    check_strokes(LEG, np.broadcast_to(high, (4, 3)))
+
+
+def test_the_branch_furthest_outside_is_named_with_its_time_and_length():
+    bad = lengths()
+    bad[1, 0, 2], bad[2, 2, 1] = 0.5735, 0.5711
+    with pytest.raises(StrokeExceeded) as caught:
+        check_strokes(LEG, bad, (0.0, 2.0, 7.5))
+    error = caught.value
+    assert (error.branch, error.time, error.length) == ("branch 32", 7.5, 0.5711)
+    assert error.admissible == pytest.approx((0.574, 0.874), abs=1e-15)
+    assert error.missing == pytest.approx(2.9e-3, abs=1e-15)
+    assert str(error) == (
+        "branch 32 would need a length of 571.100 mm at 7.500 s, 2.900 mm outside its stroke "
+        "574.0..874.0 mm"
+    )
+
+
+@pytest.mark.parametrize("value", [0.5913, 0.8915])
+def test_both_ends_of_the_up_stroke_are_checked(value):
+    bad = lengths()[0]
+    bad[3, 0] = value
+    with pytest.raises(StrokeExceeded, match=r"branch 41 .* stroke 591.4..891.4 mm") as caught:
+        check_strokes(LEG, bad)
+    assert caught.value.time is None
+    assert " s," not in str(caught.value)
+
+
+def test_a_branch_without_a_length_is_worse_than_any_other():
+    bad = lengths()
+    bad[0, 0, 0], bad[1, 1, 1] = 0.1, math.nan
+    with pytest.raises(StrokeExceeded, match=r"branch 22 has no length .* at 1.000 s") as caught:
+        check_strokes(LEG, bad, (0.0, 1.0, 2.0))
+    assert math.isnan(caught.value.length)
+
+
+def test_chosen_legs_are_named_by_their_numbers():
+    with pytest.raises(StrokeExceeded, match="branch 33"):
+        check_strokes(LEG, [[0.7, 0.7, 0.9]], legs=(3,))
+    with pytest.raises(SpeedExceeded, match="branch 33"):
+        check_speeds([[0.0, 0.0, 0.1]], 0.08, legs=(3,))
+
+
+def test_speeds_up_to_the_limit_are_admissible_either_way():
+    check_speeds(np.full((4, 3), 0.08), 0.08)
+    check_speeds(np.full((4, 3), -0.08), 0.08)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_fastest_branch_is_named_with_its_time_and_speed(sign):
+    bad = np.zeros((2, 4, 3))
+    bad[0, 1, 0], bad[1, 0, 1] = 0.081, sign * 0.0852
+    with pytest.raises(SpeedExceeded) as caught:
+        check_speeds(bad, 0.08, (1.0, 6.308))
+    error = caught.value
+    assert (error.branch, error.time, error.speed, error.limit) == (
+        "branch 12", 6.308, 0.0852, 0.08
+    )  # fmt: skip
+    assert str(error) == (
+        "branch 12 would move at 85.200 mm/s at 6.308 s, 5.200 mm/s faster than its limit "
+        "80.0 mm/s"
+    )
+
+
+def test_of_equally_fast_branches_the_first_is_named():
+    bad = np.zeros((2, 4, 3))
+    bad[0, 2, 1], bad[1, 0, 0] = 0.09, 0.09 + 1e-15
+    with pytest.raises(SpeedExceeded, match=r"branch 32 .* at 1\.000 s"):
+        check_speeds(bad, 0.08, (1.0, 2.0))
+
+
+def test_a_speed_that_is_not_a_number_is_refused():
+    bad = np.zeros((4, 3))
+    bad[2, 0] = math.nan
+    with pytest.raises(SpeedExceeded, match="branch 31"):
+        check_speeds(bad, 0.08)
+
+
+def test_no_postures_exceed_nothing():
+    check_strokes(LEG, np.zeros((0, 4, 3)), np.zeros(0))
+    check_speeds(np.zeros((0, 4, 3)), 0.08)
+
+
+@pytest.mark.parametrize("value", [np.zeros(3), np.zeros((3, 3)), np.zeros((4, 2))])
+def test_other_shapes_are_refused(value):
+    with pytest.raises(ValueError, match="length must have shape"):
+        check_strokes(LEG, value)
+
+
+def test_errors_are_parapods_and_survive_the_way_from_another_process():
+    for error in (
+        StrokeExceeded("branch 12", 1.0, 0.5, (0.574, 0.874)),
+        SpeedExceeded("branch 12", 1.0, 0.1, 0.08),
+    ):
+        assert isinstance(error, ParapodError)
+        again = pickle.loads(pickle.dumps(error))
+        assert str(again) == str(error)
+        assert again.branch == "branch 12"

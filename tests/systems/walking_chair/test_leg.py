@@ -1,0 +1,199 @@
+import math
+
+import numpy as np
+import pytest
+
+from parapod.systems.walking_chair.geometry import LegGeometry
+from parapod.systems.walking_chair.leg import (
+    branch_lengths,
+    leg_corners,
+    leg_inverse,
+    up_branch,
+)
+from parapod.systems.walking_chair.references import CORNERS
+
+LEG = LegGeometry()
+HEIGHTS = {"E1": 0, "E2": 1, "E3": 2}
+B_S, B_C = 0.5 * LEG.b, 0.5 * math.sqrt(3.0) * LEG.b
+
+
+def postures(count=2000, seed=0, angle=0.7):
+    """Random coordinates of the UP branch over its stroke."""
+    rng = np.random.default_rng(seed)
+    low, high = LEG.up_stroke
+    return rng.uniform((low, -angle, -angle), (high, angle, angle), (count, 3))
+
+
+def printed_roots(point, sign_v, sign_u):
+    """Half tangents v and u of beta and alpha with the roots of Eqs. (16) and (18), for E2."""
+    x, y, z = point
+    t_m = math.sqrt(x**2 + y**2 + (z + LEG.x1) ** 2 - LEG.b**2)
+    v = (-t_m + sign_v * math.sqrt(t_m**2 + (B_C - y) * (y + B_C))) / (B_C - y)
+    beta = 2.0 * math.atan(v)
+    k = B_C * math.sin(beta) + t_m * math.cos(beta)
+    u = (k + sign_u * math.sqrt(k**2 + B_S**2 - x**2)) / (B_S - x)
+    return v, u
+
+
+def posture_of_e2(alpha_deg, beta_deg, length=0.72):
+    up = np.array((length, math.radians(alpha_deg), math.radians(beta_deg)))
+    return up, leg_corners(LEG, up)[1]
+
+
+# Round trips
+
+
+@pytest.mark.parametrize("reference", CORNERS)
+def test_up_branch_is_recovered_from_any_corner(reference):
+    up = postures()
+    points = leg_corners(LEG, up)[:, CORNERS.index(reference)]
+    np.testing.assert_allclose(up_branch(LEG, points, reference), up, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("reference", CORNERS)
+def test_corner_comes_back_to_its_point(reference):
+    points = np.random.default_rng(1).uniform((-0.2, -0.2, -0.85), (0.2, 0.2, -0.65), (500, 3))
+    corners = leg_corners(LEG, up_branch(LEG, points, reference))
+    np.testing.assert_allclose(corners[:, CORNERS.index(reference)], points, rtol=0, atol=1e-12)
+
+
+def test_all_corners_of_a_posture_give_the_same_lengths():
+    corners = leg_corners(LEG, postures(seed=2))
+    one, two, three = (leg_inverse(LEG, corners[:, i], name) for name, i in HEIGHTS.items())
+    np.testing.assert_allclose(two, one, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(three, one, rtol=0, atol=1e-12)
+
+
+def test_corners_stay_a_triangle():
+    corners = leg_corners(LEG, postures(seed=3))
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1)
+    np.testing.assert_allclose(sides, LEG.b, rtol=1e-12)
+
+
+# Printed equations and numbers
+
+
+def test_corners_are_where_equations_8_and_13_put_them():
+    length, alpha, beta = up = np.array((0.7, 0.2, -0.3))
+    t_m, s_a, c_a, s_b, c_b = (
+        length + LEG.x2,
+        *(f(x) for x in (alpha, beta) for f in (math.sin, math.cos)),
+    )
+    e_1 = (-t_m * s_a * c_b, t_m * s_b, -t_m * c_a * c_b - LEG.x1)
+    e_2 = (
+        -B_S * c_a - B_C * s_a * s_b - t_m * s_a * c_b,
+        -B_C * c_b + t_m * s_b,
+        B_S * s_a - B_C * c_a * s_b - t_m * c_a * c_b - LEG.x1,
+    )
+    np.testing.assert_allclose(leg_corners(LEG, up)[:2], (e_1, e_2), rtol=0, atol=1e-15)
+
+
+def test_lengths_are_those_of_equation_12():
+    _, alpha, beta = up = np.array((0.7, 0.2, -0.3))
+    x, y, z = leg_corners(LEG, up)[0]
+    s_a, c_a, s_b, c_b = math.sin(alpha), math.cos(alpha), math.sin(beta), math.cos(beta)
+    expected = []
+    for sign in (-1.0, 1.0):
+        a_s, b_s, a_c = sign * 0.5 * LEG.a, sign * B_S, 0.5 * math.sqrt(3.0) * LEG.a
+        expected.append(
+            math.hypot(
+                b_s * c_a - B_C * s_a * s_b + LEG.x3 * s_a * c_b + x - a_s,
+                -B_C * c_b - LEG.x3 * s_b + y + a_c,
+                -b_s * s_a - B_C * c_a * s_b + LEG.x3 * c_a * c_b + z + LEG.x1,
+            )
+        )
+    np.testing.assert_allclose(branch_lengths(LEG, up)[1:], expected, rtol=0, atol=1e-15)
+
+
+def test_hanging_straight_and_retracted_all_branches_are_at_the_end_of_their_strokes():
+    lengths = leg_inverse(LEG, (0.0, 0.0, -LEG.retracted_height))
+    np.testing.assert_allclose(1e3 * lengths, (591.4, 574.00223, 574.00223), rtol=0, atol=5e-6)
+
+
+def test_hanging_straight_and_extended_the_ups_branches_have_stroke_left():
+    lengths = leg_inverse(LEG, (0.0, 0.0, -(0.8914 + LEG.x1 + LEG.x2)))
+    np.testing.assert_allclose(1e3 * lengths, (891.4, 872.077, 872.077), rtol=0, atol=5e-4)
+
+
+def test_mirrored_points_swap_the_ups_branches():
+    points = np.random.default_rng(4).uniform((-0.2, -0.2, -0.85), (0.2, 0.2, -0.65), (100, 3))
+    mirrored = leg_inverse(LEG, points * (-1.0, 1.0, 1.0), "E1")
+    np.testing.assert_allclose(
+        mirrored, leg_inverse(LEG, points, "E1")[:, [0, 2, 1]], rtol=0, atol=1e-14
+    )
+    mirrored = leg_inverse(LEG, points * (-1.0, 1.0, 1.0), "E3")
+    np.testing.assert_allclose(
+        mirrored, leg_inverse(LEG, points, "E2")[:, [0, 2, 1]], rtol=0, atol=1e-14
+    )
+
+
+@pytest.mark.parametrize("angles", [(-10, -15), (10, 15), (-10, 15), (10, -15)])
+def test_only_one_pair_of_the_printed_roots_recovers_the_angles(angles):
+    up, point = posture_of_e2(*angles)
+    for sign_v in (1.0, -1.0):
+        for sign_u in (1.0, -1.0):
+            v, u = printed_roots(point, sign_v, sign_u)
+            found = np.array((2.0 * math.atan(u), 2.0 * math.atan(v)))
+            agrees = np.allclose(found, up[1:], rtol=0, atol=1e-9)
+            assert agrees == (sign_v == 1.0 and sign_u == -1.0)
+
+
+def test_angles_as_printed_in_equation_19_make_lengths_wrong_by_most_of_a_millimetre():
+    up, point = posture_of_e2(10.0, 15.0)
+    v, u = printed_roots(point, 1.0, -1.0)
+    printed = np.array((up[0], math.atan(2.0 * u), math.atan(2.0 * v)))
+    error = branch_lengths(LEG, printed) - leg_inverse(LEG, point, "E2")
+    np.testing.assert_allclose(1e3 * error, (0.0, -0.61, -0.80), rtol=0, atol=5e-3)
+
+
+# Bad input
+
+
+@pytest.mark.parametrize("reference", CORNERS)
+@pytest.mark.parametrize(
+    "point",
+    [
+        (0.0, 0.0, -0.054),
+        (0.0, 0.0, -0.07),
+        (0.0, 0.0, 0.6),
+        (0.1, 0.1, 0.6),
+        (0.0, 2.0, -0.054),
+        (math.nan, 0.0, -0.7),
+        (0.0, math.inf, -0.7),
+    ],
+)
+def test_a_point_out_of_reach_gives_nan(point, reference):
+    assert np.isnan(leg_inverse(LEG, point, reference)).all()
+    assert np.isnan(up_branch(LEG, point, reference)).all()
+
+
+def test_a_point_out_of_reach_leaves_the_others_of_a_batch_alone():
+    points = np.array(((0.0, 0.0, -0.7), (0.0, 0.0, 0.7), (0.1, 0.0, -0.7)))
+    lengths = leg_inverse(LEG, points, ["E1", "E2", "E3"])
+    assert np.isnan(lengths).all(axis=-1).tolist() == [False, True, False]
+    np.testing.assert_array_equal(lengths[2], leg_inverse(LEG, points[2], "E3"))
+
+
+def test_lengths_outside_the_strokes_are_given():
+    assert leg_inverse(LEG, (0.0, 0.0, -0.3))[0] < LEG.up_stroke[0]
+
+
+def test_batches_and_references_broadcast():
+    points = np.random.default_rng(5).uniform((-0.1, -0.1, -0.8), (0.1, 0.1, -0.7), (6, 1, 3))
+    lengths = leg_inverse(LEG, points, [[1, 2, 3]])
+    assert lengths.shape == (6, 3, 3)
+    for i, name in enumerate(CORNERS):
+        np.testing.assert_allclose(
+            lengths[:, i], leg_inverse(LEG, points[:, 0], name), rtol=0, atol=1e-15
+        )
+
+
+@pytest.mark.parametrize("point", [0.0, (0.0, 0.0), np.zeros((3, 2))])
+def test_a_point_of_another_shape_is_refused(point):
+    with pytest.raises(ValueError, match=r"point must have shape \(\.\.\., 3\)"):
+        leg_inverse(LEG, point)
+
+
+def test_an_unknown_corner_is_refused():
+    with pytest.raises(ValueError, match="one of E1, E2, E3"):
+        leg_inverse(LEG, (0.0, 0.0, -0.7), "E4")

@@ -1,0 +1,1 @@
+"""The ground that machines stand on."""

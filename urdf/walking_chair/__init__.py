@@ -1,0 +1,1 @@
+"""The walking chair: legs, body, passenger, and the directives that compose them."""
