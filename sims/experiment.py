@@ -154,6 +154,21 @@ ENTRIES: tuple[Entry, ...] = (
         "The walking chair carries a passenger a few steps forward and back.",
         _module("parapod.sims.chair_walk"),
     ),
+    Entry(
+        "chair-gait",
+        "What a step of the walking chair asks of its branches, with and without jerks.",
+        _module("parapod.sims.chair_gait"),
+    ),
+    Entry(
+        "chair-circle",
+        "A foot of the walking chair follows a circle, in three modes of its drives' control.",
+        _module("parapod.sims.chair_circle"),
+    ),
+    Entry(
+        "chair-payload",
+        "How much the walking chair carries through a step, and how near it is to tipping.",
+        _module("parapod.sims.chair_payload"),
+    ),
 )
 
 

@@ -1,0 +1,54 @@
+"""Typed scenario of the experiment `chair-gait`."""
+
+from dataclasses import dataclass, field, replace
+
+from parapod.diagrams.scenario import choice, quantity
+from parapod.diagrams.walking_chair.scenario import GaitScenario
+from parapod.systems.errors import ScenarioError
+from parapod.systems.walking_chair.gait_check import check_gait
+from parapod.systems.walking_chair.geometry import ChairGeometry
+from parapod.systems.walking_chair.walk import Walk
+
+BACKENDS = ("exact",)
+PRINTED = "linear"  # the law of Eq. (45)
+# Cycles are all alike; so many are drawn and written to a log.
+_MOST_CYCLES = 10
+
+
+@dataclass
+class ChairGaitScenario:
+    """The gait that is looked at.
+
+    Attributes:
+        backend: "exact".
+        seed: nothing is random.
+        gait: see `GaitScenario`; its body law is compared with Eq. (45).
+    """
+
+    backend: str = choice("exact", BACKENDS)
+    seed: int = quantity(0, 0, 2**31 - 1)
+    gait: GaitScenario = field(default_factory=GaitScenario)
+
+    @property
+    def walks(self) -> tuple[Walk, Walk]:
+        """The gait with the body moved by Eq. (45), and by the scenario's law."""
+        return replace(self.gait, body_law=PRINTED).walk, self.gait.walk
+
+
+def check_walks(scenario: ChairGaitScenario, geometry: ChairGeometry) -> None:
+    """Refuses a gait that is too long to be looked at, or that the actuators cannot do.
+
+    Raises:
+        ScenarioError: too many cycles.
+        StrokeExceeded: names the branch and the time of the largest excess.
+        SpeedExceeded: names the branch and the time of the largest speed.
+    """
+    cycles = scenario.gait.cycles
+    if cycles > _MOST_CYCLES:
+        raise ScenarioError(
+            f"gait.cycles = {cycles}: cycles are all alike, and up to {_MOST_CYCLES} are drawn",
+            "gait.cycles",
+        )
+    for walk in scenario.walks:
+        for gait in walk.gaits:
+            check_gait(geometry, gait)

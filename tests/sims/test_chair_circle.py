@@ -1,0 +1,300 @@
+"""The experiment `chair-circle`: its numbers, its files, its refusals."""
+
+import io
+import json
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from rich.console import Console
+
+from parapod.diagrams.scenario import dump_scenario, load_scenario
+from parapod.sims.chair_circle import EXPERIMENT, run
+from parapod.sims.chair_circle_metrics import PAPER_RADIAL_MM, sensitivities
+from parapod.sims.chair_circle_recording import record
+from parapod.sims.chair_circle_scenario import ChairCircleScenario
+from parapod.sims.cli import main
+from parapod.sims.experiment import ENTRIES, RunOptions
+from parapod.sims.figures import render
+from parapod.sims.outputs import read_log
+from parapod.systems.errors import OutputError, ScenarioError
+from parapod.systems.walking_chair.branch_limits import SpeedExceeded, StrokeExceeded
+from parapod.systems.walking_chair.foot_circle import FootCircle
+from parapod.systems.walking_chair.geometry import LegGeometry
+from parapod.systems.walking_chair.leg import leg_inverse
+from parapod.systems.walking_chair.leg_forward import leg_forward
+
+DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "chair-circle.yaml"
+QUICK = "circle.laps=1"
+
+
+def scenario_with(*overrides):
+    return load_scenario(ChairCircleScenario, DEFAULT, None, overrides)
+
+
+def options(**changes):
+    return replace(RunOptions(console=Console(file=io.StringIO())), **changes)
+
+
+def values_of(*overrides):
+    result = run(scenario_with(*overrides), options())
+    return {metric.key: metric.value for metric in result.metrics}
+
+
+def broken_by(*overrides):
+    return {metric.key for metric in run(scenario_with(*overrides), options()).broken}
+
+
+@pytest.fixture(scope="module")
+def logged(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("circle")
+    log, diagram = folder / "a.npz", folder / "a.dot"
+    result = run(scenario_with(), options(log=log, graphviz=diagram))
+    return result, read_log(log), diagram.read_text()
+
+
+@pytest.fixture(scope="module")
+def values(logged):
+    return {metric.key: metric.value for metric in logged[0].metrics}
+
+
+def test_the_experiment_is_listed_and_its_default_scenario_is_the_schema_s():
+    (entry,) = [entry for entry in ENTRIES if entry.name == EXPERIMENT.name]
+    assert entry.load() is EXPERIMENT
+    assert entry.summary == EXPERIMENT.summary
+    written = yaml.safe_load(DEFAULT.read_text())
+    assert written == yaml.safe_load(dump_scenario(ChairCircleScenario()))
+
+
+def test_all_bounds_hold(logged):
+    result, _, _ = logged
+    assert result.broken == ()
+    bounded = {metric.key for metric in result.metrics if metric.is_bounded}
+    assert bounded == {
+        "foot_error_compound_mm",
+        "compound_by_velocity",
+        "growth_compound_mm",
+        "ripple_by_position",
+        "planned_branch_speed_mm_s",
+        "max_branch_speed_mm_s",
+        "stroke_left_mm",
+    }
+
+
+def test_the_modes_differ_as_the_equations_have_it(values):
+    assert values["foot_error_compound_mm"] == pytest.approx(0.507, abs=0.01)
+    assert values["foot_error_velocity_mm"] == pytest.approx(3.935, abs=0.03)
+    assert values["foot_error_position_mm"] == pytest.approx(1.0, abs=0.2)
+    assert values["largest_error_compound_mm"] == pytest.approx(3.47, abs=0.1)
+    assert values["radial_error_compound_mm"] == pytest.approx(0.511, abs=0.01)
+    assert values["radial_error_velocity_mm"] == pytest.approx(0.174, abs=0.01)
+    assert values["ripple_compound_mm_s"] == pytest.approx(0.21, abs=0.02)
+    assert values["ripple_velocity_mm_s"] == pytest.approx(1.25, abs=0.03)
+    assert values["ripple_position_mm_s"] == pytest.approx(4.9, abs=0.3)
+
+
+def test_what_the_circle_asks_of_the_branches(values):
+    assert values["planned_branch_speed_mm_s"] == pytest.approx(55.743, abs=1e-3)
+    assert values["stroke_left_mm"] == pytest.approx(7.081, abs=1e-3)
+
+
+def test_nothing_accumulates_over_the_laps(logged, values):
+    assert abs(values["growth_compound_mm"]) < 0.02
+    _, log, _ = logged
+    error = np.linalg.norm(log.signals["compound.foot"] - log.signals["foot_desired"], axis=1)
+    by_lap = [error[(log.time >= t) & (log.time <= t + 4.0)].max() for t in (1.0, 6.0, 11.0)]
+    np.testing.assert_allclose(by_lap, by_lap[0], rtol=0.02)
+
+
+def test_the_log_alone_gives_the_errors(logged, values):
+    _, log, _ = logged
+    settled = (log.time >= 1.0) & (log.time <= 15.0)
+    for mode in ("compound", "velocity", "position"):
+        foot = leg_forward(LegGeometry(), log.signals[f"{mode}.position"]).point
+        error = np.linalg.norm(foot - log.signals["foot_desired"], axis=1)[settled]
+        assert 1e3 * error.max() == pytest.approx(values[f"foot_error_{mode}_mm"], rel=1e-6)
+    assert np.allclose(np.diff(log.time), 1e-3)
+    assert set(log.metadata["units"]) == set(log.signals)
+    assert "radius_mm: 100.0" in log.metadata["scenario"]
+
+
+def test_the_diagram_is_the_one_of_the_paper_s_fig_10(logged):
+    _, _, diagram = logged
+    for part in ("circle_reference", "compound_position_controller", "velocity_servo"):
+        assert part in diagram
+
+
+def test_errors_double_with_the_period_and_the_bound_goes_with_it(values):
+    result = run(scenario_with(QUICK, "control.period=0.02"), options())
+    assert result.broken == ()
+    slow = {metric.key: metric.value for metric in result.metrics}
+    assert slow["foot_error_compound_mm"] == pytest.approx(1.01, abs=0.02)
+    assert slow["foot_error_velocity_mm"] == pytest.approx(7.84, abs=0.05)
+    for mode in ("compound", "velocity"):
+        key = f"foot_error_{mode}_mm"
+        assert slow[key] / values[key] == pytest.approx(2.0, abs=0.05)
+
+
+def test_compound_error_halves_when_p_doubles(values):
+    twice = values_of(QUICK, "control.proportional=20")
+    ratio = values["foot_error_compound_mm"] / twice["foot_error_compound_mm"]
+    assert ratio == pytest.approx(2.0, abs=0.1)
+    assert twice["foot_error_velocity_mm"] == pytest.approx(values["foot_error_velocity_mm"], 0.01)
+
+
+def test_a_ramp_takes_the_errors_from_the_ends(values):
+    ramped = values_of(QUICK, "circle.ramp=1.25")
+    assert ramped["largest_error_compound_mm"] < 0.6
+    assert values["largest_error_compound_mm"] > 3.0
+
+
+@pytest.mark.parametrize(
+    ("override", "broken"),
+    [
+        # Nothing corrects the position, and the modes are the same.
+        ("control.proportional=0", {"foot_error_compound_mm", "compound_by_velocity"}),
+        ("drives.encoder_resolution_mm=0.5", {"foot_error_compound_mm", "ripple_by_position"}),
+        ("drives.max_velocity_mm_s=56", {"max_branch_speed_mm_s"}),
+    ],
+)
+def test_bounds_are_broken_by_what_they_are_about(override, broken):
+    assert broken <= broken_by(QUICK, override)
+
+
+def test_without_the_sum_of_errors_the_foot_drifts_from_lap_to_lap():
+    drifting = broken_by("circle.laps=3", "control.proportional=0", "control.k_i=0")
+    assert "growth_compound_mm" in drifting
+
+
+def test_growth_needs_more_than_a_lap():
+    assert "growth_compound_mm" not in values_of(QUICK)
+
+
+def test_lengths_that_are_off_move_the_foot_as_the_sensitivity_says():
+    any_way, radially = sensitivities(FootCircle())
+    assert any_way == pytest.approx(5.074, abs=1e-3)
+    assert radially == pytest.approx(4.647, abs=1e-3)
+    random = np.random.default_rng(0)
+    places = FootCircle().motion(np.linspace(0.0, 5.0, 400)).position
+    lengths = leg_inverse(LegGeometry(), places)
+    off = random.normal(size=(400, *lengths.shape))
+    off *= 1e-6 / np.linalg.norm(off, axis=-1, keepdims=True)
+    foot = leg_forward(LegGeometry(), lengths + off).point
+    moved = np.linalg.norm(foot - places, axis=-1).max() / 1e-6
+    assert 0.97 * any_way < moved < 1.001 * any_way
+    radius = np.hypot(foot[..., 0], foot[..., 1] - 0.1) - 0.1
+    assert 0.97 * radially < np.abs(radius).max() / 1e-6 < 1.001 * radially
+
+
+def test_the_notes_say_what_the_papers_radius_is_off_by(logged, values):
+    text = " ".join(logged[0].notes)
+    assert f"The {PAPER_RADIAL_MM:g} mm" in text
+    assert f"{values['branch_error_for_paper_mm']:.2f} mm (root of the sum of squares" in text
+    needed = values["branch_error_for_paper_mm"] * values["radial_error_by_branch_error"]
+    assert needed == pytest.approx(2.454)
+
+
+def test_the_seed_draws_the_drives_and_the_same_seed_the_same():
+    several = ("drives.gain_error=0.03", "drives.offset_error_mm_s=1", "circle.laps=1")
+    loops = [scenario_with(*several, f"seed={seed}").loop("compound") for seed in (1, 1, 2)]
+    assert loops[0] == loops[1]
+    assert loops[0].gain != loops[2].gain
+    assert np.abs(np.subtract(loops[0].gain, (1.02, 0.985, 1.01))).max() <= 0.03
+    assert np.abs(np.subtract(loops[0].offset, -1e-3)).max() <= 1e-3
+    # By default the drives are those of the scenario.
+    assert scenario_with("seed=5").loop("compound").gain == (1.02, 0.985, 1.01)
+
+
+def test_values_of_the_scenario_reach_the_loop():
+    overrides = (
+        "control.period=0.02",
+        "control.k_p=0.5",
+        "control.k_i=0.2",
+        "control.proportional=12",
+        "drives.time_constant_ms=30",
+        "drives.max_velocity_mm_s=70",
+        "drives.encoder_resolution_mm=0.02",
+        "drives.gain=[1, 1.1, 0.9]",
+        "drives.offset_mm_s=[0, 1, 2]",
+    )
+    loop = scenario_with(*overrides).loop("velocity")
+    control, drive = loop.controller, loop.drive
+    assert (loop.period, control.mode, control.k_p, control.k_i) == (0.02, "velocity", 0.5, 0.2)
+    assert control.proportional == 12.0
+    assert control.velocity_limit == drive.max_velocity == pytest.approx(0.07)
+    assert drive.time_constant == pytest.approx(0.03)
+    assert drive.resolution == control.dead_band == pytest.approx(2e-5)
+    assert loop.gain == (1.0, 1.1, 0.9)
+    assert loop.offset == pytest.approx((0.0, 1e-3, 2e-3))
+    # A perfect encoder has no counts, and a drive stands still all the same.
+    perfect = scenario_with("drives.encoder_resolution_mm=0").loop("position")
+    assert (perfect.drive.resolution, perfect.controller.dead_band) == (0.0, 1e-6)
+
+
+def test_drives_of_every_seed_hold_the_bounds():
+    errors = []
+    for seed in range(4):
+        scenario = scenario_with(QUICK, "drives.gain_error=0.03", f"seed={seed}")
+        result = run(scenario, options())
+        assert result.broken == ()
+        errors.append(result.metrics[0].value)
+    assert len(set(errors)) == 4
+
+
+@pytest.mark.parametrize(
+    ("override", "error", "text"),
+    [
+        ("circle.z_mm=-665.4", StrokeExceeded, r"branch 1[23] would need .* 571\.13\d mm at"),
+        ("circle.lap_duration=3", SpeedExceeded, r"branch 1[23] would move at 92\.9"),
+        ("circle.radius_mm=300", StrokeExceeded, "branch 1[123] would need a length"),
+    ],
+)
+def test_a_circle_that_the_branches_cannot_do_is_refused(override, error, text):
+    with pytest.raises(error, match=text):
+        run(scenario_with(override), options())
+
+
+def test_ramps_that_are_longer_than_the_laps_are_refused():
+    with pytest.raises(ScenarioError, match=r"circle.ramp = 6 s is longer than all laps, 5 s"):
+        run(scenario_with(QUICK, "circle.ramp=6"), options())
+
+
+@pytest.mark.parametrize("option", ["html", "meshcat"])
+def test_what_is_not_supported_is_refused(option, tmp_path):
+    with pytest.raises(OutputError, match=f"--{option} is not supported"):
+        run(scenario_with(), options(**{option: option == "meshcat" or tmp_path / "x"}))
+
+
+def test_figures_are_the_paper_s_and_two_more(logged):
+    figures = logged[0].figures
+    assert [figure.name.split("_")[0] for figure in figures] == [
+        "fig11", "fig14", "circle", "circle",
+    ]  # fmt: skip
+    for figure in figures:
+        assert b"<svg" in render(figure)
+    assert "(Fig. 11)" in figures[0].caption
+    assert "(Fig. 14)" in figures[1].caption
+
+
+def test_every_mode_says_how_far_it_is():
+    console = Console(file=io.StringIO(), force_terminal=True, width=80)
+    record(scenario_with(QUICK), options(console=console))
+    for mode in ("compound", "velocity", "position"):
+        assert f"mode {mode}" in console.file.getvalue()
+
+
+def test_the_command_writes_its_numbers(tmp_path, capsys):
+    numbers = tmp_path / "a.json"
+    assert main(["run", "chair-circle", "--set", QUICK, "--json", str(numbers)]) == 0
+    assert "all bounds held: 6 of 6" in capsys.readouterr().out
+    assert json.loads(numbers.read_text())["foot_error_compound_mm"] < 0.6
+
+
+def test_the_command_answers_a_circle_out_of_reach_in_one_line(capsys):
+    assert main(["run", "chair-circle", "--set", "circle.z_mm=-665.4"]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith("parapod: error: branch 1")

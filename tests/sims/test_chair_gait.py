@@ -1,0 +1,257 @@
+"""The experiment `chair-gait`: its numbers and laws, its files, its refusals."""
+
+import io
+import json
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from rich.console import Console
+
+from parapod.diagrams.scenario import dump_scenario, load_scenario
+from parapod.sims.chair_gait import EXPERIMENT, run
+from parapod.sims.chair_gait_metrics import gait_metrics
+from parapod.sims.chair_gait_motion import sample_walk
+from parapod.sims.chair_gait_scenario import ChairGaitScenario
+from parapod.sims.cli import main
+from parapod.sims.experiment import ENTRIES, RunOptions
+from parapod.sims.figures import render
+from parapod.sims.outputs import read_log
+from parapod.systems.errors import OutputError, ScenarioError
+from parapod.systems.walking_chair.branch_limits import SpeedExceeded, StrokeExceeded
+from parapod.systems.walking_chair.geometry import ChairGeometry
+
+DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "chair-gait.yaml"
+CHAIR = ChairGeometry()
+
+
+def scenario_with(*overrides):
+    return load_scenario(ChairGaitScenario, DEFAULT, None, overrides)
+
+
+def options(**changes):
+    return replace(RunOptions(console=Console(file=io.StringIO())), **changes)
+
+
+@pytest.fixture(scope="module")
+def logged(tmp_path_factory):
+    path = tmp_path_factory.mktemp("gait") / "a.npz"
+    return run(scenario_with(), options(log=path)), read_log(path)
+
+
+@pytest.fixture(scope="module")
+def values(logged):
+    return {metric.key: metric.value for metric in logged[0].metrics}
+
+
+@pytest.fixture(scope="module")
+def walks():
+    return tuple(sample_walk(CHAIR, walk) for walk in scenario_with().walks)
+
+
+def broken(printed, smooth):
+    return {metric.key for metric in gait_metrics(printed, smooth) if not metric.passed}
+
+
+def test_the_experiment_is_listed_and_its_default_scenario_is_the_schema_s():
+    (entry,) = [entry for entry in ENTRIES if entry.name == EXPERIMENT.name]
+    assert entry.load() is EXPERIMENT
+    assert entry.summary == EXPERIMENT.summary
+    written = yaml.safe_load(DEFAULT.read_text())
+    assert written == yaml.safe_load(dump_scenario(ChairGaitScenario()))
+
+
+def test_all_bounds_hold(logged):
+    result, _ = logged
+    assert result.broken == ()
+    assert sum(metric.is_bounded for metric in result.metrics) == 14
+
+
+def test_the_numbers_are_those_of_the_papers_gait(values):
+    assert values["max_branch_speed_mm_s"] == pytest.approx(75.163, abs=1e-3)
+    assert values["velocity_step_printed_mm_s"] == pytest.approx(22.94, abs=1e-6)
+    assert values["velocity_step_mm_s"] < 1e-9
+    assert values["lift_speed_printed_mm_s"] == pytest.approx(22.94, abs=1e-3)
+    assert values["lift_speed_smooth_mm_s"] == pytest.approx(28.68, abs=0.01)
+    assert values["shift_speed_printed_mm_s"] == pytest.approx(4.87, abs=0.01)
+    assert values["shift_speed_smooth_mm_s"] == pytest.approx(5.65, abs=0.01)
+    assert values["swing_acceleration_mm_s2"] == pytest.approx(92.34, abs=0.01)
+    assert values["body_acceleration_smooth_mm_s2"] == pytest.approx(45.0, abs=0.1)
+    assert values["body_acceleration_printed_mm_s2"] == pytest.approx(0.60, abs=0.01)
+    ranges = [values[f"{kind}_{end}_mm"] for kind in ("up", "ups") for end in
+              ("shortest", "longest")]  # fmt: skip
+    np.testing.assert_allclose(ranges, (591.4, 713.327, 574.002, 704.513), atol=1e-3)
+    assert values["same_time_difference_mm"] == pytest.approx(111.56, abs=0.05)
+
+
+@pytest.mark.parametrize("order", ["13-24", "24-13"])
+@pytest.mark.parametrize("way", ["forward", "back", "forward and back"])
+@pytest.mark.parametrize("law", ["ramped", "cycloid", "quintic"])
+def test_every_order_way_and_smooth_law_holds_the_bounds(order, way, law):
+    overrides = f"gait.order={order}", f"gait.way={way}", f"gait.body_law={law}", "gait.cycles=2"
+    assert run(scenario_with(*overrides), options()).broken == ()
+
+
+def test_eq_45_as_the_smooth_law_breaks_the_bounds_on_steps():
+    result = run(scenario_with("gait.body_law=linear"), options())
+    keys = {metric.key for metric in result.broken}
+    assert keys == {"velocity_step_mm_s", "acceleration_step_mm_s2"}
+
+
+# What each bound is about
+
+
+def test_bounds_of_strokes_and_speeds(walks):
+    printed, smooth = walks
+    for length, keys in (
+        (-1e-5, {"up_shortest_mm"}),
+        (0.2, {"up_longest_mm"}),
+    ):
+        branches = smooth.branches.length.copy()
+        branches[:, :, 0] += length
+        moved = replace(smooth, branches=smooth.branches._replace(length=branches))
+        assert keys <= broken(printed, moved)
+    branches = smooth.branches.length.copy()
+    branches[:, :, 1:] -= 1e-5
+    assert "ups_shortest_mm" in broken(
+        printed, replace(smooth, branches=smooth.branches._replace(length=branches))
+    )
+    branches[:, :, 1:] += 0.2
+    assert "ups_longest_mm" in broken(
+        printed, replace(smooth, branches=smooth.branches._replace(length=branches))
+    )
+    for walk, other in ((printed, smooth), (smooth, printed)):
+        faster = walk.branches._replace(velocity=1.07 * walk.branches.velocity)
+        moved = replace(walk, branches=faster)
+        both = (moved, other) if walk is printed else (other, moved)
+        assert broken(*both) == {"max_branch_speed_mm_s"}
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_corner_below_the_ground_breaks_its_bound(walks, which):
+    lowered = replace(walks[which], body=walks[which].body - (0.0, 0.0, 2e-6))
+    pair = (lowered, walks[1]) if which == 0 else (walks[0], lowered)
+    assert broken(*pair) == {"lowest_corner_mm"}
+
+
+def test_a_leg_that_is_early_breaks_the_symmetry(walks):
+    printed, smooth = walks
+    length = smooth.branches.length.copy()
+    length[:, 3] = np.roll(length[:, 3], 1, axis=0)
+    early = replace(smooth, branches=smooth.branches._replace(length=length))
+    assert broken(printed, early) == {"time_reversal_error_mm", "lowest_corner_mm"}
+
+
+def test_branches_that_differ_break_their_bound(walks):
+    printed, smooth = walks
+    length = smooth.branches.length.copy()
+    # A micrometre, the same in all legs: the symmetry of legs is kept.
+    length[1500, :, 2] += 1e-6
+    length[-1501, :, 2] += 1e-6
+    uneven = replace(smooth, branches=smooth.branches._replace(length=length))
+    assert "ups_difference_mm" in broken(printed, uneven)
+    assert "time_reversal_error_mm" not in broken(printed, uneven)
+
+
+def test_steps_between_phases_are_seen_from_both_sides(walks):
+    printed, smooth = walks
+    steps = np.abs(printed.velocity_steps).max(axis=(1, 2))
+    # In the paper's gait at 0, 5, 10, 15, 20 and 25 s.
+    np.testing.assert_allclose(1e3 * steps, (22.94, 22.94, 4.87, 4.87, 22.94, 22.94), atol=0.01)
+    assert np.abs(smooth.velocity_steps).max() < 1e-12
+    assert np.abs(smooth.acceleration_steps).max() < 1e-12
+
+
+def test_both_sides_of_every_phase_are_sampled(walks):
+    for walk in walks:
+        ends = np.array(walk.walk.ends[:-1])
+        twice = walk.time[:-1][np.diff(walk.time) == 0.0]
+        np.testing.assert_allclose(twice, ends)
+        assert (np.diff(walk.phase) >= 0).all()
+        # Velocities are derivatives of the lengths, but not across the ends.
+        inside = np.diff(walk.phase) == 0
+        slope = (
+            np.diff(walk.branches.length, axis=0)[inside] / np.diff(walk.time)[inside, None, None]
+        )
+        middle = 0.5 * (walk.branches.velocity[1:] + walk.branches.velocity[:-1])[inside]
+        np.testing.assert_allclose(slope, middle, atol=1e-6)
+
+
+def test_time_goes_on_on_the_way_back():
+    printed, _ = scenario_with("gait.way=forward and back").walks
+    walk = sample_walk(CHAIR, printed)
+    assert (np.diff(walk.time) >= 0.0).all()
+    assert walk.time[-1] == walk.walk.duration == 50.0
+    np.testing.assert_allclose(walk.time[:-1][np.diff(walk.time) == 0.0], walk.walk.ends[:-1])
+    assert walk.phase.max() == len(walk.walk.phases) - 1
+    np.testing.assert_allclose(walk.body[-1], walk.body[0], atol=1e-12)
+
+
+def test_the_log_has_both_laws(logged):
+    _, log = logged
+    for name in ("length", "velocity", "acceleration"):
+        assert log.signals[f"linear.{name}"].shape == (len(log.time), 12)
+    assert log.signals["smooth.foot_corners"].shape == (len(log.time), 36)
+    for law, lift in (("linear", 22.94), ("smooth", 28.68)):
+        speed = 1e3 * np.abs(log.signals[f"{law}.velocity"])
+        assert speed.max() == pytest.approx(75.163, abs=1e-3)
+        assert speed[log.time < 5.0].max() == pytest.approx(lift, abs=0.01)
+    assert log.signals["smooth.foot_corners"][:, 2::3].min() > -1e-9
+    assert set(log.metadata["units"]) == set(log.signals)
+
+
+@pytest.mark.parametrize(
+    ("override", "error", "text"),
+    [
+        ("gait.lift_mm=100", StrokeExceeded, r"branch 12 would need .* at 7\.\d+ s, 12\.\d+ mm"),
+        ("gait.step_mm=300", StrokeExceeded, r"branch \d\d would need a length of"),
+        ("gait.phase_duration=4", SpeedExceeded, r"branch 12 would move at 93\.95\d mm/s at 5\."),
+        ("gait.phase_duration=4.69", SpeedExceeded, "branch 12"),
+    ],
+)
+def test_a_gait_that_the_actuators_cannot_do_is_refused(override, error, text):
+    with pytest.raises(error, match=text):
+        run(scenario_with(override), options())
+
+
+def test_a_walk_of_many_cycles_is_refused():
+    with pytest.raises(ScenarioError, match="cycles are all alike, and up to 10 are drawn"):
+        run(scenario_with("gait.cycles=11"), options())
+    assert run(scenario_with("gait.cycles=10"), options()).passed
+
+
+@pytest.mark.parametrize("option", ["html", "graphviz", "meshcat"])
+def test_what_is_not_simulated_has_nothing_to_show(option, tmp_path):
+    with pytest.raises(OutputError, match=f"--{option} has nothing to show: no diagram"):
+        run(scenario_with(), options(**{option: option == "meshcat" or tmp_path / "x"}))
+
+
+def test_figures_are_the_paper_s_and_the_swing(logged):
+    figures = logged[0].figures
+    assert [figure.name.split("_")[0] for figure in figures] == [
+        "fig07", "fig08a", "fig08b", "fig08c", "swing",
+    ]  # fmt: skip
+    for figure in figures:
+        assert b"<svg" in render(figure)
+
+
+def test_the_way_back_can_be_drawn_too():
+    result = run(scenario_with("gait.way=back", "gait.order=24-13"), options())
+    assert b"second swing" in render(result.figures[0])
+
+
+def test_the_command_writes_its_numbers(tmp_path, capsys):
+    numbers = tmp_path / "a.json"
+    assert main(["run", "chair-gait", "--json", str(numbers)]) == 0
+    assert "all bounds held: 14 of 14" in capsys.readouterr().out
+    assert json.loads(numbers.read_text())["max_branch_speed_mm_s"] == pytest.approx(75.163, 1e-4)
+
+
+def test_the_command_answers_a_gait_out_of_reach_in_one_line(capsys):
+    assert main(["run", "chair-gait", "--set", "gait.lift_mm=100"]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith("parapod: error: branch 12 would need a length of 561.")

@@ -1,0 +1,277 @@
+"""The experiment `chair-payload`: its numbers, its files, its refusals."""
+
+import io
+import json
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from rich.console import Console
+
+from parapod.diagrams.scenario import dump_scenario, load_scenario
+from parapod.sims.chair_payload import EXPERIMENT, run
+from parapod.sims.chair_payload_metrics import payload_metrics
+from parapod.sims.chair_payload_scenario import ChairPayloadScenario
+from parapod.sims.chair_payload_survey import check_stance, paper_share, stand_at, survey
+from parapod.sims.cli import main
+from parapod.sims.experiment import ENTRIES, RunOptions
+from parapod.sims.figures import render
+from parapod.sims.outputs import read_log
+from parapod.systems.errors import OutputError
+from parapod.systems.walking_chair.branch_limits import SpeedExceeded, StrokeExceeded
+from parapod.systems.walking_chair.gait_support import SupportLost
+
+DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "chair-payload.yaml"
+QUICK = "instants=2"
+
+
+def scenario_with(*overrides):
+    return load_scenario(ChairPayloadScenario, DEFAULT, None, overrides)
+
+
+def options(**changes):
+    return replace(RunOptions(console=Console(file=io.StringIO())), **changes)
+
+
+def values_of(*overrides):
+    result = run(scenario_with(QUICK, *overrides), options())
+    return {metric.key: metric.value for metric in result.metrics}
+
+
+def broken_by(*overrides):
+    return {metric.key for metric in run(scenario_with(QUICK, *overrides), options()).broken}
+
+
+@pytest.fixture(scope="module")
+def logged(tmp_path_factory):
+    path = tmp_path_factory.mktemp("payload") / "a.npz"
+    return run(scenario_with("instants=10"), options(log=path)), read_log(path)
+
+
+@pytest.fixture(scope="module")
+def values(logged):
+    return {metric.key: metric.value for metric in logged[0].metrics}
+
+
+def test_the_experiment_is_listed_and_its_default_scenario_is_the_schema_s():
+    (entry,) = [entry for entry in ENTRIES if entry.name == EXPERIMENT.name]
+    assert entry.load() is EXPERIMENT
+    assert entry.summary == EXPERIMENT.summary
+    written = yaml.safe_load(DEFAULT.read_text())
+    assert written == yaml.safe_load(dump_scenario(ChairPayloadScenario()))
+
+
+def test_all_bounds_hold(logged):
+    result, _ = logged
+    assert result.broken == ()
+    unbounded = {metric.key for metric in result.metrics if not metric.is_bounded}
+    assert unbounded == {"ups_stiffness"}
+
+
+def test_the_numbers_of_the_papers_step(values):
+    assert values["payload_frictionless_kg"] == pytest.approx(168.588, abs=0.1)
+    assert values["payload_friction_kg"] == pytest.approx(210.963, abs=0.1)
+    assert values["branch_force_frictionless_n"] == pytest.approx(208.4, abs=0.1)
+    assert values["branch_force_friction_n"] == pytest.approx(174.4, abs=0.1)
+    assert values["support_margin_mm"] == pytest.approx(57.05, abs=0.05)
+    assert values["support_margin_with_feet_mm"] == pytest.approx(54.47, abs=0.05)
+    assert values["payload_on_up_branches_kg"] == pytest.approx(37.92, abs=0.1)
+    assert values["up_share"] == pytest.approx(0.8203, abs=1e-4)
+    assert values["ups_stiffness"] == pytest.approx(0.111, abs=1e-3)
+    assert values["up_force_n"] == pytest.approx(427.3, abs=0.1)
+
+
+def test_the_papers_payload_is_between_the_extremes(values):
+    assert values["payload_on_up_branches_kg"] < 57.0 < values["payload_frictionless_kg"]
+
+
+def test_two_legs_limit_the_payload(logged):
+    _, log = logged
+    swings = ((log.time > 5.0) & (log.time < 10.0)) | ((log.time > 15.0) & (log.time < 20.0))
+    for name in ("frictionless", "friction"):
+        payload = log.signals[f"largest_payload_{name}"]
+        assert np.ptp(payload[swings]) < 1e-6
+        assert payload[~swings].min() > payload[swings].max()
+
+
+def test_branches_that_do_not_carry_are_those_of_the_legs_that_swing(logged):
+    _, log = logged
+    swings = (log.time > 5.0) & (log.time < 10.0)
+    for name in ("least_frictionless", "least_friction", "equal", "soft"):
+        forces = log.signals[f"branch_force_{name}"].reshape(-1, 4, 3)
+        assert not forces[swings][:, (0, 2)].any()
+        assert forces[swings][:, (1, 3)].max() > 100.0
+    touching = log.signals["touching"].reshape(-1, 4, 3)
+    assert touching[swings][:, (1, 3)].all()
+    assert not touching[swings][:, (0, 2)].any()
+
+
+def test_the_two_ups_branches_of_a_leg_bear_nearly_the_same(logged):
+    _, log = logged
+    for name in ("equal", "soft"):
+        forces = log.signals[f"branch_force_{name}"].reshape(-1, 4, 3)
+        assert np.abs(forces[..., 1] - forces[..., 2]).max() < 2.0
+    # The UP branch of every leg is the one whose current the paper found the largest.
+    soft = log.signals["branch_force_soft"].reshape(-1, 4, 3)
+    carries = soft[..., 0] > 1.0
+    assert (soft[..., 0] > soft[..., 1])[carries].all()
+    assert soft.max() == pytest.approx(427.3, abs=0.1)
+
+
+def test_a_payload_aside_has_less_margin_and_is_smaller(values):
+    aside = values_of("payload.x_mm=40", "payload.y_mm=10")
+    cost = 57.0 / 106.2 * (0.7437 * 40.0 + 0.6685 * 10.0)
+    for key in ("support_margin_mm", "support_margin_with_feet_mm"):
+        assert values[key] - aside[key] == pytest.approx(cost, abs=0.1)
+    for key in ("payload_frictionless_kg", "payload_friction_kg"):
+        assert aside[key] < values[key]
+    # What explains the paper's number is about a payload in the middle.
+    for key in ("payload_on_up_branches_kg", "up_force_n", "closed_form_error_kg"):
+        assert aside[key] == pytest.approx(values[key], abs=1e-6)
+
+
+def test_less_friction_carries_less():
+    masses = [values_of(f"friction={mu}")["payload_friction_kg"] for mu in (0.0, 0.02, 0.6)]
+    assert (np.diff(masses) > 0.0).all()
+    assert masses[0] == pytest.approx(168.588, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("override", "broken"),
+    [
+        ("force_limit=200", {"payload_frictionless_kg", "branch_force_frictionless_n"}),
+        (
+            "force_limit=150",
+            {
+                "payload_frictionless_kg",
+                "payload_friction_kg",
+                "branch_force_frictionless_n",
+                "branch_force_friction_n",
+            },
+        ),
+        ("payload.mass_kg=200", {"branch_force_frictionless_n"}),
+        (
+            "payload.mass_kg=240",
+            {"branch_force_frictionless_n", "branch_force_friction_n"},
+        ),
+    ],
+)
+def test_bounds_are_broken_by_what_they_are_about(override, broken):
+    assert broken_by(override) == broken
+
+
+def test_forces_that_do_not_balance_the_weight_break_their_bound():
+    scenario = scenario_with(QUICK)
+    instants = survey(scenario, options())
+    (clean,) = [m for m in payload_metrics(scenario, instants) if m.key == "balance_error_n"]
+    assert clean.passed
+    for name in instants[3]._fields[3:]:
+        found = getattr(instants[3], name)
+        wrong = instants[3]._replace(**{name: found._replace(forces=1.001 * found.forces)})
+        tampered = [*instants[:3], wrong, *instants[4:]]
+        (metric,) = [m for m in payload_metrics(scenario, tampered) if m.key == "balance_error_n"]
+        assert not metric.passed
+
+
+def test_feet_that_are_about_to_swing_do_not_carry():
+    walk = scenario_with().walk
+    feet = stand_at(walk, 5.0).touching.reshape(4, 3)
+    assert feet.tolist() == [[False] * 3, [True] * 3] * 2
+    assert stand_at(walk, 4.999).touching.all()
+
+
+def test_the_share_is_that_of_the_closed_form():
+    # 2 F_N = s g (49.2 kg + 57 kg)
+    assert paper_share() * 9.81 * 106.2 == pytest.approx(2.0 * 427.3)
+
+
+@pytest.mark.parametrize("way", ["back", "forward and back"])
+@pytest.mark.parametrize("order", ["13-24", "24-13"])
+def test_every_order_and_way_holds_the_bounds(order, way):
+    overrides = f"gait.order={order}", f"gait.way={way}"
+    result = run(scenario_with(QUICK, *overrides), options())
+    assert result.broken == ()
+    assert result.metrics[0].value == pytest.approx(168.588, abs=0.1)
+
+
+def test_of_cycles_that_are_all_alike_one_is_looked_at():
+    found = survey(scenario_with("instants=1", "gait.cycles=3"), options())
+    assert [instant.phase for instant in found] == [
+        "lift", "first swing", "shift", "second swing", "lower",
+    ]  # fmt: skip
+    assert [instant.time for instant in found] == [2.5, 7.5, 12.5, 17.5, 22.5]
+
+
+def test_a_payload_that_tips_the_chair_over_is_refused_before_anything_runs():
+    console = Console(file=io.StringIO(), force_terminal=True)
+    with pytest.raises(SupportLost) as caught:
+        run(scenario_with("payload.x_mm=100", "payload.y_mm=50"), options(console=console))
+    assert caught.value.phase == "first swing"
+    assert "first swing that begins 5 s after the start" in str(caught.value)
+    assert " mm, less than the 10.0 mm that are required" in str(caught.value)
+    assert console.file.getvalue() == ""
+
+
+def test_the_required_margin_is_the_scenario_s():
+    check_stance(scenario_with("support_margin_mm=54"))
+    with pytest.raises(SupportLost, match=r"54\.5 mm, less than the 55\.0 mm"):
+        check_stance(scenario_with("support_margin_mm=55"))
+
+
+@pytest.mark.parametrize(
+    ("override", "error"),
+    [("gait.lift_mm=100", StrokeExceeded), ("gait.phase_duration=4", SpeedExceeded)],
+)
+def test_a_gait_that_the_actuators_cannot_do_is_refused(override, error):
+    with pytest.raises(error, match="branch 12"):
+        run(scenario_with(override), options())
+
+
+@pytest.mark.parametrize("option", ["html", "graphviz", "meshcat"])
+def test_what_is_not_simulated_has_nothing_to_show(option, tmp_path):
+    with pytest.raises(OutputError, match=f"--{option} has nothing to show: no diagram"):
+        run(scenario_with(), options(**{option: option == "meshcat" or tmp_path / "x"}))
+
+
+def test_the_notes_explain_the_papers_payload(logged):
+    text = " ".join(logged[0].notes)
+    for part in ("57 kg are not what the best", "169 kg", "37.9 kg", "82 %", "0.11 times", "fit"):
+        assert part in text
+
+
+def test_with_weaker_actuators_the_papers_payload_is_not_explained():
+    assert run(scenario_with(QUICK, "force_limit=150"), options()).notes == ()
+
+
+def test_figures_can_be_drawn(logged):
+    figures = logged[0].figures
+    assert [figure.name for figure in figures] == [
+        "payload_over_time", "payload_support", "fig17_branch_forces",
+    ]  # fmt: skip
+    for figure in figures:
+        assert b"<svg" in render(figure)
+    assert b"first swing, 9." in render(figures[1])
+
+
+def test_progress_is_shown():
+    console = Console(file=io.StringIO(), force_terminal=True, width=80)
+    survey(scenario_with(QUICK), options(console=console))
+    assert "spreading forces" in console.file.getvalue()
+
+
+def test_the_command_writes_its_numbers(tmp_path, capsys):
+    numbers = tmp_path / "a.json"
+    assert main(["run", "chair-payload", "--set", QUICK, "--json", str(numbers)]) == 0
+    assert "all bounds held: 11 of 11" in capsys.readouterr().out
+    assert json.loads(numbers.read_text())["support_margin_mm"] == pytest.approx(57.05, abs=0.05)
+
+
+def test_the_command_answers_a_payload_that_tips_in_one_line(capsys):
+    assert main(["run", "chair-payload", "--set", "payload.x_mm=100", "payload.y_mm=50"]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith("parapod: error: the ")
+    assert "support margin of" in err
