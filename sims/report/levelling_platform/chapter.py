@@ -104,7 +104,11 @@ _PARTS = (
 
 _COMPONENTS = (
     Component("Embedded controller NI PXIe-1082", "the controller's diagram", "at 100 Hz"),
-    Component("Two NI PXIe-6363", "the station's ports", "no hardware is driven yet"),
+    Component(
+        "Two NI PXIe-6363",
+        "the station's ports",
+        "NiDaqLegs and NiDaqEncoders drive the real ones",
+    ),
     Component("Four linear actuators", "LinearActuator", "Eqs. (15) to (18), self-locking screw"),
     Component("Two motor drivers Sabertooth 2x25", "LinearActuator", "supply and saturation"),
     Component("Four actuator encoders", "Encoder", "whole counts"),

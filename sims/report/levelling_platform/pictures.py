@@ -1,12 +1,11 @@
 """Pictures of the levelling platform, where the paper shows drawings and photographs."""
 
 import math
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 
-from parapod.diagrams.levelling_platform.photograph import View, photograph
+from parapod.diagrams.levelling_platform.photograph import photograph
+from parapod.diagrams.photograph import View
 from parapod.sims.report.chapter import Picture
+from parapod.sims.report.rendered import rendered
 
 _HEIGHT = 0.477  # in the middle of what the stroke allows [m]
 _GROUND = (math.radians(2.0), math.radians(3.0))
@@ -21,14 +20,7 @@ def pictures() -> tuple[Picture, ...]:
     Raises:
         RuntimeError: there is no OpenGL to render with.
     """
-    # In a process of its own: without OpenGL the renderer ends the process that it is in.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=context) as pool:
-        try:
-            return pool.submit(_take).result()
-        except BrokenProcessPool:
-            message = "Drake's renderer found no OpenGL through EGL (on Debian: libegl1)"
-            raise RuntimeError(message) from None
+    return rendered(_take)
 
 
 def _take() -> tuple[Picture, ...]:

@@ -70,7 +70,7 @@ def test_claims_name_experiments_of_the_chapter_only():
     # A claim about an experiment that has not been run says so; none raises.
     verdicts = [claim.verdict(Numbers({})) for claim in CHAPTER.claims]
     assert {v.word for v in verdicts if v.tone is Tone.BAD} == {"not run", "not reproduced"}
-    assert {part.experiment for part in CHAPTER.parts} == {entry.name for entry in ENTRIES}
+    assert {part.experiment for part in CHAPTER.parts} <= {entry.name for entry in ENTRIES}
 
 
 @pytest.mark.parametrize("drawing", CHAPTER.drawings, ids=lambda drawing: drawing.name)

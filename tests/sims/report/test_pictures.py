@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from parapod.diagrams.levelling_platform.photograph import View
+from parapod.diagrams.photograph import View
 from parapod.sims.report.levelling_platform.pictures import pictures
 
 

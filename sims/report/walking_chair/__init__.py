@@ -1,0 +1,1 @@
+"""The walking chair's chapter of the report."""
