@@ -8,10 +8,10 @@ import sys
 
 from rich.console import Console
 
-from benchmarks import accuracy, endurance, hardware, kinematics, realtime
+from benchmarks import accuracy, chair, endurance, hardware, kinematics, realtime
 from benchmarks.report import Measurement, print_measurements
 
-_GROUPS = ("kinematics", "realtime", "accuracy", "endurance", "hardware", "day")
+_GROUPS = ("kinematics", "realtime", "accuracy", "chair", "endurance", "hardware", "day")
 _DEFAULT = tuple(name for name in _GROUPS if name != "day")
 
 
@@ -30,6 +30,7 @@ def main(arguments: list[str]) -> int:
             "kinematics": kinematics.run,
             "realtime": lambda: realtime.run(console),
             "accuracy": lambda: accuracy.run(console),
+            "chair": lambda: chair.run(console),
             "endurance": lambda: endurance.run(console),
             "hardware": lambda: hardware.run(console),
             "day": lambda: endurance.run_day(console),

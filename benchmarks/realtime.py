@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
+from benchmarks.factor import real_time_factor
 from benchmarks.report import Measurement
 from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
 from parapod.diagrams.levelling_platform.controller import make_controller
@@ -39,20 +40,11 @@ def run(console: Console) -> list[Measurement]:
 
 
 def _real_time_factor(backend: str, leg_model: str, time_step: float) -> float:
-    """Best of two runs of the whole loop: controller, sensors, actuators, plant."""
+    """Of the whole loop: controller, sensors, actuators, plant."""
     scenario = LevellingScenario(backend=backend)
     scenario.plant.leg_model, scenario.plant.time_step = leg_model, time_step
     scenario.job.waypoints = [WaypointScenario(7.0, 1.0, -1.0, 10.0)]
-    loop = make_closed_loop(scenario, log=())
-    factors = []
-    for _ in range(2):
-        simulator = Simulator(loop.diagram)
-        loop.reset(simulator.get_mutable_context())
-        simulator.Initialize()
-        started = time.perf_counter()
-        simulator.AdvanceTo(_DURATION)
-        factors.append(_DURATION / (time.perf_counter() - started))
-    return max(factors)
+    return real_time_factor(make_closed_loop(scenario, log=()), _DURATION, 2)
 
 
 def _controller_tick() -> float:
