@@ -97,6 +97,7 @@ _PARTS = (
         "leaves for future work.",
         "workspace",
         ("turntable=true",),
+        quick=("resolution=40",),
         is_random=False,
         adds_to="workspace",
     ),
