@@ -116,7 +116,7 @@ def test_velocity_mode_keeps_an_error_that_compound_mode_removes():
     worst = {}
     for mode in ("velocity", "compound"):
         scenario = scenario_for("kinematic", control__mode=mode)
-        time, signals = run(scenario, until=8.0)
+        time, signals = run(scenario, until=5.5)
         motion = scenario.gait.walk.motions(CHAIR_GEOMETRY, signals["gait_time"][:, 0])
         assert np.isfinite(np.asarray(motion.body.position)).all()
         error = error_of(scenario, signals)[time > 1.0]
