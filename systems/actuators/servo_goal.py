@@ -88,18 +88,22 @@ class ServoGoal(LeafSystem):
             vector.SetFromVector(np.broadcast_to(np.asarray(value, dtype=float), self._channels))
 
     def _calc_goal(self, context: Context, output: BasicVector) -> None:
+        braked = is_on(self._brake, context)
         state = read_array(self._state, context)
         position, velocity = state[: self._channels], state[self._channels :]
+        if braked and not velocity.any():
+            output.SetZero()
+            return
         resting = position + self._params.time_constant * velocity
         low, high = (self._low - resting) / self._period, (self._high - resting) / self._period
         if math.isfinite(self._params.acceleration):
             change = self._params.acceleration * self._period / self._share
             low, high = np.maximum(low, velocity - change), np.minimum(high, velocity + change)
         # A drive that is beyond an end, or too fast for it, does what it can.
-        output.SetFromVector(np.minimum(np.maximum(self._wanted(context), low), high))
+        output.SetFromVector(np.minimum(np.maximum(self._wanted(context, braked), low), high))
 
-    def _wanted(self, context: Context) -> NDArray[np.float64]:
-        if is_on(self._brake, context):
+    def _wanted(self, context: Context, braked: bool) -> NDArray[np.float64]:
+        if braked:
             return np.zeros(self._channels)
         command, fastest = read_array(self._command, context), self._params.max_velocity
         if not np.isfinite(command).all():
