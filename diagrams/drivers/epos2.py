@@ -54,7 +54,7 @@ class _Epos2Axes(Driver):
     @property
     def motor_per_unit(self) -> float:
         """By how much a motor turns for one unit of its axis [rad per rad or m]."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} does not define motor_per_unit")
 
     def make(self, ports: PartPorts) -> Device:
         """See `Driver`."""
