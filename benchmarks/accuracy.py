@@ -12,8 +12,8 @@ from parapod.diagrams.levelling_platform.scenario import (
     SensorScenario,
     WaypointScenario,
 )
-from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 _LOG = ("truth.posture", "truth.extension", "truth.loop_error", "posture_desired_state")
 # The grounds that the stroke can level, out to its edge: roll, pitch [deg].

@@ -8,8 +8,7 @@ from scipy.optimize import root
 
 from benchmarks.report import Measurement
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
-from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
-from parapod.systems.levelling_platform.posture_to_legs import inverse_kinematics
+from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 
 _POSTURES = 500_000
 _NEWTON_POSTURES = 300

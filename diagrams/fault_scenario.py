@@ -12,9 +12,8 @@ from parapod.diagrams.scenario_reader import Reader
 from parapod.diagrams.scenario_tree import plain
 from parapod.diagrams.scenario_words import show
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
-from parapod.systems.errors import ScenarioError
-from parapod.systems.safety.fault_injector import LONGEST_DELAY, FaultInjector
-from parapod.systems.safety.faults import Fault, FaultKind
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.safety.faults import LONGEST_DELAY, Fault, FaultInjector, FaultKind
 from parapod.systems.sensors.imu import ImuParams
 
 _PORTS = {spec.name: spec for spec in (*INPUTS, *OUTPUTS)}

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts
 from parapod.diagrams.wiring import add, connect
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.io_thread import DeviceThread
 from parapod.systems.hardware.part_reader import PartReader

@@ -5,7 +5,7 @@ from typing import Any
 from parapod.diagrams.levelling_platform.machine import LEVELLING_PLATFORM
 from parapod.diagrams.machine import Machine
 from parapod.diagrams.walking_chair.machine import WALKING_CHAIR
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 
 MACHINES: tuple[Machine[Any], ...] = (LEVELLING_PLATFORM, WALKING_CHAIR)
 

@@ -41,7 +41,7 @@ from parapod.diagrams.scenario_tree import (
     plain,
 )
 from parapod.diagrams.scenario_words import one_line, show
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 
 
 def quantity(default: Any, low: float, high: float, *, length: int | None = None) -> Any:

@@ -21,7 +21,7 @@ from parapod.diagrams.scenario_tree import (
     variant_of,
 )
 from parapod.diagrams.scenario_words import did_you_mean, show
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 
 
 class Reader:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from parapod.diagrams.scenario_words import show
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 
 RULE = "parapod.rule"
 # Key under which Drake's YAML reader keeps a mapping's tag.

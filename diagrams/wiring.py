@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, System
 from pydrake.systems.primitives import Demultiplexer, MatrixGain
 
-from parapod.systems.errors import WiringError
+from parapod.systems.core.errors import WiringError
 
 
 def add[S: System](builder: DiagramBuilder, system: S, name: str = "") -> S:

@@ -27,17 +27,17 @@ from parapod.sims.experiment import Experiment, RunOptions
 from parapod.sims.figures import Figure
 from parapod.sims.results import Metric, Result
 from parapod.sims.unsupported_options import refuse_options
-from parapod.systems.levelling_platform.calibration import Calibration, calibrate
-from parapod.systems.levelling_platform.calibration_parameters import (
+from parapod.systems.levelling_platform.calibration.equations import (
     BIAS,
     GROUND,
     LEG_PARAMETERS,
     LEG_WIDTH,
     equivalent_parameters,
 )
+from parapod.systems.levelling_platform.calibration.poses import PoseRecording
+from parapod.systems.levelling_platform.calibration.solve import Calibration, calibrate
 from parapod.systems.levelling_platform.geometry import ANGLES, LEG_COUNT
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.pose_recording import PoseRecording
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 
 def run(scenario: CalibrateScenario, options: RunOptions) -> Result:

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from parapod.sims.calibrate_metrics import Comparison
 from parapod.sims.figures import COLOURS, Figure
-from parapod.systems.levelling_platform.calibration import Calibration
-from parapod.systems.levelling_platform.calibration_parameters import (
+from parapod.systems.levelling_platform.calibration.equations import (
     BIAS,
     LEG_PARAMETERS,
     LEG_WIDTH,
 )
+from parapod.systems.levelling_platform.calibration.solve import Calibration
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 
 if TYPE_CHECKING:

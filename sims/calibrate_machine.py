@@ -6,16 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.sims.calibrate_scenario import CalibrateScenario
-from parapod.systems.levelling_platform.calibration_equations import ground_in_heading
+from parapod.systems.levelling_platform.calibration.equations import ground_in_heading
+from parapod.systems.levelling_platform.calibration.poses import PoseRecording
 from parapod.systems.levelling_platform.geometry import (
     LEG_COUNT,
     PlatformGeometry,
     drawn_deviations,
 )
-from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.pose_recording import PoseRecording
-from parapod.systems.levelling_platform.posture_to_legs import passive_extension
+from parapod.systems.levelling_platform.kinematics import forward_kinematics, passive_extension
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 type Floats = NDArray[np.float64]
 

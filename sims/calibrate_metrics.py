@@ -8,19 +8,19 @@ from numpy.typing import NDArray
 
 from parapod.sims.calibrate_machine import Machine, SimulatedPoses
 from parapod.sims.results import Metric
-from parapod.systems.levelling_platform.calibration import Calibration, calibrate
-from parapod.systems.levelling_platform.calibration_equations import ground_in_heading
-from parapod.systems.levelling_platform.calibration_parameters import (
+from parapod.systems.levelling_platform.calibration.equations import (
     BIAS,
     LEG_PARAMETERS,
     LEG_WIDTH,
     Tolerances,
+    ground_in_heading,
 )
+from parapod.systems.levelling_platform.calibration.poses import PoseRecording
+from parapod.systems.levelling_platform.calibration.solve import Calibration, calibrate
 from parapod.systems.levelling_platform.geometry import ANGLES, LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
 from parapod.systems.levelling_platform.plane import dot, normal_of, to_platform
-from parapod.systems.levelling_platform.pose_recording import PoseRecording
 
 type Floats = NDArray[np.float64]
 

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from parapod.sims.calibrate_scenario import CalibrateScenario
 from parapod.sims.experiment_log import write_experiment_log
 from parapod.sims.outputs import read_log
-from parapod.systems.errors import OutputError
-from parapod.systems.levelling_platform.calibration_equations import ground_in_heading
+from parapod.systems.core.errors import OutputError
+from parapod.systems.levelling_platform.calibration.equations import ground_in_heading
+from parapod.systems.levelling_platform.calibration.poses import PoseRecording
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.pose_recording import PoseRecording
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 # Signal in a file, what it is called in a recording, its width and unit.
 _NEEDED = (

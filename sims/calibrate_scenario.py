@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from parapod.diagrams.scenario import choice, quantity
-from parapod.systems.levelling_platform.calibration_parameters import Tolerances
-from parapod.systems.levelling_platform.pose_recording import MeasurementNoise
+from parapod.systems.levelling_platform.calibration.equations import Tolerances
+from parapod.systems.levelling_platform.calibration.poses import MeasurementNoise
 
 BACKENDS = ("kinematic",)
 

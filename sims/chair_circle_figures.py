@@ -7,7 +7,7 @@ import numpy as np
 
 from parapod.sims.chair_circle_recording import SETTLING, Recording
 from parapod.sims.figures import COLOURS, Figure
-from parapod.systems.walking_chair.branches import branch_names
+from parapod.systems.walking_chair.geometry import branch_names
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

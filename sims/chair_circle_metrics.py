@@ -5,9 +5,9 @@ import numpy as np
 from parapod.sims.chair_circle_recording import GEOMETRY, SETTLING, Floats, Recording
 from parapod.sims.chair_circle_scenario import ChairCircleScenario
 from parapod.sims.results import Metric
-from parapod.systems.walking_chair.branch_limits import stroke_excess
-from parapod.systems.walking_chair.foot_circle import FootCircle
-from parapod.systems.walking_chair.leg_rates import leg_jacobian
+from parapod.systems.walking_chair.checks import stroke_excess
+from parapod.systems.walking_chair.rates import leg_jacobian
+from parapod.systems.walking_chair.trajectories import FootCircle
 
 # What the laser tracker found, "comparing the radius" of the trajectories [mm].
 PAPER_RADIAL_MM = 2.454

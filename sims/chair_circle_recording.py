@@ -13,12 +13,11 @@ from parapod.sims.experiment import RunOptions
 from parapod.sims.experiment_log import write_experiment_log
 from parapod.sims.simulate import simulate, write_graphviz
 from parapod.systems.actuators.compound_position_controller import MODES
-from parapod.systems.walking_chair.branch_limits import check_speeds, check_strokes
-from parapod.systems.walking_chair.foot_circle import FootCircle
+from parapod.systems.walking_chair.checks import check_speeds, check_strokes
 from parapod.systems.walking_chair.geometry import LegGeometry
-from parapod.systems.walking_chair.leg_forward import leg_forward
-from parapod.systems.walking_chair.leg_rates import leg_motion
-from parapod.systems.walking_chair.motion import BranchMotion
+from parapod.systems.walking_chair.leg import leg_forward
+from parapod.systems.walking_chair.rates import leg_motion
+from parapod.systems.walking_chair.trajectories import BranchMotion, FootCircle
 
 type Floats = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ from parapod.diagrams.walking_chair.leg_loop import LegLoopParams
 from parapod.systems.actuators.compound_position_controller import (
     CompoundPositionControllerParams,
 )
-from parapod.systems.actuators.servo_goal import VelocityServoParams
-from parapod.systems.errors import ScenarioError
-from parapod.systems.walking_chair.foot_circle import FootCircle
+from parapod.systems.actuators.velocity_servo import VelocityServoParams
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.walking_chair.trajectories import FootCircle
 
 BACKENDS = ("kinematic",)
 

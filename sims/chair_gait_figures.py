@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from parapod.sims.chair_gait_motion import Floats, SampledWalk
 from parapod.sims.figures import COLOURS, Figure
+from parapod.systems.walking_chair.checks import SPEED_LIMIT
 from parapod.systems.walking_chair.gait import FIRST_SWING, SECOND_SWING, SHIFT
-from parapod.systems.walking_chair.gait_check import SPEED_LIMIT
-from parapod.systems.walking_chair.gait_support import GaitSupport
 from parapod.systems.walking_chair.geometry import LEG_COUNT
+from parapod.systems.walking_chair.support import GaitSupport
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

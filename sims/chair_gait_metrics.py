@@ -4,8 +4,8 @@ import numpy as np
 
 from parapod.sims.chair_gait_motion import Floats, SampledWalk
 from parapod.sims.results import Metric
+from parapod.systems.walking_chair.checks import SPEED_LIMIT
 from parapod.systems.walking_chair.gait import LIFT, LOWER, SHIFT
-from parapod.systems.walking_chair.gait_check import SPEED_LIMIT
 
 # Steps that are none but for rounding [mm/s] and [mm/s^2].
 _NO_STEP = 1e-6

@@ -8,11 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.systems.walking_chair.chair import foot_corners
-from parapod.systems.walking_chair.gait import FIRST_SWING, SECOND_SWING, TrotGait
-from parapod.systems.walking_chair.gait_motion import gait_branches, gait_motion
+from parapod.systems.walking_chair.gait import (
+    FIRST_SWING,
+    SECOND_SWING,
+    Side,
+    TrotGait,
+    Walk,
+    gait_branches,
+    gait_motion,
+)
 from parapod.systems.walking_chair.geometry import ChairGeometry
-from parapod.systems.walking_chair.motion import BranchMotion
-from parapod.systems.walking_chair.walk import Side, Walk
+from parapod.systems.walking_chair.trajectories import BranchMotion
 
 type Floats = NDArray[np.float64]
 

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field, replace
 
 from parapod.diagrams.scenario import choice, quantity
 from parapod.diagrams.walking_chair.scenario import GaitScenario
-from parapod.systems.errors import ScenarioError
-from parapod.systems.walking_chair.gait_check import check_gait
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.walking_chair.checks import check_gait
+from parapod.systems.walking_chair.gait import Walk
 from parapod.systems.walking_chair.geometry import ChairGeometry
-from parapod.systems.walking_chair.walk import Walk
 
 BACKENDS = ("exact",)
 PRINTED = "linear"  # the law of Eq. (45)

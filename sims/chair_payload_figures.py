@@ -17,10 +17,9 @@ from parapod.sims.chair_payload_survey import (
 )
 from parapod.sims.figures import COLOURS, Figure
 from parapod.systems.walking_chair.gait import FIRST_SWING, SECOND_SWING
-from parapod.systems.walking_chair.gait_support import GaitSupport
 from parapod.systems.walking_chair.geometry import LEG_COUNT
 from parapod.systems.walking_chair.masses import centre_of_mass
-from parapod.systems.walking_chair.support import SupportPolygon
+from parapod.systems.walking_chair.support import GaitSupport, SupportPolygon
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

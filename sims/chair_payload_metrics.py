@@ -15,7 +15,6 @@ from parapod.sims.chair_payload_survey import (
     stand_at,
 )
 from parapod.sims.results import Metric
-from parapod.systems.walking_chair.gait_support import GaitSupport
 from parapod.systems.walking_chair.geometry import LEG_COUNT
 from parapod.systems.walking_chair.masses import GRAVITY
 from parapod.systems.walking_chair.payload import (
@@ -25,6 +24,7 @@ from parapod.systems.walking_chair.payload import (
     elastic_forces,
     largest_payload,
 )
+from parapod.systems.walking_chair.support import GaitSupport
 
 # Two ways to the same number [kg].
 _SAME_PAYLOAD = 0.01

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field, replace
 
 from parapod.diagrams.scenario import choice, quantity
 from parapod.diagrams.walking_chair.scenario import GaitScenario
+from parapod.systems.walking_chair.gait import Walk
 from parapod.systems.walking_chair.masses import Passenger
 from parapod.systems.walking_chair.payload import FORCE_LIMIT
-from parapod.systems.walking_chair.walk import Walk
 
 BACKENDS = ("exact",)
 

@@ -9,9 +9,8 @@ from parapod.sims.chair_payload_scenario import ChairPayloadScenario
 from parapod.sims.experiment import RunOptions, progress
 from parapod.sims.experiment_log import write_experiment_log
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
-from parapod.systems.walking_chair.gait import FIRST_SWING, SECOND_SWING
-from parapod.systems.walking_chair.gait_check import check_gait
-from parapod.systems.walking_chair.gait_support import GaitSupport
+from parapod.systems.walking_chair.checks import check_gait
+from parapod.systems.walking_chair.gait import FIRST_SWING, SECOND_SWING, Walk
 from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.masses import GRAVITY, ChairMasses
 from parapod.systems.walking_chair.payload import (
@@ -23,7 +22,7 @@ from parapod.systems.walking_chair.payload import (
     least_branch_force,
 )
 from parapod.systems.walking_chair.statics import force_map
-from parapod.systems.walking_chair.walk import Walk
+from parapod.systems.walking_chair.support import GaitSupport
 
 type Floats = NDArray[np.float64]
 

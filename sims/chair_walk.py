@@ -15,11 +15,10 @@ from parapod.sims.experiment import Experiment, RunOptions
 from parapod.sims.job import Task, run_task
 from parapod.sims.results import Result
 from parapod.sims.simulate import make_viewer
-from parapod.systems.errors import ScenarioError
-from parapod.systems.walking_chair.chair_model import CHAIR_GEOMETRY
-from parapod.systems.walking_chair.gait_check import check_gait
-from parapod.systems.walking_chair.gait_forces import check_forces
-from parapod.systems.walking_chair.gait_support import GaitSupport
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.walking_chair.checks import check_forces, check_gait
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.support import GaitSupport
 
 
 def run(scenario: ChairScenario, options: RunOptions) -> Result:

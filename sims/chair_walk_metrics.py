@@ -9,8 +9,8 @@ from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.sims.job import Signals
 from parapod.sims.results import Metric, Result
 from parapod.systems.walking_chair.chair import chair_inverse
-from parapod.systems.walking_chair.chair_model import CHAIR_GEOMETRY
-from parapod.systems.walking_chair.gait_support import SupportLost
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.support import SupportLost
 
 NEEDED = (
     "gait_time",

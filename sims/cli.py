@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from parapod.sims.commands import bench_rt, check, emulate, report, run, scenario
 from parapod.sims.commands import list as list_command
 from parapod.sims.commands.arguments import HELD, INTERRUPTED, MISTAKE, Parser
-from parapod.systems.errors import ParapodError
+from parapod.systems.core.errors import ParapodError
 
 if TYPE_CHECKING:  # Help and errors must not wait for Drake.
     from parapod.sims.experiment import Entry

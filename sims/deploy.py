@@ -25,13 +25,12 @@ from parapod.sims.phase_label import PhaseLabel
 from parapod.sims.results import Result
 from parapod.sims.signal_units import with_units
 from parapod.sims.simulate import in_real_time, recording, simulate, write_graphviz
-from parapod.systems.errors import RefusedRequest, UnreachablePosture
-from parapod.systems.levelling_platform.phases import Phase
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.posture_reference import describe_range
-from parapod.systems.levelling_platform.posture_to_legs import inverse_kinematics
-from parapod.systems.levelling_platform.requests import Refusal
+from parapod.systems.core.errors import RefusedRequest, UnreachablePosture
+from parapod.systems.levelling_platform.kinematics import inverse_kinematics
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.reference import describe_range
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
+from parapod.systems.levelling_platform.supervisor import Phase, Refusal
 
 # A refusal ends the operation after this long, in which the machine is seen to stand [s].
 _STANDING = 2.0

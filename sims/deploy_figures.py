@@ -11,7 +11,7 @@ from parapod.sims.figures import Figure
 from parapod.sims.job import Signals
 from parapod.sims.posture_errors import AXES, in_deg_and_mm
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
-from parapod.systems.levelling_platform.phases import Phase
+from parapod.systems.levelling_platform.supervisor import Phase
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,12 +8,11 @@ from parapod.sims.deploy_scenario import DeployScenario
 from parapod.sims.job import Signals
 from parapod.sims.posture_errors import error_metrics, in_deg_and_mm
 from parapod.sims.results import Metric, Result
-from parapod.systems.levelling_platform.decision import SupervisorParams
-from parapod.systems.levelling_platform.findings import Finding
+from parapod.systems.levelling_platform.fault_detection import Finding
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
-from parapod.systems.levelling_platform.phases import Phase
 from parapod.systems.levelling_platform.plane import normal_of, to_platform
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
+from parapod.systems.levelling_platform.supervisor import Phase, SupervisorParams
 from parapod.systems.levelling_platform.wheels import WheelGeometry
 
 NEEDED = (

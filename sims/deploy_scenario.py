@@ -15,9 +15,8 @@ from parapod.diagrams.levelling_platform.scenario import (
     SensorScenario,
 )
 from parapod.diagrams.scenario import choice, quantity
-from parapod.systems.levelling_platform.operator_script import Step
-from parapod.systems.levelling_platform.phases import Phase
-from parapod.systems.levelling_platform.requests import Command
+from parapod.systems.levelling_platform.scripts import Step
+from parapod.systems.levelling_platform.supervisor import Command, Phase
 
 # Between one thing that the operator does and the next [s].
 _PAUSE = 1.0

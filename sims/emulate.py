@@ -20,7 +20,7 @@ from parapod.diagrams.scenario import dump_scenario
 from parapod.sims.emulated_machine import EmulatedMachine
 from parapod.sims.mcap_log import McapLog
 from parapod.sims.real_time import ended_by_signals, undisturbed
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.emulators.directory import emulator_directory
 from parapod.systems.hardware.emulators.misbehaviour import KINDS, Misbehaviour
 

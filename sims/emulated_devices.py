@@ -11,7 +11,7 @@ from pathlib import Path
 
 from parapod.diagrams.drivers.driver import Driver
 from parapod.sims.real_time import SWITCH_INTERVAL, take_priority
-from parapod.systems.errors import OutputError, ParapodError, ScenarioError
+from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError
 from parapod.systems.hardware.emulators.shared_harness import SharedHarness
 
 # How long a process may take until its device answers: Drake is imported in each [s].

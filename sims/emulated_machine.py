@@ -15,10 +15,10 @@ from parapod.diagrams.machines import machine_of
 from parapod.diagrams.ports import PortSpec
 from parapod.sims.emulated_devices import emulated_devices
 from parapod.sims.real_time import RealTimeLoop
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.ports import read_array
 from parapod.systems.hardware.emulators.directory import WIRES, emulator_directory
 from parapod.systems.hardware.emulators.shared_harness import SharedHarness
-from parapod.systems.ports import read_array
 
 
 class EmulatedMachine:

@@ -22,7 +22,7 @@ from parapod.sims.experiment import Experiment, RunOptions
 from parapod.sims.fault_cells import DEVICES, PHASES, Cell, run_phase
 from parapod.sims.results import Metric, Result, plain_number
 from parapod.sims.unsupported_options import refuse_options
-from parapod.systems.levelling_platform.phases import Phase
+from parapod.systems.levelling_platform.supervisor import Phase
 from parapod.systems.safety.faults import FaultKind
 
 BACKENDS = ("kinematic",)

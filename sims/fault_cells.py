@@ -14,8 +14,8 @@ from parapod.diagrams.fault_scenario import FaultScenario
 from parapod.diagrams.levelling_platform.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.deployment import make_deployment
 from parapod.sims.deploy_scenario import DeployScenario
-from parapod.systems.levelling_platform.findings import RULES, Finding
-from parapod.systems.levelling_platform.phases import Phase
+from parapod.systems.levelling_platform.fault_detection import RULES, Finding
+from parapod.systems.levelling_platform.supervisor import Phase
 from parapod.systems.safety.faults import FaultKind, Severity
 
 # What fails, by the name that people give it: port and element.

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from parapod.sims.outputs import atomic_output
-from parapod.systems.errors import OutputError
+from parapod.systems.core.errors import OutputError
 
 if TYPE_CHECKING:  # A run without figures does not wait for Matplotlib.
     from matplotlib.axes import Axes

@@ -29,7 +29,7 @@ from parapod.sims.real_time import (
     undisturbed,
 )
 from parapod.sims.signal_units import unit_of
-from parapod.systems.errors import OutputError
+from parapod.systems.core.errors import OutputError
 from parapod.systems.hardware.io_thread import DeviceThread
 
 # A device that has been wrong for so long does not come back by itself [s].

@@ -14,7 +14,7 @@ from parapod.diagrams.levelling_platform.scenario import (
 from parapod.diagrams.scenario import choice, quantity
 from parapod.sims.driven_machine import on_level_ground
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 
 BACKENDS = ("multibody",)

@@ -9,9 +9,8 @@ from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingS
 from parapod.sims.job import Signals
 from parapod.sims.posture_errors import in_deg_and_mm
 from parapod.sims.results import Metric, Result
-from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.posture_to_legs import inverse_kinematics
+from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 # What the paper's closed loop stayed within (section 7), and what counts as level.
 _ANGLE_BOUND = 0.2  # [deg]

@@ -17,7 +17,7 @@ from parapod.diagrams.levelling_platform.scenario import SIMULATED, LevellingSce
 from parapod.sims.experiment import RunOptions
 from parapod.sims.job import Signals, Task, run_task
 from parapod.sims.simulate import make_viewer
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 
 
 @dataclass(frozen=True)

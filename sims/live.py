@@ -13,7 +13,7 @@ from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.live_buttons import RESTART, STOP, buttons, clicked
 from parapod.sims.simulate import in_real_time, simulate
-from parapod.systems.levelling_platform.posture_sliders import PostureSliders
+from parapod.systems.levelling_platform.sliders import PostureSliders
 
 # Simulated time between two looks at the buttons [s].
 _LOOK_PERIOD = 0.1

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from parapod.sims.outputs import Log, check_writable
-from parapod.systems.errors import OutputError
+from parapod.systems.core.errors import OutputError
 from parapod.systems.hardware.extras import need
 
 # Longest time for which what has happened is not in the file [s].

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from parapod.systems.errors import OutputError
+from parapod.systems.core.errors import OutputError
 
 if TYPE_CHECKING:  # numpy is slow to import, and most of what the command does needs none.
     import numpy as np

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
-from parapod.systems.errors import ParapodError
+from parapod.systems.core.errors import ParapodError
 
 # A controller that is this late is not in control [s].
 _HOPELESS = 0.1

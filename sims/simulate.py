@@ -18,7 +18,7 @@ from rich.console import Console
 
 from parapod.sims.experiment import progress
 from parapod.sims.outputs import atomic_output
-from parapod.systems.errors import OutputError
+from parapod.systems.core.errors import OutputError
 
 # Simulated time between two reports of progress, and between two chances for Ctrl-C [s].
 _CHUNK = 0.25

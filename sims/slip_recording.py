@@ -26,8 +26,8 @@ from parapod.sims.slip_scenario import (
     swing_trajectory,
 )
 from parapod.systems.actuators.pi_controller import PiController
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import normal_of
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
 
 _PERIOD = 0.01  # of the recording [s]
 

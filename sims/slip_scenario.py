@@ -14,9 +14,8 @@ from parapod.diagrams.levelling_platform.scenario import (
 from parapod.diagrams.scenario import choice, quantity
 from parapod.sims.driven_machine import on_level_ground
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
-from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.posture_to_legs import inverse_kinematics
+from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 BACKENDS = ("multibody",)
 BEGIN = 0.5  # at rest before the lift, and before the creep counts [s]

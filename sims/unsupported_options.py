@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from parapod.sims.experiment import RunOptions
-from parapod.systems.errors import OutputError
+from parapod.systems.core.errors import OutputError
 
 
 def refuse_options(options: RunOptions, names: Iterable[str], why: str) -> None:

@@ -16,8 +16,8 @@ from parapod.sims.experiment import Experiment, RunOptions
 from parapod.sims.levelling_job import run_job
 from parapod.sims.posture_errors import error_metrics, in_deg_and_mm, posture_figure
 from parapod.sims.results import Metric, Result
-from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 _NEEDED = ("truth.posture", "legs.extension")
 _BOUNDS = (0.02, 0.1)

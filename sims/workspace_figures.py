@@ -11,9 +11,14 @@ from parapod.sims.figures import COLOURS, Figure
 from parapod.sims.workspace_scenario import WorkspaceScenario
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.turntable import stroke_left_turning
-from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace
-from parapod.systems.levelling_platform.workspace_surfaces import SURFACE_COUNT, surface_margins
-from parapod.systems.levelling_platform.workspace_volume import boundary, faces
+from parapod.systems.levelling_platform.workspace import (
+    SURFACE_COUNT,
+    ArmGeometry,
+    Workspace,
+    boundary,
+    faces,
+    surface_margins,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,20 +10,19 @@ from scipy.optimize import minimize  # type: ignore[import-untyped]
 from parapod.sims.results import Metric
 from parapod.sims.workspace_scenario import WorkspaceScenario
 from parapod.systems.levelling_platform.geometry import ARM_BASE, PlatformGeometry
-from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 from parapod.systems.levelling_platform.turntable import stability_margin, swept_volume
-from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace
-from parapod.systems.levelling_platform.workspace_surfaces import (
+from parapod.systems.levelling_platform.workspace import (
     COEFFICIENTS,
+    ArmGeometry,
+    PostureGrid,
+    Workspace,
+    boundary,
     enclosed_points,
     inside_surfaces,
-    surface_margins,
-)
-from parapod.systems.levelling_platform.workspace_volume import (
-    PostureGrid,
-    boundary,
     posture_grid,
+    surface_margins,
     tips_and_volumes,
 )
 

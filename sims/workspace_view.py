@@ -16,12 +16,11 @@ from parapod.sims.simulate import make_viewer
 from parapod.sims.workspace_figures import face_colour, face_name
 from parapod.sims.workspace_scenario import WorkspaceScenario
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY, standing_pose
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, standing_pose
 from parapod.systems.levelling_platform.turntable import swept_surface
-from parapod.systems.levelling_platform.workspace import SUPPORT_LEG, Workspace
-from parapod.systems.levelling_platform.workspace_volume import faces
+from parapod.systems.levelling_platform.workspace import SUPPORT_LEG, Workspace, faces
 
 _LEVEL = (0.0, 0.0)
 _EDGE = 25

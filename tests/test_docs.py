@@ -20,11 +20,11 @@ from parapod.diagrams.hardware_scenario import DRIVERS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.scenario import load_scenario
 from parapod.sims.experiment import ENTRIES
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.bus_load import bus_load, frame_bits
 from parapod.systems.hardware.device import DeviceError
-from parapod.systems.levelling_platform.findings import as_markdown
-from parapod.systems.levelling_platform.phases import as_mermaid
+from parapod.systems.levelling_platform.fault_detection import as_markdown
+from parapod.systems.levelling_platform.supervisor import as_mermaid
 
 _DOCS = Path(__file__).parents[1] / "docs"
 _OPERATION = (_DOCS / "operation.md").read_text()

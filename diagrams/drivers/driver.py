@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
 from parapod.diagrams.scenario_tree import Variant
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulators.directory import (
     WIRES,

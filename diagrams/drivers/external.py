@@ -5,7 +5,7 @@ import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 
 GROUP = "parapod.drivers"
 

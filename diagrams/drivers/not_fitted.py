@@ -4,7 +4,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulators.harness import Harness
 from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour

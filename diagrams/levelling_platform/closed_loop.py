@@ -19,8 +19,8 @@ from parapod.diagrams.levelling_platform.ports import IDLE
 from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingScenario
 from parapod.diagrams.levelling_platform.station import make_station
 from parapod.diagrams.wiring import add, connect
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.posture_script import PostureScript, Waypoint
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.scripts import PostureScript, Waypoint
 
 
 @dataclass(frozen=True)

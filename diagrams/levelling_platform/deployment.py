@@ -16,7 +16,7 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.station import make_station
 from parapod.diagrams.levelling_platform.supervised_controller import make_supervised_controller
 from parapod.diagrams.wiring import add, connect
-from parapod.systems.levelling_platform.operator_script import OperatorScript, Step
+from parapod.systems.levelling_platform.scripts import OperatorScript, Step
 
 # Elements of `status.age` that the signals belong to.
 _DEVICES = {"legs.extension": 0, "imu.gyro": 1, "imu.accel": 1}

@@ -6,8 +6,8 @@ from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
 from parapod.diagrams.fault_scenario import FaultScenario, check_faults, make_fault_injector
 from parapod.diagrams.wiring import add, connect
-from parapod.systems.errors import ScenarioError
-from parapod.systems.safety.fault_injector import FaultInjector
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.safety.faults import FaultInjector
 
 
 class FaultPoints:

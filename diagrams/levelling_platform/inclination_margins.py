@@ -16,12 +16,10 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
 from parapod.systems.actuators.pi_controller import PiController
-from parapod.systems.levelling_platform.forward_kinematics import ForwardKinematics
-from parapod.systems.levelling_platform.kinematic_feedforward import KinematicFeedforward
-from parapod.systems.levelling_platform.passive_leg_solver import PassiveLegSolver
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.posture_loop import PostureLoop
-from parapod.systems.levelling_platform.posture_to_legs import inverse_kinematics
+from parapod.systems.levelling_platform.feedforward import KinematicFeedforward, PassiveLegSolver
+from parapod.systems.levelling_platform.inclination_loop import ForwardKinematics, PostureLoop
+from parapod.systems.levelling_platform.kinematics import inverse_kinematics
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 # Time that the inner loops are given to settle before the diagram is linearised [s].
 _SETTLING = 3.0

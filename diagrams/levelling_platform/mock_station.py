@@ -12,10 +12,9 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuator
-from parapod.systems.actuators.servo_goal import VelocityServoParams
-from parapod.systems.actuators.velocity_servo import VelocityServo
+from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY, WHEEL_COUNT
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, WHEEL_COUNT
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE
 from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.sensors.imu import ImuParams

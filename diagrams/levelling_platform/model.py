@@ -16,7 +16,7 @@ from parapod.diagrams.ground import add_ground
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.systems.levelling_platform.geometry import PlatformGeometry, drawn_deviations
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.platform_model import (
+from parapod.systems.levelling_platform.model import (
     MODEL_GEOMETRY,
     WHEEL_COUNT,
     PlatformModel,

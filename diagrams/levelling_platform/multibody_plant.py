@@ -13,9 +13,13 @@ from parapod.diagrams.multibody import add_discrete_plant
 from parapod.diagrams.visualization import remove_visuals
 from parapod.diagrams.wiring import add, connect, split_states
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
-from parapod.systems.levelling_platform.leg_transmission import LegTransmission
-from parapod.systems.levelling_platform.platform_model import WHEEL_COUNT, PlatformModel
-from parapod.systems.levelling_platform.platform_truth import FootTruth, PlatformTruth
+from parapod.systems.levelling_platform.model import (
+    WHEEL_COUNT,
+    FootTruth,
+    LegTransmission,
+    PlatformModel,
+    PlatformTruth,
+)
 from parapod.systems.sensors.imu import sample_period
 from parapod.systems.sensors.inertial_motion import InertialMotion
 

@@ -11,8 +11,7 @@ from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.photograph import View, add_renderer, take
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
-from parapod.systems.levelling_platform.parallel_links import ParallelLinks
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY, standing_pose
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, ParallelLinks, standing_pose
 
 
 def photograph(

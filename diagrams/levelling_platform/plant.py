@@ -9,7 +9,7 @@ from pydrake.systems.primitives import ZeroOrderHold
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
-from parapod.systems.levelling_platform.platform_model import PlatformModel
+from parapod.systems.levelling_platform.model import PlatformModel
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,11 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.pi_controller import PiController, PiControllerParams
+from parapod.systems.levelling_platform.feedforward import KinematicFeedforward, PassiveLegSolver
 from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
-from parapod.systems.levelling_platform.kinematic_feedforward import KinematicFeedforward
-from parapod.systems.levelling_platform.passive_leg_solver import PassiveLegSolver
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.posture_loop import PostureLoop, PostureLoopParams
-from parapod.systems.levelling_platform.posture_reference import PostureReference
+from parapod.systems.levelling_platform.inclination_loop import PostureLoop, PostureLoopParams
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.reference import PostureReference
 from parapod.systems.sensors.attitude_estimator import AttitudeEstimator
 
 # Legs follow their references within a millimetre; what is further off is no leg [m].

@@ -24,13 +24,12 @@ from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
 from parapod.systems.actuators.velocity_servo import VelocityServo
-from parapod.systems.errors import ScenarioError
-from parapod.systems.levelling_platform.decision import SupervisorParams
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
+from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
+from parapod.systems.levelling_platform.model import WHEEL_COUNT, PlatformModel
 from parapod.systems.levelling_platform.plane import to_platform
-from parapod.systems.levelling_platform.platform_model import WHEEL_COUNT, PlatformModel
-from parapod.systems.levelling_platform.posture_to_legs import inverse_kinematics
+from parapod.systems.levelling_platform.supervisor import SupervisorParams
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
 from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.sensors.encoder import Encoder

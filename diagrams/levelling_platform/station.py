@@ -9,7 +9,7 @@ from parapod.diagrams.levelling_platform.mock_station import make_mock_station
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.simulated_station import PLANTS, make_simulated_station
 from parapod.diagrams.station import Station
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 
 type LevellingStation = Station[LevellingScenario]
 

@@ -11,10 +11,9 @@ from parapod.diagrams.levelling_platform.posture_chain import (
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.pi_controller import PiController
-from parapod.systems.levelling_platform.contact_keeper import ContactKeeper
-from parapod.systems.levelling_platform.fault_detector import FaultDetector
-from parapod.systems.levelling_platform.leg_ramp import LegRamp
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.fault_detection import FaultDetector
+from parapod.systems.levelling_platform.leg_motion import ContactKeeper, LegRamp
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitor
 from parapod.systems.levelling_platform.supervisor import Supervisor
 from parapod.systems.levelling_platform.wheels import WheelGeometry

@@ -7,9 +7,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.visualization import draw, publish
 from parapod.diagrams.wiring import add, connect
-from parapod.systems.levelling_platform.parallel_links import ParallelLinks
-from parapod.systems.levelling_platform.platform_model import PlatformModel
-from parapod.systems.levelling_platform.platform_truth import PlatformPose
+from parapod.systems.levelling_platform.model import ParallelLinks, PlatformModel, PlatformPose
 
 
 def add_visualization(

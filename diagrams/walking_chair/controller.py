@@ -5,12 +5,11 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.compound_position_controller import CompoundPositionController
-from parapod.systems.walking_chair.branches import BRANCHES
-from parapod.systems.walking_chair.chair_feedforward import ChairFeedforward
-from parapod.systems.walking_chair.eased_start import EasedStart
-from parapod.systems.walking_chair.gait_planner import GaitPlanner
-from parapod.systems.walking_chair.payload_estimator import PayloadEstimator
-from parapod.systems.walking_chair.support_monitor import SupportMonitor, SupportMonitorParams
+from parapod.systems.walking_chair.feedforward import ChairFeedforward, EasedStart
+from parapod.systems.walking_chair.geometry import BRANCHES
+from parapod.systems.walking_chair.payload import PayloadEstimator
+from parapod.systems.walking_chair.planner import GaitPlanner
+from parapod.systems.walking_chair.support import SupportMonitor, SupportMonitorParams
 
 
 def make_controller(scenario: ChairScenario) -> Diagram:

@@ -12,9 +12,9 @@ from parapod.diagrams.walking_chair.plant import Plant
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.velocity_servo import VelocityServo
-from parapod.systems.walking_chair.chair_pose import ChairPose
 from parapod.systems.walking_chair.geometry import LEG_COUNT
 from parapod.systems.walking_chair.kinematic_chair import KinematicChair
+from parapod.systems.walking_chair.model import ChairPose
 
 
 def add_kinematic_plant(

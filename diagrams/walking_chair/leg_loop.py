@@ -12,12 +12,11 @@ from parapod.systems.actuators.compound_position_controller import (
     CompoundPositionController,
     CompoundPositionControllerParams,
 )
-from parapod.systems.actuators.servo_goal import VelocityServoParams
-from parapod.systems.actuators.velocity_servo import VelocityServo
-from parapod.systems.walking_chair.circle_reference import CircleReference
-from parapod.systems.walking_chair.foot_circle import FootCircle
+from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
 from parapod.systems.walking_chair.geometry import LegGeometry
 from parapod.systems.walking_chair.leg import leg_inverse
+from parapod.systems.walking_chair.planner import CircleReference
+from parapod.systems.walking_chair.trajectories import FootCircle
 
 _BRANCHES = 3
 

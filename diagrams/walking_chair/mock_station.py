@@ -14,9 +14,9 @@ from parapod.diagrams.walking_chair.simulated_station import drive_params
 from parapod.diagrams.wiring import add
 from parapod.systems.actuators.velocity_servo import VelocityServo
 from parapod.systems.sensors.device_status import DeviceStatus
-from parapod.systems.walking_chair.branches import BRANCHES
-from parapod.systems.walking_chair.chair_model import CHAIR_GEOMETRY
-from parapod.systems.walking_chair.start import starting_lengths
+from parapod.systems.walking_chair.gait import starting_lengths
+from parapod.systems.walking_chair.geometry import BRANCHES
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 
 
 @dataclass(frozen=True)

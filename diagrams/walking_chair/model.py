@@ -9,8 +9,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia, UnitInertia
 
 from parapod.diagrams.ground import add_ground
-from parapod.systems.walking_chair.chair_model import ChairModel
 from parapod.systems.walking_chair.masses import Passenger
+from parapod.systems.walking_chair.model import ChairModel
 from parapod.urdf import configure_parser
 
 _FOLDER = "package://parapod/walking_chair"

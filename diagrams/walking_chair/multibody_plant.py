@@ -13,9 +13,8 @@ from parapod.diagrams.walking_chair.plant import Plant
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect, split_states
 from parapod.systems.actuators.velocity_servo import VelocityServo
-from parapod.systems.walking_chair.chair_model import ChairModel
-from parapod.systems.walking_chair.chair_truth import ChairTruth
 from parapod.systems.walking_chair.masses import Passenger
+from parapod.systems.walking_chair.model import ChairModel, ChairTruth
 
 
 def add_multibody_plant(

@@ -10,9 +10,9 @@ from pydrake.systems.framework import DiagramBuilder
 from parapod.diagrams.photograph import View, add_renderer, take
 from parapod.diagrams.walking_chair.model import add_chair
 from parapod.systems.walking_chair.chair import chair_inverse
-from parapod.systems.walking_chair.chair_model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.gait import Walk
 from parapod.systems.walking_chair.masses import Passenger
-from parapod.systems.walking_chair.walk import Walk
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 
 
 def photograph(

@@ -14,14 +14,12 @@ from parapod.diagrams.walking_chair.plant import Plant, PlantMaker
 from parapod.diagrams.walking_chair.ports import STATUS_PARTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect
-from parapod.systems.actuators.servo_goal import VelocityServoParams
-from parapod.systems.actuators.velocity_servo import VelocityServo
+from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
 from parapod.systems.sensors.device_status import DeviceStatus
-from parapod.systems.walking_chair.branches import BRANCHES
-from parapod.systems.walking_chair.chair_model import CHAIR_GEOMETRY
-from parapod.systems.walking_chair.geometry import LEG_COUNT
-from parapod.systems.walking_chair.payload_estimator import PayloadEstimatorParams
-from parapod.systems.walking_chair.start import starting_lengths
+from parapod.systems.walking_chair.gait import starting_lengths
+from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.payload import PayloadEstimatorParams
 
 PLANTS: dict[str, PlantMaker] = {
     "multibody": add_multibody_plant,

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from parapod.systems.errors import OutputError, ParapodError, ScenarioError
+from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError
 
 if TYPE_CHECKING:  # Help and errors must not wait for Drake.
     from parapod.sims.experiment import Entry, Experiment

@@ -12,7 +12,7 @@ from parapod.sims.experiment import Entry, RunOptions
 from parapod.sims.report.chapter import Chapter, Check, Numbers, Part, Picture
 from parapod.sims.results import Result
 from parapod.sims.sweep import run_seeds
-from parapod.systems.errors import ParapodError
+from parapod.systems.core.errors import ParapodError
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from parapod.systems.caching import declare_cached
-from parapod.systems.elementwise import nan_without_warning
-from parapod.systems.ports import is_on, read_array
+from parapod.systems.core.elementwise import nan_without_warning
+from parapod.systems.core.ports import declare_cached, is_on, read_array
 
 MODES = ("compound", "velocity", "position")
 

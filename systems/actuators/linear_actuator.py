@@ -13,8 +13,8 @@ from pydrake.systems.framework import (  # type: ignore[attr-defined]
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from parapod.systems.elementwise import Elementwise, clamp, exp, log
-from parapod.systems.ports import elements, is_on, read
+from parapod.systems.core.elementwise import Elementwise, clamp, exp, log
+from parapod.systems.core.ports import elements, is_on, read
 
 
 @dataclass(frozen=True)

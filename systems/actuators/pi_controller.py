@@ -12,8 +12,8 @@ from pydrake.systems.framework import (  # type: ignore[attr-defined]
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from parapod.systems.elementwise import clamp
-from parapod.systems.ports import elements, is_on, read
+from parapod.systems.core.elementwise import clamp
+from parapod.systems.core.ports import elements, is_on, read
 
 
 @dataclass(frozen=True)

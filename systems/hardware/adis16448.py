@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
-from parapod.systems.rotations import Axes, Vector3
+from parapod.systems.core.vectors import Axes, Vector3
 
 # What register PROD_ID says: 16448.
 PRODUCT_ID = 0x4040

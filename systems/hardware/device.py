@@ -6,7 +6,7 @@ from enum import IntEnum
 from types import TracebackType
 from typing import Self
 
-from parapod.systems.errors import ParapodError
+from parapod.systems.core.errors import ParapodError
 
 type Signals = Mapping[str, Sequence[float]]
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from parapod.systems.elementwise import clamp
+from parapod.systems.core.elementwise import clamp
 from parapod.systems.hardware import epos2_objects as objects
 from parapod.systems.hardware.epos2_objects import Entry, Pdo
 from parapod.systems.hardware.soft_limits import SoftLimits

@@ -3,7 +3,7 @@
 import importlib
 from types import ModuleType
 
-from parapod.systems.errors import MissingExtra
+from parapod.systems.core.errors import MissingExtra
 
 # The extra of `pip install "parapod[extra]"` that brings each module.
 EXTRAS = {

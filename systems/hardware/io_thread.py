@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from parapod.systems.errors import ParapodError
+from parapod.systems.core.errors import ParapodError
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
 
 _LOG = logging.getLogger(__name__)

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 from pydrake.systems.framework import Context, InputPort, LeafSystem
 
+from parapod.systems.core.ports import read
 from parapod.systems.hardware.io_thread import DeviceThread
-from parapod.systems.ports import read
 
 # After the controllers' updates of the same instant, so that commands are not a period old [s].
 WRITE_OFFSET = 1e-6

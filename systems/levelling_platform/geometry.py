@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 LEG_COUNT = 4
+ACTIVE_LEGS = (0, 1, 2)  # legs 1 to 3; leg 4 is passive
 # From the platform's centre F to the base of the arm, on the turntable's axis [m]. Not printed, as
 # Eq. (13) is lost: the round value that fits the paper's surfaces of the workspace.
 ARM_BASE = (0.0, 0.020, 0.145)

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
+from parapod.systems.core.ports import is_on, read_array
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.legs_to_posture import estimate_ground, unevenness
-from parapod.systems.ports import is_on, read_array
+from parapod.systems.levelling_platform.kinematics import estimate_ground, unevenness
 
 
 class GroundEstimator(LeafSystem):

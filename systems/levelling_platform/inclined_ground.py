@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from parapod.systems.core.ports import elements
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
-from parapod.systems.ports import elements
 
 
 class OnInclinedGround(LeafSystem):

@@ -7,14 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context
 
-from parapod.systems.caching import declare_cached
+from parapod.systems.core.ports import declare_cached, read
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
-from parapod.systems.levelling_platform.platform_model import standing_pose
-from parapod.systems.levelling_platform.standing import stand_on_feet_and_wheels
-from parapod.systems.levelling_platform.statics import KinematicPlatformParams, Stance, stand
+from parapod.systems.levelling_platform.model import standing_pose
+from parapod.systems.levelling_platform.statics import (
+    KinematicPlatformParams,
+    Stance,
+    stand,
+    stand_on_feet_and_wheels,
+)
 from parapod.systems.levelling_platform.wheels import WheelGeometry
-from parapod.systems.ports import read
 
 
 class KinematicPlatform(OnInclinedGround):

@@ -6,12 +6,13 @@ sum is the diagonal EK, whose length is the actuator's extension d. The coupler 
 relative to the platform, so the foot repeats the motion of the long side's end. The working
 branch has psi between 90 and 270 degrees.
 
-All functions work elementwise on floats, arrays and AutoDiffXd (`parapod.systems.elementwise`).
+All functions work elementwise on floats, arrays and AutoDiffXd
+(`parapod.systems.core.elementwise`).
 """
 
 import math
 
-from parapod.systems.elementwise import Elementwise, atan2, sqrt
+from parapod.systems.core.elementwise import Elementwise, atan2, sqrt
 from parapod.systems.levelling_platform.geometry import LegGeometry
 from parapod.systems.levelling_platform.plane import Vector3, dot
 

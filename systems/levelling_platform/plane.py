@@ -5,7 +5,7 @@ Elementwise functions (floats, arrays, AutoDiffXd) on vectors that are tuples of
 
 from collections.abc import Sequence
 
-from parapod.systems.elementwise import Elementwise, asin, atan2, sin_cos, sqrt
+from parapod.systems.core.elementwise import Elementwise, asin, atan2, sin_cos, sqrt
 
 type Vector3 = tuple[Elementwise, Elementwise, Elementwise]
 

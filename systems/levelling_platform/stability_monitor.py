@@ -1,4 +1,7 @@
-"""Guards the arm's command: nothing starts that would bring the platform near to tipping over."""
+"""Guard of the arm's command: no move starts that would bring the platform near to tipping.
+
+Moves of turntable and arm go from rest to rest.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -7,11 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from parapod.systems.levelling_platform.arm_move import ArmMove, Profile
+from parapod.systems.core.ports import elements, is_on, read
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.stability import Footing, move_margin, tipping_margin
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
-from parapod.systems.ports import elements, is_on, read
+from parapod.systems.levelling_platform.zero_moment_point import (
+    ArmMove,
+    Footing,
+    Profile,
+    move_margin,
+    tipping_margin,
+)
 
 # Layout of the discrete state.
 _START, _GOAL = slice(0, 2), slice(2, 4)

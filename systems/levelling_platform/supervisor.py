@@ -1,25 +1,452 @@
-"""Supervisor of the platform's operation: drive there, stand up, work, leave (section 2.2)."""
+"""Supervisor of the platform's operation: drive there, stand up, work, leave (section 2.2).
 
+One table, `TRANSITIONS`, says which phase follows which: `Supervisor` walks through it, and
+`as_mermaid` draws it. Requests of the operator and the reasons to refuse them come first, then the
+decisions, then the system.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
 from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
-from parapod.systems.levelling_platform.decision import (
-    MEMORY_SIZE,
-    Decision,
-    Operation,
-    SupervisorParams,
+from parapod.systems.core.elementwise import clamp
+from parapod.systems.core.errors import UnreachablePosture
+from parapod.systems.core.ports import elements, read
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import height_range, inverse_kinematics
+from parapod.systems.safety.faults import Severity
+
+
+class Phase(IntEnum):
+    """What the platform is doing; the numbers are those of the supervisor's port `phase`."""
+
+    TRANSPORT = 0
+    BRAKE = 1
+    LOWER = 2
+    TOUCHDOWN = 3
+    ESTIMATE = 4
+    POSTURE = 5
+    HOLD = 6
+    RETRACT = 7
+    FAULT = 8
+
+
+class Event(StrEnum):
+    """What makes the platform go from one phase to another."""
+
+    FAULT = "a fault of severity hold or more"
+    GO = "the operator says go"
+    STOP = "the operator says stop"
+    RESET = "the operator says reset, and the fault's cause is gone"
+    STANDS_STILL = "the wheels stand still"
+    ALL_TOUCH = "each leg has found the ground, and is back where its switch closed"
+    SETTLED = "nothing moved for a while"
+    GROUND_FITS = "the ground is known, and its levelling fits the stroke"
+    ARRIVED = "the posture is taken"
+    NEW_POSTURE = "another posture is asked for"
+    LEGS_UP = "all four legs are up"
+
+
+@dataclass(frozen=True)
+class Transition:
+    """One line of the table.
+
+    Attributes:
+        source: phase in which the event counts.
+        event: what happens.
+        target: phase that follows.
+    """
+
+    source: Phase
+    event: Event
+    target: Phase
+
+
+# In the order in which events are looked at: what stops comes before what goes on.
+TRANSITIONS: tuple[Transition, ...] = (
+    *(Transition(p, Event.FAULT, Phase.FAULT) for p in Phase if p is not Phase.FAULT),
+    Transition(Phase.TRANSPORT, Event.GO, Phase.BRAKE),
+    Transition(Phase.BRAKE, Event.STOP, Phase.TRANSPORT),
+    Transition(Phase.BRAKE, Event.STANDS_STILL, Phase.LOWER),
+    Transition(Phase.LOWER, Event.STOP, Phase.RETRACT),
+    Transition(Phase.LOWER, Event.ALL_TOUCH, Phase.TOUCHDOWN),
+    Transition(Phase.TOUCHDOWN, Event.STOP, Phase.RETRACT),
+    Transition(Phase.TOUCHDOWN, Event.SETTLED, Phase.ESTIMATE),
+    Transition(Phase.ESTIMATE, Event.STOP, Phase.RETRACT),
+    Transition(Phase.ESTIMATE, Event.GROUND_FITS, Phase.POSTURE),
+    Transition(Phase.POSTURE, Event.STOP, Phase.RETRACT),
+    Transition(Phase.POSTURE, Event.ARRIVED, Phase.HOLD),
+    Transition(Phase.HOLD, Event.STOP, Phase.RETRACT),
+    Transition(Phase.HOLD, Event.NEW_POSTURE, Phase.POSTURE),
+    Transition(Phase.RETRACT, Event.LEGS_UP, Phase.TRANSPORT),
+    Transition(Phase.FAULT, Event.RESET, Phase.RETRACT),
 )
-from parapod.systems.levelling_platform.geometry import PlatformGeometry
-from parapod.systems.levelling_platform.phases import Phase, next_phase
-from parapod.systems.ports import elements, read
+
+
+def next_phase(phase: Phase, events: frozenset[Event] | set[Event]) -> Phase:
+    """The phase that follows: the first line of the table whose event happened decides."""
+    for transition in TRANSITIONS:
+        if transition.source is phase and transition.event in events:
+            return transition.target
+    return phase
+
+
+def as_mermaid() -> str:
+    """The table as a state diagram in Mermaid's language; faults are one line."""
+    lines = ["stateDiagram-v2", f"    [*] --> {Phase.TRANSPORT.name}"]
+    lines += [
+        f"    {t.source.name} --> {t.target.name}: {t.event.value}"
+        for t in TRANSITIONS
+        if t.event is not Event.FAULT
+    ]
+    lines.append(f"    note right of FAULT: from every phase, {Event.FAULT.value}")
+    return "\n".join(lines)
+
+
+class Command(IntEnum):
+    """What an operator can ask for; the numbers are those of the port `operator`."""
+
+    NONE = 0
+    GO = 1
+    STOP = 2
+    RESET = 3
+
+
+class Refusal(IntEnum):
+    """Why something asked for is not done; the numbers are those of the port `refusal`."""
+
+    NONE = 0
+    COMMAND = 1  # not in this phase; detail: the phase
+    GROUND = 2  # levelling does not fit the stroke; detail: the leg that misses most, 1..4
+    POSTURE = 3  # out of reach; detail likewise
+    NO_GROUND = 4  # a leg found none; detail: the leg, 1..4
+
+
+_RESTS = 1e-9  # what rounding leaves of the rates of a reference at rest [rad/s, m/s]
+
+# Layout of the memory.
+_SINCE, _QUIET, _OPERATOR, _DESCENDING = range(4)
+_HELD = slice(4, 7)  # the posture last asked for
+_TOUCHED = slice(7, 11)  # extensions at which the feet touched; 0 before
+_ASKED = 11  # since when a reset has been waiting
+MEMORY_SIZE = 12
+
+
+@dataclass(frozen=True)
+class SupervisorParams:
+    """Times, speeds and tolerances of the operation (all design choices).
+
+    Attributes:
+        raised: extension of a leg that is up [m]; beyond .42 m, where the feet are clear.
+        lowering_rate: of a leg that looks for the ground [m/s]; about six times that at the foot.
+        raising_rate: of a leg that goes up [m/s].
+        standstill: largest velocity of a wheel that stands [rad/s].
+        settle_time: how long wheels must stand, and switches stay closed [s].
+        estimate_time: at rest on wheels and feet before the ground is estimated [s].
+        approach: rate over distance with which a leg comes to its goal [1/s].
+        touched: largest distance of a leg from where it touched the ground [m]; at the foot six
+            times that.
+        arrived: largest error of an extension at its goal [m].
+        arrive_time: how long a leg must stay at its goal [s].
+        clearance: of the wheels at the end of the way down, if the stroke leaves it [m].
+    """
+
+    raised: float = 0.450
+    lowering_rate: float = 0.003
+    raising_rate: float = 0.006
+    standstill: float = 0.02
+    settle_time: float = 0.5
+    estimate_time: float = 3.0
+    approach: float = 4.0
+    touched: float = 3.0e-5
+    arrived: float = 2.0e-4
+    arrive_time: float = 0.3
+    clearance: float = 1.0e-3
+
+
+@dataclass(frozen=True)
+class Operation:
+    """What stays the same during an operation.
+
+    Attributes:
+        geometry: the platform.
+        params: times, speeds and tolerances.
+        lowest: height to which the platform is lowered before its legs are raised [m].
+        period: of the decisions [s].
+    """
+
+    geometry: PlatformGeometry
+    params: SupervisorParams
+    lowest: float
+    period: float
+
+
+class Decision:
+    """What has happened in a period, and what follows for the outputs and the memory."""
+
+    def __init__(
+        self,
+        operation: Operation,
+        read: Callable[[str], list[float]],
+        now: float,
+        signals: dict[str, list[float]],
+        out: dict[str, list[float]],
+        memory: list[float],
+    ):
+        """Looks at one period.
+
+        Args:
+            operation: what stays the same.
+            read: gives an input by its name; not all are needed in every phase.
+            now: time [s].
+            signals: inputs that every phase needs, by name.
+            out: outputs of the last period by name, changed to those of the next.
+            memory: of the supervisor, changed likewise.
+        """
+        self._operation, self._read, self._now = operation, read, now
+        self._signals, self._out, self._memory = signals, out, memory
+        self._params = operation.params
+
+    def _refuse(self, why: Refusal, detail: float) -> None:
+        self._out["refusal"] = [float(why), float(detail)]
+
+    @property
+    def _severity(self) -> float:
+        """Of the worst fault; one that is NaN is the gravest."""
+        severity = self._signals.get("severity", [0.0])[0]
+        return math.inf if math.isnan(severity) else severity
+
+    @property
+    def _contact(self) -> list[bool]:
+        return [switch > 0.5 for switch in self._signals["limits"][2 * LEG_COUNT :]]
+
+    def _elapsed(self, since: int) -> float:
+        return self._now - self._memory[since] + 1e-9
+
+    # What has happened
+
+    def events(self, phase: Phase) -> set[Event]:
+        """Everything in this phase that its transitions look at."""
+        events = self._commanded(phase)
+        if self._severity >= Severity.HOLD:
+            events.add(Event.FAULT)
+        match phase:
+            case Phase.BRAKE:
+                events |= self._stands_still()
+            case Phase.LOWER if self._all_have_touched():
+                events.add(Event.ALL_TOUCH)
+            case Phase.TOUCHDOWN if self._elapsed(_SINCE) >= self._params.settle_time:
+                events.add(Event.SETTLED)
+            case Phase.ESTIMATE if self._ground_fits():
+                events.add(Event.GROUND_FITS)
+            case Phase.POSTURE if not self._adopt_request() and self._has_arrived():
+                events.add(Event.ARRIVED)
+            case Phase.HOLD if self._adopt_request():
+                events.add(Event.NEW_POSTURE)
+            case Phase.RETRACT if self._legs_are_up():
+                events.add(Event.LEGS_UP)
+        return events
+
+    def _commanded(self, phase: Phase) -> set[Event]:
+        """The operator's command, if it is new and has its place in this phase."""
+        code = self._signals["operator"][0]
+        if code == self._memory[_OPERATOR] or not math.isfinite(code):
+            self._memory[_ASKED] = 0.0
+            return set()
+        cleared = self._severity < Severity.HOLD
+        if code == Command.RESET and phase is Phase.FAULT and not cleared and self._may_wait():
+            return set()
+        self._memory[_OPERATOR], self._memory[_ASKED] = code, 0.0
+        if not code:
+            return set()
+        match code:
+            case Command.GO if phase is Phase.TRANSPORT:
+                return {Event.GO}
+            case Command.STOP if Phase.BRAKE <= phase <= Phase.HOLD:
+                return {Event.STOP}
+            case Command.RESET if phase is Phase.FAULT and cleared:
+                return {Event.RESET}
+        self._refuse(Refusal.COMMAND, phase)
+        return set()
+
+    def _may_wait(self) -> bool:
+        """Whether a reset has been asked for just now: findings end a period or two after it."""
+        if not self._memory[_ASKED]:
+            self._memory[_ASKED] = self._now
+        return self._elapsed(_ASKED) < 3.0 * self._operation.period
+
+    def _stands_still(self) -> set[Event]:
+        if not all(abs(v) <= self._params.standstill for v in self._read("wheel_velocity")):
+            self._memory[_QUIET] = self._now
+        still = self._elapsed(_QUIET) >= self._params.settle_time
+        return {Event.STANDS_STILL} if still else set()
+
+    def _all_have_touched(self) -> bool:
+        """Whether each leg has been where its switch closed, and has not just passed it."""
+        touched = self._memory[_TOUCHED]
+        if not all(touched) or not all(
+            abs(d - at) <= self._params.touched
+            for d, at in zip(self._signals["extension"], touched, strict=True)
+        ):
+            self._memory[_QUIET] = self._now
+        return self._elapsed(_QUIET) >= self._params.arrive_time
+
+    def _ground_fits(self) -> bool:
+        """Whether the ground has been estimated and the posture that is asked for fits it."""
+        if not self._out["estimate_ground"][0] > 0.5:
+            self._memory[_QUIET] = self._now
+            return False
+        # The estimator sees the trigger one period later, and its estimate is seen after that.
+        if self._elapsed(_QUIET) < 3.0 * self._operation.period:
+            return False
+        if not self._read("ground_valid")[0] > 0.5:
+            return False
+        leg = self._missing_leg(self._signals["posture_request"])
+        if leg:
+            self._refuse(Refusal.GROUND, leg)
+        else:
+            self._take(self._signals["posture_request"])
+        return not leg
+
+    def _has_arrived(self) -> bool:
+        """Whether reference and legs have been at their goal for a while."""
+        desired = self._read("extension_desired_state")[:LEG_COUNT]
+        there = all(
+            abs(a - b) <= self._params.arrived
+            for a, b in zip(desired, self._signals["extension"], strict=True)
+        )
+        resting = all(abs(rate) <= _RESTS for rate in self._read("posture_desired_state")[3:])
+        if not (there and resting):
+            self._memory[_QUIET] = self._now
+        return self._elapsed(_QUIET) >= self._params.arrive_time
+
+    def _adopt_request(self) -> bool:
+        """Takes another posture that is asked for, or refuses it; whether there is one to take."""
+        request = self._signals["posture_request"]
+        if request == self._memory[_HELD] or not all(map(math.isfinite, request)):
+            return False
+        leg = self._missing_leg(request)
+        if leg:
+            self._memory[_HELD] = request
+            self._refuse(Refusal.POSTURE, leg)
+        else:
+            self._take(request)
+        return not leg
+
+    def _take(self, posture: list[float]) -> None:
+        self._memory[_HELD] = self._out["posture_command"] = list(posture)
+        self._memory[_QUIET] = self._now
+
+    def _missing_leg(self, posture: list[float]) -> int:
+        """Number of the leg that misses a posture most; 0 if all reach it."""
+        geometry = self._operation.geometry
+        try:
+            inverse_kinematics(geometry, posture, self._read("ground"), self._read("foot_offsets"))
+        except UnreachablePosture as error:
+            return error.leg
+        return 0
+
+    def _legs_are_up(self) -> bool:
+        lowest = self._params.raised - self._params.arrived
+        up = all(d >= lowest for d in self._signals["extension"])
+        return up and not self._memory[_DESCENDING] > 0.5
+
+    # What follows
+
+    def leave(self, phase: Phase, target: Phase) -> None:
+        """What is done once, on the way from one phase to another."""
+        self._memory[_SINCE] = self._memory[_QUIET] = self._now
+        out = self._out
+        if target is Phase.POSTURE:
+            out["posture_control"] = [1.0]
+        elif target is Phase.RETRACT and out["posture_control"][0] > 0.5:
+            self._memory[_DESCENDING] = float(self._descend())
+        elif target is Phase.FAULT:
+            out["posture_control"], self._memory[_DESCENDING] = [0.0], 0.0
+        elif target is Phase.LOWER:
+            self._memory[_TOUCHED] = [0.0] * LEG_COUNT
+
+    def _descend(self) -> bool:
+        """Commands the lowest posture parallel to the ground; whether there is one."""
+        ground = self._read("ground")
+        low, high = height_range(
+            self._operation.geometry, ground, ground, self._read("foot_offsets")
+        ).tolist()
+        if not low <= high:
+            return False
+        height = min(max(self._operation.lowest, low + 1e-4), high)
+        self._out["posture_command"] = [*ground, height]
+        return True
+
+    def act(self, phase: Phase) -> None:
+        """Outputs of this phase."""
+        out = self._out
+        off = phase is Phase.FAULT and self._severity >= Severity.BRAKE
+        out["legs_enable"], out["legs_stop"] = [0.0 if off else 1.0], [1.0 if off else 0.0]
+        driving = phase is Phase.TRANSPORT
+        out["wheel_brake"] = [0.0 if driving else 1.0]
+        request = self._signals["drive_request"]
+        out["wheel_velocity_command"] = (
+            list(request) if driving and all(map(math.isfinite, request)) else [0.0] * 4
+        )
+        out["arm_enable"] = [1.0 if phase is Phase.HOLD else 0.0]
+        out["leg_rate"] = [0.0] * LEG_COUNT
+        if phase is Phase.LOWER:
+            out["leg_rate"] = self._lower()
+        elif phase is Phase.ESTIMATE and self._elapsed(_SINCE) >= self._params.estimate_time:
+            out["estimate_ground"] = [1.0]
+        elif phase is Phase.RETRACT:
+            self._retract()
+
+    def _lower(self) -> list[float]:
+        """Each leg goes down until its own foot touches, and back to where it did."""
+        touched, extension = self._memory[_TOUCHED], self._signals["extension"]
+        rates = []
+        for i, (contact, d) in enumerate(zip(self._contact, extension, strict=True)):
+            if contact and not touched[i] and math.isfinite(d):
+                touched[i] = d
+            if touched[i]:
+                rates.append(self._towards(touched[i], d, self._params.lowering_rate))
+            elif d > self._operation.geometry.extension_min:
+                rates.append(-self._params.lowering_rate)
+            else:
+                self._refuse(Refusal.NO_GROUND, i + 1)
+                rates.append(0.0)
+        self._memory[_TOUCHED] = touched
+        return rates
+
+    def _towards(self, goal: float, at: float, fastest: float) -> float:
+        """Rate that brings a leg to its goal without overshooting it; 0 where it is not known."""
+        if not math.isfinite(at):
+            return 0.0
+        return clamp(self._params.approach * (goal - at), -fastest, fastest)
+
+    def _retract(self) -> None:
+        """First down parallel to the ground, until the wheels are near it; then legs up."""
+        out = self._out
+        if self._memory[_DESCENDING] > 0.5:
+            if not self._has_arrived():
+                return
+            self._memory[_DESCENDING] = 0.0
+        out["posture_control"] = [0.0]
+        out["estimate_ground"] = [0.0]
+        goal = self._params.raised
+        # Gently until the wheels carry.
+        standing = any(self._contact)
+        fastest = self._params.lowering_rate if standing else self._params.raising_rate
+        out["leg_rate"] = [self._towards(goal, d, fastest) for d in self._signals["extension"]]
+
 
 _ALWAYS = ("operator", "drive_request", "posture_request", "severity", "limits", "extension")
 
 
 class Supervisor(LeafSystem):
-    """Walks through the phases of `parapod.systems.levelling_platform.phases`.
+    """Walks through the phases of `parapod.systems.levelling_platform.supervisor`.
 
     | port | size | unit | meaning |
     |---|---|---|---|

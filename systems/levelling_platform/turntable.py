@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.plane import cross, dot, minus, upwards
-from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace
-from parapod.systems.levelling_platform.workspace_volume import boundary
+from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace, boundary
 
 # Turns at which the ring's extent is taken, and points along an edge of a face there.
 _TURNS = 24

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.systems.actuators.servo_goal import VelocityServoParams
+from parapod.systems.actuators.velocity_servo import VelocityServoParams
 from parapod.systems.levelling_platform.plane import Vector3
 
 # Reduction n between motor and wheel [-] (section 2.1).

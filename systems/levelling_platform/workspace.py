@@ -1,4 +1,4 @@
-"""Where the tip of the arm can be: section 4 of the paper, exact and in closed form.
+"""Workspace of the arm's tip: section 4 of the paper, exact and in closed form.
 
 Points are in frame {B}: its origin is the support point of the right back leg (leg 2), its axes
 are those of the ground, so that on level ground they are the world's. The tip is
@@ -10,6 +10,10 @@ the vector from F to the tip, which is fixed in the platform; r is the roller's 
 from gravity's axes to the ground's. Hence |t| gives the extension of leg 2, the direction of t
 then gives roll and pitch, and these the other legs: no iteration. Leading dimensions are batch
 dimensions and broadcast.
+
+Volume and faces: four extensions within their stroke, tied by one condition (the feet lie in a
+plane), make a curved octahedron with eight faces; on each of them one leg is at one end of its
+stroke. The paper prints its own eight surfaces (section 4, Fig. 12).
 """
 
 import math
@@ -18,16 +22,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from parapod.systems.batching import of_width
-from parapod.systems.elementwise import Elementwise, nan_without_warning, sin_cos
-from parapod.systems.errors import UnreachablePosture
-from parapod.systems.levelling_platform.geometry import ARM_BASE, LegGeometry, PlatformGeometry
+from parapod.systems.core.batching import of_width
+from parapod.systems.core.elementwise import Elementwise, nan_without_warning, sin_cos
+from parapod.systems.core.errors import UnreachablePosture
+from parapod.systems.levelling_platform.geometry import (
+    ARM_BASE,
+    LEG_COUNT,
+    LegGeometry,
+    PlatformGeometry,
+)
+from parapod.systems.levelling_platform.kinematics import (
+    forward_kinematics,
+    height_range,
+    inverse_kinematics,
+    passive_extension,
+    posture_jacobian,
+)
 from parapod.systems.levelling_platform.leg import (
     extension_on_plane,
     foot_motion,
     foot_to_centre,
 )
-from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
 from parapod.systems.levelling_platform.plane import (
     Vector3,
     attitude_seeing,
@@ -38,7 +53,6 @@ from parapod.systems.levelling_platform.plane import (
     to_platform,
     to_world,
 )
-from parapod.systems.levelling_platform.posture_to_legs import inverse_kinematics, posture_jacobian
 
 # Index of the leg on whose support point frame {B} has its origin: the right back one.
 SUPPORT_LEG = 1
@@ -238,3 +252,224 @@ def _split(value: ArrayLike, width: int, name: str) -> tuple[NDArray[np.float64]
 
 def _join(columns: "tuple[Elementwise, ...] | list[Elementwise]") -> NDArray[np.float64]:
     return np.stack(np.broadcast_arrays(*columns), axis=-1)
+
+
+# (x_c, y_c, z_c) in frame {B} [m].
+CENTRE = np.array([0.736, 0.567, 0.386])
+
+# Coefficients of z^2, x^2, y^2, z, x, y and 1 about the centre, and the sign that the sum has
+# inside, in the order of print. (The first one's y_o is taken for y_c.)
+_TABLE = np.array(
+    [
+        (1.0, -0.11, -0.10, -5.02, 0.17, 0.13, 6.18, -1.0),
+        (1.0, 0.85, 0.80, 0.00, -1.22, 0.94, -4.70, 1.0),
+        (1.0, 0.87, 0.96, 0.00, 1.25, -1.00, -4.70, 1.0),
+        (1.0, 1.00, 1.00, 0.77, 1.13, 1.47, -6.37, 1.0),
+        (1.0, 0.49, 0.49, -1.89, 0.74, 0.57, -1.07, -1.0),
+        (1.0, 0.85, 1.01, 0.00, 1.26, -0.96, -5.50, -1.0),
+        (1.0, 0.37, 0.32, -2.63, -0.56, 0.43, 0.66, -1.0),
+        (1.0, 0.80, 0.88, 0.00, -1.31, -0.99, -5.50, -1.0),
+    ]
+)
+COEFFICIENTS, SIGNS = _TABLE[:, :-1], _TABLE[:, -1]
+# Corners of a box that holds the region that they enclose [m].
+BOX = np.array([(0.40, 0.13, 2.50), (1.10, 1.03, 2.78)])
+SURFACE_COUNT = len(SIGNS)
+
+
+def surface_terms(point: ArrayLike) -> NDArray[np.float64]:
+    """z^2, x^2, y^2, z, x, y and 1 about the surfaces' centre.
+
+    Args:
+        point: (..., 3) in frame {B} [m].
+
+    Returns:
+        (..., 7).
+    """
+    x, y, z = np.moveaxis(np.asarray(point, dtype=float) - CENTRE, -1, 0)
+    return np.stack([z * z, x * x, y * y, z, x, y, np.ones_like(x)], axis=-1)
+
+
+def surface_margins(
+    point: ArrayLike, coefficients: NDArray[np.float64] = COEFFICIENTS
+) -> NDArray[np.float64]:
+    """How far inside each printed surface a point is, by the value of its equation.
+
+    Args:
+        point: (..., 3) in frame {B} [m].
+        coefficients: (8, 7) of the terms of `surface_terms`; others than the printed ones tell
+            what their rounding does.
+
+    Returns:
+        (..., 8) [m^2]; positive inside.
+    """
+    return surface_terms(point) @ (coefficients * SIGNS[:, np.newaxis]).T
+
+
+def inside_surfaces(point: ArrayLike) -> NDArray[np.bool_]:
+    """Which of the eight printed conditions a point fulfils.
+
+    Args:
+        point: (..., 3) in frame {B} [m].
+
+    Returns:
+        (..., 8); False for NaN.
+    """
+    return surface_margins(point) > 0.0
+
+
+def enclosed_points(resolution: int) -> tuple[NDArray[np.float64], float]:
+    """Midpoints of the cells that the eight surfaces enclose, and a cell's volume.
+
+    Args:
+        resolution: cells along each side of a box that holds what they enclose.
+
+    Returns:
+        (n, 3) in frame {B} [m] and the volume [m^3].
+    """
+    share = (np.arange(resolution) + 0.5) / resolution
+    low, high = BOX
+    axes = [a + share * (b - a) for a, b in zip(low, high, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    is_inside = inside_surfaces(points).all(axis=-1)
+    return points[is_inside], float(np.prod((high - low) / resolution))
+
+
+_LEVEL = (0.0, 0.0)
+# By how much the grid of attitudes is larger than the rhombus of those that can be taken, whose
+# sides are slightly curved.
+_RIM = 1.05
+
+
+@dataclass(frozen=True)
+class PostureGrid:
+    """Postures on level ground that fill all that the stroke allows, and what each stands for.
+
+    Attributes:
+        posture: (n, 3) roll, pitch, height [rad, rad, m].
+        extension: (n, 4) [m].
+        cell: (n) of the space of postures [rad^2 m].
+        count: (n) of the box of extensions of legs 1..3 [m^3]: the weights of counting points
+            that are uniform in the extensions.
+    """
+
+    posture: NDArray[np.float64]
+    extension: NDArray[np.float64]
+    cell: NDArray[np.float64]
+    count: NDArray[np.float64]
+
+
+def posture_grid(geometry: PlatformGeometry, resolution: int) -> PostureGrid:
+    """Midpoints of a grid of all postures that the stroke allows on level ground.
+
+    The heights that an attitude allows are known in closed form, so the grid ends at the
+    workspace's boundary, and the error of a volume falls with the square of the resolution.
+
+    Args:
+        geometry: the platform.
+        resolution: cells in each of three dimensions.
+    """
+    attitude, area = _attitudes(geometry, resolution)
+    low, high = np.moveaxis(height_range(geometry, attitude, _LEVEL), -1, 0)
+    fits = high > low
+    step = (high - low)[fits, np.newaxis] / resolution
+    height = low[fits, np.newaxis] + step * (np.arange(resolution) + 0.5)
+    attitudes = np.repeat(attitude[fits], resolution, axis=0)
+    posture = np.concatenate([attitudes, height.reshape(-1, 1)], axis=1)
+    extension = inverse_kinematics(geometry, posture, _LEVEL)
+    cell = area * np.repeat(step[:, 0], resolution)
+    active = posture_jacobian(geometry, posture, _LEVEL, extension)[:, :3]
+    return PostureGrid(posture, extension, cell, cell * np.abs(np.linalg.det(active)))
+
+
+def tips_and_volumes(
+    geometry: PlatformGeometry, arm: ArmGeometry, grid: PostureGrid
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where the tip is in each posture, and the part of the workspace that it stands for.
+
+    Args:
+        geometry: the platform.
+        arm: the arm.
+        grid: the postures.
+
+    Returns:
+        (n, 3) in frame {B} [m] and (n) [m^3].
+    """
+    workspace = Workspace(geometry, arm)
+    scale = np.abs(np.linalg.det(workspace.tip_jacobian(grid.posture)))
+    return workspace.tip_position(grid.posture), grid.cell * scale
+
+
+def _attitudes(geometry: PlatformGeometry, resolution: int) -> tuple[NDArray[np.float64], float]:
+    """Midpoints (n, 2) of a grid over the attitudes that can be taken, and a cell's area.
+
+    These attitudes make a rhombus whose corners are pure roll and pure pitch, each with two
+    legs at one end and two at the other end of the stroke.
+    """
+    a, b = geometry.extension_min, geometry.extension_max
+    corners = forward_kinematics(
+        geometry, [(b, a, a, b), (a, b, b, a), (a, a, b, b), (b, b, a, a)], _LEVEL
+    )
+    roll, pitch = _RIM * np.abs(corners[:, :2]).max(axis=0)
+    u = (2.0 * np.arange(resolution) + 1.0) / resolution - 1.0
+    u, v = (c.ravel() for c in np.meshgrid(u, u))
+    area = 2.0 * roll * pitch / resolution**2
+    return np.stack([0.5 * roll * (u + v), 0.5 * pitch * (u - v)], axis=-1), area
+
+
+def face(
+    geometry: PlatformGeometry, leg: int, is_long: bool, resolution: int
+) -> NDArray[np.float64]:
+    """Extensions on one of the workspace's eight faces, the same on any ground.
+
+    The leg stays at one end of its stroke. One neighbour goes from that end to the other, one
+    row after the other; the other neighbour goes as far as it can before the leg opposite,
+    which follows, comes to its own other end. So the face is a triangle, whose last row has
+    shrunk to a corner.
+
+    Args:
+        geometry: the platform.
+        leg: index 0..3 of the leg that is at an end.
+        is_long: whether it is the long end (that leg's corner of the platform is lowest).
+        resolution: points along an edge.
+
+    Returns:
+        (resolution, resolution, 4) [m].
+    """
+    low, high = geometry.extension_min, geometry.extension_max
+    here, there = (high, low) if is_long else (low, high)
+    before, opposite, after = ((leg + i) % LEG_COUNT for i in (3, 2, 1))
+    share = np.linspace(0.0, 1.0, resolution)
+    extension = np.full((resolution, resolution, LEG_COUNT), here)
+    extension[..., before] = (here + share * (there - here))[:, np.newaxis]
+    extension[..., opposite] = there
+    furthest = np.clip(_fourth(geometry, extension[:, 0], (leg, before, opposite)), low, high)
+    extension[..., after] = here + share * (furthest - here)[:, np.newaxis]
+    extension[..., opposite] = _fourth(geometry, extension, (leg, before, after))
+    return extension
+
+
+def faces(
+    geometry: PlatformGeometry, resolution: int
+) -> dict[tuple[int, bool], NDArray[np.float64]]:
+    """`face` by leg's index and whether it is at the long end."""
+    return {
+        (leg, is_long): face(geometry, leg, is_long, resolution)
+        for is_long in (False, True)
+        for leg in range(LEG_COUNT)
+    }
+
+
+def boundary(geometry: PlatformGeometry, resolution: int) -> NDArray[np.float64]:
+    """Extensions (n, 4) on all `faces` [m]."""
+    return np.concatenate([e.reshape(-1, LEG_COUNT) for e in faces(geometry, resolution).values()])
+
+
+def _fourth(
+    geometry: PlatformGeometry, extension: NDArray[np.float64], legs: tuple[int, int, int]
+) -> NDArray[np.float64]:
+    """Extension of the leg that follows the three others (index) of four extensions."""
+    posture = forward_kinematics(geometry, extension, _LEVEL, legs=legs)
+    return passive_extension(
+        geometry, extension[..., list(legs)], _LEVEL, posture[..., :2], legs=legs
+    )

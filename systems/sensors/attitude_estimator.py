@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from parapod.systems.ports import read
+from parapod.systems.core.ports import read
 
 _DEGREE = math.radians(1.0)
 # Value of the state's sample count once the averaging is over.

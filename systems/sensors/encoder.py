@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from parapod.systems.ports import read
+from parapod.systems.core.ports import read
 
 
 class Encoder(LeafSystem):

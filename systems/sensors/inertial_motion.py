@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from parapod.systems.rotations import Axes
+from parapod.systems.core.vectors import Axes
 
 
 class InertialMotion(LeafSystem):

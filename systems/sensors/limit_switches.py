@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from parapod.systems.ports import read
+from parapod.systems.core.ports import read
 
 
 @dataclass(frozen=True)

@@ -12,15 +12,19 @@ paper's order 1..4.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from parapod.systems.batching import of_width
-from parapod.systems.elementwise import nan_without_warning
+from parapod.systems.core.batching import of_width
+from parapod.systems.core.elementwise import nan_without_warning
+from parapod.systems.core.vectors import Array, cross
 from parapod.systems.walking_chair.geometry import LEG_COUNT, ChairGeometry
-from parapod.systems.walking_chair.leg import leg_corners, leg_inverse
-from parapod.systems.walking_chair.leg_forward import up_of_lengths
-from parapod.systems.walking_chair.leg_rates import leg_motion
-from parapod.systems.walking_chair.motion import BodyMotion, BranchMotion, Motion
-from parapod.systems.walking_chair.references import Reference, corner_numbers
-from parapod.systems.walking_chair.vectors import Array, cross
+from parapod.systems.walking_chair.leg import (
+    Reference,
+    corner_numbers,
+    leg_corners,
+    leg_inverse,
+    up_of_lengths,
+)
+from parapod.systems.walking_chair.rates import leg_motion
+from parapod.systems.walking_chair.trajectories import BodyMotion, BranchMotion, Motion
 
 
 def chair_inverse(

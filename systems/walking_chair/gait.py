@@ -1,16 +1,27 @@
-"""The trotting gait: which pair of legs swings when, and when the body moves."""
+"""The trotting gait: its phases, the motion of body and feet, and walks made of gaits."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from itertools import accumulate, pairwise
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from parapod.systems.walking_chair.foot_trajectory import FootTrajectory
-from parapod.systems.walking_chair.geometry import LEG_COUNT
-from parapod.systems.walking_chair.motion_laws import MOTION_LAWS
+from parapod.systems.core.vectors import Array
+from parapod.systems.walking_chair import gait as phases
+from parapod.systems.walking_chair.chair import chair_inverse, chair_motion, standing_feet
+from parapod.systems.walking_chair.geometry import LEG_COUNT, ChairGeometry
+from parapod.systems.walking_chair.leg import lowest_corner, up_branch
+from parapod.systems.walking_chair.trajectories import (
+    MOTION_LAWS,
+    BodyMotion,
+    BranchMotion,
+    FootTrajectory,
+    Motion,
+)
 
 # Indices 0..3 of the pairs that swing first and second.
 ORDERS = {"13-24": ((0, 2), (1, 3)), "24-13": ((1, 3), (0, 2))}
@@ -157,3 +168,259 @@ class TrotGait:
         index = np.searchsorted(ends, times, side=side) - 1
         share = (times - ends[np.maximum(index, 0)]) / self.phase_duration
         return index, np.clip(share, 0.0, 1.0)
+
+
+class GaitMotion(NamedTuple):
+    """A gait at times (...).
+
+    Attributes:
+        body: motion of the body in the world, arrays (..., 3); it does not turn.
+        feet: motion of the feet's reference corners in the world, arrays (..., 4, 3).
+        references: (..., 4) numbers 1, 2, 3 of these corners.
+        support: (..., 4) whether each foot is on the ground for good; False throughout its swing.
+    """
+
+    body: BodyMotion
+    feet: Motion
+    references: NDArray[np.intp]
+    support: NDArray[np.bool_]
+
+
+def gait_branches(
+    geometry: ChairGeometry,
+    gait: TrotGait,
+    time: ArrayLike,
+    side: Literal["right", "left"] = "right",
+) -> BranchMotion:
+    """Lengths, velocities and accelerations of all twelve branches in a gait.
+
+    Args:
+        geometry: the chair.
+        gait: the gait.
+        time: (...) since the gait began [s].
+        side: as for `gait_motion`.
+
+    Returns:
+        Arrays (..., 4, 3); NaN where a leg cannot reach. Strokes and speeds are not looked at
+        (`check_gait`).
+
+    Raises:
+        ValueError: a time that is not finite, or an unknown side.
+    """
+    motion = gait_motion(geometry, gait, time, side)
+    return chair_motion(geometry, motion.body, motion.feet, motion.references)
+
+
+def gait_motion(
+    geometry: ChairGeometry,
+    gait: TrotGait,
+    time: ArrayLike,
+    side: Literal["right", "left"] = "right",
+) -> GaitMotion:
+    """Motion of the body and the feet in a gait, Eqs. (40)-(45).
+
+    Args:
+        geometry: the chair.
+        gait: the gait.
+        time: (...) since the gait began [s]; before and after it the chair rests.
+        side: which of two phases a time between them belongs to: "right" for the one that
+            begins, "left" for the one that ends. It matters to what jumps there: with the law
+            "linear" the body's velocity, and always which feet support.
+
+    Raises:
+        ValueError: a time that is not finite, or an unknown side.
+    """
+    index, share = gait.locate(time, side)
+    references = gait_references(geometry, gait)
+    feet, swings = _feet(geometry, gait, index, share, references)
+    return GaitMotion(
+        _body(geometry, gait, index, share),
+        feet,
+        np.broadcast_to(references, swings.shape),
+        ~swings,
+    )
+
+
+def gait_references(geometry: ChairGeometry, gait: TrotGait) -> NDArray[np.intp]:
+    """Reference corner of each foot, the same throughout the gait.
+
+    The feet that swing first are up to a step ahead of their hinges and never behind, the others
+    up to a step behind and never ahead; so each leg's foot leans to one side alone, and the
+    corner that is lowest at the end of the step is lowest all the time.
+
+    Returns:
+        (4,) numbers 1, 2, 3 of the corners.
+    """
+    offset = np.zeros((LEG_COUNT, 3))
+    for pair, sign in zip(gait.pairs, (1.0, -1.0), strict=True):
+        offset[list(pair), 1] = sign * gait.signed_step
+    below = np.array((0.0, 0.0, -(geometry.leg.retracted_height + gait.lift)))
+    points = np.einsum("lij,li->lj", geometry.R_SA, offset) + below
+    return lowest_corner(geometry.leg, up_branch(geometry.leg, points), geometry.R_SA)
+
+
+def _done_and_doing(
+    gait: TrotGait, index: NDArray[np.intp], name: str
+) -> tuple[Array, NDArray[np.bool_]]:
+    """How many phases of a name are over at phases `index`, and whether they are one."""
+    # At rest before the first phase and after the last one.
+    is_one = np.array([phase == name for phase in (phases.REST, *gait.phases, phases.REST)])
+    before = np.concatenate([[0], np.cumsum(is_one)[:-1]])
+    return before[index + 1].astype(np.float64), is_one[index + 1]
+
+
+def _body(
+    geometry: ChairGeometry, gait: TrotGait, index: NDArray[np.intp], share: Array
+) -> BodyMotion:
+    """Eq. (45), with any law."""
+    T = gait.phase_duration
+    law = [d / T**order for order, d in enumerate(MOTION_LAWS[gait.body_law](share))]
+    motions = [np.zeros((*share.shape, 3)) for _ in law]
+    for name, axis, way in (
+        (phases.LIFT, 2, gait.lift),
+        (phases.SHIFT, 1, gait.signed_step),
+        (phases.LOWER, 2, -gait.lift),
+    ):
+        done, doing = _done_and_doing(gait, index, name)
+        motions[0][..., axis] += way * done
+        for motion, part in zip(motions, law, strict=True):
+            motion[..., axis] += way * np.where(doing, part, 0.0)
+    position, velocity, acceleration = motions
+    position += (*gait.start, geometry.leg.retracted_height)
+    return BodyMotion(position, velocity=velocity, acceleration=acceleration)
+
+
+def _feet(
+    geometry: ChairGeometry,
+    gait: TrotGait,
+    index: NDArray[np.intp],
+    share: Array,
+    references: NDArray[np.intp],
+) -> tuple[Motion, NDArray[np.bool_]]:
+    """Motion of the reference corners, and which feet swing."""
+    swing = gait.swing.motion(share * gait.phase_duration)
+    motion = Motion(*(np.zeros((*share.shape, LEG_COUNT, 3)) for _ in swing))
+    swings = np.zeros((*share.shape, LEG_COUNT), dtype=np.bool_)
+    for pair, name in zip(gait.pairs, (phases.FIRST_SWING, phases.SECOND_SWING), strict=True):
+        done, doing = _done_and_doing(gait, index, name)
+        for leg in pair:
+            swings[..., leg] = doing
+            motion.position[..., leg, 1] += gait.signed_step * done
+            for total, part in zip(motion, swing, strict=True):
+                total[..., leg, :] += np.where(doing[..., np.newaxis], part, 0.0)
+    start = (*gait.start, geometry.leg.retracted_height)
+    motion.position[...] += standing_feet(geometry, start, references)
+    return motion, swings
+
+
+type Side = Literal["right", "left"]
+
+
+@dataclass(frozen=True)
+class Walk:
+    """One gait after another; each begins where the one before ends, at rest on four feet.
+
+    Attributes:
+        gaits: in order.
+    """
+
+    gaits: tuple[TrotGait, ...] = (TrotGait(),)
+
+    def __post_init__(self) -> None:
+        if not self.gaits:
+            raise ValueError("a walk needs a gait")
+        for earlier, later in pairwise(self.gaits):
+            if not np.allclose(later.start, earlier.end, rtol=0.0, atol=1e-9):
+                raise ValueError(
+                    f"a gait that starts at {later.start} cannot follow one that ends at "
+                    f"{earlier.end}"
+                )
+
+    @cached_property
+    def _begins(self) -> tuple[float, ...]:
+        """When each gait begins, and when the last one ends [s]."""
+        return tuple(accumulate((gait.duration for gait in self.gaits), initial=0.0))
+
+    @property
+    def duration(self) -> float:
+        """Of all gaits [s]."""
+        return self._begins[-1]
+
+    @cached_property
+    def phases(self) -> tuple[str, ...]:
+        """Names of all phases, one after another."""
+        return tuple(phase for gait in self.gaits for phase in gait.phases)
+
+    @cached_property
+    def standing(self) -> tuple[tuple[bool, ...], ...]:
+        """Which feet stand in each phase, (phases, 4)."""
+        return tuple(row for gait in self.gaits for row in gait.standing)
+
+    @cached_property
+    def ends(self) -> tuple[float, ...]:
+        """When each phase ends [s]."""
+        durations = [gait.phase_duration for gait in self.gaits for _ in gait.phases]
+        return tuple(accumulate(durations))
+
+    def phase_at(self, time: float, side: Side = "right") -> int:
+        """Index of the phase at a time, the first one before and the last one after the walk.
+
+        Args:
+            time: since the walk began [s].
+            side: as for `TrotGait.locate`.
+        """
+        k = self._gait_at(time, side)
+        before = sum(len(gait.phases) for gait in self.gaits[:k])
+        return before + self.gaits[k].phase_at(time - self._begins[k], side)
+
+    def motion(self, geometry: ChairGeometry, time: float, side: Side = "right") -> GaitMotion:
+        """Where body and feet are at a time; see `gait_motion`.
+
+        Args:
+            geometry: the chair.
+            time: since the walk began [s].
+            side: as for `gait_motion`.
+        """
+        k = self._gait_at(time, side)
+        return gait_motion(geometry, self.gaits[k], time - self._begins[k], side)
+
+    def motions(self, geometry: ChairGeometry, times: NDArray[np.float64]) -> GaitMotion:
+        """Where body and feet are at times (n), all at once; see `gait_motion`."""
+        each = np.array([self._gait_at(time, "right") for time in times.tolist()])
+        parts = [
+            gait_motion(geometry, self.gaits[k], times[each == k] - self._begins[k])
+            for k in np.unique(each).tolist()
+        ]
+        return joined(parts)
+
+    def _gait_at(self, time: float, side: Side) -> int:
+        over = [end <= time if side == "right" else end < time for end in self._begins[1:-1]]
+        return sum(over)
+
+
+def joined(parts: Sequence[GaitMotion]) -> GaitMotion:
+    """Parts of a motion, one after another, as one."""
+    body, feet, references, support = zip(*parts, strict=True)
+    return GaitMotion(
+        BodyMotion(
+            np.concatenate([part.position for part in body]),
+            velocity=np.concatenate([part.velocity for part in body]),
+            acceleration=np.concatenate([part.acceleration for part in body]),
+        ),
+        Motion(*(np.concatenate(arrays) for arrays in zip(*feet, strict=True))),
+        np.concatenate(references),
+        np.concatenate(support),
+    )
+
+
+def there_and_back(gait: TrotGait) -> Walk:
+    """A gait, and the same the other way."""
+    return Walk((gait, gait.reversed()))
+
+
+def starting_lengths(geometry: ChairGeometry, walk: Walk) -> NDArray[np.float64]:
+    """Lengths (4, 3) of the branches with which a walk begins [m]."""
+    motion = walk.motion(geometry, 0.0)
+    return chair_inverse(
+        geometry, motion.body.position, np.eye(3), motion.feet.position, motion.references
+    )

@@ -1,6 +1,7 @@
-"""Dimensions of the walking chair (Table 1, Figures 3 and 4) and of each of its legs."""
+"""Dimensions of the walking chair (Table 1, Figures 3 and 4), of its legs and branches."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -195,3 +196,16 @@ class ChairGeometry:
         to_hinge = np.array((0.0, self.leg.a / math.sqrt(3.0), 0.0))
         centroids = np.array([(place.x, place.y, 0.0) for place in self.placements])
         return _constant(centroids + self.R_SA @ to_hinge)
+
+
+# Of a leg: the UP branch, and the two UPS branches.
+BRANCHES_OF_LEG = (1, 2, 3)
+LEGS = tuple(range(1, LEG_COUNT + 1))
+
+
+def branch_names(legs: Sequence[int] = LEGS) -> tuple[str, ...]:
+    """Names as in "branch 12" (leg 1, first UPS branch) of the legs' branches, leg by leg."""
+    return tuple(f"branch {leg}{branch}" for leg in legs for branch in BRANCHES_OF_LEG)
+
+
+BRANCHES = branch_names()

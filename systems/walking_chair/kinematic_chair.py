@@ -9,19 +9,16 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from parapod.systems.caching import declare_cached
-from parapod.systems.ports import read_array
-from parapod.systems.walking_chair.branches import BRANCHES
+from parapod.systems.core.ports import declare_cached, read_array
 from parapod.systems.walking_chair.chair import foot_corners
-from parapod.systems.walking_chair.geometry import LEG_COUNT, ChairGeometry
+from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry
 from parapod.systems.walking_chair.masses import (
     GRAVITY,
     ChairMasses,
     Passenger,
     centre_of_mass,
 )
-from parapod.systems.walking_chair.standing import rest
-from parapod.systems.walking_chair.statics import force_map
+from parapod.systems.walking_chair.statics import force_map, rest
 
 _CORNERS = 3 * LEG_COUNT
 _LEVEL = np.eye(3)

@@ -15,14 +15,6 @@ This module is the front door for users; inside the package what it offers is im
 it is defined.
 """
 
-from parapod.systems.walking_chair.branch_limits import (
-    SpeedExceeded,
-    StrokeExceeded,
-    check_speeds,
-    check_strokes,
-    stroke_excess,
-)
-from parapod.systems.walking_chair.branches import BRANCHES, branch_names
 from parapod.systems.walking_chair.chair import (
     chair_inverse,
     chair_motion,
@@ -30,27 +22,47 @@ from parapod.systems.walking_chair.chair import (
     foot_corners,
     standing_feet,
 )
-from parapod.systems.walking_chair.foot_circle import FootCircle
-from parapod.systems.walking_chair.foot_trajectory import FootTrajectory
-from parapod.systems.walking_chair.gait import TrotGait
-from parapod.systems.walking_chair.gait_check import check_gait
-from parapod.systems.walking_chair.gait_motion import (
+from parapod.systems.walking_chair.checks import (
+    SpeedExceeded,
+    StrokeExceeded,
+    check_gait,
+    check_speeds,
+    check_strokes,
+    stroke_excess,
+)
+from parapod.systems.walking_chair.gait import (
     GaitMotion,
+    TrotGait,
     gait_branches,
     gait_motion,
     gait_references,
 )
-from parapod.systems.walking_chair.geometry import ChairGeometry, LegGeometry, LegPlacement
-from parapod.systems.walking_chair.leg import (
-    branch_lengths,
-    leg_corners,
-    leg_inverse,
-    up_branch,
+from parapod.systems.walking_chair.geometry import (
+    BRANCHES,
+    ChairGeometry,
+    LegGeometry,
+    LegPlacement,
+    branch_names,
 )
-from parapod.systems.walking_chair.leg_forward import LegPosture, leg_forward, up_of_lengths
-from parapod.systems.walking_chair.leg_rates import leg_jacobian, leg_jacobian_rate, leg_motion
-from parapod.systems.walking_chair.motion import BodyMotion, BranchMotion, Motion
-from parapod.systems.walking_chair.references import corner_numbers, lowest_corner
+from parapod.systems.walking_chair.leg import (
+    LegPosture,
+    branch_lengths,
+    corner_numbers,
+    leg_corners,
+    leg_forward,
+    leg_inverse,
+    lowest_corner,
+    up_branch,
+    up_of_lengths,
+)
+from parapod.systems.walking_chair.rates import leg_jacobian, leg_jacobian_rate, leg_motion
+from parapod.systems.walking_chair.trajectories import (
+    BodyMotion,
+    BranchMotion,
+    FootCircle,
+    FootTrajectory,
+    Motion,
+)
 
 __all__ = [
     "BRANCHES",

@@ -4,9 +4,9 @@ from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.walking_chair.closed_loop import make_closed_loop
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario
-from parapod.systems.walking_chair.chair_model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.gait import Walk
 from parapod.systems.walking_chair.masses import Passenger
-from parapod.systems.walking_chair.walk import Walk
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 
 SIGNALS = (
     "gait_time",

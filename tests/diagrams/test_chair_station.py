@@ -9,8 +9,8 @@ from parapod.diagrams.walking_chair.closed_loop import make_closed_loop
 from parapod.diagrams.walking_chair.ports import IDLE, INPUTS, OUTPUTS, TRUTH_OUTPUTS
 from parapod.diagrams.walking_chair.scenario import BACKENDS, SIMULATED, ChairScenario
 from parapod.diagrams.walking_chair.station import STATIONS, make_station
-from parapod.systems.walking_chair.chair_model import CHAIR_GEOMETRY
-from parapod.systems.walking_chair.start import starting_lengths
+from parapod.systems.walking_chair.gait import starting_lengths
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 
 
 def scenario_for(backend, **changes):

@@ -15,11 +15,9 @@ from parapod.diagrams.levelling_platform.scenario import (
     LevellingScenario,
     PlantScenario,
 )
-from parapod.systems.levelling_platform.decision import SupervisorParams
-from parapod.systems.levelling_platform.operator_script import Step
-from parapod.systems.levelling_platform.phases import Phase
-from parapod.systems.levelling_platform.requests import Command, Refusal
+from parapod.systems.levelling_platform.scripts import Step
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
+from parapod.systems.levelling_platform.supervisor import Command, Phase, Refusal, SupervisorParams
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
 
 PERIOD = 0.01

@@ -10,11 +10,11 @@ from parapod.diagrams.drivers.epos2 import Epos2Legs, Epos2Wheels
 from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.walking_chair.station import make_station
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.emulators.harness import Harness
 from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.walking_chair.chair_model import CHAIR_GEOMETRY
 from parapod.systems.walking_chair.geometry import LEG_COUNT
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 
 AXES = 12
 PORTS = PartPorts({}, {})

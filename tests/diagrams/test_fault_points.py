@@ -19,10 +19,10 @@ from parapod.diagrams.levelling_platform.scenario import (
 from parapod.diagrams.levelling_platform.simulated_station import PLANTS
 from parapod.diagrams.levelling_platform.station import make_station
 from parapod.diagrams.wiring import add
-from parapod.systems.errors import ScenarioError
-from parapod.systems.levelling_platform.findings import RULES, Finding
-from parapod.systems.levelling_platform.operator_script import Step
-from parapod.systems.levelling_platform.phases import Phase
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.levelling_platform.fault_detection import RULES, Finding
+from parapod.systems.levelling_platform.scripts import Step
+from parapod.systems.levelling_platform.supervisor import Phase
 
 PERIOD = 0.01
 NEVER = 3000.0

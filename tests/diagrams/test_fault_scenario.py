@@ -15,7 +15,7 @@ from parapod.diagrams.fault_scenario import (
 )
 from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS
 from parapod.diagrams.scenario import check, dump_scenario, load_scenario
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.safety.faults import Fault, FaultKind
 
 

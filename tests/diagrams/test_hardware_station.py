@@ -27,7 +27,7 @@ from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
 from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUTPUTS
 from parapod.diagrams.levelling_platform.scenario import BACKENDS, SIMULATED, LevellingScenario
 from parapod.diagrams.levelling_platform.station import STATIONS, make_station
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
 from parapod.systems.hardware.emulators.harness import Harness
 from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
@@ -354,7 +354,7 @@ def test_without_its_library_every_driver_says_what_to_install(tmp_path):
         from parapod.diagrams.hardware_scenario import *
         from parapod.diagrams.levelling_platform.scenario import LevellingScenario
         from parapod.diagrams.levelling_platform.station import make_station
-        from parapod.systems.errors import MissingExtra
+        from parapod.systems.core.errors import MissingExtra
         from parapod.systems.hardware.not_fitted import NotFitted
 
         @dataclass

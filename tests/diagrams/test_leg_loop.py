@@ -8,8 +8,8 @@ from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.walking_chair.leg_loop import LegLoopParams, make_leg_loop
 from parapod.systems.actuators.compound_position_controller import MODES
-from parapod.systems.walking_chair.foot_circle import FootCircle
 from parapod.systems.walking_chair.leg import leg_inverse
+from parapod.systems.walking_chair.trajectories import FootCircle
 
 PARAMS = LegLoopParams()
 STEP = PARAMS.drive_step

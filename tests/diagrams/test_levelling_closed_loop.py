@@ -18,12 +18,12 @@ from parapod.diagrams.levelling_platform.scenario import (
     WaypointScenario,
 )
 from parapod.diagrams.levelling_platform.simulated_station import PLANTS
-from parapod.systems.errors import UnreachablePosture
+from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
     inverse_kinematics,
 )
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 BACKENDS = tuple(PLANTS)
 BEGIN = 0.5  # of the levelling [s]

@@ -21,14 +21,15 @@ from parapod.diagrams.levelling_platform.station import make_station
 from parapod.diagrams.wiring import add
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_motion, foot_to_centre
-from parapod.systems.levelling_platform.parallel_links import ParallelLinks
-from parapod.systems.levelling_platform.plane import normal_of, to_platform
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY, standing_pose
-from parapod.systems.levelling_platform.platform_truth import (
+from parapod.systems.levelling_platform.model import (
+    MODEL_GEOMETRY,
     FootTruth,
+    ParallelLinks,
     PlatformPose,
     PlatformTruth,
+    standing_pose,
 )
+from parapod.systems.levelling_platform.plane import normal_of, to_platform
 
 VARIANTS = ("full", "reduced")
 BEGIN = 0.5  # of the levelling [s]

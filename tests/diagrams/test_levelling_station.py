@@ -21,8 +21,8 @@ from parapod.diagrams.levelling_platform.simulated_station import PLANTS
 from parapod.diagrams.levelling_platform.station import STATIONS, make_station
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
-from parapod.systems.errors import ScenarioError, WiringError
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+from parapod.systems.core.errors import ScenarioError, WiringError
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.sensors.imu import ImuParams
 
 BACKENDS = tuple(PLANTS)

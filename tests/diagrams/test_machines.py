@@ -11,7 +11,7 @@ from parapod.diagrams.machines import MACHINES, machine_of
 from parapod.diagrams.scenario_tree import fields_of
 from parapod.sims.experiment import ENTRIES, experiments
 from parapod.sims.signal_units import unit_of, with_units
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 
 each_machine = pytest.mark.parametrize("machine", MACHINES, ids=lambda m: m.experiment)
 

@@ -17,9 +17,9 @@ from parapod.sims.experiment import RunOptions
 from parapod.sims.level import run
 from parapod.sims.level_metrics import measured_posture
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
-from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import to_platform
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
 from parapod.systems.sensors.limit_switches import LimitSwitchesParams
 
 PERIOD = LevellingScenario().control.period

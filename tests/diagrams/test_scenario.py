@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from parapod.diagrams.scenario import check, choice, dump_scenario, load_scenario, quantity
-from parapod.systems.errors import ParapodError, ScenarioError
+from parapod.systems.core.errors import ParapodError, ScenarioError
 
 
 @dataclass

@@ -9,7 +9,7 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.machines import MACHINES
 from parapod.diagrams.scenario import check, dump_scenario, load_scenario, quantity
 from parapod.diagrams.scenario_tree import Variant
-from parapod.systems.errors import ScenarioError
+from parapod.systems.core.errors import ScenarioError
 
 
 @dataclass

@@ -15,9 +15,8 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario, Sens
 from parapod.diagrams.levelling_platform.station import make_station
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.platform_truth import FootTruth
-from parapod.systems.levelling_platform.resting import resting_posture
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, FootTruth
+from parapod.systems.levelling_platform.statics import resting_posture
 
 VARIANTS = ("full", "reduced")
 BACKENDS = pytest.mark.parametrize("backend", ["kinematic", "multibody"])

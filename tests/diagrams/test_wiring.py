@@ -4,7 +4,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 
 from parapod.diagrams.wiring import add, connect, split_states
-from parapod.systems.errors import WiringError
+from parapod.systems.core.errors import WiringError
 
 
 def test_second_source_is_refused_by_the_names_of_both_ports():

@@ -21,7 +21,7 @@ from parapod.sims.cli import main
 from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.figures import render
 from parapod.sims.outputs import read_log, write_log
-from parapod.systems.errors import OutputError, UndeterminedCalibration
+from parapod.systems.core.errors import OutputError, UndeterminedCalibration
 
 DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "calibrate.yaml"
 KEYS = {

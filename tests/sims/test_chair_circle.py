@@ -20,12 +20,11 @@ from parapod.sims.cli import main
 from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.figures import render
 from parapod.sims.outputs import read_log
-from parapod.systems.errors import OutputError, ScenarioError
-from parapod.systems.walking_chair.branch_limits import SpeedExceeded, StrokeExceeded
-from parapod.systems.walking_chair.foot_circle import FootCircle
+from parapod.systems.core.errors import OutputError, ScenarioError
+from parapod.systems.walking_chair.checks import SpeedExceeded, StrokeExceeded
 from parapod.systems.walking_chair.geometry import LegGeometry
-from parapod.systems.walking_chair.leg import leg_inverse
-from parapod.systems.walking_chair.leg_forward import leg_forward
+from parapod.systems.walking_chair.leg import leg_forward, leg_inverse
+from parapod.systems.walking_chair.trajectories import FootCircle
 
 DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "chair-circle.yaml"
 QUICK = "circle.laps=1"

@@ -20,8 +20,8 @@ from parapod.sims.cli import main
 from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.figures import render
 from parapod.sims.outputs import read_log
-from parapod.systems.errors import OutputError, ScenarioError
-from parapod.systems.walking_chair.branch_limits import SpeedExceeded, StrokeExceeded
+from parapod.systems.core.errors import OutputError, ScenarioError
+from parapod.systems.walking_chair.checks import SpeedExceeded, StrokeExceeded
 from parapod.systems.walking_chair.geometry import ChairGeometry
 
 DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "chair-gait.yaml"

@@ -20,9 +20,9 @@ from parapod.sims.cli import main
 from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.figures import render
 from parapod.sims.outputs import read_log
-from parapod.systems.errors import OutputError
-from parapod.systems.walking_chair.branch_limits import SpeedExceeded, StrokeExceeded
-from parapod.systems.walking_chair.gait_support import SupportLost
+from parapod.systems.core.errors import OutputError
+from parapod.systems.walking_chair.checks import SpeedExceeded, StrokeExceeded
+from parapod.systems.walking_chair.support import SupportLost
 
 DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "chair-payload.yaml"
 QUICK = "instants=2"

@@ -22,10 +22,9 @@ from parapod.sims.cli import main
 from parapod.sims.experiment import RunOptions
 from parapod.sims.figures import render
 from parapod.sims.outputs import read_log
-from parapod.systems.errors import ScenarioError
-from parapod.systems.walking_chair.branch_limits import SpeedExceeded, StrokeExceeded
-from parapod.systems.walking_chair.gait_forces import ForceExceeded
-from parapod.systems.walking_chair.gait_support import SupportLost
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.walking_chair.checks import ForceExceeded, SpeedExceeded, StrokeExceeded
+from parapod.systems.walking_chair.support import SupportLost
 
 DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "chair-walk.yaml"
 FORWARD = ("gait.way=forward", "plant.time_step=0.005", "begin=0.5", "end=0.5")

@@ -16,7 +16,7 @@ from parapod.sims.cli import main
 from parapod.sims.experiment import ENTRIES, Entry, Experiment, experiments, progress
 from parapod.sims.outputs import atomic_output
 from parapod.sims.results import Metric, Result
-from parapod.systems.errors import ParapodError
+from parapod.systems.core.errors import ParapodError
 
 
 @dataclass

@@ -16,7 +16,7 @@ from parapod.sims.deploy_scenario import DeployScenario
 from parapod.sims.experiment import ENTRIES
 from parapod.sims.phase_label import PhaseLabel
 from parapod.sims.signal_units import unit_of
-from parapod.systems.levelling_platform.phases import Phase
+from parapod.systems.levelling_platform.supervisor import Phase
 
 # As little as is an operation: hardly any way there and back, and work without pauses.
 BRIEF = ("drive.distance_m=0.05", "work.hold_s=0.5")

@@ -12,9 +12,9 @@ from parapod.sims.deploy_scenario import DeployScenario
 from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.fault_campaign import EXPERIMENT, FaultCampaignScenario, run
 from parapod.sims.fault_cells import DEVICES, STRAY_DEG, STRAY_MM, Campaign, Cell
-from parapod.systems.errors import OutputError
-from parapod.systems.levelling_platform.findings import RULES, Finding
-from parapod.systems.levelling_platform.phases import Phase
+from parapod.systems.core.errors import OutputError
+from parapod.systems.levelling_platform.fault_detection import RULES, Finding
+from parapod.systems.levelling_platform.supervisor import Phase
 from parapod.systems.safety.faults import FaultKind
 
 WINDOW = 3.0

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure as Canvas
 
 from parapod.sims.figures import FORMATS, Figure, plot_lines, render, write_figures
-from parapod.systems.errors import OutputError
+from parapod.systems.core.errors import OutputError
 
 
 def draw(canvas):

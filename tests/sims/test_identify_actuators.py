@@ -18,7 +18,7 @@ from parapod.sims.identify_actuators_estimate import Steps, find_steps, separate
 from parapod.sims.identify_actuators_recording import Recording, record
 from parapod.sims.identify_actuators_scenario import IdentifyActuatorsScenario, schedule
 from parapod.sims.outputs import read_log
-from parapod.systems.errors import OutputError, ScenarioError
+from parapod.systems.core.errors import OutputError, ScenarioError
 
 DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "identify-actuators.yaml"
 

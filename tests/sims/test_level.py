@@ -33,10 +33,10 @@ from parapod.sims.levelling_job import check_job
 from parapod.sims.live import LivePlatform, stay_live
 from parapod.sims.live_buttons import RESTART, STOP
 from parapod.sims.outputs import read_log
-from parapod.systems.errors import OutputError, ScenarioError, UnreachablePosture
+from parapod.systems.core.errors import OutputError, ScenarioError, UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import height_range
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.posture_sliders import PostureSliders
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.sliders import PostureSliders
 
 DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "level.yaml"
 KEYS = {

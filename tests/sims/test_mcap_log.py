@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from parapod.sims.mcap_log import McapLog, read_mcap
-from parapod.systems.errors import OutputError
+from parapod.systems.core.errors import OutputError
 
 pytest.importorskip("mcap")
 UNITS = {"legs.extension": "m", "status.age": "s"}

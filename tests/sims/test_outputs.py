@@ -14,7 +14,7 @@ from parapod.sims.outputs import (
     write_json,
     write_log,
 )
-from parapod.systems.errors import OutputError, ParapodError
+from parapod.systems.core.errors import OutputError, ParapodError
 
 needs_permissions = pytest.mark.skipif(
     os.name != "posix" or os.geteuid() == 0, reason="nothing is forbidden to this user"

@@ -22,9 +22,9 @@ from parapod.sims.slip_scenario import (
     lift_trajectory,
     swing_trajectory,
 )
-from parapod.systems.errors import OutputError, UnreachablePosture
+from parapod.systems.core.errors import OutputError, UnreachablePosture
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "slip.yaml"
 

@@ -19,7 +19,7 @@ from parapod.sims.figures import render
 from parapod.sims.workspace import EXPERIMENT, run
 from parapod.sims.workspace_figures import figures
 from parapod.sims.workspace_scenario import WorkspaceScenario
-from parapod.systems.errors import OutputError
+from parapod.systems.core.errors import OutputError
 from parapod.systems.levelling_platform.workspace import ArmGeometry
 
 DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "workspace.yaml"

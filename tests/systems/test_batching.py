@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from parapod.systems.batching import columns, stack
+from parapod.systems.core.batching import columns, stack
 
 
 def test_what_is_taken_apart_is_put_together_again():

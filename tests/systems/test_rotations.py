@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 
-from parapod.systems.rotations import Axes
+from parapod.systems.core.vectors import Axes
 
 ANGLES = [(0.0, 0.0, 0.0), (0.3, -0.4, 1.2), (-3.0, 1.5, 2.0), (0.1, 0.5 * math.pi, 0.0)]
 

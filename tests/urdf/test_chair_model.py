@@ -8,12 +8,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.walking_chair.model import add_chair
 from parapod.systems.walking_chair.chair import foot_corners
-from parapod.systems.walking_chair.chair_model import CHAIR_GEOMETRY
-from parapod.systems.walking_chair.chair_pose import ChairPose
-from parapod.systems.walking_chair.chair_truth import ChairTruth
-from parapod.systems.walking_chair.gait import TrotGait
-from parapod.systems.walking_chair.gait_motion import gait_branches, gait_motion
+from parapod.systems.walking_chair.gait import TrotGait, gait_branches, gait_motion
 from parapod.systems.walking_chair.masses import ChairMasses, Passenger
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY, ChairPose, ChairTruth
 from parapod.systems.walking_chair.payload import FORCE_LIMIT
 from parapod.urdf import MODELS_DIR
 

@@ -19,8 +19,7 @@ from parapod.systems.levelling_platform.kinematics import (
     inverse_kinematics,
 )
 from parapod.systems.levelling_platform.leg import diagonal_angle, foot_to_centre, swing_angle
-from parapod.systems.levelling_platform.parallel_links import ParallelLinks
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, ParallelLinks
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 from parapod.urdf import MODELS_DIR, configure_parser
 

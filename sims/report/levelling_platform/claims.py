@@ -18,8 +18,7 @@ from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeome
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, posture_jacobian
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.wheels import WHEEL_GEAR
-from parapod.systems.levelling_platform.workspace import ArmGeometry
-from parapod.systems.levelling_platform.workspace_surfaces import CENTRE, SURFACE_COUNT
+from parapod.systems.levelling_platform.workspace import CENTRE, SURFACE_COUNT, ArmGeometry
 
 _PLATFORM = PlatformGeometry()
 _LEVEL = (0.0, 0.0)

@@ -6,7 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.sims.report.chapter import Check, Erratum, Numbers
-from parapod.sims.report.levelling_platform.printed_equations import (
+from parapod.systems.actuators.pi_controller import PiControllerParams
+from parapod.systems.levelling_platform.geometry import ARM_BASE, PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import inverse_kinematics
+from parapod.systems.levelling_platform.printed import (
     derivative_of_z,
     gradient_u,
     gradient_y,
@@ -15,10 +18,7 @@ from parapod.sims.report.levelling_platform.printed_equations import (
     printed_dz,
     z_angle,
 )
-from parapod.systems.actuators.pi_controller import PiControllerParams
-from parapod.systems.levelling_platform.geometry import ARM_BASE, PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import inverse_kinematics
-from parapod.systems.levelling_platform.workspace_surfaces import CENTRE
+from parapod.systems.levelling_platform.workspace import CENTRE
 
 _PLATFORM = PlatformGeometry()
 _LEGS = _PLATFORM.legs[:3]

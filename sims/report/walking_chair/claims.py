@@ -5,16 +5,13 @@ from collections.abc import Callable
 import numpy as np
 
 from parapod.sims.report.chapter import Claim, Numbers, Relation
-from parapod.systems.walking_chair.chair_model import CHAIR_GEOMETRY
-from parapod.systems.walking_chair.foot_circle import FootCircle
-from parapod.systems.walking_chair.foot_trajectory import FootTrajectory
-from parapod.systems.walking_chair.gait import TrotGait
-from parapod.systems.walking_chair.gait_check import SPEED_LIMIT
-from parapod.systems.walking_chair.gait_motion import gait_branches
+from parapod.systems.walking_chair.checks import SPEED_LIMIT
+from parapod.systems.walking_chair.gait import TrotGait, gait_branches
 from parapod.systems.walking_chair.leg import leg_inverse
 from parapod.systems.walking_chair.masses import ChairMasses, Passenger
-from parapod.systems.walking_chair.payload import FORCE_LIMIT
-from parapod.systems.walking_chair.payload_estimator import PayloadEstimatorParams
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.payload import FORCE_LIMIT, PayloadEstimatorParams
+from parapod.systems.walking_chair.trajectories import FootCircle, FootTrajectory
 
 _LEG, _GAIT = CHAIR_GEOMETRY.leg, TrotGait()
 _HEIGHT = _LEG.retracted_height

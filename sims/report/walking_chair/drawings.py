@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.sims.figures import COLOURS, Figure
-from parapod.systems.walking_chair.chair_model import CHAIR_GEOMETRY
-from parapod.systems.walking_chair.leg import leg_corners
-from parapod.systems.walking_chair.up_branch import carried
+from parapod.systems.walking_chair.leg import carried, leg_corners
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

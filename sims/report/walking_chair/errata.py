@@ -7,19 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.sims.report.chapter import Check, Erratum, Numbers
-from parapod.sims.report.walking_chair.printed_equations import (
+from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
+from parapod.systems.walking_chair.gait import TrotGait, gait_branches, gait_motion
+from parapod.systems.walking_chair.leg import branch_lengths, leg_corners, leg_inverse, up_branch
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.printed import (
     printed_angles,
     printed_jacobian,
     printed_point_acceleration,
     printed_point_velocity,
     roots,
 )
-from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
-from parapod.systems.walking_chair.chair_model import CHAIR_GEOMETRY
-from parapod.systems.walking_chair.gait import TrotGait
-from parapod.systems.walking_chair.gait_motion import gait_branches, gait_motion
-from parapod.systems.walking_chair.leg import branch_lengths, leg_corners, leg_inverse, up_branch
-from parapod.systems.walking_chair.leg_rates import leg_jacobian
+from parapod.systems.walking_chair.rates import leg_jacobian
 
 _LEG = CHAIR_GEOMETRY.leg
 _GAIT = TrotGait()

@@ -4,8 +4,8 @@ from parapod.diagrams.photograph import View
 from parapod.diagrams.walking_chair.photograph import photograph
 from parapod.sims.report.chapter import Picture
 from parapod.sims.report.rendered import rendered
+from parapod.systems.walking_chair.gait import Walk
 from parapod.systems.walking_chair.masses import Passenger
-from parapod.systems.walking_chair.walk import Walk
 
 # From so far that lines parallel in space nearly stay so [m].
 _FAR = 30.0

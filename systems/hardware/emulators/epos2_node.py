@@ -3,7 +3,7 @@
 import math
 from typing import Any, NamedTuple
 
-from parapod.systems.elementwise import clamp
+from parapod.systems.core.elementwise import clamp
 from parapod.systems.hardware import epos2_objects as objects
 from parapod.systems.hardware.ds402 import STATUSWORDS, DriveState, is_energised, obeyed
 from parapod.systems.hardware.emulators.canopen_slave import (

@@ -27,7 +27,7 @@ from parapod.sims.report.chapter import (
 from parapod.sims.report.page import counts, make_page
 from parapod.sims.report.run import run_chapter
 from parapod.sims.results import Metric, Result
-from parapod.systems.errors import ParapodError
+from parapod.systems.core.errors import ParapodError
 
 QUIET = Console(quiet=True)
 

@@ -17,14 +17,14 @@ from parapod.sims.report.walking_chair import errata as errata_module
 from parapod.sims.report.walking_chair.chapter import CHAPTER
 from parapod.sims.report.walking_chair.errata import ERRATA
 from parapod.sims.report.walking_chair.pictures import pictures
-from parapod.sims.report.walking_chair.printed_equations import (
+from parapod.systems.walking_chair.leg import leg_corners
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.printed import (
     printed_jacobian,
     printed_point_acceleration,
     printed_point_velocity,
 )
-from parapod.systems.walking_chair.chair_model import CHAIR_GEOMETRY
-from parapod.systems.walking_chair.leg import leg_corners
-from parapod.systems.walking_chair.leg_rates import leg_jacobian
+from parapod.systems.walking_chair.rates import leg_jacobian
 
 NOTHING = Numbers({})
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.systems.actuators.servo_goal import ServoGoal, VelocityServoParams
-from parapod.systems.actuators.velocity_servo import VelocityServo
+from parapod.systems.actuators.velocity_servo import ServoGoal, VelocityServo, VelocityServoParams
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE as PARAMS
 
 STOPPED = VelocityServoParams(

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from parapod.systems.errors import MissingExtra
+from parapod.systems.core.errors import MissingExtra
 from parapod.systems.hardware import adis16448_iio
 from parapod.systems.hardware.adis16448 import SCALES
 from parapod.systems.hardware.adis16448_iio import Adis16448Iio, Adis16448IioParams

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from parapod.systems.errors import MissingExtra
+from parapod.systems.core.errors import MissingExtra
 from parapod.systems.hardware import adis16448_spi
 from parapod.systems.hardware.adis16448 import (
     BURST_CRC,

@@ -7,7 +7,7 @@ from contextlib import nullcontext
 
 import pytest
 
-from parapod.systems.errors import MissingExtra
+from parapod.systems.core.errors import MissingExtra
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.emulators.harness import Harness
 from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour

@@ -5,28 +5,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from parapod.systems.errors import UndeterminedCalibration
-from parapod.systems.levelling_platform.calibration import calibrate
-from parapod.systems.levelling_platform.calibration_equations import (
-    StandingEquations,
-    ground_in_heading,
-)
-from parapod.systems.levelling_platform.calibration_parameters import (
+from parapod.systems.core.errors import UndeterminedCalibration
+from parapod.systems.levelling_platform.calibration.equations import (
     BIAS,
     GROUND,
     PARAMETER_COUNT,
+    StandingEquations,
     Tolerances,
     deviated,
     equivalent_parameters,
+    ground_in_heading,
 )
+from parapod.systems.levelling_platform.calibration.poses import MeasurementNoise, PoseRecording
+from parapod.systems.levelling_platform.calibration.solve import calibrate
 from parapod.systems.levelling_platform.geometry import drawn_deviations
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
     inverse_kinematics,
     passive_extension,
 )
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.pose_recording import MeasurementNoise, PoseRecording
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 TOLERANCES = Tolerances()
 # Of encoders that count .01 mm, and of the instruments of Appendix B.

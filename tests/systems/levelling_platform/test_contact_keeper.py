@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from parapod.systems.levelling_platform.contact_keeper import ContactKeeper
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
+from parapod.systems.levelling_platform.leg_motion import ContactKeeper
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams, stand
 
 PERIOD, RATE, LIMIT, PRESS, PATIENCE = 0.01, 5e-4, 3e-3, 2e-5, 0.1

@@ -6,13 +6,16 @@ import math
 import numpy as np
 import pytest
 
-from parapod.systems.levelling_platform.fault_detector import FaultDetector, FaultDetectorParams
-from parapod.systems.levelling_platform.findings import RULES, Finding
+from parapod.systems.levelling_platform.fault_detection import (
+    RULES,
+    FaultDetector,
+    FaultDetectorParams,
+    Finding,
+)
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
-from parapod.systems.levelling_platform.phases import Phase
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import to_platform
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.requests import Command
+from parapod.systems.levelling_platform.supervisor import Command, Phase
 from parapod.systems.safety.faults import Severity
 from parapod.systems.sensors.imu import ImuParams
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from parapod.systems.levelling_platform.findings import RULES, Finding, Rule, as_markdown
+from parapod.systems.levelling_platform.fault_detection import RULES, Finding, Rule, as_markdown
 from parapod.systems.safety.faults import Severity
 
 EACH_RULE = pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.finding.name.lower())

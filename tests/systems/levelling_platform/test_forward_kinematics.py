@@ -3,9 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from parapod.systems.levelling_platform.forward_kinematics import ForwardKinematics
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
+from parapod.systems.levelling_platform.inclination_loop import ForwardKinematics
+from parapod.systems.levelling_platform.kinematics import (
+    forward_kinematics,
+    inverse_kinematics,
+)
 
 GEOMETRY = PlatformGeometry(foot_radius=0.025)
 GROUND = np.array((0.02, -0.03))

@@ -7,8 +7,8 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
+from parapod.systems.levelling_platform.feedforward import KinematicFeedforward
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
-from parapod.systems.levelling_platform.kinematic_feedforward import KinematicFeedforward
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
     inverse_kinematics,

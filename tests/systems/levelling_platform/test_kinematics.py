@@ -8,7 +8,18 @@ from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoD
 from pydrake.math import RollPitchYaw
 from scipy.optimize import fsolve
 
-from parapod.sims.report.levelling_platform.printed_equations import (
+from parapod.systems.core.errors import UnreachablePosture
+from parapod.systems.levelling_platform.kinematics import (
+    PlatformGeometry,
+    estimate_ground,
+    forward_kinematics,
+    height_range,
+    inverse_kinematics,
+    passive_extension,
+    posture_jacobian,
+)
+from parapod.systems.levelling_platform.leg import swing_angle
+from parapod.systems.levelling_platform.printed import (
     c_123,
     derivative_of_z,
     g_123,
@@ -21,17 +32,6 @@ from parapod.sims.report.levelling_platform.printed_equations import (
     u_mn,
     z_angle,
 )
-from parapod.systems.errors import UnreachablePosture
-from parapod.systems.levelling_platform.kinematics import (
-    PlatformGeometry,
-    estimate_ground,
-    forward_kinematics,
-    height_range,
-    inverse_kinematics,
-    passive_extension,
-    posture_jacobian,
-)
-from parapod.systems.levelling_platform.leg import swing_angle
 
 POINT = PlatformGeometry()
 ROLLER = PlatformGeometry(foot_radius=0.025)

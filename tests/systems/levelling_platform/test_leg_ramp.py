@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from parapod.systems.levelling_platform.leg_ramp import LegRamp
+from parapod.systems.levelling_platform.leg_motion import LegRamp
 
 PERIOD = 0.01
 ACCELERATION = 0.1

@@ -5,7 +5,7 @@ import pytest
 
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.leg import swing_angle
-from parapod.systems.levelling_platform.leg_transmission import LegTransmission
+from parapod.systems.levelling_platform.model import LegTransmission
 
 LEGS = PlatformGeometry().legs
 EXTENSION = np.array((0.392, 0.401, 0.409, 0.418))

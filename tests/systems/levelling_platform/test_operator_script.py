@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.systems.levelling_platform.operator_script import OperatorScript, Step
-from parapod.systems.levelling_platform.phases import Phase
-from parapod.systems.levelling_platform.requests import Command
+from parapod.systems.levelling_platform.scripts import OperatorScript, Step
+from parapod.systems.levelling_platform.supervisor import Command, Phase
 
 PERIOD = 0.01
 POSTURE = (0.01, -0.02, 0.47)

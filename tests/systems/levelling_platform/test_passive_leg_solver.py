@@ -3,14 +3,13 @@ import math
 import numpy as np
 import pytest
 
+from parapod.systems.levelling_platform.feedforward import KinematicFeedforward, PassiveLegSolver
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
-from parapod.systems.levelling_platform.kinematic_feedforward import KinematicFeedforward
 from parapod.systems.levelling_platform.kinematics import (
     inverse_kinematics,
     passive_extension,
     posture_jacobian,
 )
-from parapod.systems.levelling_platform.passive_leg_solver import PassiveLegSolver
 
 GEOMETRY = PlatformGeometry(foot_radius=0.025)
 POSTURE = np.array((0.01, -0.02, 0.475))

@@ -2,7 +2,7 @@ import itertools
 
 import pytest
 
-from parapod.systems.levelling_platform.phases import (
+from parapod.systems.levelling_platform.supervisor import (
     TRANSITIONS,
     Event,
     Phase,

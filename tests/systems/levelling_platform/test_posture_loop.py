@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from parapod.systems.levelling_platform.posture_loop import PostureLoop, PostureLoopParams
+from parapod.systems.levelling_platform.inclination_loop import PostureLoop, PostureLoopParams
 
 PARAMS = PostureLoopParams(gain=1.5, lag=0.04, limit=0.02)
 PERIOD = 0.01

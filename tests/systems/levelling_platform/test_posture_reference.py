@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.systems.errors import UnreachablePosture
+from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
     height_range,
     inverse_kinematics,
 )
-from parapod.systems.levelling_platform.posture_reference import (
+from parapod.systems.levelling_platform.reference import (
     PostureReference,
     PostureReferenceParams,
 )

@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
-from parapod.systems.levelling_platform.posture_script import PostureScript, Waypoint
+from parapod.systems.levelling_platform.scripts import PostureScript, Waypoint
 
 GEOMETRY = PlatformGeometry(foot_radius=0.025)
 HEIGHT = 0.477

@@ -10,21 +10,22 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial import ConvexHull
 
 from parapod.diagrams.levelling_platform.model import add_platform
-from parapod.systems.levelling_platform.arm_move import ArmMotion, ArmMove
 from parapod.systems.levelling_platform.geometry import LegDeviation, drawn_deviations
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY as GEOMETRY
-from parapod.systems.levelling_platform.stability import (
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY as GEOMETRY
+from parapod.systems.levelling_platform.statics import KinematicPlatformParams
+from parapod.systems.levelling_platform.turntable import stability_margin
+from parapod.systems.levelling_platform.zero_moment_point import (
     ARM_GYRATION_SQUARED,
+    ArmMotion,
+    ArmMove,
     Footing,
     move_margin,
     support_polygon,
     tipping_margin,
     zero_moment_point,
 )
-from parapod.systems.levelling_platform.statics import KinematicPlatformParams
-from parapod.systems.levelling_platform.turntable import stability_margin
 
 PARAMS = KinematicPlatformParams()
 # Arm's base on the platform's axis: mirror images are exact.

@@ -6,13 +6,18 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from parapod.systems.levelling_platform import stability_monitor
-from parapod.systems.levelling_platform.arm_move import ArmMotion, ArmMove
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY as GEOMETRY
-from parapod.systems.levelling_platform.stability import Footing, move_margin, tipping_margin
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY as GEOMETRY
 from parapod.systems.levelling_platform.stability_monitor import (
     StabilityMonitor,
     StabilityMonitorParams,
+)
+from parapod.systems.levelling_platform.zero_moment_point import (
+    ArmMotion,
+    ArmMove,
+    Footing,
+    move_margin,
+    tipping_margin,
 )
 
 PERIOD = 0.01

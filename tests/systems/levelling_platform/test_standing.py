@@ -7,9 +7,13 @@ from pydrake.math import RollPitchYaw
 
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.standing import stand_on_feet_and_wheels
-from parapod.systems.levelling_platform.statics import KinematicPlatformParams, Stance, stand
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.statics import (
+    KinematicPlatformParams,
+    Stance,
+    stand,
+    stand_on_feet_and_wheels,
+)
 from parapod.systems.levelling_platform.wheels import WheelGeometry
 
 WHEELS = WheelGeometry()

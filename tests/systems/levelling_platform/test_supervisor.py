@@ -3,13 +3,16 @@ import math
 import numpy as np
 import pytest
 
-from parapod.systems.errors import UnreachablePosture
-from parapod.systems.levelling_platform.decision import SupervisorParams
+from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import height_range, inverse_kinematics
-from parapod.systems.levelling_platform.phases import Phase
-from parapod.systems.levelling_platform.platform_model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.requests import Command, Refusal
-from parapod.systems.levelling_platform.supervisor import Supervisor
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.supervisor import (
+    Command,
+    Phase,
+    Refusal,
+    Supervisor,
+    SupervisorParams,
+)
 from parapod.systems.safety.faults import Severity
 
 PERIOD = 0.01

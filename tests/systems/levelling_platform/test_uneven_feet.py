@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.systems.errors import UnreachablePosture
-from parapod.systems.levelling_platform.forward_kinematics import ForwardKinematics
+from parapod.systems.core.errors import UnreachablePosture
+from parapod.systems.levelling_platform.feedforward import KinematicFeedforward, PassiveLegSolver
 from parapod.systems.levelling_platform.geometry import LegDeviation, PlatformGeometry
 from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
-from parapod.systems.levelling_platform.kinematic_feedforward import KinematicFeedforward
+from parapod.systems.levelling_platform.inclination_loop import ForwardKinematics
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
     height_range,
@@ -20,7 +20,6 @@ from parapod.systems.levelling_platform.kinematics import (
     unevenness,
 )
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.passive_leg_solver import PassiveLegSolver
 from parapod.systems.levelling_platform.plane import (
     dot,
     minus,
@@ -30,8 +29,8 @@ from parapod.systems.levelling_platform.plane import (
     raised,
     to_platform,
 )
-from parapod.systems.levelling_platform.posture_reference import PostureReference
-from parapod.systems.levelling_platform.resting import resting_posture
+from parapod.systems.levelling_platform.reference import PostureReference
+from parapod.systems.levelling_platform.statics import resting_posture
 
 ROLLER = PlatformGeometry(foot_radius=0.025, extension_min=0.37, extension_max=0.45)
 BUILT = replace(

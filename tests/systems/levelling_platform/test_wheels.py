@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
-from parapod.systems.levelling_platform.legs_to_posture import forward_kinematics
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.wheels import WheelGeometry
 
 WHEELS = WheelGeometry()

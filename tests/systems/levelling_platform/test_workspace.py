@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from parapod.systems.errors import UnreachablePosture
+from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
@@ -20,17 +20,16 @@ from parapod.systems.levelling_platform.turntable import (
     swept_surface,
     swept_volume,
 )
-from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace
-from parapod.systems.levelling_platform.workspace_surfaces import (
+from parapod.systems.levelling_platform.workspace import (
     BOX,
     CENTRE,
+    ArmGeometry,
+    Workspace,
     enclosed_points,
-    inside_surfaces,
-    surface_margins,
-)
-from parapod.systems.levelling_platform.workspace_volume import (
     faces,
+    inside_surfaces,
     posture_grid,
+    surface_margins,
     tips_and_volumes,
 )
 

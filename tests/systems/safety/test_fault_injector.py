@@ -9,8 +9,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Integrator, LogVectorOutput, TrajectorySource, ZeroOrderHold
 from pydrake.trajectories import PiecewisePolynomial
 
-from parapod.systems.safety.fault_injector import FaultInjector
-from parapod.systems.safety.faults import Fault, FaultKind
+from parapod.systems.safety.faults import Fault, FaultInjector, FaultKind
 
 PERIOD = 0.01
 COUNTING = np.arange(10.0, 20.0)  # sample k is 10 + k

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from parapod.systems.sensors.sensor_axis import Drift, SensorAxis
+from parapod.systems.sensors.imu import Drift, SensorAxis
 
 
 def test_readings_are_whole_counts_and_never_beyond_the_range():

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from parapod.systems.walking_chair.chair import chair_motion, standing_feet
-from parapod.systems.walking_chair.gait_motion import gait_motion
+from parapod.systems.walking_chair.gait import gait_motion
 from parapod.systems.walking_chair.geometry import ChairGeometry
-from parapod.systems.walking_chair.motion import Motion
+from parapod.systems.walking_chair.trajectories import Motion
 
 CHAIR = ChairGeometry()
 

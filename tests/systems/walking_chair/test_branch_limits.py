@@ -4,8 +4,8 @@ import pickle
 import numpy as np
 import pytest
 
-from parapod.systems.errors import ParapodError
-from parapod.systems.walking_chair.branch_limits import (
+from parapod.systems.core.errors import ParapodError
+from parapod.systems.walking_chair.checks import (
     SpeedExceeded,
     StrokeExceeded,
     check_speeds,

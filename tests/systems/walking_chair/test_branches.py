@@ -1,4 +1,4 @@
-from parapod.systems.walking_chair.branches import BRANCHES, branch_names
+from parapod.systems.walking_chair.geometry import BRANCHES, branch_names
 
 
 def test_branches_are_named_by_leg_and_number():

@@ -12,7 +12,7 @@ from parapod.systems.walking_chair.chair import (
 )
 from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.leg import leg_inverse
-from parapod.systems.walking_chair.motion import BodyMotion, Motion
+from parapod.systems.walking_chair.trajectories import BodyMotion, Motion
 
 CHAIR = ChairGeometry()
 LEVEL = np.eye(3)

@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from parapod.systems.walking_chair.chair import chair_motion
-from parapod.systems.walking_chair.chair_feedforward import ChairFeedforward
-from parapod.systems.walking_chair.gait import TrotGait
-from parapod.systems.walking_chair.gait_motion import gait_branches, gait_motion
+from parapod.systems.walking_chair.feedforward import ChairFeedforward
+from parapod.systems.walking_chair.gait import TrotGait, gait_branches, gait_motion
 from parapod.systems.walking_chair.geometry import ChairGeometry
 
 GEOMETRY = ChairGeometry()

@@ -4,11 +4,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from parapod.systems.walking_chair.circle_reference import CircleReference
-from parapod.systems.walking_chair.foot_circle import FootCircle
 from parapod.systems.walking_chair.geometry import LegGeometry
-from parapod.systems.walking_chair.leg import leg_inverse
-from parapod.systems.walking_chair.leg_forward import leg_forward
+from parapod.systems.walking_chair.leg import leg_forward, leg_inverse
+from parapod.systems.walking_chair.planner import CircleReference
+from parapod.systems.walking_chair.trajectories import FootCircle
 
 LEG = LegGeometry()
 

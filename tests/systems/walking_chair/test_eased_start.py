@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.systems.walking_chair.eased_start import FARTHEST, EasedStart, NotAtStart
+from parapod.systems.walking_chair.feedforward import FARTHEST, EasedStart, NotAtStart
 
 LENGTH = np.linspace(0.60, 0.71, 12)
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from parapod.systems.walking_chair.branch_limits import StrokeExceeded, check_speeds, check_strokes
-from parapod.systems.walking_chair.foot_circle import FootCircle
+from parapod.systems.walking_chair.checks import StrokeExceeded, check_speeds, check_strokes
 from parapod.systems.walking_chair.geometry import LegGeometry
 from parapod.systems.walking_chair.leg import up_branch
-from parapod.systems.walking_chair.leg_rates import leg_motion
+from parapod.systems.walking_chair.rates import leg_motion
+from parapod.systems.walking_chair.trajectories import FootCircle
 
 LEG, CIRCLE = LegGeometry(), FootCircle()
 LAP = np.linspace(0.0, 5.0, 5001)[:-1]

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from parapod.systems.walking_chair.foot_trajectory import FootTrajectory
+from parapod.systems.walking_chair.trajectories import FootTrajectory
 
 SWING = FootTrajectory()
 S_0, H, T_M = 0.1027, 0.100, 5.0

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from parapod.systems.walking_chair.chair import chair_inverse
-from parapod.systems.walking_chair.gait import DIRECTIONS, TrotGait
-from parapod.systems.walking_chair.gait_motion import gait_branches, gait_motion
+from parapod.systems.walking_chair.gait import DIRECTIONS, TrotGait, gait_branches, gait_motion
 from parapod.systems.walking_chair.geometry import ChairGeometry
-from parapod.systems.walking_chair.motion_laws import MOTION_LAWS
+from parapod.systems.walking_chair.trajectories import MOTION_LAWS
 
 CHAIR, GAIT = ChairGeometry(), TrotGait()
 TIMES = np.linspace(0.0, 25.0, 5001)

@@ -3,12 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from parapod.systems.walking_chair.branch_limits import SpeedExceeded, StrokeExceeded
-from parapod.systems.walking_chair.gait import DIRECTIONS, ORDERS, TrotGait
-from parapod.systems.walking_chair.gait_check import check_gait
-from parapod.systems.walking_chair.gait_motion import gait_branches
+from parapod.systems.walking_chair.checks import SpeedExceeded, StrokeExceeded, check_gait
+from parapod.systems.walking_chair.gait import DIRECTIONS, ORDERS, TrotGait, gait_branches
 from parapod.systems.walking_chair.geometry import ChairGeometry
-from parapod.systems.walking_chair.motion_laws import MOTION_LAWS
+from parapod.systems.walking_chair.trajectories import MOTION_LAWS
 
 CHAIR, GAIT = ChairGeometry(), TrotGait()
 

@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
 
-from parapod.systems.walking_chair.gait import TrotGait
-from parapod.systems.walking_chair.gait_forces import ForceExceeded, check_forces
+from parapod.systems.walking_chair.checks import ForceExceeded, check_forces
+from parapod.systems.walking_chair.gait import TrotGait, Walk, there_and_back
 from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.masses import Passenger
-from parapod.systems.walking_chair.walk import Walk, there_and_back
 
 GEOMETRY = ChairGeometry()
 

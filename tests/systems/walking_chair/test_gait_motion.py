@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from parapod.systems.walking_chair.chair import foot_corners
-from parapod.systems.walking_chair.gait import DIRECTIONS, ORDERS, TrotGait
-from parapod.systems.walking_chair.gait_motion import (
+from parapod.systems.walking_chair.gait import (
+    DIRECTIONS,
+    ORDERS,
+    TrotGait,
     gait_branches,
     gait_motion,
     gait_references,

@@ -2,10 +2,9 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.systems.walking_chair.gait import TrotGait
-from parapod.systems.walking_chair.gait_planner import GaitPlanner
+from parapod.systems.walking_chair.gait import TrotGait, Walk, there_and_back
 from parapod.systems.walking_chair.geometry import ChairGeometry
-from parapod.systems.walking_chair.walk import Walk, there_and_back
+from parapod.systems.walking_chair.planner import GaitPlanner
 
 PERIOD = 0.01
 GEOMETRY = ChairGeometry()

@@ -3,11 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from parapod.systems.walking_chair.gait import DIRECTIONS, ORDERS, TrotGait
-from parapod.systems.walking_chair.gait_support import GaitSupport, SupportLost
+from parapod.systems.walking_chair.gait import DIRECTIONS, ORDERS, TrotGait, Walk, there_and_back
 from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.masses import ChairMasses, Passenger
-from parapod.systems.walking_chair.walk import Walk, there_and_back
+from parapod.systems.walking_chair.support import GaitSupport, SupportLost
 
 CHAIR, GAIT = ChairGeometry(), TrotGait()
 MASSES = ChairMasses()

@@ -5,12 +5,10 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from parapod.systems.walking_chair.chair import chair_inverse
-from parapod.systems.walking_chair.gait import TrotGait
+from parapod.systems.walking_chair.gait import TrotGait, Walk, starting_lengths, there_and_back
 from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.kinematic_chair import KinematicChair
 from parapod.systems.walking_chair.masses import GRAVITY, ChairMasses, Passenger
-from parapod.systems.walking_chair.start import starting_lengths
-from parapod.systems.walking_chair.walk import Walk, there_and_back
 
 GEOMETRY = ChairGeometry()
 LEVEL = np.eye(3)

@@ -5,12 +5,12 @@ import pytest
 
 from parapod.systems.walking_chair.geometry import LegGeometry
 from parapod.systems.walking_chair.leg import (
+    CORNERS,
     branch_lengths,
     leg_corners,
     leg_inverse,
     up_branch,
 )
-from parapod.systems.walking_chair.references import CORNERS
 
 LEG = LegGeometry()
 HEIGHTS = {"E1": 0, "E2": 1, "E3": 2}

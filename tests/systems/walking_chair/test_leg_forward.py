@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 
 from parapod.systems.walking_chair.geometry import LegGeometry
-from parapod.systems.walking_chair.leg import branch_lengths, leg_corners, leg_inverse
-from parapod.systems.walking_chair.leg_forward import leg_forward, up_of_lengths
+from parapod.systems.walking_chair.leg import (
+    branch_lengths,
+    leg_corners,
+    leg_forward,
+    leg_inverse,
+    up_of_lengths,
+)
 
 LEG = LegGeometry()
 QUARTER = 0.5 * math.pi

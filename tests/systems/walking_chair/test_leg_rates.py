@@ -4,11 +4,15 @@ import numpy as np
 import pytest
 
 from parapod.systems.walking_chair.geometry import LegGeometry
-from parapod.systems.walking_chair.leg import leg_corners, leg_inverse, ups_vectors
-from parapod.systems.walking_chair.leg_rates import leg_jacobian, leg_jacobian_rate, leg_motion
-from parapod.systems.walking_chair.motion import Motion
-from parapod.systems.walking_chair.references import CORNERS
-from parapod.systems.walking_chair.up_branch import foot_rotation
+from parapod.systems.walking_chair.leg import (
+    CORNERS,
+    foot_rotation,
+    leg_corners,
+    leg_inverse,
+    ups_vectors,
+)
+from parapod.systems.walking_chair.rates import leg_jacobian, leg_jacobian_rate, leg_motion
+from parapod.systems.walking_chair.trajectories import Motion
 
 LEG = LegGeometry()
 REFERENCES = pytest.mark.parametrize("reference", CORNERS)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from parapod.systems.walking_chair.motion_laws import MOTION_LAWS, blended, quintic
+from parapod.systems.walking_chair.trajectories import MOTION_LAWS, blended, quintic
 
 LAWS = pytest.mark.parametrize("name", MOTION_LAWS)
 SMOOTH = pytest.mark.parametrize("name", sorted(set(MOTION_LAWS) - {"linear"}))

@@ -5,8 +5,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
-from parapod.systems.walking_chair.gait import TrotGait
-from parapod.systems.walking_chair.gait_motion import gait_motion
+from parapod.systems.walking_chair.gait import TrotGait, gait_motion
 from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.masses import (
     GRAVITY,
@@ -14,12 +13,11 @@ from parapod.systems.walking_chair.masses import (
     Passenger,
     centre_of_mass,
 )
-from parapod.systems.walking_chair.payload_estimator import (
+from parapod.systems.walking_chair.payload import (
     PayloadEstimator,
     PayloadEstimatorParams,
 )
-from parapod.systems.walking_chair.standing import rest
-from parapod.systems.walking_chair.statics import force_map
+from parapod.systems.walking_chair.statics import force_map, rest
 
 GEOMETRY, MASSES = ChairGeometry(), ChairMasses()
 PARAMS = PayloadEstimatorParams()

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from parapod.systems.walking_chair.geometry import LegGeometry
-from parapod.systems.walking_chair.leg import leg_corners, up_branch
-from parapod.systems.walking_chair.references import (
+from parapod.systems.walking_chair.leg import (
     CORNERS,
     corner_numbers,
+    leg_corners,
     lowest_corner,
     reference_corner,
+    up_branch,
 )
 
 LEG = LegGeometry()

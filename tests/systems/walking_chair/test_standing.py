@@ -2,12 +2,10 @@ import numpy as np
 import pytest
 
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
-from parapod.systems.walking_chair.gait import TrotGait
-from parapod.systems.walking_chair.gait_motion import gait_motion
+from parapod.systems.walking_chair.gait import TrotGait, gait_motion
 from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.masses import GRAVITY
-from parapod.systems.walking_chair.standing import STIFFNESS, rest
-from parapod.systems.walking_chair.statics import force_map
+from parapod.systems.walking_chair.statics import STIFFNESS, force_map, rest
 
 GEOMETRY = ChairGeometry()
 LEVEL = np.eye(3)

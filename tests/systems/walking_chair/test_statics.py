@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from parapod.systems.walking_chair.chair import foot_corners
-from parapod.systems.walking_chair.gait import TrotGait
-from parapod.systems.walking_chair.gait_motion import gait_branches, gait_motion
+from parapod.systems.walking_chair.gait import TrotGait, gait_branches, gait_motion
 from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.leg import branch_lengths, leg_corners
 from parapod.systems.walking_chair.statics import corner_jacobians, force_map

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.systems.walking_chair.gait import TrotGait
-from parapod.systems.walking_chair.gait_support import GaitSupport
+from parapod.systems.walking_chair.gait import TrotGait, Walk
 from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.masses import Passenger
-from parapod.systems.walking_chair.support_monitor import SupportMonitor, SupportMonitorParams
-from parapod.systems.walking_chair.walk import Walk
+from parapod.systems.walking_chair.support import GaitSupport, SupportMonitor, SupportMonitorParams
 
 WALK = Walk((TrotGait(),))
 MARGINS = GaitSupport(ChairGeometry(), WALK).margins

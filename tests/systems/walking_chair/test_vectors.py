@@ -1,6 +1,6 @@
 import numpy as np
 
-from parapod.systems.walking_chair.vectors import cross, inverse, times
+from parapod.systems.core.vectors import cross, inverse, times
 
 RNG = np.random.default_rng(0)
 

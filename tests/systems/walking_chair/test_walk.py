@@ -2,10 +2,16 @@ import numpy as np
 import pytest
 
 from parapod.systems.walking_chair.chair import chair_inverse
-from parapod.systems.walking_chair.gait import DIRECTIONS, ORDERS, TrotGait
-from parapod.systems.walking_chair.gait_motion import gait_branches, gait_motion
+from parapod.systems.walking_chair.gait import (
+    DIRECTIONS,
+    ORDERS,
+    TrotGait,
+    Walk,
+    gait_branches,
+    gait_motion,
+    there_and_back,
+)
 from parapod.systems.walking_chair.geometry import ChairGeometry
-from parapod.systems.walking_chair.walk import Walk, there_and_back
 
 CHAIR, GAIT = ChairGeometry(), TrotGait(cycles=2)
 BOTH = there_and_back(GAIT)

@@ -1,0 +1,59 @@
+"""Batches of vectors for elementwise functions: taken apart into columns, put together again."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from parapod.systems.core.elementwise import Elementwise
+
+
+def of_width(value: ArrayLike, width: int, name: str) -> NDArray[Any]:
+    """The value as an array (..., width).
+
+    Raises:
+        ValueError: another shape; calls the value by its name.
+    """
+    array = np.asarray(value)
+    if array.ndim == 0 or array.shape[-1] != width:
+        raise ValueError(f"{name} must have shape (..., {width}), not {array.shape}")
+    return array
+
+
+def columns(
+    *blocks: tuple[ArrayLike, int, str],
+) -> tuple[list[list[Elementwise]], tuple[int, ...]]:
+    """Components of each block as floats (single) or contiguous vectors (batch), and the shape.
+
+    A block without leading dimensions stays a list of floats inside a batch: its sines are then
+    taken once.
+
+    Args:
+        blocks: a value, its width and its name each.
+
+    Raises:
+        ValueError: wrong shapes.
+    """
+    arrays = [of_width(*block) for block in blocks]
+    shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
+    taken: list[list[Elementwise]] = []
+    for array in arrays:
+        if array.dtype != object and array.dtype != np.float64:
+            array = array.astype(np.float64)
+        if array.ndim == 1:
+            taken.append(array.tolist())
+        else:
+            array = np.broadcast_to(array, (*shape, array.shape[-1]))
+            rows = array.reshape(-1, array.shape[-1])
+            taken.append([np.ascontiguousarray(rows[:, i]) for i in range(rows.shape[1])])
+    return taken, shape
+
+
+def stack(columns: Sequence[Elementwise], shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Columns as the last dimension of an array of the batch's shape."""
+    if not shape:
+        return np.array(columns)
+    size = int(np.prod(shape))
+    stacked = np.stack([np.broadcast_to(column, (size,)) for column in columns], axis=-1)
+    return stacked.reshape(*shape, len(columns))

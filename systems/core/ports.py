@@ -1,0 +1,96 @@
+"""Fast, typed access to vectors from Python callbacks, and cached results of calculations.
+
+A controller's tick reads some forty short vectors. `InputPort.Eval` copies through numpy each
+time; these readers go through a view to plain numbers, for floats and AutoDiffXd alike.
+
+A bound method or a cache entry held by a system makes a cycle through C++ that Python's garbage
+collector cannot see, and a diagram with one is never freed: hence `declare_cached`.
+"""
+
+import weakref
+from collections.abc import Callable, Set
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import Value
+from pydrake.systems.framework import (
+    BasicVector,
+    CacheIndex,
+    Context,
+    DependencyTicket,
+    InputPort,
+    ValueProducer,
+)
+
+# Up to this size reading number by number is faster than making a view.
+_SHORT = 6
+
+
+def read(port: InputPort, context: Context) -> list[Any]:
+    """The numbers at an input port, which must be connected."""
+    return elements(port.EvalBasicVector(context))
+
+
+def read_or_zeros(port: InputPort, context: Context) -> list[Any]:
+    """The numbers at an input port; zeros if it is not connected."""
+    return read(port, context) if port.HasValue(context) else [0.0] * port.size()
+
+
+def read_array(port: InputPort, context: Context) -> NDArray[np.float64]:
+    """The vector at an input port, copied; an object array for AutoDiffXd."""
+    array: Any = port.Eval(context)
+    return array
+
+
+def is_on(port: InputPort, context: Context) -> bool:
+    """Whether the first number at an input port is above 0.5; NaN is off."""
+    signal: Any = port.EvalBasicVector(context)
+    return bool(signal[0] > 0.5)
+
+
+def elements(vector: Any) -> list[Any]:
+    """The numbers of a BasicVector: floats, or AutoDiffXd."""
+    if type(vector) is BasicVector and (size := vector.size()) <= _SHORT:
+        return [vector[i] for i in range(size)]
+    try:
+        return vector.value().tolist()
+    except (RuntimeError, TypeError):  # scalars other than float have no view
+        return vector.CopyToVector().tolist()
+
+
+@dataclass(frozen=True)
+class Cached:
+    """A declared cache entry.
+
+    Attributes:
+        index: of the entry in its system.
+        ticket: for the prerequisites of what uses it.
+    """
+
+    index: CacheIndex
+    ticket: DependencyTicket
+
+    def of(self, system: Any, context: Context) -> Any:
+        """The object, calculated anew if something it depends on has changed."""
+        return system.get_cache_entry(self.index).Eval(context)
+
+
+def declare_cached(
+    system: Any,
+    name: str,
+    calc: Callable[[Context], Any],
+    prerequisites_of_calc: Set[DependencyTicket],
+) -> Cached:
+    """Declares a cache entry for the object that the system's method `calc` returns."""
+    reference = weakref.WeakMethod(calc)
+
+    def produce(context: Any, value: Any) -> None:
+        method = reference()
+        assert method is not None
+        value.set_value(method(context))
+
+    producer = ValueProducer(Value[object], produce)
+    entry = system.DeclareCacheEntry(name, producer, prerequisites_of_calc)
+    return Cached(entry.cache_index(), entry.ticket())

@@ -1,0 +1,89 @@
+"""Rotations as three axes, in plain numbers, and products of batches (..., 3) and (..., 3, 3)."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+type Vector3 = tuple[float, float, float]
+
+
+class Axes(NamedTuple):
+    """Unit vectors of a body's axes in the world: the columns of its rotation matrix."""
+
+    x: Vector3
+    y: Vector3
+    z: Vector3
+
+    @classmethod
+    def from_quaternion(cls, quaternion: Sequence[float]) -> "Axes":
+        """Axes of a body with this quaternion (w, x, y, z), of any length but zero."""
+        w, x, y, z = quaternion
+        s = 2.0 / (w * w + x * x + y * y + z * z)
+        return cls(
+            (1.0 - s * (y * y + z * z), s * (x * y + w * z), s * (x * z - w * y)),
+            (s * (x * y - w * z), 1.0 - s * (x * x + z * z), s * (y * z + w * x)),
+            (s * (x * z + w * y), s * (y * z - w * x), 1.0 - s * (x * x + y * y)),
+        )
+
+    @classmethod
+    def from_roll_pitch_yaw(cls, roll: float, pitch: float, yaw: float) -> "Axes":
+        """Axes of a body with R = R_z(yaw) R_y(pitch) R_x(roll); NaN for infinite angles."""
+        if not math.isfinite(roll + pitch + yaw):
+            return cls(_UNKNOWN, _UNKNOWN, _UNKNOWN)
+        s_r, c_r, s_p, c_p = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
+        s_y, c_y = math.sin(yaw), math.cos(yaw)
+        return cls(
+            (c_y * c_p, s_y * c_p, -s_p),
+            (c_y * s_p * s_r - s_y * c_r, s_y * s_p * s_r + c_y * c_r, c_p * s_r),
+            (c_y * s_p * c_r + s_y * s_r, s_y * s_p * c_r - c_y * s_r, c_p * c_r),
+        )
+
+    def roll_pitch_yaw(self) -> Vector3:
+        """Angles of R = R_z(yaw) R_y(pitch) R_x(roll) [rad]."""
+        sine = -self.x[2]
+        pitch = math.asin(-1.0 if sine < -1.0 else 1.0 if sine > 1.0 else sine)
+        return (
+            math.atan2(self.y[2], self.z[2]),
+            pitch,
+            math.atan2(self.x[1], self.x[0]),
+        )
+
+    def components(self, vector: Sequence[float]) -> Vector3:
+        """A vector of the world along the body's axes."""
+        a, b, c = vector
+        (x_1, x_2, x_3), (y_1, y_2, y_3), (z_1, z_2, z_3) = self
+        return (
+            x_1 * a + x_2 * b + x_3 * c,
+            y_1 * a + y_2 * b + y_3 * c,
+            z_1 * a + z_2 * b + z_3 * c,
+        )
+
+
+_UNKNOWN = (math.nan, math.nan, math.nan)
+
+
+type Array = NDArray[np.float64]
+
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross products; numpy's own takes four times as long for a single one."""
+    return a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT]
+
+
+def times(matrix: Array, vector: Array) -> Array:
+    """Matrices times vectors."""
+    return np.einsum("...ij,...j->...i", matrix, vector)
+
+
+def inverse(matrix: Array) -> Array:
+    """Inverses of 3x3 matrices; not finite for singular ones, where numpy's would raise."""
+    a, b, c = matrix[..., 0], matrix[..., 1], matrix[..., 2]
+    rows = np.empty(matrix.shape)
+    rows[..., 0, :], rows[..., 1, :], rows[..., 2, :] = cross(b, c), cross(c, a), cross(a, b)
+    determinant = np.einsum("...i,...i->...", a, rows[..., 0, :])
+    return rows / determinant[..., np.newaxis, np.newaxis]

@@ -1,0 +1,1 @@
+"""Calibration of the levelling platform from poses in which it stood still."""

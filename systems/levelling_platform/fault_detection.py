@@ -1,0 +1,476 @@
+"""Detection of the devices' faults from the redundancy that the platform has anyway.
+
+One table, `RULES`, lists what can be found, how grave it is and by when it is known:
+`FaultDetector` fills it, the supervisor obeys its severities, and the documents and the campaign
+of faults are made of it.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Context, LeafSystem
+
+from parapod.systems.core.ports import elements, read
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import forward_kinematics, unevenness
+from parapod.systems.levelling_platform.supervisor import Command, Phase
+from parapod.systems.safety.faults import Severity
+
+
+class Finding(IntEnum):
+    """Names of what can be found; the numbers are the elements of the detector's ports."""
+
+    ENCODER_INVALID = 0
+    ENCODER_JUMP = 1
+    LEGS_STALE = 2
+    LEG_RESPONSE = 3
+    SUPPLY = 4
+    FEET_MISMATCH = 5
+    POSTURE_MISMATCH = 6
+    GYRO_INVALID = 7
+    ACCEL_INVALID = 8
+    ACCEL_MISMATCH = 9
+    IMU_STALE = 10
+    SWITCH_END = 11
+    SWITCH_CONTACT = 12
+    FOOT_LOST = 13
+    PUSHED_UP = 14
+    COMMAND_INVALID = 15
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One line of the table.
+
+    Attributes:
+        finding: its name.
+        severity: what the machine does about it.
+        persists: how long the sign must last before it is believed [s].
+        deadline: by when it is found [s], from the moment at which the signal is wrong, if that
+            makes the platform move; what makes no difference may wait until it does.
+        device: which part may have failed; more than one where they cannot be told apart.
+        sign: what shows it.
+    """
+
+    finding: Finding
+    severity: Severity
+    persists: float
+    deadline: float
+    device: str
+    sign: str
+
+
+RULES: tuple[Rule, ...] = (
+    Rule(
+        Finding.ENCODER_INVALID,
+        Severity.BRAKE,
+        0.0,
+        0.05,
+        "encoder",
+        "an extension that is not finite or beyond the end stops",
+    ),
+    Rule(
+        Finding.ENCODER_JUMP,
+        Severity.BRAKE,
+        0.0,
+        0.05,
+        "encoder",
+        "an extension that changes faster than any actuator moves",
+    ),
+    Rule(Finding.LEGS_STALE, Severity.BRAKE, 0.0, 0.15, "encoder", "extensions that are old"),
+    Rule(
+        Finding.LEG_RESPONSE,
+        Severity.BRAKE,
+        0.0,
+        2.5,
+        "encoder, drive or supply",
+        "a leg that does not move as its voltage says",
+    ),
+    Rule(
+        Finding.SUPPLY,
+        Severity.BRAKE,
+        0.0,
+        2.5,
+        "supply, drives or encoders",
+        "three legs or more that do not move as their voltages say",
+    ),
+    Rule(
+        Finding.FEET_MISMATCH,
+        Severity.HOLD,
+        0.2,
+        1.0,
+        "encoder",
+        "four feet that stand, but by their extensions not on the ground that was measured",
+    ),
+    Rule(
+        Finding.POSTURE_MISMATCH,
+        Severity.HOLD,
+        0.3,
+        3.0,
+        "encoder, gyroscope or accelerometer",
+        "an attitude that the extensions do not agree with",
+    ),
+    Rule(
+        Finding.GYRO_INVALID,
+        Severity.HOLD,
+        0.05,
+        0.2,
+        "gyroscope",
+        "a rate that is not finite or faster than the platform ever turns",
+    ),
+    Rule(
+        Finding.ACCEL_INVALID,
+        Severity.HOLD,
+        0.15,
+        0.4,
+        "accelerometer",
+        "a specific force that is not finite or far from gravity",
+    ),
+    Rule(
+        Finding.ACCEL_MISMATCH,
+        Severity.HOLD,
+        0.4,
+        1.0,
+        "accelerometer or gyroscope",
+        "a vertical that turns away from the estimated one",
+    ),
+    Rule(Finding.IMU_STALE, Severity.HOLD, 0.0, 0.15, "inertial sensor", "samples that are old"),
+    Rule(
+        Finding.SWITCH_END,
+        Severity.WARN,
+        0.1,
+        0.3,
+        "limit switch or encoder",
+        "an end switch that the extension does not agree with",
+    ),
+    Rule(
+        Finding.SWITCH_CONTACT,
+        Severity.HOLD,
+        0.05,
+        0.2,
+        "contact switch",
+        "a foot that touches although its leg is up",
+    ),
+    Rule(
+        Finding.FOOT_LOST,
+        Severity.HOLD,
+        0.8,
+        2.5,
+        "contact switch, encoder or ground",
+        "a foot that no longer stands, and is not brought back",
+    ),
+    Rule(
+        Finding.PUSHED_UP,
+        Severity.HOLD,
+        0.1,
+        2.0,
+        "contact switch, encoder or accelerometer",
+        "a platform that seems to tilt while its legs look for the ground",
+    ),
+    Rule(
+        Finding.COMMAND_INVALID,
+        Severity.WARN,
+        0.0,
+        0.05,
+        "command",
+        "a posture asked for that is not finite",
+    ),
+)
+
+
+def as_markdown() -> str:
+    """The table for people."""
+    lines = ["| finding | severity | within [s] | device | sign |", "|---|---|---|---|---|"]
+    lines += [
+        f"| {rule.finding.name.lower()} | {rule.severity.name.lower()} | {rule.deadline:g} | "
+        f"{rule.device} | {rule.sign} |"
+        for rule in RULES
+    ]
+    return "\n".join(lines)
+
+
+_COUNT = len(RULES)
+_ON_FEET = (Phase.POSTURE, Phase.HOLD)
+_SEARCHING = (Phase.LOWER, Phase.TOUCHDOWN, Phase.ESTIMATE)
+# Layout of the memory.
+_EXTENSION, _VOLTAGE, _RESIDUAL = slice(0, 4), slice(4, 8), slice(8, 12)
+_ATTITUDE = slice(12, 14)  # before the first foot touched
+_OPERATOR, _SEEN = 14, 15
+_MEMORY = 16
+
+
+@dataclass(frozen=True)
+class FaultDetectorParams:
+    """Limits of what is normal (design choices, each above what noise and motion do).
+
+    Attributes:
+        shortest: of an extension that can be [m]; the end stop at .380 m less a tolerance.
+        longest: likewise, .460 m.
+        fastest: of an actuator [m/s]; 12 V make .12 m/s, and gains are off by up to 15 %.
+        oldest: of legs and inertial sensor [s].
+        gain: K of the actuators [(m/s)/V].
+        gain_error: share by which it may be off [-].
+        friction: largest voltage that friction and load take [V].
+        response: largest way by which a leg may differ from what its voltage says [m].
+        memory: over which that is counted [s].
+        feet: largest difference of a foot's height from the measured ground [m].
+        tilt: largest difference of two attitudes [rad].
+        turn_rate: faster than the platform ever turns about x and y [rad/s].
+        force: largest difference of the specific force from gravity [m/s^2].
+        vertical: largest angle between the accelerometer's vertical and the estimated one [rad].
+        pushed: largest tilt while the legs look for the ground [rad].
+        end: tolerance of the end switches [m].
+        up: a leg of this extension cannot touch the ground [m].
+    """
+
+    shortest: float = 0.375
+    longest: float = 0.465
+    fastest: float = 0.15
+    oldest: float = 0.05
+    gain: float = 0.01
+    gain_error: float = 0.2
+    friction: float = 0.25
+    response: float = 4e-4
+    memory: float = 1.0
+    feet: float = 4e-3
+    tilt: float = math.radians(0.6)
+    turn_rate: float = 0.06
+    force: float = 0.6
+    vertical: float = math.radians(2.0)
+    pushed: float = math.radians(0.35)
+    end: float = 2e-3
+    up: float = 0.440
+
+
+class FaultDetector(LeafSystem):
+    """Compares what must agree: legs with legs, legs with voltages, legs with the inertial sensor.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `extension` | 4 | m | measured |
+    | in `limits` | 12 | 0/1 | switches: extended, retracted, ground contact of each leg |
+    | in `voltage` | 4 | V | commanded |
+    | in `gyro` | 3 | rad/s | measured |
+    | in `accel` | 3 | m/s^2 | measured |
+    | in `age` | 4 | s | of the data of legs, inertial sensor, wheels, arm |
+    | in `attitude` | 2 | rad | estimated roll and pitch |
+    | in `ground` | 2 | rad | estimated ground |
+    | in `foot_offsets` | 4 | m | estimated heights of the feet above it |
+    | in `posture_request` | 3 | rad, rad, m | what the operator asks for |
+    | in `operator` | 1 | - | a `Command`; RESET clears what has ended |
+    | in `phase` | 1 | - | the supervisor's |
+    | out `findings` | 16 | 0/1 | by `Finding`; each stays until it is reset |
+    | out `severity` | 1 | - | the worst `Severity` of them |
+
+    A sign that lasts as long as its rule in `findings` says becomes a finding, and a finding
+    stays until the operator resets it after its cause has gone.
+
+    State: discrete, findings (16), severity (1), how long each sign has lasted (16) [s], and a
+    memory (16); updated every period.
+
+    Bad input: is what it looks for.
+    """
+
+    def __init__(
+        self,
+        geometry: PlatformGeometry = PlatformGeometry(),
+        params: FaultDetectorParams = FaultDetectorParams(),
+        period: float = 0.01,
+    ):
+        super().__init__()
+        self.set_name("fault_detector")
+        self.geometry, self.params, self.period = geometry, params, period
+        for name, size in (
+            ("extension", 4),
+            ("limits", 12),
+            ("voltage", 4),
+            ("gyro", 3),
+            ("accel", 3),
+            ("age", 4),
+            ("attitude", 2),
+            ("ground", 2),
+            ("foot_offsets", 4),
+            ("posture_request", 3),
+            ("operator", 1),
+            ("phase", 1),
+        ):
+            self.DeclareVectorInputPort(name, size)
+        self._findings: Any = self.DeclareDiscreteState(_COUNT)
+        self._severity: Any = self.DeclareDiscreteState(1)
+        self._lasted: Any = self.DeclareDiscreteState(_COUNT)
+        self._memory: Any = self.DeclareDiscreteState(_MEMORY)
+        self.DeclareStateOutputPort("findings", self._findings)
+        self.DeclareStateOutputPort("severity", self._severity)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+
+    def _update(self, context: Context, discrete_state: Any) -> None:
+        memory = elements(context.get_discrete_state(self._memory))
+        look = _Look(self, context, memory)
+        signs = look.signs()
+        lasted = elements(context.get_discrete_state(self._lasted))
+        findings = elements(context.get_discrete_state(self._findings))
+        reset = look.is_reset()
+        severity = Severity.NONE
+        for rule in RULES:
+            i = int(rule.finding)
+            lasted[i] = lasted[i] + self.period if rule.finding in signs else 0.0
+            if lasted[i] > rule.persists + 1e-9:
+                findings[i] = 1.0
+            elif reset and not lasted[i]:
+                findings[i] = 0.0
+            if findings[i]:
+                severity = max(severity, rule.severity)
+        discrete_state.set_value(self._findings, np.array(findings))
+        discrete_state.set_value(self._severity, np.array([float(severity)]))
+        discrete_state.set_value(self._lasted, np.array(lasted))
+        discrete_state.set_value(self._memory, np.array(look.remembered()))
+
+
+class _Look:
+    """One look at everything."""
+
+    def __init__(self, detector: FaultDetector, context: Context, memory: list[float]):
+        self._detector, self._context = detector, context
+        self._params, self._memory = detector.params, memory
+        self._extension = self._read("extension")
+        self._limits = self._read("limits")
+        self._attitude = self._read("attitude")
+        number = self._read("phase")[0]
+        # In one that is none, as in a fault, nothing is compared that only some phases have.
+        self._phase = Phase(int(number)) if number in Phase else Phase.FAULT
+        if self._phase not in _SEARCHING or not any(self._contact):
+            # The estimate settles after the way here; from the first touch on it must not move.
+            memory[_ATTITUDE] = self._attitude
+
+    def _read(self, name: str) -> list[float]:
+        return read(self._detector.GetInputPort(name), self._context)
+
+    @property
+    def _contact(self) -> list[bool]:
+        return [switch > 0.5 for switch in self._limits[2 * LEG_COUNT :]]
+
+    def is_reset(self) -> bool:
+        """Whether the operator has just asked for a reset."""
+        command, last = self._read("operator")[0], self._memory[_OPERATOR]
+        self._memory[_OPERATOR] = command
+        return command == Command.RESET != last
+
+    def remembered(self) -> list[float]:
+        """The memory after this look."""
+        memory = self._memory
+        memory[_EXTENSION] = [d if math.isfinite(d) else 0.4 for d in self._extension]
+        voltage = self._read("voltage")
+        memory[_VOLTAGE] = [v if math.isfinite(v) else 0.0 for v in voltage]
+        memory[_SEEN] = 1.0
+        return memory
+
+    def signs(self) -> set[Finding]:
+        """What looks wrong at this instant."""
+        signs = self._of_encoders() | self._of_inertial_sensor() | self._of_switches()
+        if not signs & {Finding.ENCODER_INVALID, Finding.ENCODER_JUMP}:
+            signs |= self._of_response()
+            if self._phase in _ON_FEET:
+                signs |= self._of_posture()
+        if self._phase in _SEARCHING and self._tilted() > self._params.pushed:
+            signs.add(Finding.PUSHED_UP)
+        if not all(map(math.isfinite, self._read("posture_request"))):
+            signs.add(Finding.COMMAND_INVALID)
+        return signs
+
+    def _tilted(self) -> float:
+        return max(
+            abs(a - b) for a, b in zip(self._attitude, self._memory[_ATTITUDE], strict=True)
+        )
+
+    def _of_encoders(self) -> set[Finding]:
+        params, signs = self._params, set()
+        if not all(params.shortest <= d <= params.longest for d in self._extension):
+            signs.add(Finding.ENCODER_INVALID)
+        elif self._memory[_SEEN]:
+            most = params.fastest * self._detector.period
+            moved = zip(self._extension, self._memory[_EXTENSION], strict=True)
+            if not all(abs(now - before) <= most for now, before in moved):
+                signs.add(Finding.ENCODER_JUMP)
+        if not self._read("age")[0] <= params.oldest:
+            signs.add(Finding.LEGS_STALE)
+        return signs
+
+    def _of_response(self) -> set[Finding]:
+        """Ways that legs have gone beyond what their voltages allow, both ways."""
+        params, period, memory = self._params, self._detector.period, self._memory
+        if not memory[_SEEN]:
+            return set()
+        residual, wrong = memory[_RESIDUAL], 0
+        for i in range(LEG_COUNT):
+            slow, fast = self._possible(memory[_VOLTAGE][i])
+            rate = (self._extension[i] - memory[_EXTENSION][i]) / period
+            beyond = rate - fast if rate > fast else min(0.0, rate - slow)
+            residual[i] += period * (beyond - residual[i] / params.memory)
+            wrong += abs(residual[i]) > params.response
+        memory[_RESIDUAL] = residual
+        if wrong >= 3:
+            return {Finding.SUPPLY, Finding.LEG_RESPONSE}
+        return {Finding.LEG_RESPONSE} if wrong else set()
+
+    def _possible(self, voltage: float) -> tuple[float, float]:
+        """Smallest and largest rate of an actuator at a voltage [m/s]."""
+        params = self._params
+        most = params.gain * (1.0 + params.gain_error) * abs(voltage)
+        least = params.gain * (1.0 - params.gain_error) * max(0.0, abs(voltage) - params.friction)
+        return (least, most) if voltage >= 0.0 else (-most, -least)
+
+    def _of_posture(self) -> set[Finding]:
+        """Four legs have three degrees of freedom, and the inertial sensor sees two of them."""
+        signs, geometry = set(), self._detector.geometry
+        ground, offsets = self._read("ground"), self._read("foot_offsets")
+        feet = unevenness(geometry, self._extension)
+        if not np.abs(feet - offsets).max() <= self._params.feet:
+            signs.add(Finding.FEET_MISMATCH)
+        posture = forward_kinematics(geometry, self._extension, ground, foot_offsets=offsets)
+        pairs = zip(posture[:2].tolist(), self._attitude, strict=True)
+        if not all(abs(a - b) <= self._params.tilt for a, b in pairs):
+            signs.add(Finding.POSTURE_MISMATCH)
+        return signs
+
+    def _of_inertial_sensor(self) -> set[Finding]:
+        params, signs = self._params, set()
+        gyro, accel = self._read("gyro"), self._read("accel")
+        turns = all(abs(rate) <= params.turn_rate for rate in gyro[:2])
+        if not (turns and math.isfinite(gyro[2])):
+            signs.add(Finding.GYRO_INVALID)
+        force = math.hypot(*accel)
+        if not abs(force - 9.81) <= params.force:
+            signs.add(Finding.ACCEL_INVALID)
+        else:
+            roll, pitch = (a if math.isfinite(a) else math.nan for a in self._attitude)
+            vertical = (
+                -math.sin(pitch),
+                math.cos(pitch) * math.sin(roll),
+                math.cos(pitch) * math.cos(roll),
+            )
+            along = sum(a * v for a, v in zip(accel, vertical, strict=True)) / force
+            if not along >= math.cos(params.vertical):
+                signs.add(Finding.ACCEL_MISMATCH)
+        if not self._read("age")[1] <= params.oldest:
+            signs.add(Finding.IMU_STALE)
+        return signs
+
+    def _of_switches(self) -> set[Finding]:
+        params, signs = self._params, set()
+        extended, retracted = self._limits[:LEG_COUNT], self._limits[LEG_COUNT : 2 * LEG_COUNT]
+        for d, longest, shortest, touches in zip(
+            self._extension, extended, retracted, self._contact, strict=True
+        ):
+            # The switches close half a millimetre before the end stops.
+            if (longest > 0.5) != (d >= 0.4595) and abs(d - 0.4595) > params.end:
+                signs.add(Finding.SWITCH_END)
+            if (shortest > 0.5) != (d <= 0.3805) and abs(d - 0.3805) > params.end:
+                signs.add(Finding.SWITCH_END)
+            if touches and d > params.up:
+                signs.add(Finding.SWITCH_CONTACT)
+        if self._phase in _ON_FEET and not all(self._contact):
+            signs.add(Finding.FOOT_LOST)
+        return signs

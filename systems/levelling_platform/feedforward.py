@@ -1,0 +1,234 @@
+"""Kinematic feedforward: from a desired posture to the extensions of all four legs.
+
+Three legs are active; the fourth is kept on the ground by calculation, Eqs. (30)-(31).
+"""
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+from pydrake.systems.framework import (  # type: ignore[attr-defined]
+    BasicVector_,
+    Context,
+    LeafSystem_,
+)
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from parapod.systems.core.elementwise import Elementwise
+from parapod.systems.core.ports import elements, is_on, read, read_array, read_or_zeros
+from parapod.systems.levelling_platform.geometry import (
+    ACTIVE_LEGS,
+    LEG_COUNT,
+    LegGeometry,
+    PlatformGeometry,
+)
+from parapod.systems.levelling_platform.leg import (
+    extension_on_plane,
+    extension_rate_on_plane,
+    foot_motion,
+)
+from parapod.systems.levelling_platform.plane import (
+    Vector3,
+    attitude_derivatives,
+    dot,
+    normal_of,
+    to_platform,
+)
+
+
+def moving_plane(
+    ground: Sequence[Elementwise],
+    attitude: Sequence[Elementwise],
+    attitude_rate: Sequence[Elementwise],
+) -> tuple[Vector3, Vector3]:
+    """The ground's normal in the frame of a turning platform, and its rate [1/s]."""
+    n = normal_of(*ground)
+    roll, pitch = attitude
+    g = to_platform(n, roll, pitch)
+    by_roll, by_pitch = attitude_derivatives(n, g, roll, pitch)
+    roll_rate, pitch_rate = attitude_rate
+    return g, (
+        roll_rate * by_roll[0] + pitch_rate * by_pitch[0],
+        roll_rate * by_roll[1] + pitch_rate * by_pitch[1],
+        roll_rate * by_roll[2] + pitch_rate * by_pitch[2],
+    )
+
+
+@TemplateSystem.define("KinematicFeedforward_")
+def KinematicFeedforward_(T: Any) -> Any:
+    """Scalar-convertible form of `KinematicFeedforward` (float, AutoDiffXd)."""
+
+    class Impl(LeafSystem_[T]):
+        """Extensions of the three active legs for a desired posture (section 6.1).
+
+        | port | size | unit | meaning |
+        |---|---|---|---|
+        | in `posture_desired_state` | 6 | rad, rad, m and rates | desired roll, pitch, height |
+        | in `ground` | 2 | rad | roll and pitch of the ground |
+        | in `foot_offsets` | 4 | m | how far each foot stands above the ground; unconnected: 0 |
+        | in `extension_measured` | 4 | m | start of the integration (differential law only) |
+        | in `enable` | 1 | - | above 0.5: integrate (differential law only) |
+        | out `active_desired_state` | 6 | m, m/s | extensions of the active legs, their rates |
+
+        With `law="exact"` the inverse kinematics is solved in closed form at every evaluation:
+        no state, no drift. With `law="differential"` the extensions are the paper's Eq. (26)
+        integrated from the measured ones, once a period; this drifts with the step's error and
+        with whatever the platform is pushed by, and is kept to compare.
+
+        State: none (exact), or discrete: extensions (3) [m] and whether started (1).
+
+        Bad input: a posture that a leg cannot reach gives NaN for that leg, which `PiController`
+        answers with zero volts; nothing is clamped silently.
+        """
+
+        def _construct(
+            self,
+            geometry: PlatformGeometry = PlatformGeometry(),
+            law: Literal["exact", "differential"] = "exact",
+            active_legs: Sequence[int] = ACTIVE_LEGS,
+            period: float = 0.01,
+            converter: Any = None,
+        ) -> None:
+            if law not in ("exact", "differential"):
+                raise ValueError(f'law must be "exact" or "differential", not {law!r}')
+            LeafSystem_[T].__init__(self, converter)
+            self.set_name("kinematic_feedforward")
+            self.geometry, self.law, self.period = geometry, law, period
+            self.active_legs = tuple(active_legs)
+            self._legs: tuple[LegGeometry, ...] = tuple(geometry.legs[i] for i in active_legs)
+            self._posture = self.DeclareVectorInputPort("posture_desired_state", 6)
+            self._ground = self.DeclareVectorInputPort("ground", 2)
+            self._offsets = self.DeclareVectorInputPort("foot_offsets", LEG_COUNT)
+            self._measured = self.DeclareVectorInputPort("extension_measured", 4)
+            self._enable = self.DeclareVectorInputPort("enable", 1)
+            tickets = {self._posture.ticket(), self._ground.ticket(), self._offsets.ticket()}
+            if law == "differential":
+                state = self.DeclareDiscreteState(BasicVector_[T](np.zeros(4)))
+                self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_integral)
+                tickets |= {self.discrete_state_ticket(state), self._measured.ticket()}
+            self._desired = self.DeclareVectorOutputPort(
+                "active_desired_state", 6, self._calc_desired_state, tickets
+            )
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(
+                self,
+                other.geometry,
+                other.law,
+                other.active_legs,
+                other.period,
+                converter=converter,
+            )
+
+        def _calc_desired_state(self, context: Context, output: Any) -> None:
+            roll, pitch, height, roll_rate, pitch_rate, height_rate = read(self._posture, context)
+            g, g_rate = moving_plane(
+                read(self._ground, context), (roll, pitch), (roll_rate, pitch_rate)
+            )
+            if self.law == "differential":
+                extension = self._integral(context)
+            else:
+                offsets = read_or_zeros(self._offsets, context)
+                extension = [
+                    extension_on_plane(leg, g, height - leg.foot_radius - offsets[i])
+                    for i, leg in zip(self.active_legs, self._legs, strict=True)
+                ]
+            rate = [
+                extension_rate_on_plane(leg, d, g, g_rate, height_rate)
+                for leg, d in zip(self._legs, extension, strict=True)
+            ]
+            output.SetFromVector(np.array(extension + rate))
+
+        def _integral(self, context: Context) -> list[Any]:
+            """Integrated extensions, or the measured ones before the integration starts."""
+            state = elements(context.get_discrete_state_vector())
+            if state[3] > 0.5:
+                return state[:3]
+            measured = read_array(self._measured, context)
+            return [measured[i] for i in self.active_legs]
+
+        def _update_integral(self, context: Context, discrete_state: Any) -> None:
+            extension = self._integral(context)
+            if not is_on(self._enable, context):
+                discrete_state.set_value(np.array([*extension, 0.0]))
+                return
+            rate = self._desired.Eval(context)[3:].tolist()
+            ahead = [d + self.period * v for d, v in zip(extension, rate, strict=True)]
+            discrete_state.set_value(np.array([*ahead, 1.0]))
+
+    return Impl
+
+
+KinematicFeedforward = KinematicFeedforward_[None]
+
+
+@TemplateSystem.define("PassiveLegSolver_")
+def PassiveLegSolver_(T: Any) -> Any:
+    """Scalar-convertible form of `PassiveLegSolver` (float, AutoDiffXd)."""
+
+    class Impl(LeafSystem_[T]):
+        """All four extensions from those of the three active legs (section 6.3).
+
+        | port | size | unit | meaning |
+        |---|---|---|---|
+        | in `active_desired_state` | 6 | m, m/s | extensions of the active legs, their rates |
+        | in `posture_desired_state` | 6 | rad, rad, m and rates | for its attitude (Eq. 31) |
+        | in `ground` | 2 | rad | roll and pitch of the ground |
+        | in `foot_offsets` | 4 | m | how far each foot stands above the ground; unconnected: 0 |
+        | out `extension_desired_state` | 8 | m, m/s | of legs 1..4, and their rates |
+
+        State: none. The height comes from the first active leg, i_1 of Eq. (31).
+
+        Bad input: NaN for the passive leg where it cannot reach the ground.
+        """
+
+        def _construct(
+            self,
+            geometry: PlatformGeometry = PlatformGeometry(),
+            active_legs: Sequence[int] = ACTIVE_LEGS,
+            converter: Any = None,
+        ) -> None:
+            LeafSystem_[T].__init__(self, converter)
+            self.set_name("passive_leg_solver")
+            self.geometry, self.active_legs = geometry, tuple(active_legs)
+            (self._passive,) = set(range(LEG_COUNT)) - set(active_legs)
+            self._active = self.DeclareVectorInputPort("active_desired_state", 6)
+            self._posture = self.DeclareVectorInputPort("posture_desired_state", 6)
+            self._ground = self.DeclareVectorInputPort("ground", 2)
+            self._offsets = self.DeclareVectorInputPort("foot_offsets", LEG_COUNT)
+            self.DeclareVectorOutputPort(
+                "extension_desired_state",
+                2 * LEG_COUNT,
+                self._calc_desired_state,
+                {
+                    self._active.ticket(),
+                    self._posture.ticket(),
+                    self._ground.ticket(),
+                    self._offsets.ticket(),
+                },
+            )
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(self, other.geometry, other.active_legs, converter=converter)
+
+        def _calc_desired_state(self, context: Context, output: Any) -> None:
+            active = read(self._active, context)
+            posture = read(self._posture, context)
+            g, g_rate = moving_plane(read(self._ground, context), posture[0:2], posture[3:5])
+            first = self.geometry.legs[self.active_legs[0]]
+            passive = self.geometry.legs[self._passive]
+            foot, slope = foot_motion(first, active[0])
+            height_rate = dot(g, slope) * active[3] + dot(g_rate, foot)
+            offsets = read_or_zeros(self._offsets, context)
+            rise = offsets[self.active_legs[0]] - offsets[self._passive]
+            extension = extension_on_plane(passive, g, dot(g, foot) + rise)
+            rate = extension_rate_on_plane(passive, extension, g, g_rate, height_rate)
+            desired = [extension] * LEG_COUNT + [rate] * LEG_COUNT
+            for k, leg in enumerate(self.active_legs):
+                desired[leg], desired[LEG_COUNT + leg] = active[k], active[3 + k]
+            output.SetFromVector(np.array(desired))
+
+    return Impl
+
+
+PassiveLegSolver = PassiveLegSolver_[None]

@@ -1,0 +1,542 @@
+"""The levelling platform as bodies and joints: names, closed-form pose, truth, drawn links.
+
+Beside the model itself: the true posture, feet and loops that only a simulation knows; the
+parallelograms' second long sides, drawn where the joints put them; and the transmission of the
+reduced leg, between the actuator's rod and the parallelogram's swing.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.common.value import Value
+from pydrake.geometry import (
+    Box,
+    Cylinder,
+    FrameId,
+    FramePoseVector,
+    GeometryFrame,
+    GeometryInstance,
+    MakePhongIllustrationProperties,
+    PerceptionProperties,
+    Rgba,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex, RigidBody
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from parapod.systems.core.ports import read, read_array
+from parapod.systems.core.vectors import Axes
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, LegGeometry, PlatformGeometry
+from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
+from parapod.systems.levelling_platform.leg import (
+    diagonal_angle,
+    swing_angle,
+    swing_motion,
+    swing_rate,
+)
+from parapod.systems.levelling_platform.plane import dot, normal_of
+from parapod.systems.levelling_platform.statics import resting_posture
+
+# What the files in `parapod.urdf.levelling_platform` are drawn to: Tables 1 and 2, with rollers.
+MODEL_GEOMETRY = PlatformGeometry(foot_radius=0.025)
+
+WHEEL_COUNT = 4
+
+
+def standing_pose(posture: ArrayLike, ground: ArrayLike) -> NDArray[np.float64]:
+    """Quaternion (w, x, y, z) and position (7) of a platform with this posture.
+
+    Its centre stands above the world's origin, through which the ground's plane goes.
+
+    Args:
+        posture: (3) roll, pitch, height [rad, rad, m].
+        ground: (2) roll and pitch of the ground [rad].
+    """
+    roll, pitch, height = np.asarray(posture).tolist()
+    normal = normal_of(*np.asarray(ground).tolist())
+    quaternion = RollPitchYaw(roll, pitch, 0.0).ToQuaternion().wxyz()
+    return np.concatenate((quaternion, height * np.array(normal)))
+
+
+@dataclass(frozen=True)
+class PlatformModel:
+    """A finalized plant that holds the platform of `parapod.urdf.levelling_platform`.
+
+    Attributes:
+        plant: the plant.
+        ground_mount: frame on the world that carries the ground and can be inclined.
+        geometry: dimensions of the machine as built; the files have those of `MODEL_GEOMETRY`.
+    """
+
+    plant: MultibodyPlant
+    ground_mount: FixedOffsetFrame
+    geometry: PlatformGeometry = MODEL_GEOMETRY
+
+    @cached_property
+    def base(self) -> RigidBody:
+        """The platform's body; its origin is the centre F."""
+        return self.plant.GetBodyByName("base")
+
+    @cached_property
+    def legs(self) -> tuple[ModelInstanceIndex, ...]:
+        """The legs' model instances, 1..4."""
+        return tuple(self.plant.GetModelInstanceByName(f"leg_{i + 1}") for i in range(LEG_COUNT))
+
+    @cached_property
+    def arm(self) -> ModelInstanceIndex:
+        """The model instance of turntable and arm."""
+        return self.plant.GetModelInstanceByName("arm")
+
+    @cached_property
+    def wheels(self) -> tuple[ModelInstanceIndex, ...]:
+        """The wheels' model instances, 1..4."""
+        return tuple(
+            self.plant.GetModelInstanceByName(f"wheel_{i + 1}") for i in range(WHEEL_COUNT)
+        )
+
+    @cached_property
+    def has_rolling_wheels(self) -> bool:
+        """Whether the wheels turn, instead of being part of the base."""
+        return self.plant.num_actuators(self.wheels[0]) > 0
+
+    @cached_property
+    def is_full(self) -> bool:
+        """Whether the legs' actuators are modelled as bodies."""
+        return self.plant.HasBodyNamed("rod", self.legs[0])
+
+    def leg_bodies(self, name: str) -> tuple[RigidBody, ...]:
+        """The body of that name of each leg."""
+        return tuple(self.plant.GetBodyByName(name, leg) for leg in self.legs)
+
+    def leg_angles(self, leg: int, extension: float) -> dict[str, float]:
+        """Positions of a leg's joints at an extension, in closed form."""
+        dimensions = self.geometry.legs[leg]
+        swing = swing_angle(dimensions, extension)
+        angles = {"swing": swing}
+        if self.is_full:
+            angles["coupler_swing"] = -swing
+            angles["cylinder_swing"] = diagonal_angle(dimensions, extension)
+            angles["extension"] = extension
+        return angles
+
+    @cached_property
+    def _position_starts(self) -> list[dict[str, int]]:
+        """Index of each leg's joint position among the plant's positions."""
+        starts: list[dict[str, int]] = []
+        for leg in self.legs:
+            joints = [self.plant.get_joint(i) for i in self.plant.GetJointIndices(leg)]
+            starts.append({joint.name(): joint.position_start() for joint in joints})
+        return starts
+
+    def positions(
+        self, extension: ArrayLike, posture: ArrayLike, ground: ArrayLike, arm: ArrayLike
+    ) -> NDArray[np.float64]:
+        """All positions of the plant, loops closed and feet on the ground.
+
+        Args:
+            extension: (4) extensions [m].
+            posture: (3) roll, pitch, height [rad, rad, m].
+            ground: (2) roll and pitch of the ground [rad].
+            arm: (2) turntable and arm angle [rad].
+        """
+        return self.positions_at(extension, standing_pose(posture, ground), arm)
+
+    def positions_at(
+        self, extension: ArrayLike, base_pose: ArrayLike, arm: ArrayLike
+    ) -> NDArray[np.float64]:
+        """All positions of the plant, loops closed; wheels and rollers are at zero.
+
+        Args:
+            extension: (4) extensions [m].
+            base_pose: (7) quaternion (w, x, y, z) and position [m] of the platform.
+            arm: (2) turntable and arm angle [rad].
+        """
+        q = np.zeros(self.plant.num_positions())
+        for leg, d in enumerate(np.asarray(extension).tolist()):
+            for joint, value in self.leg_angles(leg, d).items():
+                q[self._position_starts[leg][joint]] = value
+        start = self.base.floating_positions_start()
+        q[start : start + 7] = base_pose
+        self.plant.SetPositionsInArray(self.arm, np.asarray(arm, dtype=float), q)
+        return q
+
+    def base_pose(self, positions: NDArray[np.float64]) -> RigidTransform:
+        """X_WF: pose of the platform at these positions of the plant (or its whole state)."""
+        start = self.base.floating_positions_start()
+        quaternion = positions[start : start + 4]
+        rotation = RotationMatrix(Quaternion(quaternion / np.linalg.norm(quaternion)))
+        return RigidTransform(rotation, positions[start + 4 : start + 7])
+
+    def swing(self, leg: int, positions: NDArray[np.float64]) -> float:
+        """Angle psi of a leg's lower link at these positions of the plant [rad]."""
+        return float(positions[self._position_starts[leg]["swing"]])
+
+    def _build(self, context: Context) -> None:
+        """Gives the legs in this context the dimensions that they were built with."""
+        legs = zip(self.legs, self.geometry.legs, MODEL_GEOMETRY.legs, strict=True)
+        for i, (instance, leg, drawn) in enumerate(legs):
+            hip: Any = self.plant.GetFrameByName(f"hip_{i + 1}")
+            p_FE = np.array([-leg.l_x, -leg.l_y, -leg.l_z])
+            turned = RotationMatrix.MakeZRotation(leg.beta)
+            hip.SetPoseInParentFrame(context, RigidTransform(turned, p_FE))
+            p_MC = -leg.l_6 * _in_plane(*leg.e_a) - _in_plane(0.0, leg.l_7 - leg.foot_radius)
+            along = np.array([leg.l_4, 0.0, 0.0])
+            if self.is_full:
+                # The coupler only translates, so what it is longer at K, the pivot may recede.
+                longer = leg.l_3 * _in_plane(*leg.e_a) - drawn.l_3 * _in_plane(*drawn.e_a)
+                origins = {"coupler_swing": along, "roll": p_MC, "cylinder_swing": -longer}
+            else:
+                origins = {"swing": p_MC, "roll": along}
+            for joint, origin in origins.items():
+                frame: Any = self.plant.GetJointByName(joint, instance).frame_on_parent()
+                frame.SetPoseInParentFrame(context, RigidTransform(origin))
+
+    def stand(
+        self,
+        context: Context,
+        extension: ArrayLike,
+        ground: ArrayLike,
+        foot_offsets: ArrayLike = (0.0, 0.0, 0.0, 0.0),
+    ) -> None:
+        """Inclines the ground and puts the platform at rest on it with these extensions.
+
+        Args:
+            context: the plant's context.
+            extension: (4) extensions [m].
+            ground: (2) roll and pitch of the ground [rad].
+            foot_offsets: (4) heights under the feet above the ground's plane, which the model
+                must have been built with [m].
+        """
+        roll, pitch = np.asarray(ground).tolist()
+        # The model's plane is the lowest part of the ground.
+        lowest = min(0.0, float(np.min(np.asarray(foot_offsets))))
+        X_WG = RigidTransform(
+            RollPitchYaw(roll, pitch, 0.0), lowest * np.array(normal_of(roll, pitch))
+        )
+        self.ground_mount.SetPoseInParentFrame(context, X_WG)
+        if self.geometry != MODEL_GEOMETRY:
+            self._build(context)
+        posture = resting_posture(self.geometry, extension, ground, foot_offsets)
+        q = self.positions(extension, posture, ground, (0.0, 0.0))
+        self.plant.SetPositions(context, q)
+        self.plant.SetVelocities(context, np.zeros(self.plant.num_velocities()))
+
+    def stand_on_wheels(
+        self,
+        context: Context,
+        extension: ArrayLike,
+        posture: ArrayLike,
+        ground: ArrayLike,
+        x: float = 0.0,
+    ) -> None:
+        """Inclines the ground and puts the platform at rest on its wheels, legs raised.
+
+        Args:
+            context: the plant's context.
+            extension: (4) extensions [m].
+            posture: (3) of a platform on its wheels [rad, rad, m].
+            ground: (2) roll and pitch of the ground [rad].
+            x: how far it is from the places of the feet, along its x axis [m].
+        """
+        roll, pitch = np.asarray(ground).tolist()
+        X_WG = RigidTransform(RollPitchYaw(roll, pitch, 0.0), np.zeros(3))
+        self.ground_mount.SetPoseInParentFrame(context, X_WG)
+        if self.geometry != MODEL_GEOMETRY:
+            self._build(context)
+        pose = standing_pose(posture, ground)
+        pose[4:] += X_WG.rotation().matrix() @ [x, 0.0, 0.0]
+        self.plant.SetPositions(context, self.positions_at(extension, pose, (0.0, 0.0)))
+        self.plant.SetVelocities(context, np.zeros(self.plant.num_velocities()))
+
+
+def _in_plane(x: float, z: float) -> NDArray[np.float64]:
+    """A vector of a leg's plane."""
+    return np.array([x, 0.0, z])
+
+
+class PlatformTruth(OnInclinedGround):
+    """True posture of the platform, from the plant's state.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `state` | n | - | state of the plant |
+    | out `posture` | 3 | rad, rad, m | roll, pitch, height above the ground |
+
+    State: none. Parameters (Context): the ground, see `OnInclinedGround`.
+    """
+
+    def __init__(self, model: PlatformModel):
+        super().__init__()
+        self.set_name("platform_truth")
+        self._start = model.base.floating_positions_start()
+        self._state = self.DeclareVectorInputPort("state", model.plant.num_multibody_states())
+        self.DeclareVectorOutputPort(
+            "posture",
+            3,
+            self._calc_posture,
+            {self._state.ticket(), self.all_parameters_ticket()},
+        )
+
+    def _calc_posture(self, context: Context, output: BasicVector) -> None:
+        state: Any = self._state.EvalBasicVector(context)
+        pose = state.value()[self._start : self._start + 7].tolist()
+        roll, pitch, _ = Axes.from_quaternion(pose[:4]).roll_pitch_yaw()
+        height = dot(normal_of(*self._ground_of(context)), pose[4:])
+        output.SetFromVector(np.array([roll, pitch, height]))
+
+
+class FootTruth(OnInclinedGround):
+    """True contact of the feet, and how well the legs' loops are closed.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `contact_results` | abstract | - | contact results of the plant |
+    | in `body_poses` | abstract | - | poses of the plant's bodies |
+    | out `contact_force` | 4 | N | of the ground on the feet, normal to the ground |
+    | out `foot_height` | 4 | m | lowest point of the rollers above the ground |
+    | out `loop_error` | 4 | m | distance of rod end and coupler at K; zero for reduced legs |
+
+    State: none. Parameters (Context): the ground, see `OnInclinedGround`.
+    """
+
+    def __init__(self, model: PlatformModel):
+        super().__init__()
+        self.set_name("foot_truth")
+        self._radius = model.geometry.foot_radius
+        self._rollers = [body.index() for body in model.leg_bodies("roller")]
+        self._loops = []
+        if model.is_full:
+            leg = MODEL_GEOMETRY.legs[0]  # `stand` moves the actuator's pivot, not K
+            self._p_MK = np.array([leg.l_3 * leg.e_a[0], 0.0, leg.l_3 * leg.e_a[1]])
+            rods, couplers = (model.leg_bodies(name) for name in ("rod", "coupler"))
+            self._loops = [(a.index(), b.index()) for a, b in zip(rods, couplers, strict=True)]
+        self._contact = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
+        self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]([]))
+        ground = self.all_parameters_ticket()
+        poses = self._poses.ticket()
+        for name, calc, tickets in (
+            ("contact_force", self._calc_force, {self._contact.ticket(), ground}),
+            ("foot_height", self._calc_height, {poses, ground}),
+            ("loop_error", self._calc_loop_error, {poses}),
+        ):
+            self.DeclareVectorOutputPort(name, LEG_COUNT, calc, tickets)
+
+    def _calc_force(self, context: Context, output: BasicVector) -> None:
+        results: Any = self._contact.Eval(context)
+        n = normal_of(*self._ground_of(context))
+        force = [0.0] * LEG_COUNT
+        for i in range(results.num_point_pair_contacts()):
+            info = results.point_pair_contact_info(i)
+            for sign, body in ((-1.0, info.bodyA_index()), (1.0, info.bodyB_index())):
+                if body in self._rollers:
+                    force[self._rollers.index(body)] += sign * dot(
+                        n, info.contact_force().tolist()
+                    )
+        output.SetFromVector(np.array(force))
+
+    def _calc_height(self, context: Context, output: BasicVector) -> None:
+        poses: Any = self._poses.Eval(context)
+        n = normal_of(*self._ground_of(context))
+        centres = [poses[i].translation().tolist() for i in self._rollers]
+        offsets = self._offsets_of(context)
+        output.SetFromVector(
+            np.array(
+                [
+                    dot(n, centre) - self._radius - offset
+                    for centre, offset in zip(centres, offsets, strict=True)
+                ]
+            )
+        )
+
+    def _calc_loop_error(self, context: Context, output: BasicVector) -> None:
+        if not self._loops:
+            output.SetFromVector(np.zeros(LEG_COUNT))
+            return
+        poses: Any = self._poses.Eval(context)
+        output.SetFromVector(
+            np.array(
+                [
+                    float(np.linalg.norm(poses[rod].translation() - poses[coupler] @ self._p_MK))
+                    for rod, coupler in self._loops
+                ]
+            )
+        )
+
+
+class PlatformPose(LeafSystem):
+    """Positions of all joints of a platform's model, for drawing a plant that has no such joints.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `extension` | 4 | m | extensions |
+    | in `base_pose` | 7 | -, m | quaternion (w, x, y, z) and position of the platform |
+    | in `arm_position` | 2 | rad | turntable and arm angle |
+    | out `positions` | n | - | positions of the model's plant |
+
+    State: none.
+    """
+
+    def __init__(self, model: PlatformModel):
+        super().__init__()
+        self.set_name("platform_pose")
+        self._model = model
+        self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
+        self._base_pose = self.DeclareVectorInputPort("base_pose", 7)
+        self._arm = self.DeclareVectorInputPort("arm_position", 2)
+        self.DeclareVectorOutputPort(
+            "positions",
+            model.plant.num_positions(),
+            self._calc_positions,
+            {self._extension.ticket(), self._base_pose.ticket(), self._arm.ticket()},
+        )
+
+    def _calc_positions(self, context: Context, output: BasicVector) -> None:
+        q = self._model.positions_at(
+            read_array(self._extension, context),
+            read_array(self._base_pose, context),
+            read_array(self._arm, context),
+        )
+        output.SetFromVector(q)
+
+
+_ORANGE, _DARK = np.array([0.95, 0.45, 0.10, 1.0]), np.array([0.13, 0.15, 0.19, 1.0])
+
+
+def _perceived(colour: NDArray[np.float64]) -> PerceptionProperties:
+    """How a renderer sees a colour."""
+    properties = PerceptionProperties()
+    properties.AddProperty("phong", "diffuse", Rgba(*colour))
+    return properties
+
+
+class ParallelLinks(LeafSystem):
+    """Poses of the links parallel to the legs' lower links, for a SceneGraph.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `positions` | n | - | positions of the model's joints, or its whole state |
+    | out `geometry_pose` | abstract | - | poses of the links in the world |
+
+    These links carry nothing that the parallelogram's mimic joint does not, so the plant leaves
+    them out and gains a tenth of its speed. State: none.
+    """
+
+    def __init__(self, model: PlatformModel, scene_graph: SceneGraph, size: int):
+        """Registers the links' geometry.
+
+        Args:
+            model: the platform.
+            scene_graph: where the links are drawn.
+            size: of the input; positions come first.
+        """
+        super().__init__()
+        self.set_name("parallel_links")
+        self._model = model
+        self._source = scene_graph.RegisterSource("parallel_links")
+        self._frames = [
+            self._register(scene_graph, i + 1, leg) for i, leg in enumerate(model.geometry.legs)
+        ]
+        self._positions = self.DeclareVectorInputPort("positions", size)
+        self.DeclareAbstractOutputPort(
+            "geometry_pose",
+            Value[FramePoseVector],
+            self._calc_poses,
+            {self._positions.ticket()},
+        )
+
+    @property
+    def source_id(self) -> Any:
+        """The SceneGraph's name for this source."""
+        return self._source
+
+    def _register(self, scene_graph: SceneGraph, number: int, leg: LegGeometry) -> FrameId:
+        """A frame at the link's hip end, x along the link, with two bars and a pin."""
+        frame = GeometryFrame(f"parallel_link_{number}")
+        frame_id = scene_graph.RegisterFrame(self._source, frame)
+        bar = Box(leg.l_4, 0.008, 0.034)
+        across = RotationMatrix.MakeXRotation(0.5 * np.pi)
+        for name, shape, colour, X_LG in (
+            ("left", bar, _ORANGE, RigidTransform(np.array([leg.l_4 / 2.0, 0.028, 0.0]))),
+            ("right", bar, _ORANGE, RigidTransform(np.array([leg.l_4 / 2.0, -0.028, 0.0]))),
+            (
+                "pin",
+                Cylinder(0.016, 0.066),
+                _DARK,
+                RigidTransform(across, np.array([leg.l_4, 0.0, 0.0])),
+            ),
+        ):
+            instance = GeometryInstance(X_LG, shape, name)
+            instance.set_illustration_properties(MakePhongIllustrationProperties(colour))
+            instance.set_perception_properties(_perceived(colour))
+            scene_graph.RegisterGeometry(self._source, frame_id, instance)
+        return frame_id
+
+    def _calc_poses(self, context: Any, output: Any) -> None:
+        positions = read_array(self._positions, context)
+        poses = FramePoseVector()
+        X_WF = self._model.base_pose(positions)
+        legs = zip(self._model.geometry.legs, self._frames, strict=True)
+        for i, (leg, frame) in enumerate(legs):
+            R_FD = RotationMatrix.MakeZRotation(leg.beta)
+            p_EL_D = np.array([leg.l_3 * leg.e_a[0], 0.0, leg.l_3 * leg.e_a[1]])
+            p_FL = R_FD.matrix() @ p_EL_D - np.array([leg.l_x, leg.l_y, leg.l_z])
+            # The joints turn about -y, so that a positive angle turns x towards z.
+            R_DL = RotationMatrix.MakeYRotation(-self._model.swing(i, positions))
+            poses.set_value(frame, X_WF.multiply(RigidTransform(R_FD.multiply(R_DL), p_FL)))
+        output.set_value(poses)
+
+
+class LegTransmission(LeafSystem):
+    """Exact, lossless transmission psi(d) of a leg whose actuator is not modelled as bodies.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `rod_state` | 8 | m, m/s | extensions and their rates to be transmitted |
+    | in `extension` | 4 | m | present extensions, at which the load is taken |
+    | in `swing_torque` | 4 | N m | torques that hold the swing joints |
+    | out `swing_state` | 8 | rad, rad/s | angles psi and their rates |
+    | out `load_force` | 4 | N | force of each rod: tau dpsi/dd, so that power is conserved |
+
+    State: none. Bad input: NaN where an extension cannot be built.
+    """
+
+    def __init__(self, geometry: PlatformGeometry = PlatformGeometry()):
+        super().__init__()
+        self.set_name("leg_transmission")
+        self._legs = geometry.legs
+        self._rods = self.DeclareVectorInputPort("rod_state", 2 * LEG_COUNT)
+        self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
+        self._torque = self.DeclareVectorInputPort("swing_torque", LEG_COUNT)
+        self.DeclareVectorOutputPort(
+            "swing_state", 2 * LEG_COUNT, self._calc_swing, {self._rods.ticket()}
+        )
+        self.DeclareVectorOutputPort(
+            "load_force",
+            LEG_COUNT,
+            self._calc_load,
+            {self._extension.ticket(), self._torque.ticket()},
+        )
+
+    def _calc_swing(self, context: Context, output: BasicVector) -> None:
+        rods = read(self._rods, context)
+        angles, rates = [], []
+        for i, leg in enumerate(self._legs):
+            angle, ratio = swing_motion(leg, rods[i])
+            angles.append(angle)
+            rates.append(ratio * rods[LEG_COUNT + i])
+        output.SetFromVector(np.array(angles + rates))
+
+    def _calc_load(self, context: Context, output: BasicVector) -> None:
+        extension = read(self._extension, context)
+        torques = read(self._torque, context)
+        loads = [
+            torque * swing_rate(leg, d)
+            for leg, d, torque in zip(self._legs, extension, torques, strict=True)
+        ]
+        output.SetFromVector(np.array(loads))

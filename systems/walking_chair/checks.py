@@ -1,0 +1,281 @@
+"""Checks before a step is made: strokes, speeds, forces and support of a gait.
+
+Each refusal names the branch or the leg, the time and the admissible values.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from parapod.systems.core.batching import of_width
+from parapod.systems.core.errors import ParapodError
+from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
+from parapod.systems.walking_chair.gait import TrotGait, Walk, gait_branches
+from parapod.systems.walking_chair.geometry import (
+    BRANCHES,
+    LEGS,
+    ChairGeometry,
+    LegGeometry,
+    branch_names,
+)
+from parapod.systems.walking_chair.masses import (
+    GRAVITY,
+    ChairMasses,
+    Passenger,
+    centre_of_mass,
+)
+from parapod.systems.walking_chair.payload import FORCE_LIMIT
+from parapod.systems.walking_chair.statics import force_map, rest
+
+# A length that was computed for an actuator at its stroke's end must be admissible [m].
+_STROKE_TOLERANCE = 1e-9
+_SPEED_TOLERANCE = 1e-9  # [m/s]
+
+
+def _at(time: float | None) -> str:
+    return "" if time is None else f" at {time:.3f} s"
+
+
+class StrokeExceeded(ParapodError):
+    """A branch that would have to be shorter or longer than its actuator allows.
+
+    Attributes:
+        branch: its name, as in "branch 12".
+        time: when [s]; None for a posture without time.
+        length: the length that it would need [m]; NaN if no length would do.
+        admissible: (smallest, largest) length [m].
+        missing: how far the length lies outside [m].
+    """
+
+    def __init__(
+        self, branch: str, time: float | None, length: float, admissible: tuple[float, float]
+    ):
+        self.branch, self.time, self.length, self.admissible = branch, time, length, admissible
+        low, high = admissible
+        self.missing = max(low - length, length - high)
+        stroke = f"stroke {1e3 * low:.1f}..{1e3 * high:.1f} mm"
+        if math.isnan(length):
+            text = f"{branch} has no length that puts the foot there{_at(time)} (its {stroke})"
+        else:
+            text = (
+                f"{branch} would need a length of {1e3 * length:.3f} mm{_at(time)}, "
+                f"{1e3 * self.missing:.3f} mm outside its {stroke}"
+            )
+        super().__init__(text)
+
+
+class SpeedExceeded(ParapodError):
+    """A branch that would have to move faster than its actuator does.
+
+    Attributes:
+        branch: its name, as in "branch 12".
+        time: when [s]; None for a state without time.
+        speed: how fast it would have to be, either way [m/s]; NaN if the foot is out of reach.
+        limit: how fast it can be [m/s].
+    """
+
+    def __init__(self, branch: str, time: float | None, speed: float, limit: float):
+        self.branch, self.time, self.speed, self.limit = branch, time, speed, limit
+        super().__init__(
+            f"{branch} would move at {1e3 * speed:.3f} mm/s{_at(time)}, "
+            f"{1e3 * (speed - limit):.3f} mm/s faster than its limit {1e3 * limit:.1f} mm/s"
+        )
+
+
+def stroke_excess(geometry: LegGeometry, length: ArrayLike) -> NDArray[np.float64]:
+    """How far each branch is outside its stroke.
+
+    Args:
+        geometry: the leg.
+        length: (..., 3) lengths of the branches UP, UPS, UPS [m].
+
+    Returns:
+        (..., 3) excess [m]: positive outside, negative for the distance to the nearer end inside;
+        NaN for NaN.
+    """
+    given = of_width(length, 3, "length")
+    low, high = geometry.strokes.T
+    return np.maximum(low - given, given - high)
+
+
+def check_strokes(
+    geometry: LegGeometry,
+    length: ArrayLike,
+    time: ArrayLike | None = None,
+    legs: Sequence[int] = LEGS,
+) -> None:
+    """Refuses lengths outside the strokes.
+
+    Args:
+        geometry: the legs.
+        length: (..., n, 3) lengths of the branches of n legs [m].
+        time: (...) of each posture [s], for the error; None for postures without time.
+        legs: numbers 1..4 of the n legs.
+
+    Raises:
+        StrokeExceeded: names the branch that is furthest outside, or has no length at all.
+        ValueError: wrong shapes.
+    """
+    lengths = _of_legs(length, legs, "length")
+    found = _worst(stroke_excess(geometry, lengths), _STROKE_TOLERANCE)
+    if found is not None:
+        low, high = geometry.strokes[found[-1]].tolist()
+        name, when = _name(found, legs), _time(time, lengths.shape[:-2], found)
+        raise StrokeExceeded(name, when, float(lengths[found]), (low, high))
+
+
+def check_speeds(
+    velocity: ArrayLike,
+    limit: float,
+    time: ArrayLike | None = None,
+    legs: Sequence[int] = LEGS,
+) -> None:
+    """Refuses velocities above a limit, either way.
+
+    Args:
+        velocity: (..., n, 3) of the branches of n legs [m/s].
+        limit: largest speed of each branch [m/s].
+        time: (...) of each state [s], for the error; None for states without time.
+        legs: numbers 1..4 of the n legs.
+
+    Raises:
+        SpeedExceeded: names the fastest branch.
+        ValueError: wrong shapes.
+    """
+    speeds = np.abs(_of_legs(velocity, legs, "velocity"))
+    found = _worst(speeds - limit, _SPEED_TOLERANCE)
+    if found is not None:
+        name, when = _name(found, legs), _time(time, speeds.shape[:-2], found)
+        raise SpeedExceeded(name, when, float(speeds[found]), limit)
+
+
+def _of_legs(value: ArrayLike, legs: Sequence[int], name: str) -> NDArray[np.float64]:
+    array = of_width(value, 3, name)
+    if array.ndim < 2 or array.shape[-2] != len(legs):
+        raise ValueError(f"{name} must have shape (..., {len(legs)}, 3), not {array.shape}")
+    return array
+
+
+def _worst(excess: NDArray[np.float64], tolerance: float) -> tuple[int, ...] | None:
+    """Index of the largest excess, NaN being the largest of all; None if all are tolerable.
+
+    Of excesses that are equal but for rounding, as those of mirrored legs are, it is the first.
+    """
+    if excess.size == 0:
+        return None
+    ranked = np.where(np.isnan(excess), np.inf, excess)
+    largest = ranked.max()
+    if largest <= tolerance:
+        return None
+    first = int(np.argmax(ranked >= largest - tolerance))
+    return tuple(int(i) for i in np.unravel_index(first, excess.shape))
+
+
+def _name(index: tuple[int, ...], legs: Sequence[int]) -> str:
+    return branch_names(legs)[3 * index[-2] + index[-1]]
+
+
+def _time(time: ArrayLike | None, shape: tuple[int, ...], index: tuple[int, ...]) -> float | None:
+    return None if time is None else float(np.broadcast_to(time, shape)[index[:-2]])
+
+
+# What the paper gives for each actuator [m/s].
+SPEED_LIMIT = 0.080
+# Times looked at in each phase; what is between them exceeds them by 0.3 um at most.
+_GAIT_TIMES = 1001
+
+
+def check_gait(geometry: ChairGeometry, gait: TrotGait, speed_limit: float = SPEED_LIMIT) -> None:
+    """Refuses a gait that takes a branch out of its stroke or beyond a speed.
+
+    All cycles are alike, so the first is looked at.
+
+    Args:
+        geometry: the chair.
+        gait: the gait.
+        speed_limit: largest speed of each actuator [m/s].
+
+    Raises:
+        StrokeExceeded: names the branch and the time of the largest excess.
+        SpeedExceeded: names the branch and the time of the largest speed.
+    """
+    one = replace(gait, cycles=1)
+    time = np.linspace(0.0, one.duration, len(one.phases) * (_GAIT_TIMES - 1) + 1)
+    motion = gait_branches(geometry, one, time)
+    check_strokes(geometry.leg, motion.length, time)
+    check_speeds(motion.velocity, speed_limit, time)
+
+
+# Instants looked at in each phase.
+_FORCE_TIMES = 5
+
+
+class ForceExceeded(ParapodError):
+    """A branch that would have to push or pull harder than its actuator does.
+
+    Attributes:
+        branch: its name, as in "branch 12".
+        time: when, in the gait's time [s].
+        force: how hard, positive where it pushes [N].
+        limit: how hard it can [N].
+    """
+
+    def __init__(self, branch: str, time: float, force: float, limit: float):
+        self.branch, self.time, self.force, self.limit = branch, time, force, limit
+        super().__init__(
+            f"{branch} would have to hold {force:.1f} N at {time:.3f} s, "
+            f"{abs(force) - limit:.1f} N more than its limit {limit:.1f} N"
+        )
+
+
+def check_forces(
+    geometry: ChairGeometry,
+    walk: Walk,
+    passenger: Passenger,
+    masses: ChairMasses = ChairMasses(),
+    limit: float = FORCE_LIMIT,
+) -> None:
+    """Refuses a passenger who is too heavy for the branches, which share the load as springs.
+
+    All cycles are alike, so the first phases of each gait are looked at.
+
+    Args:
+        geometry: the chair.
+        walk: the gaits.
+        passenger: who sits on it.
+        masses: of the chair.
+        limit: largest force of a branch, either way [N].
+
+    Raises:
+        ForceExceeded: names the branch and the time of the largest force.
+    """
+    times = _instants(walk)
+    motion = walk.motions(geometry, times)
+    body = np.asarray(motion.body.position)
+    lengths = chair_inverse(geometry, body, np.eye(3), motion.feet.position, motion.references)
+    corners = foot_corners(geometry, body, np.eye(3), lengths) - body[:, None, None, :]
+    forces = []
+    for at, places in zip(lengths, corners, strict=True):
+        mass, centre = centre_of_mass(masses, passenger, places.mean(axis=-2))
+        vertical = force_map(geometry, at)[..., 2]
+        own = masses.foot_end * GRAVITY
+        at_rest = rest(places.reshape(12, 3), vertical, mass * GRAVITY, centre, own)
+        forces.append(at_rest.branch_forces)
+    sizes = np.abs(forces)
+    if sizes.max() > limit:
+        when, branch = np.unravel_index(int(sizes.argmax()), sizes.shape)
+        force = float(np.array(forces)[when, branch])
+        raise ForceExceeded(BRANCHES[branch], float(times[when]), force, limit)
+
+
+def _instants(walk: Walk) -> np.ndarray:
+    """Times in the lift and the first cycle of each gait, and in its end."""
+    found, begin = [], 0.0
+    for gait in walk.gaits:
+        first = np.linspace(0.0, 4.0 * gait.phase_duration, 4 * _FORCE_TIMES + 1)
+        found.append(begin + first)
+        begin += gait.duration
+    return np.concatenate(found)

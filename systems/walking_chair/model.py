@@ -1,0 +1,246 @@
+"""The walking chair as bodies and joints: names, closed-form pose, drawing, truth.
+
+The truth is what a simulation knows and no drive tells: the chair's pose, feet, contacts, loops.
+"""
+
+import functools
+import math
+import weakref
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex, RigidBody, SpatialInertia, UnitInertia
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from parapod.systems.core.ports import declare_cached, read_array
+from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry
+from parapod.systems.walking_chair.leg import up_of_lengths, ups_vectors
+from parapod.systems.walking_chair.masses import Passenger
+
+# What the files in `parapod.urdf.walking_chair` are drawn to.
+CHAIR_GEOMETRY = ChairGeometry()
+# Radius of gyration of a sitting person [m] (assumption).
+_GYRATION = 0.26
+_BRANCHES = ("up", "ups_2", "ups_3")
+
+
+@dataclass(frozen=True)
+class ChairModel:
+    """A finalized plant that holds the chair of `parapod.urdf.walking_chair`.
+
+    Attributes:
+        plant: the plant.
+        geometry: what the files are drawn to.
+    """
+
+    plant: MultibodyPlant
+    geometry: ChairGeometry = CHAIR_GEOMETRY
+
+    @cached_property
+    def body(self) -> RigidBody:
+        """The chair's body; its origin is the centre S."""
+        return self.plant.GetBodyByName("body")
+
+    @cached_property
+    def passenger(self) -> RigidBody:
+        """Who sits on it; the body's origin is the centre of mass."""
+        return self.plant.GetBodyByName("passenger")
+
+    @cached_property
+    def legs(self) -> tuple[ModelInstanceIndex, ...]:
+        """The legs' model instances, 1..4."""
+        return tuple(self.plant.GetModelInstanceByName(f"leg_{i + 1}") for i in range(LEG_COUNT))
+
+    @cached_property
+    def feet(self) -> tuple[RigidBody, ...]:
+        """The feet; their origins are the corners E_1."""
+        return tuple(self.plant.GetBodyByName("foot", leg) for leg in self.legs)
+
+    def rods(self, leg: int) -> tuple[RigidBody, RigidBody]:
+        """A leg's (0..3) rods of the UPS branches; their origins are the ball joints."""
+        instance = self.legs[leg]
+        second, third = (self.plant.GetBodyByName(f"ups_{k}_rod", instance) for k in (2, 3))
+        return second, third
+
+    def stand(
+        self, context: Context, lengths: ArrayLike, body_position: ArrayLike, passenger: Passenger
+    ) -> None:
+        """Puts the chair at rest, loops closed, level and looking ahead.
+
+        Args:
+            context: the plant's context.
+            lengths: (4, 3) of the branches [m].
+            body_position: (3) of S in the world [m].
+            passenger: who sits on it.
+        """
+        pose = (1.0, 0.0, 0.0, 0.0, *np.asarray(body_position).tolist())
+        self.plant.SetPositions(context, self.positions(lengths, pose))
+        self.plant.SetVelocities(context, np.zeros(self.plant.num_velocities()))
+        self.seat(context, passenger)
+
+    def positions(self, lengths: ArrayLike, body_pose: ArrayLike) -> NDArray[np.float64]:
+        """All positions of the plant, loops closed.
+
+        Args:
+            lengths: (4, 3) of the branches [m].
+            body_pose: (7) quaternion (w, x, y, z) and position [m] of the body.
+        """
+        q = np.zeros(self.plant.num_positions())
+        for starts, joints in zip(self._starts, self._joints(np.asarray(lengths)), strict=True):
+            for name, value in joints.items():
+                q[starts[name]] = value
+        start = self.body.floating_positions_start()
+        q[start : start + 7] = body_pose
+        return q
+
+    @cached_property
+    def _starts(self) -> list[dict[str, int]]:
+        """Index of each leg's joint positions among the plant's, by the joints' names."""
+        found: list[dict[str, int]] = []
+        for leg in self.legs:
+            joints = [self.plant.get_joint(i) for i in self.plant.GetJointIndices(leg)]
+            found.append({joint.name(): joint.position_start() for joint in joints})
+        return found
+
+    def seat(self, context: Context, passenger: Passenger) -> None:
+        """Puts the passenger's centre of mass where it is, as heavy as it is.
+
+        Args:
+            context: the plant's context.
+            passenger: who sits on the chair from here on.
+        """
+        seat: Any = self.plant.GetFrameByName("seat")
+        seat.SetPoseInParentFrame(context, RigidTransform(passenger.place))
+        inertia = SpatialInertia(
+            passenger.mass, np.zeros(3), UnitInertia.SolidSphere(math.sqrt(2.5) * _GYRATION)
+        )
+        self.passenger.SetSpatialInertiaInBodyFrame(context, inertia)
+
+    def _joints(self, lengths: NDArray[np.float64]) -> list[dict[str, float]]:
+        """Positions of each leg's joints, by their names."""
+        found = []
+        leg = self.geometry.leg
+        for row, up in zip(lengths, up_of_lengths(leg, lengths), strict=True):
+            joints = {"up_length": row[0], "up_swing": up[1], "up_tilt": up[2]}
+            for name, vector in zip(_BRANCHES[1:], ups_vectors(leg, up), strict=True):
+                x, y, z = vector / np.linalg.norm(vector)
+                joints[f"{name}_swing"] = math.atan2(-x, -z)
+                joints[f"{name}_tilt"] = math.asin(y)
+                joints[f"{name}_length"] = float(np.linalg.norm(vector))
+            found.append(joints)
+        return found
+
+
+class ChairPose(LeafSystem):
+    """Positions of the model's joints, all loops closed.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `position` | 12 | m | lengths of the branches |
+    | in `body_pose` | 7 | -, m | quaternion (w, x, y, z) and position of the body |
+    | out `positions` | n | - | positions of the model's plant |
+
+    State: none.
+
+    Bad input: NaN for the joints of a leg that cannot be assembled.
+    """
+
+    def __init__(self, model: ChairModel):
+        super().__init__()
+        self.set_name("chair_pose")
+        self._model = model
+        self._position = self.DeclareVectorInputPort("position", len(BRANCHES))
+        self._pose = self.DeclareVectorInputPort("body_pose", 7)
+        self.DeclareVectorOutputPort(
+            "positions",
+            model.plant.num_positions(),
+            self._calc_positions,
+            {self._position.ticket(), self._pose.ticket()},
+        )
+
+    def _calc_positions(self, context: Context, output: BasicVector) -> None:
+        lengths = read_array(self._position, context).reshape(LEG_COUNT, 3)
+        q = self._model.positions(lengths, read_array(self._pose, context))
+        output.SetFromVector(q)
+
+
+class ChairTruth(LeafSystem):
+    """True pose of the body, contact of the feet, and how well the legs' loops are closed.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `contact_results` | abstract | - | contact results of the plant |
+    | in `body_poses` | abstract | - | poses of the plant's bodies |
+    | out `body_position` | 3 | m | of S in the world |
+    | out `body_attitude` | 3 | rad | roll, pitch, yaw |
+    | out `foot_height` | 12 | m | corners E_1, E_2, E_3 of each foot above the ground |
+    | out `loop_error` | 8 | m | distance of rod end and foot at each ball joint |
+    | out `contact_force` | 4 | N | of the ground on the feet, upwards |
+
+    State: none.
+    """
+
+    def __init__(self, model: ChairModel):
+        super().__init__()
+        self.set_name("chair_truth")
+        self._body = model.body.index()
+        self._feet = [foot.index() for foot in model.feet]
+        self._rods = [rod.index() for leg in range(LEG_COUNT) for rod in model.rods(leg)]
+        self._corners = model.geometry.leg.corners
+        self._balls = model.geometry.leg.lower_joints[1:]
+        self._contact = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
+        self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]([]))
+        self._shown = declare_cached(self, "shown", self._calc_shown, {self._poses.ticket()})
+        for i, (name, size) in enumerate(
+            (("body_position", 3), ("body_attitude", 3), ("foot_height", 12), ("loop_error", 8))
+        ):
+            calc = functools.partial(_copy_shown, weakref.ref(self), i)
+            self.DeclareVectorOutputPort(name, size, calc, {self._shown.ticket})
+        self.DeclareVectorOutputPort(
+            "contact_force", LEG_COUNT, self._calc_force, {self._contact.ticket()}
+        )
+
+    def shown(self, context: Context, index: int) -> NDArray[np.float64]:
+        """What follows from the poses: position, attitude, heights of corners, gaps of loops."""
+        part: NDArray[np.float64] = self._shown.of(self, context)[index]
+        return part
+
+    def _calc_shown(self, context: Context) -> tuple[NDArray[np.float64], ...]:
+        poses: Any = self._poses.Eval(context)
+        body = poses[self._body]
+        feet = [poses[foot] for foot in self._feet]
+        heights = [(foot @ self._corners.T)[2] for foot in feet]
+        balls = [foot @ self._balls.T for foot in feet]
+        rods = np.array([poses[rod].translation() for rod in self._rods])
+        gaps = rods - np.concatenate(balls, axis=1).T
+        return (
+            body.translation(),
+            RollPitchYaw(body.rotation()).vector(),
+            np.concatenate(heights),
+            np.linalg.norm(gaps, axis=1),
+        )
+
+    def _calc_force(self, context: Context, output: BasicVector) -> None:
+        results: Any = self._contact.Eval(context)
+        force = [0.0] * LEG_COUNT
+        for i in range(results.num_point_pair_contacts()):
+            info = results.point_pair_contact_info(i)
+            for sign, body in ((-1.0, info.bodyA_index()), (1.0, info.bodyB_index())):
+                if body in self._feet:
+                    force[self._feet.index(body)] += sign * info.contact_force()[2]
+        output.SetFromVector(np.array(force))
+
+
+def _copy_shown(
+    truth: weakref.ref[ChairTruth], index: int, context: Context, output: BasicVector
+) -> None:
+    """Calculates one output port; knows the system weakly, as a port must not keep it alive."""
+    system = truth()
+    assert system is not None
+    output.SetFromVector(system.shown(context, index))
