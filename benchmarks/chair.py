@@ -6,8 +6,8 @@ from benchmarks.factor import real_time_factor
 from benchmarks.report import Measurement
 from parapod.diagrams.walking_chair.closed_loop import make_closed_loop
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario
-from parapod.sims.chair_walk import run as walk
-from parapod.sims.experiment import RunOptions
+from parapod.sims.lab.experiment import RunOptions
+from parapod.sims.walking_chair.walk import run as walk
 
 _CASES = (
     # backend, time step [s], floor, aim

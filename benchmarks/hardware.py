@@ -15,9 +15,9 @@ from benchmarks.report import Measurement
 from parapod.diagrams.hardware_station import HardwareStation
 from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.bench_rt import bench_real_time
-from parapod.sims.experiment import RunOptions
-from parapod.sims.hardware_job import run_on_hardware
+from parapod.sims.cli.bench_rt import bench_real_time
+from parapod.sims.lab.experiment import RunOptions
+from parapod.sims.real_machine.job import run_on_hardware
 
 _DURATION = 15.0  # [s]
 

@@ -1,77 +1,183 @@
-"""Station and controller in one diagram, with signals logged: what all machines' loops share."""
+"""Station, controller and sources of commands in one diagram, connected by port name."""
 
-from collections.abc import Collection
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import Adder, MatrixGain, VectorLogSink
 
-from parapod.diagrams.station import Station
+from parapod.diagrams.faults import FaultPoints
+from parapod.diagrams.recording import Recording
+from parapod.diagrams.station import Station, check_ports
+from parapod.diagrams.wiring import add, connect, connect_by_name, idle_inputs, inputs_of
+from parapod.systems.core.errors import WiringError
+
+if TYPE_CHECKING:
+    from parapod.diagrams.machine import Machine
 
 
-@dataclass(frozen=True)
-class ClosedLoop[Scenario]:
-    """A machine that can be simulated.
+_AGE = "status.age"
+
+
+class ClosedLoop[S](Diagram):
+    """A machine that can be simulated: `Simulator(loop)`.
+
+    Ports of the same name are connected. Station inputs that nothing drives are idle; an input of
+    the controller or of a source that nothing drives is an error. Signals with faults go through
+    an injector.
 
     Attributes:
-        diagram: the whole.
-        station: the machine in it.
-        controller: the controller in it.
-        ports: all that can be recorded, by port name.
-        logs: what is recorded, likewise.
+        machine: the machine.
+        scenario: the scenario that it was built from.
+        station: the machine's station, or the plant that took its place.
+        controller: the controller.
+        sources: sources of commands.
+        faults: places where faults are injected.
+        ports: everything that can be recorded, by port name.
+        logs: sinks of the recorded signals, by port name.
     """
 
-    diagram: Diagram
-    station: Station[Scenario]
-    controller: Diagram
-    ports: dict[str, OutputPort]
-    logs: dict[str, VectorLogSink]
+    def __init__(
+        self,
+        machine: "Machine[S]",
+        scenario: S,
+        *,
+        meshcat: Meshcat | None = None,
+        plant: System | None = None,
+        controller: System | None = None,
+        sources: Sequence[System] | None = None,
+        log: Collection[str] | None = None,
+        injectable: Collection[str] = (),
+    ):
+        """Builds the closed loop of a scenario.
 
-    def reset(self, context: Context, scenario: Scenario | None = None) -> None:
-        """Puts everything at its beginning; see `Station.reset`."""
-        self.diagram.SetDefaultContext(context)
+        Args:
+            machine: the machine.
+            scenario: one of its scenarios.
+            meshcat: where a simulated machine is drawn; None for no drawing.
+            plant: a LeafSystem or Diagram with the station's ports, in place of the station.
+            controller: a system in place of the machine's controller.
+            sources: systems in place of the machine's sources of commands.
+            log: names of the ports to record; None for all of them.
+            injectable: points into which faults may be injected later.
+
+        Raises:
+            ScenarioError: a scenario that makes no machine.
+            WiringError: a system whose ports do not fit, or a port to record that does not exist.
+        """
+        super().__init__()
+        self.machine, self.scenario = machine, scenario
+        settings: Any = scenario
+        period = settings.control.period
+        builder = DiagramBuilder()
+        if plant is not None:
+            check_ports(machine, plant)
+        self.station: Any = add(builder, plant or Station(machine, scenario, meshcat))
+        self.controller: Any = add(builder, controller or machine.controller(scenario))
+        given = machine.sources(scenario) if sources is None else sources
+        self.sources: tuple[Any, ...] = tuple(add(builder, source) for source in given)
+        faults = getattr(scenario, "faults", ())
+        self.faults = FaultPoints(
+            builder, machine.targets, period, faults, settings.seed, injectable
+        )
+        self.ports = self._connect(builder)
+        self.logs = self._log(builder, log, machine.log_every * period)
+        builder.BuildInto(self)
+        self.set_name(machine.name)
+
+    def reset(self, context: Context, scenario: S | None = None) -> None:
+        """Puts everything at its beginning.
+
+        Nothing is rebuilt: the same loop serves any seed, ground and imperfection.
+
+        Args:
+            context: a context of this diagram.
+            scenario: the scenario to begin with; None for the one that the loop was built from.
+        """
+        self.SetDefaultContext(context)
         context.SetTime(0.0)
-        self.station.reset(context, scenario)
+        if isinstance(self.station, Station):
+            self.station.reset(context, scenario)
         for log in self.logs.values():
             log.FindMutableLog(context).Clear()
+        if scenario is not None:
+            settings: Any = scenario
+            self.faults.set_faults(context, getattr(scenario, "faults", ()), settings.seed)
 
-    def recorded(self, context: Context) -> tuple[NDArray[np.float64], dict[str, NDArray]]:
-        """Times (n) [s], and for each port name the samples (n, size); empty without logs."""
-        time, samples = np.empty(0), {}
+    def recording(self, context: Context) -> Recording:
+        """The signals recorded in a context, by port name."""
+        time, signals = np.empty(0), {}
         for name, sink in self.logs.items():
             log = sink.FindLog(context)
-            time, samples[name] = log.sample_times().copy(), log.data().T.copy()
-        return time, samples
+            time, signals[name] = log.sample_times().copy(), log.data().T.copy()
+        return Recording(time, signals, {name: self.machine.unit(name) for name in signals})
 
+    def _connect(self, builder: DiagramBuilder) -> dict[str, OutputPort]:
+        """Connects everything; returns what can be recorded.
 
-def output_ports(*systems: Any) -> dict[str, OutputPort]:
-    """All output ports of systems, by their names."""
-    return {
-        system.get_output_port(i).get_name(): system.get_output_port(i)
-        for system in systems
-        for i in range(system.num_output_ports())
-    }
+        Raises:
+            WiringError: an input of the controller or of a source that nothing drives.
+        """
+        table = self.machine.table
 
+        def seen(name: str, port: OutputPort) -> OutputPort:
+            return self.faults.seen(port, table[name]) if name in table else port
 
-def log_ports(
-    builder: DiagramBuilder,
-    ports: dict[str, OutputPort],
-    period: float,
-    names: Collection[str] | None,
-) -> dict[str, VectorLogSink]:
-    """Records ports in a diagram.
+        systems = (self.station, self.controller, *self.sources)
+        outputs = connect_by_name(builder, systems, seen, skip=(_AGE,))
+        self._connect_ages(builder, outputs)
+        idle_inputs(builder, self.station, {port.name: port.idle for port in self.machine.inputs})
+        for system in systems:
+            for name, port in inputs_of(system).items():
+                if not builder.IsConnectedOrExported(port):
+                    known = ", ".join(sorted(outputs))
+                    raise WiringError(
+                        f"nothing drives the input '{name}' of '{system.get_name()}'; "
+                        f"there are the outputs: {known}"
+                    )
+        return outputs | self.faults.ports()
 
-    Args:
-        builder: of the diagram.
-        ports: by name.
-        period: between samples [s].
-        names: of those that are recorded; None for all of them.
-    """
-    return {
-        name: LogVectorOutput(port, builder, period)
-        for name, port in ports.items()
-        if names is None or name in names
-    }
+    def _connect_ages(self, builder: DiagramBuilder, outputs: Mapping[str, OutputPort]) -> None:
+        """Connects the devices' ages, with what late signals add to them."""
+        sinks = [
+            inputs_of(system)[_AGE]
+            for system in (self.controller, *self.sources)
+            if _AGE in inputs_of(system)
+        ]
+        if not sinks:
+            return
+        parts, age = self.machine.parts, outputs[_AGE]
+        late = {
+            point: parts.index(port.part)
+            for point, port in self.faults.aged().items()
+            if port.part in parts
+        }
+        if late:
+            total = add(builder, Adder(1 + len(late), len(parts)), "ages")
+            connect(builder, age, total.get_input_port(0))
+            for k, (point, part) in enumerate(late.items(), start=1):
+                element = np.eye(len(parts))[:, [part]]
+                added = add(builder, MatrixGain(element), f"age_of_{point}")
+                extra = self.faults.injectors[point].GetOutputPort("extra_age")
+                connect(builder, extra, added.get_input_port())
+                connect(builder, added.get_output_port(), total.get_input_port(k))
+            age = total.get_output_port()
+        for sink in sinks:
+            connect(builder, age, sink)
+
+    def _log(
+        self, builder: DiagramBuilder, names: Collection[str] | None, period: float
+    ) -> dict[str, VectorLogSink]:
+        for name in names or ():
+            if name not in self.ports:
+                known = ", ".join(sorted(self.ports))
+                raise WiringError(f"there is no port '{name}' to record; there are: {known}")
+        sinks = {}
+        for name, port in self.ports.items():
+            if names is None or name in names:
+                # Not `LogVectorOutput`, whose sink would never let go of the diagram.
+                sinks[name] = add(builder, VectorLogSink(port.size(), period), f"log.{name}")
+                connect(builder, port, sinks[name].get_input_port())
+        return sinks

@@ -1,90 +1,242 @@
-"""What a machine is to the commands that know none: `parapod emulate`, `check`, `bench-rt`."""
+"""Declaration of a machine: one table of ports, from which its diagrams follow by name.
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+Controller and station call a signal by the same name (`legs.extension`, `imu.gyro`). Export,
+wiring, idling, logging, faults, mock and hardware therefore need only the table, and are written
+once, in this folder. A machine is found by its name among the entry points `parapod.machines`.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from importlib.metadata import entry_points
+from typing import Any, Literal
 
-from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.hardware_station import measured
-from parapod.diagrams.ports import PortSpec
-from parapod.diagrams.station import Station
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import DiagramBuilder, System
 
+from parapod.diagrams.faults import FaultTarget, Span, targets_of
+from parapod.diagrams.station import Behind
+from parapod.systems.core.errors import ParapodError, WiringError
 
-@dataclass(frozen=True)
-class Motion:
-    """What a part is commanded and what of it is measured, for a self-test.
-
-    Attributes:
-        command: signal.
-        unit: of the command.
-        usual: command of a self-test for which nothing else is asked.
-        largest: command that a self-test may give.
-        measured: signal that is its integral.
-        measured_unit: of that.
-        gain: rate of the measured signal by command.
-        rest: commands of the part besides, for which it moves.
-    """
-
-    command: str
-    unit: str
-    usual: float
-    largest: float
-    measured: str
-    measured_unit: str
-    gain: float
-    rest: Mapping[str, float]
+_STATUS = ("status.age", "status.fault")
 
 
 @dataclass(frozen=True)
-class Machine[Scenario]:
-    """One machine: its ports, and how its diagrams are made.
+class Port:
+    """One signal of a machine.
 
     Attributes:
-        name: what people call it, with its article.
-        experiment: with whose scenario it is emulated and tested unless another one is named.
-        scenario: the schema, with `backend`, `seed`, `control.period`, `plant.time_step` and
-            `hardware`.
-        simulated: its backends with a plant, and how often they and emulated devices can see
-            each other in real time [s].
-        inputs: of its station.
-        outputs: of every station of it.
-        truth: outputs besides of a simulated one.
-        idle: values of inputs that nobody drives; 0 for those that are left out.
-        signals: units of the controller's outputs and of whatever else is recorded, by name.
-        motions: how a part may be moved by a self-test, by its name.
-        make_station: builds the station of a scenario.
-        make_closed_loop: builds the closed loop of a scenario, which records nothing.
-        behind_devices: the scenario of the station that is simulated behind emulated devices,
-            with that period [s] of the exchange between them; what the devices do themselves,
-            the station does not.
+        name: `<part>.<signal>` at the station; any name elsewhere.
+        size: number of elements; 0 for a signal whose size the declaration leaves open.
+        unit: unit of each element, or of all of them separated by commas.
+        meaning: one line.
+        direction: "in" and "out" as the station has it; "truth" for what only a simulation
+            knows; "inner" for signals of controller and commands.
+        idle: value of an input that nothing drives.
+        faults: plausible values and faults; empty where faults are not injected.
     """
 
     name: str
-    experiment: str
-    scenario: type[Scenario]
-    simulated: Mapping[str, float]
-    inputs: tuple[PortSpec, ...]
-    outputs: tuple[PortSpec, ...]
-    truth: tuple[PortSpec, ...]
-    idle: Mapping[str, float]
-    signals: Mapping[str, str]
-    motions: Mapping[str, Motion]
-    make_station: Callable[[Scenario], Station[Scenario]]
-    make_closed_loop: Callable[[Scenario], ClosedLoop[Scenario]]
-    behind_devices: Callable[[Scenario, float], Scenario]
+    size: int
+    unit: str
+    meaning: str
+    direction: Literal["in", "out", "truth", "inner"]
+    idle: float = 0.0
+    faults: tuple[Span, ...] = ()
+
+    def __post_init__(self) -> None:
+        for what in ("name", "unit", "meaning"):
+            if not getattr(self, what).strip():
+                raise WiringError(f"port {self.name!r} of size {self.size} has no {what}")
 
     @property
-    def measured(self) -> tuple[PortSpec, ...]:
-        """What its devices measure."""
-        return measured(self.outputs)
+    def part(self) -> str:
+        """Part that the signal belongs to: the name before the dot."""
+        return self.name.partition(".")[0]
 
-    def has(self, scenario: Any) -> bool:
-        """Whether a scenario is one of this machine."""
-        return isinstance(scenario, self.scenario)
+
+def In(
+    name: str,
+    size: int,
+    unit: str,
+    meaning: str,
+    *,
+    idle: float = 0.0,
+    faults: Sequence[Span] = (),
+) -> Port:
+    """Command to the machine, an input of its station."""
+    return Port(name, size, unit, meaning, "in", idle, tuple(faults))
+
+
+def Out(name: str, size: int, unit: str, meaning: str, *, faults: Sequence[Span] = ()) -> Port:
+    """Measurement, an output of the station."""
+    return Port(name, size, unit, meaning, "out", faults=tuple(faults))
+
+
+def Truth(name: str, size: int, unit: str, meaning: str) -> Port:
+    """Output `truth.<name>` of a simulated station; controllers cannot see it."""
+    return Port(f"truth.{name}", size, unit, meaning, "truth")
+
+
+def Inner(
+    name: str, unit: str, meaning: str, *, size: int = 0, faults: Sequence[Span] = ()
+) -> Port:
+    """Signal of the controller or of a source of commands, named for logs and faults."""
+    return Port(name, size, unit, meaning, "inner", faults=tuple(faults))
+
+
+@dataclass(frozen=True)
+class SelfTest:
+    """Small move of one part, for the self-test of its devices.
+
+    Attributes:
+        command: signal of the part that is commanded.
+        usual: command of a self-test for which nothing else is asked [unit of the command].
+        largest: command that a self-test may give [unit of the command].
+        measures: signal of the part that is the command's integral.
+        gain: rate of the measured signal by command.
+        rest: further commands of the part, for which it moves.
+    """
+
+    command: str
+    usual: float
+    largest: float
+    measures: str
+    gain: float = 1.0
+    rest: Mapping[str, float] = field(default_factory=dict)
+
+
+type Plant[S] = Callable[[DiagramBuilder, S, Meshcat | None], Behind]
+
+
+@dataclass(frozen=True)
+class Machine[S]:
+    """One machine: its ports, and how the parts of its diagrams are made.
+
+    A scenario of a machine has `backend`, `seed` and `control.period`; `faults` where faults are
+    injected; `hardware.drivers` for the backend "hardware".
+
+    Attributes:
+        name: the name of its entry point.
+        title: its name in sentences, with the article.
+        scenario: schema of its scenarios.
+        ports: table of its signals; `status.*` are added.
+        parts: parts whose devices `status.age` and `status.fault` tell about, in that order.
+        plants: simulated backends by name; each adds a plant and returns it as `Behind`.
+        mock: adds what mirrors commands to measurements; None: there is no such backend.
+        controller: makes the controller of a scenario.
+        sources: makes the systems that command the controller and the machine beside it.
+        experiment: experiment whose scenario is used where only the machine is named.
+        self_tests: moves of a part for the self-test of its devices, by part.
+        emulated: adapts a scenario for emulation: what emulated devices simulate themselves is
+            left out of the plant, and the plant is exchanged with them every so many seconds.
+        exchange: simulated backend -> period of the exchange with emulated devices [s].
+        log_every: periods of the controller between two samples of a recording.
+    """
+
+    name: str
+    title: str
+    scenario: type[S]
+    ports: tuple[Port, ...]
+    parts: tuple[str, ...]
+    plants: Mapping[str, Plant[S]]
+    controller: Callable[[S], System]
+    mock: Plant[S] | None = None
+    sources: Callable[[S], Sequence[System]] = lambda scenario: ()
+    experiment: str = ""
+    self_tests: Mapping[str, SelfTest] = field(default_factory=dict)
+    emulated: Callable[[S, float], S] | None = None
+    exchange: Mapping[str, float] = field(default_factory=dict)
+    log_every: int = 1
 
     @cached_property
-    def units(self) -> dict[str, str]:
-        """Units of all its signals, by name."""
-        ports = {spec.name: spec.unit for spec in (*self.inputs, *self.outputs, *self.truth)}
-        return ports | dict(self.signals)
+    def table(self) -> dict[str, Port]:
+        """All signals by name, `status.*` included.
+
+        Raises:
+            WiringError: a name that stands in the table twice.
+        """
+        of = ", ".join(self.parts)
+        size = len(self.parts)
+        status = (
+            Out("status.age", size, "s", f"age of the data of {of}"),
+            Out("status.fault", size, "code", f"a `DeviceFault` of {of}; 0 none"),
+        )
+        table: dict[str, Port] = {}
+        for port in (*self.ports, *status):
+            if port.name in table:
+                raise WiringError(f"{self.title} declares the port '{port.name}' twice")
+            table[port.name] = port
+        return table
+
+    def directed(self, *directions: str) -> tuple[Port, ...]:
+        """The ports of these directions."""
+        return tuple(port for port in self.table.values() if port.direction in directions)
+
+    @property
+    def inputs(self) -> tuple[Port, ...]:
+        """Inputs of the station."""
+        return self.directed("in")
+
+    @property
+    def outputs(self) -> tuple[Port, ...]:
+        """Outputs of every station."""
+        return self.directed("out")
+
+    @property
+    def measured(self) -> tuple[Port, ...]:
+        """Outputs measured by a device: all but `status.*`."""
+        return tuple(port for port in self.outputs if port.name not in _STATUS)
+
+    @property
+    def truth(self) -> tuple[Port, ...]:
+        """Further outputs of a simulated station."""
+        return self.directed("truth")
+
+    @cached_property
+    def targets(self) -> dict[str, FaultTarget]:
+        """Signals into which faults may be injected, by the names that scenarios give them."""
+        return targets_of(tuple(self.table.values()))
+
+    @property
+    def backends(self) -> tuple[str, ...]:
+        """Backends of its station."""
+        more = ("mock",) if self.mock is not None else ()
+        if hasattr(self.scenario, "hardware") or "hardware" in _fields(self.scenario):
+            more = (*more, "hardware")
+        return (*self.plants, *more)
+
+    def unit(self, name: str) -> str:
+        """Unit of a signal, by the name of its port.
+
+        Raises:
+            KeyError: a signal that the machine does not declare.
+        """
+        if name.startswith("fault."):
+            return "s" if name.endswith(".extra_age") else "0/1"
+        return self.table[name].unit
+
+
+def find_machine(name: str) -> Machine[Any]:
+    """The machine of a name; loads no other one.
+
+    Raises:
+        ParapodError: there is none of this name, or its package cannot be loaded.
+    """
+    found = entry_points(group="parapod.machines", name=name)
+    if not found:
+        known = ", ".join(sorted({entry.name for entry in entry_points(group="parapod.machines")}))
+        raise ParapodError(f"there is no machine '{name}'; there are: {known}")
+    (entry, *_) = found
+    machine: Machine[Any] = entry.load()
+    return machine
+
+
+def list_machines() -> tuple[Machine[Any], ...]:
+    """All machines that are installed; loads them."""
+    names = sorted({entry.name for entry in entry_points(group="parapod.machines")})
+    return tuple(find_machine(name) for name in names)
+
+
+def _fields(schema: type) -> Mapping[str, Any]:
+    return getattr(schema, "__dataclass_fields__", {})

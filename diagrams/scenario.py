@@ -66,7 +66,7 @@ def choice(default: Any, options: Sequence[Any]) -> Any:
 
 def load_scenario[T](
     schema: type[T],
-    default_file: Path,
+    default_file: Path | None = None,
     file: Path | None = None,
     overrides: Sequence[str] = (),
 ) -> T:
@@ -74,7 +74,7 @@ def load_scenario[T](
 
     Args:
         schema: the dataclass to fill in.
-        default_file: the experiment's own scenario; may name all keys or only some.
+        default_file: the experiment's own scenario, where it differs from the schema; or None.
         file: the user's scenario; only the keys it names change.
         overrides: `dotted.key=value` with the value in YAML; elements of a list are named by
             their number, as in `waypoints.0.roll_deg=1`.

@@ -1,35 +1,161 @@
-"""What every machine's station is, whatever stands behind its ports."""
+"""A machine seen through its ports, whatever stands behind them."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
-from pydrake.systems.framework import Context, Diagram
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, InputPort, OutputPort
+
+from parapod.systems.core.errors import ScenarioError, WiringError
+
+if TYPE_CHECKING:
+    from parapod.diagrams.machine import Machine, Port
+
+
+def _nothing(root_context: Context, scenario: Any) -> None:
+    """The default context is the beginning already."""
 
 
 @dataclass(frozen=True)
-class Station[Scenario](ABC):
-    """A machine seen through its ports.
+class Behind:
+    """What stands behind the ports of a station: a simulated plant, a mock or devices.
 
     Attributes:
-        diagram: the station; its ports are those of the machine's `ports` module.
-        scenario: what it was built from.
+        inputs: ports that take the commands, by the names of the machine's table.
+        outputs: ports that give the measurements and, where simulated, `truth.*`.
+        reset: puts it at the beginning of a scenario, in a root context at its defaults.
+        active: entered while the machine is to obey; simulated ones always do.
+        handle: anything that experiments need to reach beside the ports.
     """
 
-    diagram: Diagram
-    scenario: Scenario
+    inputs: Mapping[str, InputPort]
+    outputs: Mapping[str, OutputPort]
+    reset: Callable[[Context, Any], None] = _nothing
+    active: Callable[[], AbstractContextManager[object]] = field(default=nullcontext)
+    handle: Any = None
 
-    @abstractmethod
-    def reset(self, root_context: Context, scenario: Scenario | None = None) -> None:
+
+class Station[S](Diagram):
+    """A machine seen through its ports.
+
+    Every backend of a machine has the ports of its table, by name, size and unit; a simulated one
+    has `truth.*` besides.
+
+    Attributes:
+        machine: the machine.
+        scenario: the scenario that it was built from.
+        behind: what stands behind the ports.
+    """
+
+    def __init__(self, machine: "Machine[S]", scenario: S, meshcat: Meshcat | None = None):
+        """Builds the station of a scenario's backend.
+
+        Args:
+            machine: the machine.
+            scenario: its `backend` decides what stands behind the ports.
+            meshcat: draws a simulated machine there; None for no drawing.
+
+        Raises:
+            ScenarioError: unknown backend, or drivers that do not make a machine.
+            WiringError: a backend without the machine's ports.
+        """
+        super().__init__()
+        self.machine, self.scenario = machine, scenario
+        builder = DiagramBuilder()
+        self.behind = _add_behind(builder, machine, scenario, meshcat)
+        _export(builder, machine, self.behind)
+        builder.BuildInto(self)
+        self.set_name("station")
+
+    def reset(self, root_context: Context, scenario: S | None = None) -> None:
         """Puts the station at its beginning.
+
+        Nothing is rebuilt: the same station serves any seed, ground and imperfection.
 
         Args:
             root_context: context, at its defaults, of the diagram that contains the station.
-            scenario: what a simulation begins with; None for what the station was built from.
+            scenario: the scenario that a simulation begins with; None for the one that the
+                station was built from. What is built in, such as dimensions and sample periods,
+                stays.
         """
+        self.behind.reset(root_context, self.scenario if scenario is None else scenario)
 
     @contextmanager
     def active(self) -> Iterator[None]:
-        """While it lasts the machine obeys; a simulated one always does."""
-        yield
+        """Lets the machine obey; a real one is configured, activated, and neutral at the end."""
+        with self.behind.active():
+            yield
+
+
+def _add_behind(
+    builder: DiagramBuilder, machine: "Machine[Any]", scenario: Any, meshcat: Meshcat | None
+) -> Behind:
+    backend = scenario.backend
+    if backend not in machine.backends:
+        known = ", ".join(machine.backends)
+        raise ScenarioError(f"backend {backend!r} is not one of {known}", "backend")
+    if backend in machine.plants:
+        return machine.plants[backend](builder, scenario, meshcat)
+    if backend == "mock":
+        assert machine.mock is not None
+        return machine.mock(builder, scenario, meshcat)
+    from parapod.diagrams.devices import add_devices
+
+    return add_devices(builder, machine, scenario)
+
+
+def _export(builder: DiagramBuilder, machine: "Machine[Any]", behind: Behind) -> None:
+    """Exports the ports by the machine's table.
+
+    Raises:
+        WiringError: names the port that is missing, unknown or of another size.
+    """
+    is_simulated = any(name in behind.outputs for name in (port.name for port in machine.truth))
+    outputs = (*machine.outputs, *(machine.truth if is_simulated else ()))
+    _compare(machine, machine.inputs, behind.inputs, "input")
+    _compare(machine, outputs, behind.outputs, "output")
+    for port in machine.inputs:
+        builder.ExportInput(behind.inputs[port.name], port.name)
+    for port in outputs:
+        builder.ExportOutput(behind.outputs[port.name], port.name)
+
+
+def _compare(
+    machine: "Machine[Any]",
+    declared: "tuple[Port, ...]",
+    found: Mapping[str, Any],
+    kind: str,
+) -> None:
+    names = [port.name for port in declared]
+    for name in found:
+        if name not in names:
+            known = ", ".join(names)
+            raise WiringError(f"{machine.title} has no {kind} '{name}'; it has: {known}")
+    for port in declared:
+        if port.name not in found:
+            raise WiringError(f"nothing stands behind the {kind} '{port.name}' of {machine.title}")
+        size = found[port.name].size()
+        if size != port.size:
+            raise WiringError(
+                f"{kind} '{port.name}' of {machine.title} has {port.size} elements, "
+                f"what stands behind it {size}"
+            )
+
+
+def check_ports(machine: "Machine[Any]", system: Any) -> None:
+    """Refuses a system that cannot take the place of a machine's station.
+
+    Raises:
+        WiringError: names the port that is missing or of another size.
+    """
+    ports = (
+        {p.get_name(): p for p in map(system.get_input_port, range(system.num_input_ports()))},
+        {p.get_name(): p for p in map(system.get_output_port, range(system.num_output_ports()))},
+    )
+    wanted = (machine.inputs, (*machine.outputs, *machine.truth))
+    for kind, declared, found in zip(("input", "output"), wanted, ports, strict=True):
+        optional = [port.name for port in machine.truth]
+        there = tuple(port for port in declared if port.name in found or port.name not in optional)
+        _compare(machine, there, {name: found[name] for name in found}, kind)

@@ -1,10 +1,23 @@
-"""Small helpers for building diagrams."""
+"""Wiring of diagrams: by hand with plain errors, and by the names of ports."""
 
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, System
-from pydrake.systems.primitives import Demultiplexer, MatrixGain
+from pydrake.systems.framework import (
+    Diagram,
+    DiagramBuilder,
+    InputPort,
+    OutputPort,
+    System,
+)
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    Demultiplexer,
+    MatrixGain,
+    TrajectorySource,
+)
+from pydrake.trajectories import Trajectory
 
 from parapod.systems.core.errors import WiringError
 
@@ -31,16 +44,97 @@ def connect(builder: DiagramBuilder, source: OutputPort, sink: InputPort) -> Non
     builder.Connect(source, sink)
 
 
+def inputs_of(system: System) -> dict[str, InputPort]:
+    """Input ports of a system by their names."""
+    ports = map(system.get_input_port, range(system.num_input_ports()))
+    return {port.get_name(): port for port in ports}
+
+
+def outputs_of(system: System) -> dict[str, OutputPort]:
+    """Output ports of a system by their names."""
+    ports = map(system.get_output_port, range(system.num_output_ports()))
+    return {port.get_name(): port for port in ports}
+
+
+def connect_by_name(
+    builder: DiagramBuilder,
+    systems: Sequence[System],
+    through: Callable[[str, OutputPort], OutputPort] = lambda name, port: port,
+    skip: Collection[str] = (),
+) -> dict[str, OutputPort]:
+    """Connects every input of the systems to the output of the same name, where there is one.
+
+    Args:
+        builder: builder of the diagram that holds the systems.
+        systems: the systems; the outputs of all of them have names of their own.
+        through: gives the port that readers of a signal see, once a signal.
+        skip: names that are left unconnected.
+
+    Returns:
+        All outputs by name.
+
+    Raises:
+        WiringError: two outputs of one name, or an output and an input of different sizes.
+    """
+    outputs: dict[str, OutputPort] = {}
+    for system in systems:
+        for name, port in outputs_of(system).items():
+            if name in outputs:
+                both = f"'{_owner(outputs[name])}' and '{_owner(port)}'"
+                raise WiringError(f"two systems have an output port '{name}': {both}")
+            outputs[name] = port
+    seen: dict[str, OutputPort] = {}
+    for system in systems:
+        for name, sink in inputs_of(system).items():
+            if name not in outputs or name in skip or builder.IsConnectedOrExported(sink):
+                continue
+            source = outputs[name]
+            if source.size() != sink.size():
+                raise WiringError(
+                    f"'{name}' has {source.size()} elements as an output of '{_owner(source)}', "
+                    f"but {sink.size()} as an input of '{_owner(sink)}'"
+                )
+            if name not in seen:
+                seen[name] = through(name, source)
+            connect(builder, seen[name], sink)
+    return outputs
+
+
+def idle_inputs(builder: DiagramBuilder, system: System, values: Mapping[str, float]) -> None:
+    """Puts a constant on every input of a system that nothing drives yet.
+
+    Args:
+        builder: builder of the diagram that holds the system.
+        system: the system.
+        values: value of each input, by its name; 0 for those that are left out.
+    """
+    for name, port in inputs_of(system).items():
+        if not builder.IsConnectedOrExported(port):
+            value = np.full(port.size(), values.get(name, 0.0))
+            source = add(builder, ConstantVectorSource(value), f"idle.{name}")
+            connect(builder, source.get_output_port(), port)
+
+
+def named_source(name: str, trajectory: Trajectory) -> Diagram:
+    """A source that follows a trajectory, with an output of this name."""
+    builder = DiagramBuilder()
+    source = add(builder, TrajectorySource(trajectory), "trajectory")
+    builder.ExportOutput(source.get_output_port(), name)
+    diagram = builder.Build()
+    diagram.set_name(name)
+    return diagram
+
+
 def split_states(
     builder: DiagramBuilder, name: str, states: OutputPort, groups: int
 ) -> list[OutputPort]:
     """Takes (all positions, all velocities) apart, as model instances of a plant want them.
 
     Args:
-        builder: of the diagram.
-        name: of what is taken apart.
+        builder: builder of the diagram.
+        name: name of the states.
         states: positions of all groups, then velocities of all groups.
-        groups: into how many parts of equal size.
+        groups: number of parts, all of the same size.
 
     Returns:
         A port for each group with its positions and then its velocities.

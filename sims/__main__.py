@@ -2,7 +2,7 @@
 
 import sys
 
-from parapod.sims.cli import main
+from parapod.sims.cli.main import main
 
 if __name__ == "__main__":
     sys.exit(main())

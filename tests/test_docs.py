@@ -19,7 +19,7 @@ from parapod.diagrams.drivers.external import load_drivers
 from parapod.diagrams.hardware_scenario import DRIVERS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.scenario import load_scenario
-from parapod.sims.experiment import ENTRIES
+from parapod.sims.lab.experiment import ENTRIES
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.bus_load import bus_load, frame_bits
 from parapod.systems.hardware.device import DeviceError

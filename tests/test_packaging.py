@@ -72,7 +72,7 @@ def test_wheel_installed_elsewhere_runs_the_main_job(wheel, tmp_path):
     subprocess.run([*command, "--target", str(site), str(wheel)], check=True)
     program = (
         "import sys; sys.path.insert(0, sys.argv.pop(1))\n"
-        "import parapod.sims.cli as cli\n"
+        "import parapod.sims.cli.main as cli\n"
         "assert cli.__file__.startswith(sys.path[0]), cli.__file__\n"
         "sys.exit(cli.main())"
     )

@@ -1,14 +1,179 @@
-"""The levelling platform's controller: from posture commands and measurements to voltages."""
+"""The levelling platform's controllers: from posture commands and measurements to voltages.
 
+The posture chain is shared; one controller obeys a trigger, the other a supervisor.
+"""
+
+from dataclasses import dataclass
 from typing import Literal
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import Demultiplexer, MatrixGain
 
-from parapod.diagrams.levelling_platform.posture_chain import (
-    add_position_control,
-    add_posture_chain,
-)
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.wiring import add, connect
+from parapod.systems.actuators.pi_controller import PiController, PiControllerParams
+from parapod.systems.levelling_platform.fault_detection import FaultDetector
+from parapod.systems.levelling_platform.feedforward import KinematicFeedforward, PassiveLegSolver
+from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
+from parapod.systems.levelling_platform.inclination_loop import PostureLoop, PostureLoopParams
+from parapod.systems.levelling_platform.leg_motion import ContactKeeper, LegRamp
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.reference import PostureReference
+from parapod.systems.levelling_platform.stability_monitor import StabilityMonitor
+from parapod.systems.levelling_platform.supervisor import Supervisor
+from parapod.systems.levelling_platform.wheels import WheelGeometry
+from parapod.systems.sensors.attitude_estimator import AttitudeEstimator
+
+# Legs follow their references within a millimetre; what is further off is no leg [m].
+_ERROR_LIMIT = 0.02
+
+
+@dataclass(frozen=True)
+class PostureChain:
+    """Fig. 18 without the position controllers.
+
+    Attributes:
+        attitude: estimates roll and pitch.
+        ground: estimates the ground.
+        reference: makes commands smooth.
+        loop: corrects the inclination, or None.
+        feedforward: inverse kinematics of the active legs.
+        passive: that of the fourth.
+    """
+
+    attitude: AttitudeEstimator
+    ground: GroundEstimator
+    reference: PostureReference
+    loop: PostureLoop | None
+    feedforward: KinematicFeedforward
+    passive: PassiveLegSolver
+
+    def enable(self, builder: DiagramBuilder, port: OutputPort) -> None:
+        """Connects what says that postures are to be followed."""
+        for system in (self.reference, self.feedforward, self.loop):
+            if system is not None:
+                connect(builder, port, system.GetInputPort("enable"))
+
+
+def add_posture_chain(
+    builder: DiagramBuilder,
+    scenario: LevellingScenario,
+    on_unreachable: Literal["raise", "clamp"] = "raise",
+) -> PostureChain:
+    """Adds estimators, reference, kinematic feedforward and passive leg, wired to each other.
+
+    Exports the inputs `imu.gyro` (3), `imu.accel` (3) and `legs.extension` (4), and the outputs
+    `posture_desired_state` (6), `ground_estimated` (2), `ground_valid` (1),
+    `foot_offsets_estimated` (4), `attitude_estimated` (2). What is left to connect: the ground's
+    `trigger`, the reference's `posture_command`, and `PostureChain.enable`.
+
+    Args:
+        builder: of the controller.
+        scenario: its `control` part is used.
+        on_unreachable: what `PostureReference` does with a command outside the workspace.
+    """
+    geometry, control = MODEL_GEOMETRY, scenario.control
+    period = control.period
+    reference = PostureReference(geometry, on_unreachable=on_unreachable, period=period)
+    feedforward = KinematicFeedforward(geometry, law=control.feedforward, period=period)
+    chain = PostureChain(
+        attitude=add(builder, AttitudeEstimator(period=period)),
+        ground=add(builder, GroundEstimator(geometry, period)),
+        reference=add(builder, reference),
+        loop=_add_posture_loop(builder, scenario) if control.outer_loop else None,
+        feedforward=add(builder, feedforward),
+        passive=add(builder, PassiveLegSolver(geometry)),
+    )
+    _wire(builder, chain)
+    _export(builder, chain)
+    return chain
+
+
+def _wire(builder: DiagramBuilder, chain: PostureChain) -> None:
+    attitude, ground, reference = chain.attitude, chain.ground, chain.reference
+    feedforward, passive = chain.feedforward, chain.passive
+    posture = reference.GetOutputPort("posture_desired_state")
+    if chain.loop is not None:
+        connect(builder, posture, chain.loop.GetInputPort("posture_desired_state"))
+        connect(builder, attitude.GetOutputPort("attitude"), chain.loop.GetInputPort("attitude"))
+        posture = chain.loop.get_output_port()
+    for source, system, port in (
+        (attitude.GetOutputPort("attitude"), ground, "attitude"),
+        (ground.GetOutputPort("ground"), reference, "ground"),
+        (ground.GetOutputPort("ground"), feedforward, "ground"),
+        (ground.GetOutputPort("ground"), passive, "ground"),
+        (ground.GetOutputPort("foot_offsets"), reference, "foot_offsets"),
+        (ground.GetOutputPort("foot_offsets"), feedforward, "foot_offsets"),
+        (ground.GetOutputPort("foot_offsets"), passive, "foot_offsets"),
+        (posture, feedforward, "posture_desired_state"),
+        (posture, passive, "posture_desired_state"),
+        (feedforward.GetOutputPort("active_desired_state"), passive, "active_desired_state"),
+    ):
+        connect(builder, source, system.GetInputPort(port))
+
+
+def _export(builder: DiagramBuilder, chain: PostureChain) -> None:
+    attitude, ground, reference = chain.attitude, chain.ground, chain.reference
+    builder.ExportInput(attitude.GetInputPort("gyro"), "imu.gyro")
+    builder.ExportInput(attitude.GetInputPort("accel"), "imu.accel")
+    extension = builder.ExportInput(ground.GetInputPort("extension"), "legs.extension")
+    builder.ConnectInput(extension, reference.GetInputPort("extension_measured"))
+    builder.ConnectInput(extension, chain.feedforward.GetInputPort("extension_measured"))
+    for output, name in (
+        (reference.GetOutputPort("posture_desired_state"), "posture_desired_state"),
+        (ground.GetOutputPort("ground"), "ground_estimated"),
+        (ground.GetOutputPort("valid"), "ground_valid"),
+        (ground.GetOutputPort("foot_offsets"), "foot_offsets_estimated"),
+        (attitude.GetOutputPort("attitude"), "attitude_estimated"),
+    ):
+        builder.ExportOutput(output, name)
+
+
+def pi_params(scenario: LevellingScenario) -> PiControllerParams:
+    """Design of the actuators' position controllers."""
+    control = scenario.control
+    extending, retracting = control.friction_feedforward
+    return PiControllerParams(
+        pole=control.pole,
+        voltage_limit=control.voltage_limit,
+        rate_feedforward=control.rate_feedforward,
+        friction_feedforward=(extending, retracting),
+        error_limit=_ERROR_LIMIT,
+    )
+
+
+def add_position_control(
+    builder: DiagramBuilder, scenario: LevellingScenario, desired: OutputPort, enable: OutputPort
+) -> PiController:
+    """Adds the actuators' position controllers behind a posture chain; exports `legs.voltage`.
+
+    Args:
+        builder: of the controller, with a posture chain.
+        scenario: its `control` part is used.
+        desired: extensions and rates (8) that the legs are asked for; exported too, as
+            `extension_desired_state`.
+        enable: above 0.5: control.
+    """
+    pi = add(builder, PiController(pi_params(scenario), period=scenario.control.period))
+    connect(builder, desired, pi.GetInputPort("desired_state"))
+    connect(builder, enable, pi.GetInputPort("enable"))
+    builder.ConnectInput("legs.extension", pi.GetInputPort("measured"))
+    builder.ExportOutput(pi.GetOutputPort("voltage"), "legs.voltage")
+    builder.ExportOutput(desired, "extension_desired_state")
+    return pi
+
+
+def posture_loop_params(scenario: LevellingScenario) -> PostureLoopParams:
+    """Design of the outer inclination loop."""
+    return PostureLoopParams(
+        gain=scenario.control.outer_loop_gain,
+        lag=PostureLoopParams().lag + 1e-3 * scenario.sensors.imu_delay_ms,
+    )
+
+
+def _add_posture_loop(builder: DiagramBuilder, scenario: LevellingScenario) -> PostureLoop:
+    params = posture_loop_params(scenario)
+    return add(builder, PostureLoop(params, period=scenario.control.period))
 
 
 def make_controller(
@@ -37,3 +202,159 @@ def make_controller(
     diagram = builder.Build()
     diagram.set_name("controller")
     return diagram
+
+
+def make_supervised_controller(scenario: LevellingScenario) -> Diagram:
+    """Wires supervisor, posture chain, contact keeper, ramps, PI loops and stability monitor.
+
+    Inputs: `legs.extension` (4), `legs.limits` (12), `imu.gyro` (3), `imu.accel` (3),
+    `wheels.velocity` (4) and `status.age` (4), as the station has them; from the operator
+    `operator` (1), `drive_request` (2: forward speed, yaw rate), `posture_request` (3),
+    `arm_request` (2).
+    Outputs: `legs.voltage` (4), `legs.stop` (1), `wheels.velocity_command` (4), `wheels.brake`
+    (1), `turntable.position_command` (1), `arm.position_command` (1), `arm_command` (2: both);
+    `findings` (16), `severity` (1); `phase` (1),
+    `refusal` (2), `arm_refused` (1), `arm_margin` (1: along the move asked for),
+    `stability_margin` (1: now), and what `add_posture_chain` and `add_position_control` export.
+
+    Args:
+        scenario: its `control` part is used.
+    """
+    builder = DiagramBuilder()
+    period = scenario.control.period
+    chain = add_posture_chain(builder, scenario, on_unreachable="clamp")
+    supervisor = add(
+        builder,
+        Supervisor(MODEL_GEOMETRY, standing_height=WheelGeometry().standing_height, period=period),
+    )
+    keeper = add(builder, ContactKeeper(period=period))
+    ramp = add(builder, LegRamp(period=period))
+    _wire_legs(builder, chain, supervisor, keeper, ramp)
+    desired = ramp.GetOutputPort("extension_desired_state")
+    enable = supervisor.GetOutputPort("legs_enable")
+    pi = add_position_control(builder, scenario, desired, enable)
+    connect(builder, desired, supervisor.GetInputPort("extension_desired_state"))
+    _wire_supervisor(builder, chain, supervisor)
+    _add_fault_detector(builder, chain, supervisor, pi, period)
+    _add_stability_monitor(builder, chain, supervisor, keeper, period)
+    diagram = builder.Build()
+    diagram.set_name("controller")
+    return diagram
+
+
+def _wire_legs(
+    builder: DiagramBuilder,
+    chain: PostureChain,
+    supervisor: Supervisor,
+    keeper: ContactKeeper,
+    ramp: LegRamp,
+) -> None:
+    """Legs follow the posture, trimmed by contact, or go up and down by themselves."""
+    control = supervisor.GetOutputPort("posture_control")
+    chain.enable(builder, control)
+    calculated = chain.passive.GetOutputPort("extension_desired_state")
+    for source, system, port in (
+        (calculated, keeper, "extension_desired_state"),
+        (control, keeper, "enable"),
+        (keeper.GetOutputPort("extension_trimmed_state"), ramp, "posture_extension_state"),
+        (control, ramp, "posture_control"),
+        (supervisor.GetOutputPort("leg_rate"), ramp, "leg_rate"),
+        (supervisor.GetOutputPort("legs_enable"), ramp, "enable"),
+    ):
+        connect(builder, source, system.GetInputPort(port))
+    builder.ConnectInput("legs.extension", ramp.GetInputPort("extension"))
+    builder.ExportInput(keeper.GetInputPort("limits"), "legs.limits")
+
+
+def _wire_supervisor(builder: DiagramBuilder, chain: PostureChain, supervisor: Supervisor) -> None:
+    ground = chain.ground
+    for source, port in (
+        (ground.GetOutputPort("ground"), "ground"),
+        (ground.GetOutputPort("valid"), "ground_valid"),
+        (ground.GetOutputPort("foot_offsets"), "foot_offsets"),
+        (chain.reference.GetOutputPort("posture_desired_state"), "posture_desired_state"),
+    ):
+        connect(builder, source, supervisor.GetInputPort(port))
+    trigger = supervisor.GetOutputPort("estimate_ground")
+    connect(builder, trigger, ground.GetInputPort("trigger"))
+    command = supervisor.GetOutputPort("posture_command")
+    connect(builder, command, chain.reference.GetInputPort("posture_command"))
+
+    builder.ConnectInput("legs.extension", supervisor.GetInputPort("extension"))
+    builder.ConnectInput("legs.limits", supervisor.GetInputPort("limits"))
+    builder.ExportInput(supervisor.GetInputPort("wheel_velocity"), "wheels.velocity")
+    for name in ("operator", "posture_request"):
+        builder.ExportInput(supervisor.GetInputPort(name), name)
+    steering = add(builder, MatrixGain(WheelGeometry().skid_steering()), "skid_steering")
+    builder.ExportInput(steering.get_input_port(), "drive_request")
+    connect(builder, steering.get_output_port(), supervisor.GetInputPort("drive_request"))
+    for port, name in (
+        ("wheel_velocity_command", "wheels.velocity_command"),
+        ("wheel_brake", "wheels.brake"),
+        ("legs_stop", "legs.stop"),
+        ("phase", "phase"),
+        ("refusal", "refusal"),
+    ):
+        builder.ExportOutput(supervisor.GetOutputPort(port), name)
+
+
+def _add_fault_detector(
+    builder: DiagramBuilder,
+    chain: PostureChain,
+    supervisor: Supervisor,
+    pi: PiController,
+    period: float,
+) -> None:
+    detector = add(builder, FaultDetector(MODEL_GEOMETRY, period=period))
+    for source, port in (
+        (pi.GetOutputPort("voltage"), "voltage"),
+        (chain.attitude.GetOutputPort("attitude"), "attitude"),
+        (chain.ground.GetOutputPort("ground"), "ground"),
+        (chain.ground.GetOutputPort("foot_offsets"), "foot_offsets"),
+        (supervisor.GetOutputPort("phase"), "phase"),
+    ):
+        connect(builder, source, detector.GetInputPort(port))
+    for name, port in (
+        ("legs.extension", "extension"),
+        ("legs.limits", "limits"),
+        ("imu.gyro", "gyro"),
+        ("imu.accel", "accel"),
+        ("posture_request", "posture_request"),
+        ("operator", "operator"),
+    ):
+        builder.ConnectInput(name, detector.GetInputPort(port))
+    builder.ExportInput(detector.GetInputPort("age"), "status.age")
+    connect(builder, detector.GetOutputPort("severity"), supervisor.GetInputPort("severity"))
+    for name in ("findings", "severity"):
+        builder.ExportOutput(detector.GetOutputPort(name), name)
+
+
+def _add_stability_monitor(
+    builder: DiagramBuilder,
+    chain: PostureChain,
+    supervisor: Supervisor,
+    keeper: ContactKeeper,
+    period: float,
+) -> None:
+    monitor = add(builder, StabilityMonitor(MODEL_GEOMETRY, period=period))
+    builder.ConnectInput("legs.extension", monitor.GetInputPort("extension"))
+    for source, port in (
+        (keeper.GetOutputPort("standing"), "standing"),
+        (chain.attitude.GetOutputPort("attitude"), "attitude"),
+        (chain.ground.GetOutputPort("ground"), "ground"),
+        (supervisor.GetOutputPort("arm_enable"), "enable"),
+    ):
+        connect(builder, source, monitor.GetInputPort(port))
+    builder.ExportInput(monitor.GetInputPort("arm_request"), "arm_request")
+    command = monitor.GetOutputPort("arm_command")
+    parts = add(builder, Demultiplexer(2), "arm_command_parts")
+    connect(builder, command, parts.get_input_port(0))
+    for i, name in enumerate(("turntable.position_command", "arm.position_command")):
+        builder.ExportOutput(parts.get_output_port(i), name)
+    for port, name in (
+        ("arm_command", "arm_command"),
+        ("margin", "stability_margin"),
+        ("margin_requested", "arm_margin"),
+        ("refused", "arm_refused"),
+    ):
+        builder.ExportOutput(monitor.GetOutputPort(port), name)

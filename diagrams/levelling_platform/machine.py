@@ -1,79 +1,90 @@
-"""The levelling platform, as the commands for hardware know it."""
+"""The levelling platform: one declaration, and its sources of commands."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
-from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
-from parapod.diagrams.levelling_platform.ports import IDLE, INPUTS, OUTPUTS, TRUTH_OUTPUTS
-from parapod.diagrams.levelling_platform.scenario import SIMULATED, LevellingScenario
-from parapod.diagrams.levelling_platform.station import make_station
-from parapod.diagrams.machine import Machine, Motion
+from pydrake.systems.framework import System
+from pydrake.trajectories import PiecewisePolynomial
+
+from parapod.diagrams.levelling_platform.controller import make_controller
+from parapod.diagrams.levelling_platform.plants import add_bodies, add_mock, add_statics
+from parapod.diagrams.levelling_platform.ports import PARTS, PORTS
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.machine import Machine, SelfTest
+from parapod.diagrams.wiring import named_source
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
-
-SIGNALS = {
-    # Of the controller.
-    "posture_command": "rad, rad, m",
-    "posture_desired_state": "rad, rad, m, and their rates",
-    "extension_desired_state": "m, m/s",
-    "ground_estimated": "rad",
-    "ground_valid": "0/1",
-    "foot_offsets_estimated": "m",
-    "attitude_estimated": "rad",
-    # Of the supervision and the operator.
-    "phase": "-",
-    "findings": "0/1",
-    "severity": "-",
-    "refusal": "-",
-    "arm_command": "rad",
-    "arm_refused": "0/1",
-    "arm_margin": "m",
-    "stability_margin": "m",
-    "operator": "-",
-    "drive_request": "m/s, rad/s",
-    "posture_request": "rad, rad, m",
-    "arm_request": "rad",
-    "steps_done": "-",
-}
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.scripts import PostureScript, Waypoint
 
 
-def _behind_devices(scenario: LevellingScenario, period: float) -> LevellingScenario:
-    """With everything that is sampled at the exchange's period."""
+def make_sources(scenario: LevellingScenario) -> Sequence[System]:
+    """The job of a scenario: postures, the trigger of the levelling, the arm's swing."""
+    return (make_script(scenario), *make_job_sources(scenario))
+
+
+def make_script(scenario: LevellingScenario) -> PostureScript:
+    """The postures that a scenario asks for."""
+    job = scenario.job
+    waypoints = [
+        Waypoint(w.time, math.radians(w.roll_deg), math.radians(w.pitch_deg), 1e-3 * w.height_mm)
+        for w in job.waypoints
+    ]
+    return PostureScript(
+        MODEL_GEOMETRY, 1e-3 * job.height_mm, waypoints, period=scenario.control.period
+    )
+
+
+def make_job_sources(scenario: LevellingScenario) -> Sequence[System]:
+    """The trigger of the levelling and the arm's swing."""
+    job = scenario.job
+    trigger = PiecewisePolynomial.ZeroOrderHold(
+        [0.0, job.estimate_at, job.estimate_at + 1e6], [[0.0, 1.0, 1.0]]
+    )
+    start = job.estimate_at + job.arm.start
+    angle = math.radians(job.arm.angle_deg)
+    # At rest before and after the swing; a cubic in between.
+    knots = [0.0, start, start + job.arm.duration, start + job.arm.duration + 1e6]
+    arm = PiecewisePolynomial.CubicHermite(knots, [[0.0, 0.0, angle, angle]], [[0.0] * 4])
+    return (
+        named_source("estimate_ground", trigger),
+        named_source("arm.position_command", arm),
+    )
+
+
+def _emulated(scenario: LevellingScenario, period: float) -> LevellingScenario:
+    """Everything that is sampled has the exchange's period [s]."""
     return replace(scenario, control=replace(scenario.control, period=period))
 
 
-LEVELLING_PLATFORM = Machine(
-    name="the levelling platform",
+PLATFORM = Machine(
+    name="levelling_platform",
+    title="the levelling platform",
     experiment="level",
     scenario=LevellingScenario,
-    simulated=dict.fromkeys(SIMULATED, 2e-3),
-    inputs=INPUTS,
-    outputs=OUTPUTS,
-    truth=TRUTH_OUTPUTS,
-    idle=IDLE,
-    signals=SIGNALS,
-    motions={
-        "legs": Motion(
+    ports=PORTS,
+    parts=PARTS,
+    plants={"multibody": add_bodies, "kinematic": add_statics},
+    mock=add_mock,
+    controller=make_controller,
+    sources=make_sources,
+    self_tests={
+        "legs": SelfTest(
             command="voltage",
-            unit="V",
             usual=1.0,
             largest=2.0,
-            measured="extension",
-            measured_unit="m",
+            measures="extension",
             gain=LinearActuatorParams().gain,
             rest={"stop": 0.0},
         ),
-        "wheels": Motion(
+        "wheels": SelfTest(
             command="velocity_command",
-            unit="rad/s",
             usual=1.0,
             largest=2.0,
-            measured="position",
-            measured_unit="rad",
-            gain=1.0,
+            measures="position",
             rest={"brake": 0.0},
         ),
     },
-    make_station=make_station,
-    make_closed_loop=partial(make_closed_loop, log=()),
-    behind_devices=_behind_devices,
+    emulated=_emulated,
+    exchange={"multibody": 2e-3, "kinematic": 2e-3},
 )

@@ -1,4 +1,4 @@
-"""Builds the levelling platform's bodies, joints and ground into a MultibodyPlant."""
+"""The levelling platform's bodies, joints and ground in a plant; drawings and pictures."""
 
 import math
 from collections.abc import Sequence
@@ -6,20 +6,28 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from pydrake.geometry import AddContactMaterial, Box, ProximityProperties
+from numpy.typing import ArrayLike, NDArray
+from pydrake.geometry import AddContactMaterial, Box, Meshcat, ProximityProperties, SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, RevoluteJoint, RigidBody
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from parapod.diagrams.ground import add_ground
+from parapod.diagrams.drawing import View, add_renderer, draw, publish, take
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.multibody import add_ground
+from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import PlatformGeometry, drawn_deviations
+from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.model import (
     MODEL_GEOMETRY,
     WHEEL_COUNT,
+    ParallelLinks,
     PlatformModel,
+    PlatformPose,
+    standing_pose,
 )
 from parapod.urdf import configure_parser
 
@@ -103,3 +111,89 @@ def _add_pads(plant: MultibodyPlant, ground: RigidBody, foot_offsets: Sequence[f
         X_GP = RigidTransform(np.array([-x, -y, 0.5 * height]))
         plant.RegisterCollisionGeometry(ground, X_GP, pad, f"pad_{i + 1}", properties)
         plant.RegisterVisualGeometry(ground, X_GP, pad, f"pad_{i + 1}_visual", _PAD_COLOUR)
+
+
+def add_visualization(
+    builder: DiagramBuilder,
+    model: PlatformModel,
+    positions: OutputPort,
+    scene_graph: SceneGraph,
+    meshcat: Meshcat,
+) -> None:
+    """Adds the links that the plant leaves out, and publishes the whole to Meshcat.
+
+    Args:
+        builder: of the diagram that holds `scene_graph`.
+        model: the platform.
+        positions: of the model's joints (or its whole state).
+        scene_graph: what is drawn.
+        meshcat: where.
+    """
+    links = add(builder, ParallelLinks(model, scene_graph, positions.size()))
+    connect(builder, positions, links.get_input_port())
+    connect(builder, links.get_output_port(), scene_graph.get_source_pose_port(links.source_id))
+    publish(builder, scene_graph, meshcat, "platform")
+
+
+def add_drawing(
+    builder: DiagramBuilder,
+    ground: tuple[float, float],
+    meshcat: Meshcat,
+    extension: OutputPort,
+    base_pose: OutputPort,
+    arm_position: OutputPort,
+) -> None:
+    """Adds a drawing of the full model for a plant that is simulated with fewer joints or none.
+
+    Args:
+        builder: of the diagram that holds the plant.
+        ground: roll and pitch that the drawn slab keeps [rad].
+        meshcat: where to draw.
+        extension: extensions (4) [m].
+        base_pose: quaternion and position (7) of the platform.
+        arm_position: turntable and arm angle (2) [rad].
+    """
+    plant = MultibodyPlant(time_step=1.0)
+    scene_graph = add(builder, SceneGraph(), "drawing")
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    model = add_platform(plant, "full", ground=ground)
+    pose = add(builder, PlatformPose(model))
+    connect(builder, extension, pose.GetInputPort("extension"))
+    connect(builder, base_pose, pose.GetInputPort("base_pose"))
+    connect(builder, arm_position, pose.GetInputPort("arm_position"))
+    draw(builder, plant, pose.get_output_port(), scene_graph)
+    add_visualization(builder, model, pose.get_output_port(), scene_graph, meshcat)
+
+
+def photograph(
+    views: Sequence[View],
+    posture: ArrayLike,
+    ground: tuple[float, float] = (0.0, 0.0),
+    arm: tuple[float, float] = (0.0, 0.0),
+) -> list[NDArray[np.uint8]]:
+    """Pictures (height, width, 3) of the platform in a posture on plane ground.
+
+    Args:
+        views: from where; one picture each.
+        posture: (3) roll, pitch, height [rad, rad, m].
+        ground: roll and pitch [rad].
+        arm: turntable and arm angle [rad].
+
+    Raises:
+        UnreachablePosture: the legs do not reach it.
+        RuntimeError: there is no OpenGL that Drake's renderer could use.
+    """
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1.0)
+    add_renderer(scene_graph)
+    model = add_platform(plant, "full", ground=ground)
+    state = plant.get_state_output_port()
+    links = add(builder, ParallelLinks(model, scene_graph, state.size()))
+    connect(builder, state, links.get_input_port())
+    connect(builder, links.get_output_port(), scene_graph.get_source_pose_port(links.source_id))
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    extension = inverse_kinematics(MODEL_GEOMETRY, posture, ground)
+    positions = model.positions_at(extension, standing_pose(posture, ground), arm)
+    plant.SetPositions(plant.GetMyMutableContextFromRoot(context), positions)
+    return take(scene_graph, context, views)

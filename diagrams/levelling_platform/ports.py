@@ -1,43 +1,113 @@
-"""The ports of the levelling platform's station, the same for every backend."""
+"""Signals of the levelling platform: the ports of its station, its controllers, its commands."""
 
-from parapod.diagrams.ports import PortSpec
+import math
 
-INPUTS = (
-    PortSpec("legs.voltage", 4, "V", "motor voltages, saturated at the supply"),
-    PortSpec("legs.stop", 1, "-", "above 0.5: the drives' supply is cut"),
-    PortSpec("wheels.velocity_command", 4, "rad/s", "wheel velocities"),
-    PortSpec("wheels.brake", 1, "-", "above 0.5: wheels stop and hold"),
-    PortSpec("arm.position_command", 1, "rad", "arm angle, 0 upright, positive forward"),
-    PortSpec("turntable.position_command", 1, "rad", "angle of the arm's base"),
+from parapod.diagrams.faults import Span
+from parapod.diagrams.machine import In, Inner, Out, Truth
+from parapod.systems.actuators.linear_actuator import LinearActuatorParams
+from parapod.systems.sensors.imu import ImuParams
+
+# Parts whose devices `status.*` tells about.
+PARTS = ("legs", "imu", "wheels", "arm")
+
+_ACTUATOR, _IMU = LinearActuatorParams(), ImuParams()
+_SUPPLY = _ACTUATOR.supply_voltage
+# NaN is no command: the reference keeps to the last one.
+_POSTURES = Span(
+    target="posture_command",
+    low=(math.radians(-10.0), math.radians(-10.0), 0.38),
+    high=(math.radians(10.0), math.radians(10.0), 0.58),
+    off_value=math.nan,
+    wrong=(1.0, 0.02),
 )
 
-# What an idle machine is told: what is braked stays so, and nothing else is asked of it.
-IDLE = {"wheels.brake": 1.0}
-
-# What the elements of `status` are about.
-STATUS_PARTS = ("legs", "imu", "wheels", "arm")
-
-OUTPUTS = (
-    PortSpec("legs.extension", 4, "m", "encoders: extensions in whole counts"),
-    PortSpec("legs.velocity", 4, "m/s", "encoders: their rates in counts per period"),
-    PortSpec("legs.limits", 12, "0/1", "switches: extended x4, retracted x4, ground contact x4"),
-    PortSpec("imu.gyro", 3, "rad/s", "ADIS16448: angular velocity"),
-    PortSpec("imu.accel", 3, "m/s^2", "ADIS16448: specific force"),
-    PortSpec("imu.mag", 3, "T", "ADIS16448: magnetic field"),
-    PortSpec("wheels.position", 4, "rad", "encoders: wheel angles in whole counts"),
-    PortSpec("wheels.velocity", 4, "rad/s", "encoders: their rates in counts per period"),
-    PortSpec(
-        "status.age", len(STATUS_PARTS), "s", f"age of the data of {', '.join(STATUS_PARTS)}"
+PORTS = (
+    Out(
+        "legs.extension",
+        4,
+        "m",
+        "encoders: extensions in whole counts",
+        # A wrong counter has lost 5 mm.
+        faults=[Span(_ACTUATOR.stop_min, _ACTUATOR.stop_max, wrong=(1.0, 5e-3), ages=True)],
     ),
-    PortSpec("status.fault", len(STATUS_PARTS), "code", "of each: a `DeviceFault`; 0 none"),
-)
-
-# What only a simulation can tell; controllers never read it.
-TRUTH_OUTPUTS = (
-    PortSpec("truth.posture", 3, "rad, rad, m", "roll, pitch, height above the ground's plane"),
-    PortSpec("truth.extension", 4, "m", "positions of the actuators"),
-    PortSpec("truth.contact_force", 4, "N", "of the ground on the feet, normal to the ground"),
-    PortSpec("truth.foot_height", 4, "m", "of the feet above the ground"),
-    PortSpec("truth.load_force", 4, "N", "with which the actuators hold, positive to extend"),
-    PortSpec("truth.loop_error", 4, "m", "gap in the legs' closed loops"),
+    Out("legs.velocity", 4, "m/s", "encoders: their rates in counts per period"),
+    # A wrong sensor turns by 5.7 deg/s and is off by a tenth of gravity: too much for a bias, too
+    # little to be absurd.
+    Out(
+        "imu.gyro",
+        3,
+        "rad/s",
+        "ADIS16448: angular velocity",
+        faults=[Span(-_IMU.gyro_range, _IMU.gyro_range, wrong=(1.0, 0.1), ages=True)],
+    ),
+    Out(
+        "imu.accel",
+        3,
+        "m/s^2",
+        "ADIS16448: specific force",
+        faults=[Span(-_IMU.accel_range, _IMU.accel_range, wrong=(1.0, 1.0), ages=True)],
+    ),
+    Out("imu.mag", 3, "T", "ADIS16448: magnetic field"),
+    Out(
+        "legs.limits",
+        12,
+        "0/1",
+        "switches: extended x4, retracted x4, ground contact x4",
+        faults=[Span(0.0, 1.0, is_binary=True)],
+    ),
+    Out("wheels.position", 4, "rad", "encoders: wheel angles in whole counts"),
+    Out("wheels.velocity", 4, "rad/s", "encoders: their rates in counts per period"),
+    In(
+        "legs.voltage",
+        4,
+        "V",
+        "motor voltages, saturated at the supply",
+        # Swapped wires; a wrong supply, of all four drives at once, has half its voltage.
+        faults=[
+            Span(-_SUPPLY, _SUPPLY, wrong=(-1.0, 0.0)),
+            Span(-_SUPPLY, _SUPPLY, wrong=(0.5, 0.0), target="supply", only_whole=True),
+        ],
+    ),
+    In("legs.stop", 1, "-", "above 0.5: the drives' supply is cut"),
+    In("wheels.velocity_command", 4, "rad/s", "wheel velocities"),
+    In("wheels.brake", 1, "-", "above 0.5: wheels stop and hold", idle=1.0),
+    In("arm.position_command", 1, "rad", "arm angle, 0 upright, positive forward"),
+    In("turntable.position_command", 1, "rad", "angle of the arm's base"),
+    Truth("posture", 3, "rad, rad, m", "roll, pitch, height above the ground's plane"),
+    Truth("extension", 4, "m", "positions of the actuators"),
+    Truth("contact_force", 4, "N", "force of the ground on the feet, normal to the ground"),
+    Truth("foot_height", 4, "m", "heights of the feet above the ground"),
+    Truth("load_force", 4, "N", "holding forces of the actuators, positive to extend"),
+    Truth("loop_error", 4, "m", "gap in the legs' closed loops"),
+    # Commands.
+    Inner("posture_command", "rad, rad, m", "commanded posture", size=3, faults=[_POSTURES]),
+    Inner("posture_scale", "-", "share of the waypoints' size that fits the stroke"),
+    Inner("estimate_ground", "-", "rises when the ground is to be estimated"),
+    Inner("operator", "-", "command to the supervisor"),
+    Inner("drive_request", "m/s, rad/s", "forward speed and yaw rate"),
+    Inner(
+        "posture_request",
+        "rad, rad, m",
+        "posture that the operator asks for",
+        size=3,
+        faults=[_POSTURES],
+    ),
+    Inner("arm_request", "rad", "angles of turntable and arm that the operator asks for"),
+    Inner("steps_done", "-", "number of the operator's steps that have been done"),
+    # Controllers.
+    Inner("posture_desired_state", "rad, rad, m, and their rates", "smooth reference"),
+    Inner("extension_desired_state", "m, m/s", "extensions that the legs are led to"),
+    Inner("ground_estimated", "rad", "roll and pitch of the ground"),
+    Inner("ground_valid", "0/1", "whether the ground is known"),
+    Inner("foot_offsets_estimated", "m", "heights under the feet above the ground's plane"),
+    Inner("attitude_estimated", "rad", "roll and pitch"),
+    # Supervision.
+    Inner("phase", "-", "phase of the operation"),
+    Inner("findings", "0/1", "findings of the fault detector"),
+    Inner("severity", "-", "gravest finding"),
+    Inner("refusal", "-", "reason for which a request is refused, and its detail"),
+    Inner("arm_command", "rad", "angles of turntable and arm"),
+    Inner("arm_refused", "0/1", "whether the requested move is refused"),
+    Inner("arm_margin", "m", "least stability margin along the requested move"),
+    Inner("stability_margin", "m", "stability margin now"),
 )

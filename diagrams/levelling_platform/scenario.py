@@ -7,8 +7,9 @@ from parapod.diagrams.drivers.adis16448 import Adis16448SpiImu
 from parapod.diagrams.drivers.epos2 import Epos2Wheels
 from parapod.diagrams.drivers.ni_daq import NiDaqLegs
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
-from parapod.diagrams.fault_scenario import FaultScenario
+from parapod.diagrams.faults import FaultScenario, targets_of
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.levelling_platform.ports import PORTS
 from parapod.diagrams.scenario import choice, quantity
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 
@@ -200,6 +201,23 @@ class JobScenario:
     end: float = quantity(30.0, 1.0, 3600.0)
 
 
+_TARGETS = targets_of(PORTS)
+
+
+@dataclass
+class PlatformFault(FaultScenario):
+    """One fault of the platform's signals.
+
+    Attributes:
+        target: signal, by its port's name; "supply" is all four drives' voltage at once,
+            "posture_command" the posture that is asked for.
+        index: element of the port, counted from 0; -1 for all of them.
+    """
+
+    target: str = choice("legs.extension", tuple(_TARGETS))
+    index: int = quantity(-1, -1, max(target.port.size for target in _TARGETS.values()) - 1)
+
+
 def emulated_hardware() -> HardwareScenario:
     """The devices of `parapod emulate level`."""
     return HardwareScenario(
@@ -227,7 +245,7 @@ class LevellingScenario:
         sensors: see `SensorScenario`.
         control: see `ControlScenario`.
         job: see `JobScenario`.
-        faults: see `FaultScenario`.
+        faults: see `PlatformFault`.
         hardware: see `HardwareScenario`; by default what is emulated.
     """
 
@@ -239,5 +257,5 @@ class LevellingScenario:
     sensors: SensorScenario = field(default_factory=SensorScenario)
     control: ControlScenario = field(default_factory=ControlScenario)
     job: JobScenario = field(default_factory=JobScenario)
-    faults: list[FaultScenario] = field(default_factory=list)
+    faults: list[PlatformFault] = field(default_factory=list)
     hardware: HardwareScenario = field(default_factory=emulated_hardware)

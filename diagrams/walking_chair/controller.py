@@ -1,6 +1,8 @@
 """The walking chair's controller: from a gait and measurements to velocities of the drives."""
 
+import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
 
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect
@@ -16,8 +18,8 @@ def make_controller(scenario: ChairScenario) -> Diagram:
     """Wires gait planner, feedforward, position controllers, payload estimator and monitor.
 
     Inputs: `legs.position` (12), `legs.current` (12).
-    Outputs: `legs.velocity_command` (12), `position_node` (12), `gait_time` (1), `support` (4),
-    `done` (1), `payload_estimated` (3), `support_margin` (1), `hold` (1).
+    Outputs: `legs.velocity_command` (12), `legs.brake` (1), `position_node` (12), `gait_time` (1),
+    `support` (4), `done` (1), `payload_estimated` (3), `support_margin` (1), `hold` (1).
 
     Args:
         scenario: its `gait`, `control`, `drives.max_velocity_mm_s` and `begin` are used.
@@ -60,6 +62,8 @@ def make_controller(scenario: ChairScenario) -> Diagram:
         (monitor.GetOutputPort("hold"), "hold"),
     ):
         builder.ExportOutput(port, name)
+    released = add(builder, ConstantVectorSource(np.zeros(1)), "brake_released")
+    builder.ExportOutput(released.get_output_port(), "legs.brake")
     diagram = builder.Build()
     diagram.set_name("controller")
     return diagram

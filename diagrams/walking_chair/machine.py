@@ -1,27 +1,16 @@
-"""The walking chair, as the commands for hardware know it."""
+"""The walking chair: one declaration."""
 
 from dataclasses import replace
-from functools import partial
 
-from parapod.diagrams.machine import Machine, Motion
-from parapod.diagrams.walking_chair.closed_loop import make_closed_loop
-from parapod.diagrams.walking_chair.ports import IDLE, INPUTS, OUTPUTS, TRUTH_OUTPUTS
+from parapod.diagrams.machine import Machine, SelfTest
+from parapod.diagrams.walking_chair.controller import make_controller
+from parapod.diagrams.walking_chair.plants import add_bodies, add_mock, add_statics
+from parapod.diagrams.walking_chair.ports import PARTS, PORTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.diagrams.walking_chair.station import make_station
-
-SIGNALS = {
-    "position_node": "m",
-    "gait_time": "s",
-    "support": "0/1",
-    "done": "0/1",
-    "payload_estimated": "kg, m, m",
-    "support_margin": "m",
-    "hold": "0/1",
-}
 
 
-def _behind_devices(scenario: ChairScenario, period: float) -> ChairScenario:
-    """With drives that are motor and screw alone.
+def _emulated(scenario: ChairScenario, period: float) -> ChairScenario:
+    """Drives that are motor and screw alone.
 
     Their controllers are among the devices: they count, and they close the velocity's loop over
     the encoder, which leaves neither an error of the gain nor an offset. The lag of that loop
@@ -36,30 +25,27 @@ def _behind_devices(scenario: ChairScenario, period: float) -> ChairScenario:
     )
 
 
-WALKING_CHAIR = Machine(
-    name="the walking chair",
+CHAIR = Machine(
+    name="walking_chair",
+    title="the walking chair",
     experiment="chair-walk",
     scenario=ChairScenario,
-    # The quasi-static plant's statics cost more than the bodies' dynamics.
-    simulated={"multibody": 2e-3, "kinematic": 5e-3},
-    inputs=INPUTS,
-    outputs=OUTPUTS,
-    truth=TRUTH_OUTPUTS,
-    idle=IDLE,
-    signals=SIGNALS,
-    motions={
-        "legs": Motion(
+    ports=PORTS,
+    parts=PARTS,
+    plants={"multibody": add_bodies, "kinematic": add_statics},
+    mock=add_mock,
+    controller=make_controller,
+    self_tests={
+        "legs": SelfTest(
             command="velocity_command",
-            unit="m/s",
             usual=0.01,
             largest=0.02,
-            measured="position",
-            measured_unit="m",
-            gain=1.0,
+            measures="position",
             rest={"brake": 0.0},
         ),
     },
-    make_station=make_station,
-    make_closed_loop=partial(make_closed_loop, log=()),
-    behind_devices=_behind_devices,
+    emulated=_emulated,
+    # The quasi-static plant's statics cost more than the bodies' dynamics.
+    exchange={"multibody": 2e-3, "kinematic": 5e-3},
+    log_every=2,
 )

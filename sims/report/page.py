@@ -11,11 +11,11 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from parapod.sims.figures import Figure, render
+from parapod.sims.lab.figures import Figure, render
+from parapod.sims.lab.results import Result, amount, as_words
+from parapod.sims.lab.sweep import as_json
 from parapod.sims.report.chapter import Picture, Relation, Tone
 from parapod.sims.report.run import ChapterRun, PartRun
-from parapod.sims.results import Result, amount, as_words
-from parapod.sims.sweep import as_json
 
 _INDEX = re.compile(r"([A-Za-zΑ-Ωα-ωϕ∇])_([A-Za-z0-9]+)")
 

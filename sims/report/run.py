@@ -1,17 +1,19 @@
 """Runs a chapter of the report: its experiments, their seeds, its checks and its pictures."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import entry_points
 from typing import Any
 
 from rich.console import Console
 
 from parapod.diagrams.scenario import load_scenario
-from parapod.sims.experiment import Entry, RunOptions
+from parapod.sims.lab.discovery import find_entry
+from parapod.sims.lab.experiment import RunOptions
+from parapod.sims.lab.results import Result
+from parapod.sims.lab.sweep import run_seeds
 from parapod.sims.report.chapter import Chapter, Check, Numbers, Part, Picture
-from parapod.sims.results import Result
-from parapod.sims.sweep import run_seeds
 from parapod.systems.core.errors import ParapodError
 
 
@@ -73,23 +75,25 @@ class ChapterRun:
         return all(run.passed for run in self.parts) and all(c.passed for c in self.checks)
 
 
-def run_chapter(
-    chapter: Chapter, entries: Sequence[Entry], quick: bool, seeds: int, console: Console
-) -> ChapterRun:
+def list_chapters() -> tuple[Chapter, ...]:
+    """All chapters, declared by the entry points `parapod.chapters`."""
+    points = sorted(entry_points(group="parapod.chapters"), key=lambda point: point.name)
+    return tuple(point.load() for point in points)
+
+
+def run_chapter(chapter: Chapter, quick: bool, seeds: int, console: Console) -> ChapterRun:
     """Runs a chapter.
 
     Args:
         chapter: what to run.
-        entries: the experiments that there are.
         quick: shorter runs, and no seeds.
         seeds: number of seeds with which each random experiment is repeated; 0 for none.
         console: where progress is shown.
     """
-    by_name = {entry.name: entry for entry in entries}
     runs = []
     for i, part in enumerate(chapter.parts, start=1):
         console.print(f"[{i}/{len(chapter.parts)}] {part.name}", markup=False, highlight=False)
-        run = _run_part(part, by_name, quick, seeds, console)
+        run = _run_part(part, quick, seeds, console)
         outcome = run.problem or ("all bounds held" if run.passed else "a bound is BROKEN")
         console.print(f"    {outcome}, {run.elapsed:.0f} s", markup=False, highlight=False)
         runs.append(run)
@@ -100,16 +104,14 @@ def run_chapter(
         return ChapterRun(chapter, tuple(runs), checks, (), f"no picture: {error}")
 
 
-def _run_part(
-    part: Part, entries: Mapping[str, Entry], quick: bool, seeds: int, console: Console
-) -> PartRun:
+def _run_part(part: Part, quick: bool, seeds: int, console: Console) -> PartRun:
     started = time.monotonic()
-    entry = entries[part.experiment]
     overrides = [*part.overrides, *(part.quick if quick else ())]
     try:
+        entry = find_entry(part.experiment)
         experiment = entry.load()
-        scenario: Any = load_scenario(experiment.scenario, entry.default_scenario, None, overrides)
-        result = experiment.run(scenario, RunOptions(console=console))
+        scenario: Any = load_scenario(experiment.schema, entry.default_scenario, None, overrides)
+        result = experiment.execute(scenario, RunOptions(console=console))
         more: tuple[Result, ...] = ()
         if seeds and part.is_random and not quick:
             more = run_seeds(experiment, scenario, seeds, console)

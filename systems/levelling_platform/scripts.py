@@ -37,11 +37,11 @@ class PostureScript(LeafSystem):
 
     | port | size | unit | meaning |
     |---|---|---|---|
-    | in `ground` | 2 | rad | estimated roll and pitch of the ground |
-    | in `foot_offsets` | 4 | m | how far each foot stands above the ground; unconnected: 0 |
-    | in `enable` | 1 | - | the script begins when this rises above 0.5 |
+    | in `ground_estimated` | 2 | rad | estimated roll and pitch of the ground |
+    | in `foot_offsets_estimated` | 4 | m | heights under the feet; unconnected: 0 |
+    | in `ground_valid` | 1 | - | the script begins when this rises above 0.5 |
     | out `posture_command` | 3 | rad, rad, m | commanded roll, pitch, height |
-    | out `scale` | 1 | - | share of the waypoints' size that fits the stroke |
+    | out `posture_scale` | 1 | - | share of the waypoints' size that fits the stroke |
 
     A script is written once and run on grounds that leave little stroke. When it begins, all
     waypoints are shrunk towards the level posture by the largest factor up to 1 with which every
@@ -79,12 +79,12 @@ class PostureScript(LeafSystem):
         self._times = [waypoint.time for waypoint in waypoints]
         if self._times != sorted(self._times):
             raise ValueError(f"the waypoints' times must not decrease, but are {self._times}")
-        self._ground = self.DeclareVectorInputPort("ground", 2)
-        self._offsets = self.DeclareVectorInputPort("foot_offsets", LEG_COUNT)
-        self._enable = self.DeclareVectorInputPort("enable", 1)
+        self._ground = self.DeclareVectorInputPort("ground_estimated", 2)
+        self._offsets = self.DeclareVectorInputPort("foot_offsets_estimated", LEG_COUNT)
+        self._enable = self.DeclareVectorInputPort("ground_valid", 1)
         self._level = np.array([0.0, 0.0, height])
         self.DeclareStateOutputPort("posture_command", self.DeclareDiscreteState(self._level))
-        self.DeclareStateOutputPort("scale", self.DeclareDiscreteState(1))
+        self.DeclareStateOutputPort("posture_scale", self.DeclareDiscreteState(1))
         self.DeclareDiscreteState(3)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_command)
 

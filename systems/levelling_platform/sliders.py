@@ -36,8 +36,8 @@ class PostureSliders(LeafSystem):
 
     | port | size | unit | meaning |
     |---|---|---|---|
-    | in `ground` | 2 | rad | not used; there so that it can take the place of a script |
-    | in `enable` | 1 | - | not used, likewise |
+    | in `ground_estimated` | 2 | rad | not used; there so that it can take the place of a script |
+    | in `ground_valid` | 1 | - | not used, likewise |
     | out `posture_command` | 3 | rad, rad, m | commanded roll, pitch, height; jumps |
 
     The sliders exist while `shown` is entered, and start at the level posture. What cannot be
@@ -69,8 +69,8 @@ class PostureSliders(LeafSystem):
         self.set_name("posture_sliders")
         self._meshcat, self._params = meshcat, params
         self._level = np.array([0.0, 0.0, height])
-        self.DeclareVectorInputPort("ground", 2)
-        self.DeclareVectorInputPort("enable", 1)
+        self.DeclareVectorInputPort("ground_estimated", 2)
+        self.DeclareVectorInputPort("ground_valid", 1)
         self.DeclareStateOutputPort("posture_command", self.DeclareDiscreteState(self._level))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_command)
 

@@ -10,13 +10,13 @@ from parapod.diagrams.fault_scenario import FaultScenario
 from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
 from parapod.diagrams.levelling_platform.deployment import make_deployment
 from parapod.diagrams.levelling_platform.fault_points import FaultPoints
+from parapod.diagrams.levelling_platform.plants import PLANTS
 from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUTPUTS
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     JobScenario,
     LevellingScenario,
 )
-from parapod.diagrams.levelling_platform.simulated_station import PLANTS
 from parapod.diagrams.levelling_platform.station import make_station
 from parapod.diagrams.wiring import add
 from parapod.systems.core.errors import ScenarioError

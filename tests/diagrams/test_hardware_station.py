@@ -332,8 +332,8 @@ def test_without_the_optional_libraries_everything_is_imported_and_simulation_wo
         from pathlib import Path
         from rich.console import Console
         from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-        from parapod.sims.experiment import RunOptions
-        from parapod.sims.level import run
+        from parapod.sims.lab.experiment import RunOptions
+        from parapod.sims.levelling_platform.level import run
 
         scenario = LevellingScenario(backend="kinematic")
         scenario.ground.roll_deg, scenario.ground.pitch_deg = 0.3, 0.2

@@ -10,6 +10,7 @@ from pydrake.systems.framework import LeafSystem
 
 from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
 from parapod.diagrams.levelling_platform.controller import make_controller
+from parapod.diagrams.levelling_platform.plants import PLANTS
 from parapod.diagrams.levelling_platform.ports import OUTPUTS, TRUTH_OUTPUTS
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
@@ -17,7 +18,6 @@ from parapod.diagrams.levelling_platform.scenario import (
     SensorScenario,
     WaypointScenario,
 )
-from parapod.diagrams.levelling_platform.simulated_station import PLANTS
 from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,

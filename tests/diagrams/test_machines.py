@@ -9,7 +9,7 @@ from parapod.diagrams.hardware_parts import make_parts
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.machines import MACHINES, machine_of
 from parapod.diagrams.scenario_tree import fields_of
-from parapod.sims.experiment import ENTRIES, experiments
+from parapod.sims.lab.experiment import ENTRIES, experiments
 from parapod.sims.signal_units import unit_of, with_units
 from parapod.systems.core.errors import ScenarioError
 

@@ -27,7 +27,7 @@ PARAPOD = (
     sys.executable,
     "-c",
     "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
-    "from parapod.sims.cli import main; sys.exit(main())",
+    "from parapod.sims.cli.main import main; sys.exit(main())",
 )
 
 

@@ -10,9 +10,14 @@ import pytest
 from rich.console import Console
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.bench_rt import Punctuality, bench_real_time, print_punctuality, wake_up_latency
-from parapod.sims.cli import main
-from parapod.sims.real_time import RealTimeLoop
+from parapod.sims.cli.bench_rt import (
+    Punctuality,
+    bench_real_time,
+    print_punctuality,
+    wake_up_latency,
+)
+from parapod.sims.cli.main import main
+from parapod.sims.real_machine.real_time import RealTimeLoop
 
 KEYS = {
     "rate_hz",

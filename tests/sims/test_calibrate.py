@@ -13,14 +13,16 @@ import yaml
 from rich.console import Console
 
 from parapod.diagrams.scenario import dump_scenario, load_scenario
-from parapod.sims.calibrate import EXPERIMENT, run
-from parapod.sims.calibrate_machine import drawn_commands, spread_commands
-from parapod.sims.calibrate_recording import read_recording
-from parapod.sims.calibrate_scenario import CalibrateScenario
-from parapod.sims.cli import main
-from parapod.sims.experiment import ENTRIES, RunOptions
-from parapod.sims.figures import render
-from parapod.sims.outputs import read_log, write_log
+from parapod.sims.cli.main import main
+from parapod.sims.lab.experiment import ENTRIES, RunOptions
+from parapod.sims.lab.figures import render
+from parapod.sims.lab.files import read_log, write_log
+from parapod.sims.levelling_platform.calibrate import EXPERIMENT, CalibrateScenario, run
+from parapod.sims.levelling_platform.calibrate_poses import (
+    drawn_commands,
+    read_recording,
+    spread_commands,
+)
 from parapod.systems.core.errors import OutputError, UndeterminedCalibration
 
 DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "calibrate.yaml"

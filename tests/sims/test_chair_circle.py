@@ -12,14 +12,18 @@ import yaml
 from rich.console import Console
 
 from parapod.diagrams.scenario import dump_scenario, load_scenario
-from parapod.sims.chair_circle import EXPERIMENT, run
-from parapod.sims.chair_circle_metrics import PAPER_RADIAL_MM, sensitivities
-from parapod.sims.chair_circle_recording import record
-from parapod.sims.chair_circle_scenario import ChairCircleScenario
-from parapod.sims.cli import main
-from parapod.sims.experiment import ENTRIES, RunOptions
-from parapod.sims.figures import render
-from parapod.sims.outputs import read_log
+from parapod.sims.cli.main import main
+from parapod.sims.lab.experiment import ENTRIES, RunOptions
+from parapod.sims.lab.figures import render
+from parapod.sims.lab.files import read_log
+from parapod.sims.walking_chair.circle import (
+    EXPERIMENT,
+    PAPER_RADIAL_MM,
+    ChairCircleScenario,
+    record,
+    run,
+    sensitivities,
+)
 from parapod.systems.core.errors import OutputError, ScenarioError
 from parapod.systems.walking_chair.checks import SpeedExceeded, StrokeExceeded
 from parapod.systems.walking_chair.geometry import LegGeometry

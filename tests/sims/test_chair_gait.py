@@ -12,14 +12,17 @@ import yaml
 from rich.console import Console
 
 from parapod.diagrams.scenario import dump_scenario, load_scenario
-from parapod.sims.chair_gait import EXPERIMENT, run
-from parapod.sims.chair_gait_metrics import gait_metrics
-from parapod.sims.chair_gait_motion import sample_walk
-from parapod.sims.chair_gait_scenario import ChairGaitScenario
-from parapod.sims.cli import main
-from parapod.sims.experiment import ENTRIES, RunOptions
-from parapod.sims.figures import render
-from parapod.sims.outputs import read_log
+from parapod.sims.cli.main import main
+from parapod.sims.lab.experiment import ENTRIES, RunOptions
+from parapod.sims.lab.figures import render
+from parapod.sims.lab.files import read_log
+from parapod.sims.walking_chair.gait import (
+    EXPERIMENT,
+    ChairGaitScenario,
+    gait_metrics,
+    run,
+    sample_walk,
+)
 from parapod.systems.core.errors import OutputError, ScenarioError
 from parapod.systems.walking_chair.checks import SpeedExceeded, StrokeExceeded
 from parapod.systems.walking_chair.geometry import ChairGeometry

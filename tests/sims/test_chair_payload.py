@@ -12,14 +12,20 @@ import yaml
 from rich.console import Console
 
 from parapod.diagrams.scenario import dump_scenario, load_scenario
-from parapod.sims.chair_payload import EXPERIMENT, run
-from parapod.sims.chair_payload_metrics import payload_metrics
-from parapod.sims.chair_payload_scenario import ChairPayloadScenario
-from parapod.sims.chair_payload_survey import check_stance, paper_share, stand_at, survey
-from parapod.sims.cli import main
-from parapod.sims.experiment import ENTRIES, RunOptions
-from parapod.sims.figures import render
-from parapod.sims.outputs import read_log
+from parapod.sims.cli.main import main
+from parapod.sims.lab.experiment import ENTRIES, RunOptions
+from parapod.sims.lab.figures import render
+from parapod.sims.lab.files import read_log
+from parapod.sims.walking_chair.payload import (
+    EXPERIMENT,
+    ChairPayloadScenario,
+    check_stance,
+    paper_share,
+    payload_metrics,
+    run,
+    stand_at,
+    survey,
+)
 from parapod.systems.core.errors import OutputError
 from parapod.systems.walking_chair.checks import SpeedExceeded, StrokeExceeded
 from parapod.systems.walking_chair.support import SupportLost

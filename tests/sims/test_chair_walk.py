@@ -15,13 +15,11 @@ from parapod.diagrams.scenario import load_scenario
 from parapod.diagrams.walking_chair.closed_loop import make_closed_loop
 from parapod.diagrams.walking_chair.ports import OUTPUTS, TRUTH_OUTPUTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.sims.chair_live import LiveChair
-from parapod.sims.chair_walk import EXPERIMENT, check_walk, run
-from parapod.sims.chair_walk_metrics import measure
-from parapod.sims.cli import main
-from parapod.sims.experiment import RunOptions
-from parapod.sims.figures import render
-from parapod.sims.outputs import read_log
+from parapod.sims.cli.main import main
+from parapod.sims.lab.experiment import RunOptions
+from parapod.sims.lab.figures import render
+from parapod.sims.lab.files import read_log
+from parapod.sims.walking_chair.walk import EXPERIMENT, LiveChair, check_walk, measure, run
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.walking_chair.checks import ForceExceeded, SpeedExceeded, StrokeExceeded
 from parapod.systems.walking_chair.support import SupportLost

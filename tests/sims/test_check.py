@@ -9,7 +9,7 @@ from parapod.diagrams.drivers.driver import Driver
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.ports import INPUTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.check import Move, check_part
+from parapod.sims.cli.check import Move, check_part
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
 
 PARTS = sorted({spec.name.partition(".")[0] for spec in INPUTS} | {"imu"})

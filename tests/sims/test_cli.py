@@ -12,10 +12,10 @@ import pytest
 from rich.console import Console
 
 from parapod.diagrams.scenario import choice, quantity
-from parapod.sims.cli import main
-from parapod.sims.experiment import ENTRIES, Entry, Experiment, experiments, progress
-from parapod.sims.outputs import atomic_output
-from parapod.sims.results import Metric, Result
+from parapod.sims.cli.main import main
+from parapod.sims.lab.experiment import ENTRIES, Entry, Experiment, experiments, progress
+from parapod.sims.lab.files import atomic_output
+from parapod.sims.lab.results import Metric, Result
 from parapod.systems.core.errors import ParapodError
 
 
@@ -254,7 +254,7 @@ def test_the_table_is_printed_even_if_the_json_cannot_be_written(
 @pytest.mark.parametrize("arguments", [["list"], ["--version"], ["run", "nothing"]])
 def test_what_needs_no_drake_does_not_import_it(arguments):
     code = (
-        "import sys; from parapod.sims.cli import main; main(sys.argv[1:]); "
+        "import sys; from parapod.sims.cli.main import main; main(sys.argv[1:]); "
         "sys.exit(bool({'pydrake', 'numpy', 'scipy'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code, *arguments]).returncode == 0

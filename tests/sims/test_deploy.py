@@ -10,11 +10,9 @@ import umsgpack
 from pydrake.geometry import Meshcat
 
 from parapod.diagrams.scenario import dump_scenario, load_scenario
-from parapod.sims.cli import main
-from parapod.sims.deploy import EXPERIMENT
-from parapod.sims.deploy_scenario import DeployScenario
-from parapod.sims.experiment import ENTRIES
-from parapod.sims.phase_label import PhaseLabel
+from parapod.sims.cli.main import main
+from parapod.sims.lab.experiment import ENTRIES
+from parapod.sims.levelling_platform.deploy import EXPERIMENT, DeployScenario, PhaseLabel
 from parapod.sims.signal_units import unit_of
 from parapod.systems.levelling_platform.supervisor import Phase
 

@@ -8,8 +8,8 @@ from pydrake.systems.primitives import ConstantVectorSource
 from parapod.diagrams.levelling_platform.scenario import PlantScenario, SensorScenario
 from parapod.diagrams.levelling_platform.station import make_station
 from parapod.diagrams.wiring import add, connect
-from parapod.sims.driven_machine import make_simulator, on_level_ground
-from parapod.sims.slip_scenario import SlipScenario
+from parapod.sims.levelling_platform.slip import SlipScenario
+from parapod.sims.levelling_platform.driven import make_simulator, on_level_ground
 
 
 @pytest.fixture(scope="module")

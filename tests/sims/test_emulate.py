@@ -27,10 +27,10 @@ from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
 from parapod.diagrams.levelling_platform.machine import LEVELLING_PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.cli import main
-from parapod.sims.experiment import RunOptions
-from parapod.sims.hardware_job import run_on_hardware
-from parapod.sims.mcap_log import read_mcap
+from parapod.sims.cli.main import main
+from parapod.sims.lab.experiment import RunOptions
+from parapod.sims.lab.mcap import read_mcap
+from parapod.sims.real_machine.job import run_on_hardware
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulators.misbehaviour import KINDS
 from parapod.systems.sensors.imu import STANDARD_GRAVITY

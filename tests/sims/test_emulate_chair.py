@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from parapod.sims.cli import main
-from parapod.sims.mcap_log import read_mcap
-from parapod.sims.outputs import Log
+from parapod.sims.cli.main import main
+from parapod.sims.lab.files import Log
+from parapod.sims.lab.mcap import read_mcap
 
 for library in ("canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)

@@ -8,10 +8,18 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from parapod.sims.deploy_scenario import DeployScenario
-from parapod.sims.experiment import ENTRIES, RunOptions
-from parapod.sims.fault_campaign import EXPERIMENT, FaultCampaignScenario, run
-from parapod.sims.fault_cells import DEVICES, STRAY_DEG, STRAY_MM, Campaign, Cell
+from parapod.sims.lab.experiment import ENTRIES, RunOptions
+from parapod.sims.levelling_platform.deploy import DeployScenario
+from parapod.sims.levelling_platform.fault_campaign import (
+    DEVICES,
+    EXPERIMENT,
+    STRAY_DEG,
+    STRAY_MM,
+    Campaign,
+    Cell,
+    FaultCampaignScenario,
+    run,
+)
 from parapod.systems.core.errors import OutputError
 from parapod.systems.levelling_platform.fault_detection import RULES, Finding
 from parapod.systems.levelling_platform.supervisor import Phase

@@ -6,7 +6,7 @@ import xml.etree.ElementTree
 import pytest
 from matplotlib.figure import Figure as Canvas
 
-from parapod.sims.figures import FORMATS, Figure, plot_lines, render, write_figures
+from parapod.sims.lab.figures import FORMATS, Figure, plot_lines, render, write_figures
 from parapod.systems.core.errors import OutputError
 
 

@@ -7,8 +7,8 @@ from rich.console import Console
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.station import make_station
-from parapod.sims.hardware_job import DeviceWatch, show_timing
-from parapod.sims.real_time import Timing
+from parapod.sims.real_machine.job import DeviceWatch, show_timing
+from parapod.sims.real_machine.real_time import Timing
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.io_thread import DeviceThread, Sample
 

@@ -11,13 +11,20 @@ import yaml
 from rich.console import Console
 
 from parapod.diagrams.scenario import dump_scenario, load_scenario
-from parapod.sims.experiment import ENTRIES, RunOptions
-from parapod.sims.figures import render
-from parapod.sims.identify_actuators import EXPERIMENT, run
-from parapod.sims.identify_actuators_estimate import Steps, find_steps, separate_friction
-from parapod.sims.identify_actuators_recording import Recording, record
-from parapod.sims.identify_actuators_scenario import IdentifyActuatorsScenario, schedule
-from parapod.sims.outputs import read_log
+from parapod.sims.lab.experiment import ENTRIES, RunOptions
+from parapod.sims.lab.figures import render
+from parapod.sims.lab.files import read_log
+from parapod.sims.levelling_platform.identify_actuators import (
+    EXPERIMENT,
+    IdentifyActuatorsScenario,
+    Recording,
+    Steps,
+    find_steps,
+    record,
+    run,
+    schedule,
+    separate_friction,
+)
 from parapod.systems.core.errors import OutputError, ScenarioError
 
 DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "identify-actuators.yaml"

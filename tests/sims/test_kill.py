@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from parapod.sims.cli import main
-from parapod.sims.mcap_log import read_mcap
+from parapod.sims.cli.main import main
+from parapod.sims.lab.mcap import read_mcap
 
 for library in ("nidaqmx", "grpc", "canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)

@@ -26,13 +26,12 @@ from tornado.websocket import websocket_connect
 from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario, WaypointScenario
 from parapod.diagrams.scenario import dump_scenario, load_scenario
-from parapod.sims.cli import main
-from parapod.sims.experiment import ENTRIES, RunOptions
-from parapod.sims.level import EXPERIMENT, run
-from parapod.sims.levelling_job import check_job
-from parapod.sims.live import LivePlatform, stay_live
-from parapod.sims.live_buttons import RESTART, STOP
-from parapod.sims.outputs import read_log
+from parapod.sims.cli.main import main
+from parapod.sims.lab.bench import RESTART, STOP
+from parapod.sims.lab.experiment import ENTRIES, RunOptions
+from parapod.sims.lab.files import read_log
+from parapod.sims.levelling_platform.levelling import LivePlatform, check_job, stay_live
+from parapod.sims.levelling_platform.level import EXPERIMENT, run
 from parapod.systems.core.errors import OutputError, ScenarioError, UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import height_range
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
@@ -387,7 +386,7 @@ def test_restart_runs_the_job_again_and_stop_ends(meshcat, options):
 def test_ctrl_c_in_the_live_phase_ends_with_the_job_s_exit_code(tmp_path):
     # SIGINT is ignored by children of shells without job control, hence the default handler.
     start = "import signal,sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
-    start += "from parapod.sims.cli import main; sys.exit(main())"
+    start += "from parapod.sims.cli.main import main; sys.exit(main())"
     command = [sys.executable, "-c", start, "run", "level", "--meshcat", "--set", *BRIEF]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as process:

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from parapod.sims.cli import main
+from parapod.sims.cli.main import main
 
 COARSE = ("plant.leg_model=reduced", "plant.time_step=0.005")
 ONE_MOVE = "job.waypoints=[{time: 9, pitch_deg: 1, roll_deg: -1, height_mm: 10}]"

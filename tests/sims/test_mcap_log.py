@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from parapod.sims.mcap_log import McapLog, read_mcap
+from parapod.sims.lab.mcap import McapLog, read_mcap
 from parapod.systems.core.errors import OutputError
 
 pytest.importorskip("mcap")
@@ -44,7 +44,7 @@ WRITER = """
 import sys, time
 import numpy as np
 from pathlib import Path
-from parapod.sims.mcap_log import McapLog
+from parapod.sims.lab.mcap import McapLog
 with McapLog(Path(sys.argv[1]), {"a": "m", "b": "V"}, {}) as log:
     for k in range(100000):
         log.write(time.time(), [np.zeros(4), np.zeros(12)])

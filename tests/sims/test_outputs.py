@@ -7,7 +7,7 @@ import stat
 import numpy as np
 import pytest
 
-from parapod.sims.outputs import (
+from parapod.sims.lab.files import (
     atomic_output,
     check_writable,
     read_log,

@@ -8,7 +8,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import ConstantVectorSource
 
-from parapod.sims.real_time import (
+from parapod.sims.real_machine.real_time import (
     KEPT,
     DeadlineError,
     RealTimeLoop,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from parapod.sims.results import Metric, Result, print_table
+from parapod.sims.lab.results import Metric, Result, print_table
 
 
 def result(*metrics, notes=()):

@@ -11,15 +11,17 @@ import yaml
 from rich.console import Console
 
 from parapod.diagrams.scenario import dump_scenario, load_scenario
-from parapod.sims.experiment import ENTRIES, RunOptions
-from parapod.sims.figures import render
-from parapod.sims.outputs import read_log
-from parapod.sims.slip import EXPERIMENT, run
-from parapod.sims.slip_recording import Recording, lift_and_swing
-from parapod.sims.slip_scenario import (
+from parapod.sims.lab.experiment import ENTRIES, RunOptions
+from parapod.sims.lab.figures import render
+from parapod.sims.lab.files import read_log
+from parapod.sims.levelling_platform.slip import (
+    EXPERIMENT,
+    Recording,
     SlipScenario,
     control_trajectory,
+    lift_and_swing,
     lift_trajectory,
+    run,
     swing_trajectory,
 )
 from parapod.systems.core.errors import OutputError, UnreachablePosture

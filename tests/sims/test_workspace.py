@@ -13,12 +13,11 @@ import yaml
 from rich.console import Console
 
 from parapod.diagrams.scenario import dump_scenario, load_scenario
-from parapod.sims.cli import main
-from parapod.sims.experiment import ENTRIES, RunOptions
-from parapod.sims.figures import render
-from parapod.sims.workspace import EXPERIMENT, run
-from parapod.sims.workspace_figures import figures
-from parapod.sims.workspace_scenario import WorkspaceScenario
+from parapod.sims.cli.main import main
+from parapod.sims.lab.experiment import ENTRIES, RunOptions
+from parapod.sims.lab.figures import render
+from parapod.sims.levelling_platform.workspace import EXPERIMENT, WorkspaceScenario, run
+from parapod.sims.levelling_platform.workspace_pictures import figures
 from parapod.systems.core.errors import OutputError
 from parapod.systems.levelling_platform.workspace import ArmGeometry
 

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from parapod.sims.lab.results import Metric, Result
 from parapod.sims.report.chapter import Claim, Numbers, Relation, Tone
-from parapod.sims.results import Metric, Result
 
 
 def result(value, seed=0):

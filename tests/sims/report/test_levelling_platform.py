@@ -6,15 +6,15 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from parapod.sims.experiment import ENTRIES
-from parapod.sims.figures import render
+from parapod.sims.lab.experiment import ENTRIES
+from parapod.sims.lab.figures import render
+from parapod.sims.lab.results import Metric, Result
+from parapod.sims.levelling_platform.report.chapter import CHAPTER
+from parapod.sims.levelling_platform.report.errata import ERRATA
 from parapod.sims.report.chapter import Numbers, Relation, Tone
 from parapod.sims.report.levelling_platform import errata as errata_module
-from parapod.sims.report.levelling_platform.chapter import CHAPTER
-from parapod.sims.report.levelling_platform.errata import ERRATA
 from parapod.sims.report.page import make_page
 from parapod.sims.report.run import run_chapter
-from parapod.sims.results import Metric, Result
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 
 # What the errata about the workspace go by.

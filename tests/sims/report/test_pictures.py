@@ -7,8 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from parapod.diagrams.photograph import View
-from parapod.sims.report.levelling_platform.pictures import pictures
+from parapod.diagrams.drawing import View
+from parapod.sims.levelling_platform.report.chapter import pictures
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def test_nothing_of_the_machine_is_cut_off_at_the_sides(taken):
 
 def test_without_opengl_the_reason_is_said_and_the_process_lives():
     code = (
-        "from parapod.sims.report.levelling_platform.pictures import pictures\n"
+        "from parapod.sims.levelling_platform.report.chapter import pictures\n"
         "if __name__ == '__main__':\n"
         "    try:\n        pictures()\n"
         "    except RuntimeError as error:\n        print(error)\n"

@@ -10,9 +10,10 @@ import pytest
 from rich.console import Console
 
 from parapod.diagrams.scenario import choice, quantity
-from parapod.sims.cli import main
-from parapod.sims.experiment import Entry, Experiment
-from parapod.sims.figures import Figure
+from parapod.sims.cli.main import main
+from parapod.sims.lab.experiment import Entry, Experiment
+from parapod.sims.lab.figures import Figure
+from parapod.sims.lab.results import Metric, Result
 from parapod.sims.report import chapters
 from parapod.sims.report.chapter import (
     Chapter,
@@ -26,7 +27,6 @@ from parapod.sims.report.chapter import (
 )
 from parapod.sims.report.page import counts, make_page
 from parapod.sims.report.run import run_chapter
-from parapod.sims.results import Metric, Result
 from parapod.systems.core.errors import ParapodError
 
 QUIET = Console(quiet=True)

@@ -7,16 +7,15 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from parapod.sims.experiment import ENTRIES
-from parapod.sims.figures import render
+from parapod.sims.lab.experiment import ENTRIES
+from parapod.sims.lab.figures import render
 from parapod.sims.report.chapter import Numbers, Relation, Tone
 from parapod.sims.report.chapters import chapters
 from parapod.sims.report.page import make_page
 from parapod.sims.report.run import run_chapter
 from parapod.sims.report.walking_chair import errata as errata_module
-from parapod.sims.report.walking_chair.chapter import CHAPTER
-from parapod.sims.report.walking_chair.errata import ERRATA
-from parapod.sims.report.walking_chair.pictures import pictures
+from parapod.sims.walking_chair.report.chapter import CHAPTER, pictures
+from parapod.sims.walking_chair.report.errata import ERRATA
 from parapod.systems.walking_chair.leg import leg_corners
 from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 from parapod.systems.walking_chair.printed import (

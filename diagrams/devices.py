@@ -1,0 +1,180 @@
+"""Devices behind the ports of a station: checked against the machine's table, opened, wired."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from pydrake.systems.framework import Context, DiagramBuilder, InputPort, OutputPort
+from pydrake.systems.primitives import Multiplexer
+
+from parapod.diagrams.drivers.driver import Driver, PartPorts
+from parapod.diagrams.station import Behind
+from parapod.diagrams.wiring import add, connect
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.hardware.device import Device
+from parapod.systems.hardware.io_thread import DeviceThread
+from parapod.systems.hardware.part_reader import PartReader
+from parapod.systems.hardware.part_writer import PartWriter
+
+if TYPE_CHECKING:
+    from parapod.diagrams.machine import Machine, Port
+
+
+@dataclass
+class Parts:
+    """The devices of a machine, by part.
+
+    Attributes:
+        threads: threads of each part's devices.
+        readers: readers by part.
+    """
+
+    threads: dict[str, list[DeviceThread]]
+    readers: dict[str, PartReader] = field(default_factory=dict)
+
+    @property
+    def all_threads(self) -> list[DeviceThread]:
+        """Threads of all parts."""
+        return [thread for threads in self.threads.values() for thread in threads]
+
+    def reset(self, root_context: Context, scenario: Any = None) -> None:
+        """Begins with what the devices measure now; a scenario changes nothing about a machine.
+
+        Raises:
+            DeviceError: a device has a fault, or is not active yet.
+        """
+        for reader in self.readers.values():
+            reader.reset(reader.GetMyMutableContextFromRoot(root_context))
+
+    @contextmanager
+    def active(self) -> Iterator[None]:
+        """Configures all devices, then activates them; neutral and closed at its end.
+
+        No device is energised before every device has answered and been found to be the right
+        one. Whatever ends it, every device is made neutral, in the reverse order.
+
+        Raises:
+            MissingExtra: a library is not installed.
+            DeviceError: a device is not there, is another one, or refuses.
+        """
+        with ExitStack() as stack:
+            for thread in self.all_threads:
+                stack.enter_context(thread.device)
+            for thread in self.all_threads:
+                stack.callback(thread.stop)
+                thread.start()
+            yield
+
+
+def add_devices(builder: DiagramBuilder, machine: "Machine[Any]", scenario: Any) -> Behind:
+    """Adds the devices of a scenario's drivers; nothing is opened yet.
+
+    Args:
+        builder: builder of the station.
+        machine: the machine.
+        scenario: its `hardware.drivers` and `control.period` are taken.
+
+    Raises:
+        ScenarioError: drivers that do not make this machine.
+    """
+    period = scenario.control.period
+    parts = make_parts(scenario.hardware.drivers, machine.inputs, machine.measured, period)
+    inputs, outputs = _add_parts(builder, parts, machine, period)
+    for name in ("age", "fault"):
+        each = add(builder, Multiplexer(len(machine.parts)), f"status_{name}")
+        for i, part in enumerate(machine.parts):
+            port = parts.readers[part].GetOutputPort(name)
+            connect(builder, port, each.get_input_port(i))
+        outputs[f"status.{name}"] = each.get_output_port(0)
+    return Behind(inputs, outputs, parts.reset, parts.active, parts)
+
+
+def make_parts(
+    drivers: Sequence[Driver],
+    inputs: "Sequence[Port]",
+    outputs: "Sequence[Port]",
+    period: float,
+) -> Parts:
+    """Makes the devices of drivers and checks that they are the station's.
+
+    Args:
+        drivers: drivers of the scenario.
+        inputs: inputs of the station; each must be driven.
+        outputs: outputs of the station; each must be measured, once.
+        period: period of the loop [s].
+
+    Raises:
+        ScenarioError: names the port or the driver that is wrong.
+    """
+    parts = {spec.name.partition(".")[0] for spec in (*inputs, *outputs)}
+    devices: list[tuple[str, Device]] = []
+    for i, driver in enumerate(drivers):
+        if driver.part not in parts:
+            key = f"hardware.drivers.{i}.part"
+            raise ScenarioError(
+                f"{key} = '{driver.part}' is not one of {', '.join(sorted(parts))}", key
+            )
+        ports = PartPorts(_signals(outputs, driver.part), _signals(inputs, driver.part))
+        device = driver.make(ports)
+        for signal in device.commands:
+            if signal not in ports.commands:
+                text = f"{device.name} takes {driver.part}.{signal}, which is no port"
+                raise ScenarioError(f"hardware.drivers: {text}", "hardware.drivers")
+        devices.append((driver.part, device))
+    for specs, what in ((outputs, "measures"), (inputs, "commands")):
+        for spec in specs:
+            _check(spec, devices, what)
+    threads: dict[str, list[DeviceThread]] = {}
+    for part, device in devices:
+        threads.setdefault(part, []).append(DeviceThread(device, period))
+    return Parts(threads)
+
+
+def _signals(specs: "Sequence[Port]", part: str) -> dict[str, int]:
+    """Names, within their part, and sizes of the ports of one part."""
+    names = ((spec.name.partition("."), spec.size) for spec in specs)
+    return {signal: size for (owner, _, signal), size in names if owner == part}
+
+
+def _check(spec: "Port", devices: Sequence[tuple[str, Device]], what: str) -> None:
+    """Refuses a port that no device, or more than one, stands behind."""
+    part, _, signal = spec.name.partition(".")
+    here = [device for name, device in devices if name == part]
+    found = [device for device in here if signal in getattr(device, what)]
+    key = "hardware.drivers"
+    verb = "measured" if what == "measures" else "driven"
+    if not found:
+        among = ", ".join(device.name for device in here) or "none"
+        raise ScenarioError(
+            f"{key}: {spec.name} is {verb} by no driver (those with part: {part}: {among})", key
+        )
+    if what == "measures" and len(found) > 1:
+        names = " and ".join(device.name for device in found)
+        raise ScenarioError(f"{key}: {spec.name} is measured by {names}; it must be one", key)
+    for device in found:
+        size = getattr(device, what)[signal]
+        if size != spec.size:
+            raise ScenarioError(
+                f"{key}: {device.name} has {size} elements of {spec.name}, the port {spec.size}",
+                key,
+            )
+
+
+def _add_parts(
+    builder: DiagramBuilder, parts: Parts, machine: "Machine[Any]", period: float
+) -> tuple[dict[str, InputPort], dict[str, OutputPort]]:
+    """Adds a reader and, where there are commands, a writer for each part."""
+    inputs: dict[str, InputPort] = {}
+    outputs: dict[str, OutputPort] = {}
+    for part, threads in parts.threads.items():
+        reader = add(builder, PartReader(part, threads, period))
+        parts.readers[part] = reader
+        for signal in _signals(machine.measured, part):
+            outputs[f"{part}.{signal}"] = reader.GetOutputPort(signal)
+        if commanded := _signals(machine.inputs, part):
+            writer = add(builder, PartWriter(part, threads, period))
+            connect(builder, reader.GetOutputPort("stamp"), writer.GetInputPort("stamp"))
+            for signal in commanded:
+                inputs[f"{part}.{signal}"] = writer.GetInputPort(signal)
+    return inputs, outputs

@@ -1,0 +1,166 @@
+"""Drawings of machines in Meshcat, and pictures by Drake's renderer without a browser."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import (
+    ClippingRange,
+    ColorRenderCamera,
+    LightParameter,
+    MakeRenderEngineVtk,
+    Meshcat,
+    MeshcatVisualizer,
+    MeshcatVisualizerParams,
+    RenderCameraCore,
+    RenderEngineVtkParams,
+    Role,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
+from pydrake.systems.rendering import MultibodyPositionToGeometryPose
+from pydrake.systems.sensors import CameraInfo
+
+from parapod.diagrams.wiring import add, connect
+
+
+def publish(
+    builder: DiagramBuilder, scene_graph: SceneGraph, meshcat: Meshcat, prefix: str
+) -> None:
+    """Publishes what a scene graph holds, thirty times a second.
+
+    Args:
+        builder: of the diagram that holds `scene_graph`.
+        scene_graph: what is drawn.
+        meshcat: where.
+        prefix: of the path there.
+    """
+    # Not `ApplyVisualizationConfig`, which wants the plant to be part of the diagram.
+    params = MeshcatVisualizerParams(
+        publish_period=1.0 / 30.0, prefix=prefix, delete_on_initialization_event=False
+    )
+    MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
+
+
+def draw(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    positions: OutputPort,
+    scene_graph: SceneGraph,
+) -> None:
+    """Poses the geometry of a plant that is only drawn.
+
+    Args:
+        builder: of the diagram that holds `scene_graph`.
+        plant: finalized, registered with `scene_graph`, and no part of the diagram.
+        positions: of its joints.
+        scene_graph: what is drawn.
+    """
+    to_geometry = add(builder, MultibodyPositionToGeometryPose(plant))
+    connect(builder, positions, to_geometry.get_input_port())
+    source_id = plant.get_source_id()
+    assert source_id is not None
+    connect(builder, to_geometry.get_output_port(), scene_graph.get_source_pose_port(source_id))
+
+
+def remove_visuals(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
+    """Removes what is there to be seen only, so that a step does not compute its pose."""
+    inspector = scene_graph.model_inspector()
+    touched = set(inspector.GetAllGeometryIds(Role.kProximity))
+    source_id = plant.get_source_id()
+    assert source_id is not None
+    for geometry in set(inspector.GetAllGeometryIds()) - touched:
+        scene_graph.RemoveGeometry(source_id, geometry)
+
+
+_RENDERER = "photograph"
+_SCENE = 4.0  # nothing is further from what a picture is taken of [m]
+
+
+@dataclass(frozen=True)
+class View:
+    """From where a picture is taken.
+
+    Attributes:
+        camera: where the camera is (3) [m].
+        target: what is in the middle of the picture (3) [m].
+        angle: of view, from the lower to the upper edge [rad].
+        size: width and height [pixel].
+        up: what is up in the picture (3).
+    """
+
+    camera: tuple[float, float, float]
+    target: tuple[float, float, float]
+    angle: float = 0.6
+    size: tuple[int, int] = (1200, 900)
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    @property
+    def X_WC(self) -> RigidTransform:
+        """The camera's pose: z into the picture, x to the right, y down."""
+        ahead = np.subtract(self.target, self.camera)
+        ahead = ahead / np.linalg.norm(ahead)
+        right = np.cross(ahead, self.up)
+        right /= np.linalg.norm(right)
+        axes = np.column_stack([right, np.cross(ahead, right), ahead])
+        return RigidTransform(RotationMatrix(axes), np.array(self.camera))
+
+
+def add_renderer(scene_graph: SceneGraph) -> None:
+    """Lets pictures be taken of a scene graph; to be called before the model is added.
+
+    Raises:
+        RuntimeError: there is no OpenGL that Drake's renderer could use.
+    """
+    scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(_engine()))
+
+
+def take(
+    scene_graph: SceneGraph, root_context: Context, views: Sequence[View]
+) -> list[NDArray[np.uint8]]:
+    """Pictures (height, width, 3) of what a scene graph holds.
+
+    Args:
+        scene_graph: with a renderer, part of a diagram.
+        root_context: of the diagram.
+        views: from where; one picture each.
+    """
+    port = scene_graph.get_query_output_port()
+    scene: Any = port.Eval(scene_graph.GetMyContextFromRoot(root_context))
+    world = scene_graph.world_frame_id()
+    return [
+        scene.RenderColorImage(_camera(view), world, view.X_WC).data[:, :, :3].copy()
+        for view in views
+    ]
+
+
+def _engine() -> RenderEngineVtkParams:
+    # Over the photographer's left shoulder, from above, and a little from below.
+    lights = [
+        LightParameter(type="directional", frame=frame, direction=direction, intensity=intensity)
+        for frame, direction, intensity in (
+            ("camera", [0.45, 0.55, 1.0], 1.0),
+            ("camera", [-0.8, 0.2, 0.6], 0.35),
+            ("world", [0.0, 0.0, -1.0], 0.35),
+            ("world", [0.0, 0.0, 1.0], 0.2),
+        )
+    ]
+    return RenderEngineVtkParams(
+        default_clear_color=np.array([1.0, 1.0, 1.0]), lights=lights, backend="EGL"
+    )
+
+
+def _camera(view: View) -> ColorRenderCamera:
+    width, height = view.size
+    distance = float(np.linalg.norm(np.subtract(view.target, view.camera)))
+    core = RenderCameraCore(
+        _RENDERER,
+        CameraInfo(width=width, height=height, fov_y=view.angle),
+        ClippingRange(max(0.05, distance - _SCENE), distance + _SCENE),
+        RigidTransform(),
+    )
+    return ColorRenderCamera(core, show_window=False)

@@ -1,0 +1,559 @@
+"""Plants behind the levelling platform's station: rigid bodies, statics, mock."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, DiagramBuilder, InputPort, LeafSystem, OutputPort
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    Demultiplexer,
+    DiscreteTimeDelay,
+    MatrixGain,
+    Multiplexer,
+    PassThrough,
+    RandomSource,
+    StateInterpolatorWithDiscreteDerivative,
+    ZeroOrderHold,
+)
+
+from parapod.diagrams.drawing import remove_visuals
+from parapod.diagrams.levelling_platform.model import (
+    add_drawing,
+    add_platform,
+    add_visualization,
+    geometry_as_built,
+)
+from parapod.diagrams.levelling_platform.ports import PARTS
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.multibody import add_discrete_plant
+from parapod.diagrams.station import Behind
+from parapod.diagrams.wiring import add, connect, split_states
+from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
+from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
+from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
+from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
+from parapod.systems.levelling_platform.model import (
+    MODEL_GEOMETRY,
+    WHEEL_COUNT,
+    FootTruth,
+    LegTransmission,
+    PlatformModel,
+    PlatformTruth,
+)
+from parapod.systems.levelling_platform.plane import to_platform
+from parapod.systems.levelling_platform.supervisor import SupervisorParams
+from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
+from parapod.systems.sensors.device_status import DeviceStatus
+from parapod.systems.sensors.encoder import Encoder
+from parapod.systems.sensors.imu import (
+    STANDARD_GRAVITY,
+    Imu,
+    ImuParams,
+    add_imu,
+    sample_period,
+    seed_noise,
+)
+from parapod.systems.sensors.inertial_motion import InertialMotion
+from parapod.systems.sensors.limit_switches import LimitSwitches
+
+
+@dataclass(frozen=True)
+class Drives:
+    """What moves a plant: the drives that all backends share.
+
+    Attributes:
+        rods: outputs `extension`, `velocity`, `next_state` of the linear actuators.
+        wheels: angles and velocities (8) that the wheels are held to.
+        arm: angles and velocities (4) of turntable and arm.
+        arm_angles: angles (2) of turntable and arm.
+    """
+
+    rods: LeafSystem
+    wheels: OutputPort
+    arm: OutputPort
+    arm_angles: OutputPort
+
+
+@dataclass(frozen=True)
+class Plant:
+    """What a plant offers to the sensors and to the truth.
+
+    Attributes:
+        signals: ports by name: posture, attitude, angular_velocity, specific_force,
+            contact_force, foot_height, load_force, loop_error.
+        on_ground: systems that must be told how the ground is inclined.
+        holds: holds of attitude, angular_velocity or specific_force, by that name, which begin
+            at rest and must be told what that is.
+        model: bodies and joints; None where none are simulated.
+    """
+
+    signals: dict[str, OutputPort]
+    on_ground: tuple[OnInclinedGround, ...]
+    holds: dict[str, ZeroOrderHold]
+    model: PlatformModel | None
+
+
+def _add_multibody_plant(
+    builder: DiagramBuilder,
+    scenario: LevellingScenario,
+    drives: Drives,
+    meshcat: Meshcat | None,
+) -> Plant:
+    """Adds the plant of rigid bodies with closed loops and contact."""
+    plant, scene_graph = add_discrete_plant(
+        builder, scenario.plant.time_step, scenario.plant.contact_approximation
+    )
+    model = add_platform(
+        plant,
+        scenario.plant.leg_model,
+        scenario.plant.wheels,
+        geometry=geometry_as_built(scenario),
+        foot_offsets=scenario.ground.foot_offsets,
+    )
+    connect(builder, drives.arm, plant.get_desired_state_input_port(model.arm))
+    if model.has_rolling_wheels:
+        _drive_wheels(builder, model, drives)
+    load_force = _drive_legs(builder, model, drives, scenario.plant.time_step)
+
+    truth = add(builder, PlatformTruth(model))
+    connect(builder, plant.get_state_output_port(), truth.GetInputPort("state"))
+    feet = add(builder, FootTruth(model))
+    connect(builder, plant.get_contact_results_output_port(), feet.GetInputPort("contact_results"))
+    connect(builder, plant.get_body_poses_output_port(), feet.GetInputPort("body_poses"))
+    attitude, angular_velocity, specific_force = _add_inertial_motion(builder, model)
+    if meshcat is not None and model.is_full:
+        add_visualization(builder, model, plant.get_state_output_port(), scene_graph, meshcat)
+    else:
+        remove_visuals(plant, scene_graph)
+    if meshcat is not None and not model.is_full:
+        _draw_as_full(builder, scenario, model, drives, meshcat)
+    signals = {
+        "posture": truth.GetOutputPort("posture"),
+        "attitude": attitude,
+        "angular_velocity": angular_velocity,
+        "specific_force": specific_force,
+        "load_force": load_force,
+    } | {name: feet.GetOutputPort(name) for name in ("contact_force", "foot_height", "loop_error")}
+    return Plant(signals, (truth, feet), {}, model)
+
+
+def _draw_as_full(
+    builder: DiagramBuilder,
+    scenario: LevellingScenario,
+    model: PlatformModel,
+    drives: Drives,
+    meshcat: Meshcat,
+) -> None:
+    """Draws reduced legs as what they stand for."""
+    plant = model.plant
+    start = model.base.floating_positions_start()
+    joints = [plant.get_joint(i) for i in plant.GetJointIndices(model.arm)]
+    turned = [joint.position_start() for joint in joints if joint.num_positions()]
+    parts = []
+    for name, indices in (("base_pose", range(start, start + 7)), ("arm_position", turned)):
+        selection = np.eye(plant.num_multibody_states())[list(indices)]
+        part = add(builder, MatrixGain(selection), f"drawn_{name}")
+        connect(builder, plant.get_state_output_port(), part.get_input_port())
+        parts.append(part.get_output_port())
+    rods = drives.rods.GetOutputPort("extension")
+    add_drawing(builder, scenario.ground.inclination, meshcat, rods, *parts)
+
+
+def _drive_wheels(builder: DiagramBuilder, model: PlatformModel, drives: Drives) -> None:
+    split = split_states(builder, "wheel_states", drives.wheels, WHEEL_COUNT)
+    for port, wheel in zip(split, model.wheels, strict=True):
+        connect(builder, port, model.plant.get_desired_state_input_port(wheel))
+
+
+def _drive_legs(
+    builder: DiagramBuilder, model: PlatformModel, drives: Drives, time_step: float
+) -> OutputPort:
+    """Connects the rods to the legs' joints; returns the force with which they hold (4).
+
+    That force is the one of the step before, which breaks the loop from the actuators' next
+    state through the plant back to their load.
+    """
+    plant = model.plant
+    count = plant.num_actuators()
+    holding = add(builder, ZeroOrderHold(time_step, count), "holding_effort")
+    connect(builder, plant.get_net_actuation_output_port(), holding.get_input_port())
+    # The legs' actuators come first.
+    parts = add(builder, Demultiplexer([LEG_COUNT, count - LEG_COUNT]), "efforts")
+    connect(builder, holding.get_output_port(), parts.get_input_port(0))
+    # One step ahead: the plant's implicit drives then arrive where the actuators will be.
+    ahead = drives.rods.GetOutputPort("next_state")
+    load_force = parts.get_output_port(0)
+    if not model.is_full:
+        transmission = add(builder, LegTransmission(model.geometry))
+        connect(builder, ahead, transmission.GetInputPort("rod_state"))
+        connect(
+            builder, drives.rods.GetOutputPort("extension"), transmission.GetInputPort("extension")
+        )
+        connect(builder, load_force, transmission.GetInputPort("swing_torque"))
+        ahead = transmission.GetOutputPort("swing_state")
+        load_force = transmission.GetOutputPort("load_force")
+    split = split_states(builder, "leg_states", ahead, LEG_COUNT)
+    for port, leg in zip(split, model.legs, strict=True):
+        connect(builder, port, plant.get_desired_state_input_port(leg))
+    return load_force
+
+
+def _add_inertial_motion(builder: DiagramBuilder, model: PlatformModel) -> list[OutputPort]:
+    """True attitude, angular velocity and specific force at the platform's centre."""
+    plant, state = model.plant, model.plant.get_state_output_port()
+    period = sample_period()
+    motion = add(
+        builder,
+        InertialMotion(
+            plant.num_multibody_states(),
+            model.base.floating_positions_start(),
+            plant.num_positions() + model.base.floating_velocities_start_in_v(),
+            period,
+        ),
+    )
+    last = add(builder, ZeroOrderHold(period, plant.num_multibody_states()), "last_state")
+    connect(builder, state, last.get_input_port())
+    connect(builder, state, motion.GetInputPort("state"))
+    connect(builder, last.get_output_port(), motion.GetInputPort("last_state"))
+    parts = add(builder, Demultiplexer(9, 3), "inertial_motion_parts")
+    connect(builder, motion.get_output_port(), parts.get_input_port(0))
+    return [parts.get_output_port(i) for i in range(3)]
+
+
+def _add_kinematic_plant(
+    builder: DiagramBuilder,
+    scenario: LevellingScenario,
+    drives: Drives,
+    meshcat: Meshcat | None,
+) -> Plant:
+    """Adds the quasi-static plant, and with `meshcat` a drawing of it."""
+    platform = add(builder, KinematicPlatform(geometry_as_built(scenario), wheels=WheelGeometry()))
+    connect(builder, drives.rods.GetOutputPort("extension"), platform.GetInputPort("extension"))
+    connect(builder, drives.rods.GetOutputPort("velocity"), platform.GetInputPort("velocity"))
+    connect(builder, drives.arm_angles, platform.GetInputPort("arm_position"))
+    names = (
+        "posture",
+        "attitude",
+        "angular_velocity",
+        "specific_force",
+        "contact_force",
+        "foot_height",
+        "load_force",
+    )
+    signals = {name: platform.GetOutputPort(name) for name in names}
+    # The inertial sensor samples at instants of its own; held, the platform's statics are solved
+    # once a period and not again for every sample.
+    holds = {}
+    for name in ("attitude", "angular_velocity", "specific_force"):
+        held = add(builder, ZeroOrderHold(scenario.control.period, 3), f"held_{name}")
+        connect(builder, signals[name], held.get_input_port())
+        signals[name] = held.get_output_port()
+        holds[name] = held
+    signals["loop_error"] = _zeros(builder, "no_loops")
+    plant = Plant(signals, (platform,), holds, None)
+    if meshcat is None:
+        return plant
+    add_drawing(
+        builder,
+        scenario.ground.inclination,
+        meshcat,
+        drives.rods.GetOutputPort("extension"),
+        platform.GetOutputPort("base_pose"),
+        drives.arm_angles,
+    )
+    return plant
+
+
+def _zeros(builder: DiagramBuilder, name: str) -> OutputPort:
+    source = add(builder, ConstantVectorSource(np.zeros(LEG_COUNT)), name)
+    return source.get_output_port()
+
+
+_GRAVITY = 9.81  # of both plants [m/s^2]
+_STOPS = LinearActuatorParams()
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A simulated platform and the handles that put it at its beginning.
+
+    Attributes:
+        plant: the plant.
+        actuators: the four linear actuators.
+        imu: the inertial sensor.
+        noise: source of the sensor's noise.
+        built: the scenario that it was built from.
+    """
+
+    plant: Plant
+    actuators: LinearActuator
+    imu: Imu
+    noise: RandomSource
+    built: LevellingScenario
+
+    @property
+    def model(self) -> PlatformModel | None:
+        """Bodies and joints of the plant; None where none are simulated."""
+        return self.plant.model
+
+    def reset(self, root_context: Context, scenario: LevellingScenario) -> None:
+        """Puts the platform on feet or wheels and draws gains, biases and noise from the seed.
+
+        Args:
+            root_context: context, at its defaults, of the diagram that contains the station.
+            scenario: its ground, initial extension, gain error, biases and seed are taken. What is
+                built in, such as the plant with its dimensions, the sensors' resolution and the
+                job's times, stays.
+        """
+        random = np.random.default_rng(scenario.seed)
+        ground, foot_offsets = scenario.ground.inclination, scenario.ground.foot_offsets
+        geometry = geometry_as_built(self.built)
+        on_wheels = scenario.job.start == "wheels"
+        extension, posture = (_raised if on_wheels else _touchdown)(geometry, scenario)
+
+        actuators = self.actuators.GetMyMutableContextFromRoot(root_context)
+        self.actuators.set_extension(actuators, extension)
+        error = scenario.actuators.gain_error
+        gain_scale = 1.0 + random.uniform(-error, error, LEG_COUNT)
+        self.actuators.set_gain_scale(actuators, gain_scale)
+
+        signs = random.choice([-1.0, 1.0], 6)
+        self.imu.set_turn_on_bias(
+            self.imu.GetMyMutableContextFromRoot(root_context),
+            gyro=math.radians(scenario.sensors.gyro_bias_deg_s) * signs[:3],
+            accel=1e-3 * STANDARD_GRAVITY * scenario.sensors.accel_bias_mg * signs[3:],
+        )
+        seed_noise(self.noise, root_context, int(random.integers(2**31)))
+
+        for system in self.plant.on_ground:
+            system.set_ground(
+                system.GetMyMutableContextFromRoot(root_context), ground, foot_offsets
+            )
+        at_rest = {
+            "attitude": np.array([*posture[:2], 0.0]),
+            "angular_velocity": np.zeros(3),
+            "specific_force": np.array(to_platform((0.0, 0.0, _GRAVITY), *posture[:2].tolist())),
+        }
+        for name, hold in self.plant.holds.items():
+            context = hold.GetMyMutableContextFromRoot(root_context)
+            hold.SetVectorState(context, at_rest[name])
+        if self.model is not None:
+            plant_context = self.model.plant.GetMyMutableContextFromRoot(root_context)
+            if on_wheels:
+                x = scenario.job.start_x_m
+                self.model.stand_on_wheels(plant_context, extension, posture, ground, x)
+            else:
+                self.model.stand(plant_context, extension, ground, foot_offsets)
+
+
+def _raised(
+    geometry: PlatformGeometry, scenario: LevellingScenario
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Extensions (4) with the legs up, and the posture of a platform on its wheels.
+
+    Raises:
+        ScenarioError: ground that is lower under a foot than under the wheels.
+    """
+    if min(scenario.ground.foot_offsets) < 0.0:
+        key = "ground.foot_heights_mm"
+        raise ScenarioError(f"{key} must be 0 or more on wheels, which stand on the plane", key)
+    extension = np.full(LEG_COUNT, SupervisorParams().raised)
+    posture = [*scenario.ground.inclination, WheelGeometry().standing_height]
+    return extension, np.array(posture)
+
+
+def _touchdown(
+    geometry: PlatformGeometry, scenario: LevellingScenario
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Extensions (4) with which all four feet touch, and the posture that follows.
+
+    Raises:
+        UnreachablePosture: the fourth foot does not reach the ground.
+    """
+    ground, foot_offsets = scenario.ground.inclination, scenario.ground.foot_offsets
+    extension = np.full(LEG_COUNT, 1e-3 * scenario.job.initial_extension_mm)
+    if geometry.deviations or any(foot_offsets):
+        posture = forward_kinematics(geometry, extension, ground, (0, 1, 2), foot_offsets)
+        whole = replace(geometry, extension_min=_STOPS.stop_min, extension_max=_STOPS.stop_max)
+        extension = inverse_kinematics(whole, posture, ground, foot_offsets)
+    return extension, forward_kinematics(geometry, extension, ground, (0, 1, 2), foot_offsets)
+
+
+# Without lag and counts; as fast as the real ones.
+_EXACT_WHEELS = VelocityServoParams(0.0, 1e-9, WHEEL_DRIVE.max_velocity)
+
+type PlantMaker = Callable[[DiagramBuilder, LevellingScenario, Drives, Meshcat | None], Plant]
+
+
+def _add_simulated(
+    add_plant: PlantMaker,
+    time_step: float,
+    builder: DiagramBuilder,
+    scenario: LevellingScenario,
+    meshcat: Meshcat | None,
+) -> Behind:
+    """Adds drives, a plant and sensors.
+
+    Args:
+        add_plant: adds the plant.
+        time_step: step of the actuators [s].
+        builder: builder of the station.
+        scenario: the scenario to build.
+        meshcat: draws the machine there; None for no drawing.
+    """
+    actuators = add(builder, LinearActuator(scenario.actuators.params, time_step=time_step))
+    period = scenario.control.period
+    wheels = add(builder, VelocityServo(WHEEL_DRIVE, WHEEL_COUNT, period), "wheel_drive")
+    arm = add(builder, Multiplexer(2), "arm_command")
+    drive = add(builder, StateInterpolatorWithDiscreteDerivative(2, period), "arm_drive")
+    connect(builder, arm.get_output_port(), drive.get_input_port())
+    drives = Drives(
+        rods=actuators,
+        wheels=wheels.GetOutputPort("state"),
+        arm=drive.get_output_port(),
+        arm_angles=arm.get_output_port(),
+    )
+    plant = add_plant(builder, scenario, drives, meshcat)
+    connect(builder, plant.signals["load_force"], actuators.GetInputPort("load_force"))
+    outputs, imu, noise = _add_sensors(builder, scenario, actuators, wheels, plant)
+    for name in ("posture", "contact_force", "foot_height", "load_force", "loop_error"):
+        outputs[f"truth.{name}"] = plant.signals[name]
+    outputs["truth.extension"] = actuators.GetOutputPort("extension")
+    simulation = Simulation(plant, actuators, imu, noise, scenario)
+    inputs = _drive_inputs(actuators, wheels) | {
+        "turntable.position_command": arm.get_input_port(0),
+        "arm.position_command": arm.get_input_port(1),
+    }
+    return Behind(inputs, outputs, simulation.reset, handle=simulation)
+
+
+def add_bodies(
+    builder: DiagramBuilder, scenario: LevellingScenario, meshcat: Meshcat | None
+) -> Behind:
+    """Adds the platform as rigid bodies with closed loops and contact, its drives and sensors."""
+    step = scenario.plant.time_step
+    return _add_simulated(_add_multibody_plant, step, builder, scenario, meshcat)
+
+
+def add_statics(
+    builder: DiagramBuilder, scenario: LevellingScenario, meshcat: Meshcat | None
+) -> Behind:
+    """Adds the platform as closed-form statics, its drives and sensors."""
+    step = scenario.control.period
+    return _add_simulated(_add_kinematic_plant, step, builder, scenario, meshcat)
+
+
+def _drive_inputs(actuators: LinearActuator, wheels: VelocityServo) -> dict[str, InputPort]:
+    return {
+        "legs.voltage": actuators.GetInputPort("voltage"),
+        "legs.stop": actuators.GetInputPort("stop"),
+        "wheels.velocity_command": wheels.GetInputPort("velocity_command"),
+        "wheels.brake": wheels.GetInputPort("brake"),
+    }
+
+
+def _add_sensors(
+    builder: DiagramBuilder,
+    scenario: LevellingScenario,
+    actuators: LinearActuator,
+    wheels: VelocityServo,
+    plant: Plant,
+) -> tuple[dict[str, OutputPort], Imu, RandomSource]:
+    """Encoders, limit switches, inertial sensor and device status, by the names of the ports."""
+    sensors, period = scenario.sensors, scenario.control.period
+    outputs: dict[str, OutputPort] = {}
+    resolution = 1e-3 * sensors.encoder_resolution_mm
+    encoder = add(builder, Encoder(resolution=resolution, gate_time=period))
+    connect(builder, actuators.GetOutputPort("extension"), encoder.GetInputPort("position"))
+    connect(builder, actuators.GetOutputPort("velocity"), encoder.GetInputPort("velocity"))
+    outputs["legs.extension"] = encoder.GetOutputPort("position_measured")
+    outputs["legs.velocity"] = encoder.GetOutputPort("velocity_measured")
+
+    switches = add(builder, LimitSwitches())
+    connect(builder, actuators.GetOutputPort("extension"), switches.GetInputPort("extension"))
+    connect(builder, plant.signals["contact_force"], switches.GetInputPort("contact_force"))
+    outputs["legs.limits"] = switches.GetOutputPort("limits")
+
+    imu, noise = add_imu(builder, ImuParams() if sensors.imu_noise else ImuParams.ideal())
+    for name in ("angular_velocity", "specific_force", "attitude"):
+        connect(builder, plant.signals[name], imu.GetInputPort(name))
+    late = round(1e-3 * sensors.imu_delay_ms / imu.period)
+    for name in ("gyro", "accel", "mag"):
+        sample = imu.GetOutputPort(name)
+        if late:
+            # It takes what was shown before the sample of the same instant: one more period.
+            delay = add(builder, DiscreteTimeDelay(imu.period, late - 1, 3), f"delayed_{name}")
+            connect(builder, sample, delay.get_input_port())
+            sample = delay.get_output_port()
+        outputs[f"imu.{name}"] = sample
+
+    for name in ("position", "velocity"):
+        outputs[f"wheels.{name}"] = wheels.GetOutputPort(f"{name}_measured")
+    periods, delays = (0.0, imu.period, period, 0.0), (0.0, late * imu.period, 0.0, 0.0)
+    outputs |= _add_status(builder, periods, delays)
+    return outputs, imu, noise
+
+
+def _add_status(
+    builder: DiagramBuilder, periods: Sequence[float], delays: Sequence[float] = ()
+) -> dict[str, OutputPort]:
+    status = add(builder, DeviceStatus(PARTS, periods, delays))
+    return {f"status.{name}": status.GetOutputPort(name) for name in ("age", "fault")}
+
+
+def add_mock(
+    builder: DiagramBuilder, scenario: LevellingScenario, meshcat: Meshcat | None = None
+) -> Behind:
+    """Adds what mirrors commands to measurements, exactly and without dynamics.
+
+    Legs extend at K times their voltage, wheels turn as commanded, the platform stands on level
+    ground as its legs say, and every sensor shows the exact value. There are no `truth` ports:
+    nothing is hidden. Its use: to try out a program around the ports where neither a plant's nor
+    the hardware's peculiarities matter.
+
+    Args:
+        builder: builder of the station.
+        scenario: its period, job and supply of the actuators are taken.
+        meshcat: not used; there is nothing to draw.
+    """
+    period = scenario.control.period
+    params = replace(scenario.actuators.params, model="integrator", coulomb_friction=0.0)
+    actuators = add(builder, LinearActuator(params, time_step=period))
+    wheels = add(builder, VelocityServo(_EXACT_WHEELS, WHEEL_COUNT, period), "wheel_drive")
+    inputs = _drive_inputs(actuators, wheels)
+    for name in ("arm.position_command", "turntable.position_command"):
+        inputs[name] = add(builder, PassThrough(1), name).get_input_port()  # leads nowhere
+
+    switches = add(builder, LimitSwitches())
+    extension = actuators.GetOutputPort("extension")
+    connect(builder, extension, switches.GetInputPort("extension"))
+    platform = add(builder, KinematicPlatform(MODEL_GEOMETRY))
+    for name in ("extension", "velocity"):
+        connect(builder, actuators.GetOutputPort(name), platform.GetInputPort(name))
+    force = platform.GetOutputPort("contact_force")
+    connect(builder, force, switches.GetInputPort("contact_force"))
+    magnetic = np.array(ImuParams().magnetic_field)
+    field = add(builder, ConstantVectorSource(magnetic), "mag")
+    outputs = {
+        "legs.extension": extension,
+        "legs.velocity": actuators.GetOutputPort("velocity"),
+        "legs.limits": switches.GetOutputPort("limits"),
+        "imu.gyro": platform.GetOutputPort("angular_velocity"),
+        "imu.accel": platform.GetOutputPort("specific_force"),
+        "imu.mag": field.get_output_port(),
+        "wheels.position": wheels.GetOutputPort("position_measured"),
+        "wheels.velocity": wheels.GetOutputPort("velocity_measured"),
+    } | _add_status(builder, (0.0,) * len(PARTS))
+
+    def reset(root_context: Context, begun: LevellingScenario) -> None:
+        context = actuators.GetMyMutableContextFromRoot(root_context)
+        actuators.set_extension(context, 1e-3 * begun.job.initial_extension_mm)
+
+    return Behind(inputs, outputs, reset)

@@ -1,0 +1,90 @@
+"""Recorded signals of a run, by the names of their ports and with their units."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.systems.core.errors import ParapodError
+
+type Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Recording(Mapping[str, Floats]):
+    """Signals over time: `recording["truth.posture"]` are samples (n, size).
+
+    Attributes:
+        time: (n) times of the samples [s].
+        signals: port name -> (n, size) samples.
+        units: port name -> unit of its elements, separated by commas where they differ.
+    """
+
+    time: Floats
+    signals: Mapping[str, Floats]
+    units: Mapping[str, str]
+
+    def __getitem__(self, name: str) -> Floats:
+        """Samples (n, size) of a signal.
+
+        Raises:
+            ParapodError: a signal that was not recorded.
+        """
+        if name not in self.signals:
+            known = ", ".join(sorted(self.signals)) or "none"
+            raise ParapodError(f"no signal '{name}' was recorded; there are: {known}")
+        return self.signals[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.signals)
+
+    def __len__(self) -> int:
+        return len(self.signals)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.signals
+
+    def __repr__(self) -> str:
+        ends = f"{self.time[0]:g}..{self.time[-1]:g} s" if self.time.size else "no samples"
+        return f"<Recording of {len(self.signals)} signals, {self.time.size} samples, {ends}>"
+
+    def _repr_html_(self) -> str:
+        """A table of the signals, for notebooks."""
+        rows = "".join(
+            f"<tr><td style='text-align:left'>{name}</td><td>{samples.shape[1]}</td>"
+            f"<td style='text-align:left'>{self.units[name]}</td></tr>"
+            for name, samples in sorted(self.signals.items())
+        )
+        head = "<tr><th style='text-align:left'>signal</th><th>size</th><th>unit</th></tr>"
+        return f"<table><caption>{repr(self)[1:-1]}</caption>{head}{rows}</table>"
+
+    def after(self, time: float) -> Self:
+        """The samples from a time [s] on."""
+        later = self.time >= time
+        signals = {name: samples[later] for name, samples in self.signals.items()}
+        return type(self)(self.time[later], signals, self.units)
+
+    def plot(self, *names: str) -> Any:
+        """Draws signals over time, one below the other; a Matplotlib figure that shows itself.
+
+        Args:
+            names: signals; none for all of them.
+
+        Raises:
+            ParapodError: a signal that was not recorded.
+        """
+        from matplotlib.figure import Figure
+
+        names = names or tuple(self)
+        figure = Figure(figsize=(7.0, 1.0 + 1.9 * len(names)), layout="constrained")
+        rows: Any = figure.subplots(len(names), 1, sharex=True, squeeze=False)
+        for axes, name in zip(rows[:, 0], names, strict=True):
+            axes.plot(self.time, self[name], linewidth=1.2)
+            axes.set_title(name, loc="left", fontsize="medium")
+            axes.set_ylabel(f"[{self.units[name]}]")
+            axes.grid(alpha=0.3)
+            axes.spines[["top", "right"]].set_visible(False)
+        rows[-1, 0].set_xlabel("time [s]")
+        return figure

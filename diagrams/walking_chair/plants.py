@@ -1,0 +1,286 @@
+"""Plants behind the walking chair's station: rigid bodies, statics, mock."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context, DiagramBuilder, InputPort, OutputPort
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, ZeroOrderHold
+
+from parapod.diagrams.drawing import draw, publish, remove_visuals
+from parapod.diagrams.multibody import add_discrete_plant
+from parapod.diagrams.station import Behind
+from parapod.diagrams.walking_chair.model import add_chair
+from parapod.diagrams.walking_chair.ports import PARTS
+from parapod.diagrams.walking_chair.scenario import ChairScenario
+from parapod.diagrams.wiring import add, connect, split_states
+from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
+from parapod.systems.sensors.device_status import DeviceStatus
+from parapod.systems.walking_chair.gait import starting_lengths
+from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
+from parapod.systems.walking_chair.kinematic_chair import KinematicChair
+from parapod.systems.walking_chair.masses import Passenger
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY, ChairModel, ChairPose, ChairTruth
+from parapod.systems.walking_chair.payload import PayloadEstimatorParams
+
+type Stand = Callable[[Context, NDArray[np.float64], NDArray[np.float64], Passenger], None]
+
+
+@dataclass(frozen=True)
+class Plant:
+    """What a plant offers to the sensors and to the truth.
+
+    Attributes:
+        signals: ports by name: body_position, body_attitude, force, contact_force, foot_height,
+            loop_error.
+        stand: puts the chair at rest, in a root context, with these lengths (4, 3) of the
+            branches [m], its body's centre here (3) [m] and this passenger.
+        seat: exchanges the passenger, in a root context.
+    """
+
+    signals: dict[str, OutputPort]
+    stand: Stand
+    seat: Callable[[Context, Passenger], None]
+
+
+def _add_multibody_plant(
+    builder: DiagramBuilder,
+    scenario: ChairScenario,
+    drives: VelocityServo,
+    meshcat: Meshcat | None,
+) -> Plant:
+    """Adds the plant of rigid bodies, whose branches are held to where the drives are."""
+    time_step = scenario.plant.time_step
+    plant, scene_graph = add_discrete_plant(
+        builder, time_step, scenario.plant.contact_approximation
+    )
+    model = add_chair(plant, scenario.passenger.passenger)
+    force = _drive(builder, model, drives, time_step)
+    truth = add(builder, ChairTruth(model))
+    contact = plant.get_contact_results_output_port()
+    connect(builder, contact, truth.GetInputPort("contact_results"))
+    connect(builder, plant.get_body_poses_output_port(), truth.GetInputPort("body_poses"))
+    if meshcat is None:
+        remove_visuals(plant, scene_graph)
+    else:
+        publish(builder, scene_graph, meshcat, "chair")
+    names = ("body_position", "body_attitude", "contact_force", "foot_height", "loop_error")
+    signals = {name: truth.GetOutputPort(name) for name in names} | {"force": force}
+
+    def stand(
+        root_context: Context,
+        lengths: NDArray[np.float64],
+        body_position: NDArray[np.float64],
+        passenger: Passenger,
+    ) -> None:
+        context = plant.GetMyMutableContextFromRoot(root_context)
+        model.stand(context, lengths, body_position, passenger)
+
+    def seat(root_context: Context, passenger: Passenger) -> None:
+        model.seat(plant.GetMyMutableContextFromRoot(root_context), passenger)
+
+    return Plant(signals, stand, seat)
+
+
+def _drive(
+    builder: DiagramBuilder, model: ChairModel, drives: VelocityServo, time_step: float
+) -> OutputPort:
+    """Connects the drives to the branches' joints; returns the force with which they hold (12).
+
+    That force is the one of the step before: drives measure it, and what they are told next may
+    depend on it.
+    """
+    plant = model.plant
+    # One step ahead: the plant's implicit drives then arrive where the servos will be.
+    ahead = split_states(
+        builder, "leg_states", drives.GetOutputPort("next_state"), len(model.legs)
+    )
+    for port, leg in zip(ahead, model.legs, strict=True):
+        connect(builder, port, plant.get_desired_state_input_port(leg))
+    held = add(builder, ZeroOrderHold(time_step, plant.num_actuators()), "holding_force")
+    connect(builder, plant.get_net_actuation_output_port(), held.get_input_port())
+    return held.get_output_port()
+
+
+def _add_kinematic_plant(
+    builder: DiagramBuilder,
+    scenario: ChairScenario,
+    drives: VelocityServo,
+    meshcat: Meshcat | None,
+) -> Plant:
+    """Adds the quasi-static plant, and with `meshcat` a drawing of it."""
+    chair = add(
+        builder,
+        KinematicChair(passenger=scenario.passenger.passenger, period=scenario.control.period),
+    )
+    connect(builder, drives.GetOutputPort("position"), chair.GetInputPort("position"))
+    names = ("body_position", "body_attitude", "contact_force", "foot_height", "force")
+    signals = {name: chair.GetOutputPort(name) for name in names}
+    no_loops = add(builder, ConstantVectorSource(np.zeros(2 * LEG_COUNT)), "no_loops")
+    signals["loop_error"] = no_loops.get_output_port()
+    if meshcat is not None:
+        _draw(builder, scenario, drives, chair.GetOutputPort("body_pose"), meshcat)
+    return Plant(signals, chair.stand, chair.seat)
+
+
+def _draw(
+    builder: DiagramBuilder,
+    scenario: ChairScenario,
+    drives: VelocityServo,
+    body_pose: OutputPort,
+    meshcat: Meshcat,
+) -> None:
+    """Draws the bodies where the statics have them."""
+    plant = MultibodyPlant(time_step=1.0)
+    scene_graph = add(builder, SceneGraph(), "drawing")
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    model = add_chair(plant, scenario.passenger.passenger)
+    pose = add(builder, ChairPose(model))
+    connect(builder, drives.GetOutputPort("position"), pose.GetInputPort("position"))
+    connect(builder, body_pose, pose.GetInputPort("body_pose"))
+    draw(builder, plant, pose.get_output_port(), scene_graph)
+    publish(builder, scene_graph, meshcat, "chair")
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A simulated chair and the handles that put it at its beginning.
+
+    Attributes:
+        plant: the plant.
+        drives: the twelve drives.
+        built: the scenario that it was built from.
+    """
+
+    plant: Plant
+    drives: VelocityServo
+    built: ChairScenario
+
+    def reset(self, root_context: Context, scenario: ChairScenario) -> None:
+        """Puts the chair where its walk begins and draws the drives' imperfections from the seed.
+
+        Args:
+            root_context: context, at its defaults, of the diagram that contains the station.
+            scenario: its passenger, drives' errors and seed are taken. What is built in, such as
+                the walk and the encoders' resolution, stays.
+        """
+        walk = self.built.gait.walk
+        lengths = starting_lengths(CHAIR_GEOMETRY, walk)
+        random = np.random.default_rng(scenario.seed)
+        error, offset = scenario.drives.gain_error, 1e-3 * scenario.drives.offset_mm_s
+        self.drives.set_position(root_context, lengths.ravel())
+        self.drives.set_imperfection(
+            root_context,
+            1.0 + random.uniform(-error, error, len(BRANCHES)),
+            random.uniform(-offset, offset, len(BRANCHES)),
+        )
+        body = np.asarray(walk.motion(CHAIR_GEOMETRY, 0.0).body.position)
+        self.plant.stand(root_context, lengths, body, scenario.passenger.passenger)
+
+
+type PlantMaker = Callable[[DiagramBuilder, ChairScenario, VelocityServo, Meshcat | None], Plant]
+
+
+def _add_simulated(
+    add_plant: PlantMaker,
+    drive_step: float,
+    builder: DiagramBuilder,
+    scenario: ChairScenario,
+    meshcat: Meshcat | None,
+) -> Behind:
+    """Adds drives, a plant, currents and status.
+
+    Args:
+        add_plant: adds the plant.
+        drive_step: step of the drives' model [s].
+        builder: builder of the station.
+        scenario: the scenario to build.
+        meshcat: draws the machine there; None for no drawing.
+    """
+    servo = VelocityServo(
+        drive_params(scenario), len(BRANCHES), scenario.control.period, drive_step
+    )
+    drives = add(builder, servo, "drives")
+    plant = add_plant(builder, scenario, drives, meshcat)
+    per_newton = 1.0 / PayloadEstimatorParams().force_per_current
+    current = add(builder, MatrixGain(per_newton * np.eye(len(BRANCHES))), "motor_current")
+    connect(builder, plant.signals["force"], current.get_input_port())
+    inputs, outputs = _drive_ports(drives)
+    outputs |= {"legs.current": current.get_output_port()} | _add_status(builder)
+    outputs |= {f"truth.{name}": port for name, port in plant.signals.items()}
+    outputs["truth.position"] = drives.GetOutputPort("position")
+    simulation = Simulation(plant, drives, scenario)
+    return Behind(inputs, outputs, simulation.reset, handle=simulation)
+
+
+def add_bodies(
+    builder: DiagramBuilder, scenario: ChairScenario, meshcat: Meshcat | None
+) -> Behind:
+    """Adds the chair as rigid bodies with closed loops and contact, and its drives."""
+    step = scenario.plant.time_step
+    return _add_simulated(_add_multibody_plant, step, builder, scenario, meshcat)
+
+
+def add_statics(
+    builder: DiagramBuilder, scenario: ChairScenario, meshcat: Meshcat | None
+) -> Behind:
+    """Adds the chair as closed-form statics, and its drives."""
+    # Only samples of this plant count: twice as often as the command.
+    step = 0.5 * scenario.control.period
+    return _add_simulated(_add_kinematic_plant, step, builder, scenario, meshcat)
+
+
+def _drive_ports(drives: VelocityServo) -> tuple[dict[str, InputPort], dict[str, OutputPort]]:
+    inputs = {f"legs.{name}": drives.GetInputPort(name) for name in ("velocity_command", "brake")}
+    outputs = {
+        f"legs.{name}": drives.GetOutputPort(f"{name}_measured")
+        for name in ("position", "velocity")
+    }
+    return inputs, outputs
+
+
+def _add_status(builder: DiagramBuilder) -> dict[str, OutputPort]:
+    status = add(builder, DeviceStatus(PARTS, (0.0,) * len(PARTS)))
+    return {f"status.{name}": status.GetOutputPort(name) for name in ("age", "fault")}
+
+
+def drive_params(scenario: ChairScenario) -> VelocityServoParams:
+    """Of the twelve drives, with the stroke of each."""
+    drives, strokes = scenario.drives, CHAIR_GEOMETRY.leg.strokes
+    return VelocityServoParams(
+        resolution=1e-3 * drives.encoder_resolution_mm,
+        time_constant=1e-3 * drives.time_constant_ms,
+        max_velocity=1e-3 * drives.max_velocity_mm_s,
+        stop_min=tuple(strokes[:, 0].tolist()) * LEG_COUNT,
+        stop_max=tuple(strokes[:, 1].tolist()) * LEG_COUNT,
+    )
+
+
+def add_mock(
+    builder: DiagramBuilder, scenario: ChairScenario, meshcat: Meshcat | None = None
+) -> Behind:
+    """Adds what mirrors commands to measurements, exactly and without dynamics.
+
+    Branches move at their commanded velocities, within their stroke and their speed; the motors
+    draw no current. There are no `truth` ports: nothing is hidden. Its use: to try out a program
+    around the ports where neither a plant's nor the hardware's peculiarities matter.
+
+    Args:
+        builder: builder of the station.
+        scenario: its period, drives' limits and walk are taken.
+        meshcat: not used; there is nothing to draw.
+    """
+    exact = replace(drive_params(scenario), resolution=0.0, time_constant=1e-9)
+    drives = add(builder, VelocityServo(exact, len(BRANCHES), scenario.control.period), "drives")
+    current = add(builder, ConstantVectorSource(np.zeros(len(BRANCHES))), "motor_current")
+    inputs, outputs = _drive_ports(drives)
+    outputs |= {"legs.current": current.get_output_port()} | _add_status(builder)
+    start = starting_lengths(CHAIR_GEOMETRY, scenario.gait.walk).ravel()
+
+    def reset(root_context: Context, begun: ChairScenario) -> None:
+        drives.set_position(root_context, start)
+
+    return Behind(inputs, outputs, reset)

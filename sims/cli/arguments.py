@@ -1,0 +1,191 @@
+"""What several commands have in common: exit codes, usage errors, scenarios, files."""
+
+import argparse
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from parapod.sims.lab.discovery import Entry, find_entry, list_entries
+from parapod.systems.core.errors import OutputError, ParapodError
+
+if TYPE_CHECKING:
+    from parapod.diagrams.machine import Machine
+    from parapod.sims.lab.experiment import Experiment
+
+HELD, BROKEN, MISTAKE, INTERRUPTED = 0, 1, 2, 130
+# The experiment whose machine is meant unless another one is named.
+_USUAL = "level"
+
+EPILOG = """\
+examples:
+  parapod list
+  parapod run level --meshcat
+  parapod run level --set ground.pitch_deg=4 seed=3 --json level.json
+  parapod scenario level > mine.yaml; parapod run level --scenario mine.yaml
+  parapod run chair-walk --set passenger.mass_kg=70 --html walk.html
+  parapod emulate level, and in another terminal: parapod run level --backend hardware
+  parapod report --out report.html
+
+exit codes: 0 all bounds held, 1 a bound is broken, 2 a mistake in the command, a scenario or
+a path, 130 interrupted
+"""
+
+
+class UsageError(ParapodError):
+    """A command line that says nothing parapod understands."""
+
+
+class Parser(argparse.ArgumentParser):
+    """Reports a mistake as every other mistake is reported, in one line."""
+
+    def __init__(self, **options: Any):
+        super().__init__(
+            epilog=EPILOG,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+            **options,
+        )
+
+    def error(self, message: str) -> NoReturn:
+        """Instead of printing the usage and ending the process."""
+        raise UsageError(f"{message} (see {self.prog} --help)")
+
+
+def count(text: str) -> int:
+    """A whole number of 1 or more, for `type=`."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number of 1 or more, not '{text}'")
+    return int(text)
+
+
+def check_outputs(paths: Mapping[str, Path | None]) -> None:
+    """Refuses, before anything slow, files that could not be written after it.
+
+    Args:
+        paths: option -> file, or None if it was not given.
+
+    Raises:
+        OutputError: names the file, or the two options that would write the same.
+    """
+    from parapod.sims.lab.files import check_writable
+
+    taken: dict[str, str] = {}
+    for option, path in paths.items():
+        if path is None:
+            continue
+        check_writable(path)
+        other = taken.setdefault(os.path.realpath(path), option)
+        if other != option:
+            raise OutputError(f"--{other} and --{option} would both write '{path}'", path)
+
+
+def add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
+    """Everything that says what is to be run; see `load`."""
+    parser.add_argument("name", metavar="NAME", help="an experiment; see `parapod list`")
+    add_scenario_options(parser)
+
+
+def add_machine_option(parser: argparse.ArgumentParser) -> None:
+    """Which machine is meant, for commands that run no experiment."""
+    parser.add_argument(
+        "--of",
+        dest="name",
+        default=_USUAL,
+        metavar="NAME",
+        help=f"an experiment of the machine that is meant; default {_USUAL}",
+    )
+
+
+def add_scenario_options(parser: argparse.ArgumentParser) -> None:
+    """What `add_scenario_arguments` adds beside the experiment's name."""
+    parser.add_argument(
+        "--scenario", type=Path, metavar="FILE", help="YAML with the keys to change"
+    )
+    parser.add_argument(
+        "--set",
+        dest="overrides",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change keys, as in ground.pitch_deg=4 or job.waypoints.0.time=8; may be repeated",
+    )
+    parser.add_argument("--backend", metavar="B", help="short for --set backend=B")
+    parser.add_argument(
+        "--drivers",
+        type=Path,
+        metavar="FILE",
+        help="Python file with drivers of your own, for the backend hardware",
+    )
+    parser.add_argument("--seed", metavar="N", help="short for --set seed=N")
+    switches: dict[str, list[str]] = {}
+    for entry in list_entries():
+        for name, (override, what) in _switches(entry).items():
+            text = f"{entry.name}: {what}; short for --set {override}"
+            switches.setdefault(name, []).append(text)
+    for name, texts in switches.items():
+        parser.add_argument(
+            f"--{name}", dest="switches", action="append_const", const=name, help=". ".join(texts)
+        )
+    parser.set_defaults(switches=[])
+
+
+def load(arguments: argparse.Namespace) -> "tuple[Experiment[Any, Any], Any]":
+    """The experiment and the scenario that the arguments ask for.
+
+    Raises:
+        UnknownExperiment: there is no such experiment.
+        UsageError: the experiment has no such option.
+        ScenarioError: a key, a value, a file or a backend that is not admissible.
+    """
+    entry = find_entry(arguments.name)
+
+    from parapod.diagrams.drivers.external import load_drivers, load_installed_drivers
+    from parapod.diagrams.scenario import load_scenario
+
+    load_installed_drivers()
+    if arguments.drivers is not None:
+        load_drivers(arguments.drivers)
+    experiment = entry.load()
+    overrides = [*arguments.overrides, *_switched(entry, arguments.switches)]
+    for key in ("backend", "seed"):
+        value = getattr(arguments, key)
+        if value is not None:
+            overrides.append(f"{key}={value}")
+    scenario: Any = load_scenario(
+        experiment.schema, entry.default_scenario, arguments.scenario, overrides
+    )
+    experiment.check_backend(scenario.backend)
+    return experiment, scenario
+
+
+def machine_of(experiment: "Experiment[Any, Any]", scenario: Any) -> "Machine[Any]":
+    """The machine of an experiment, for commands that work with its devices.
+
+    Raises:
+        UsageError: the experiment runs no machine that has devices.
+    """
+    machine: Machine[Any] | None = getattr(experiment, "machine", None)
+    if machine is None or not isinstance(scenario, machine.scenario):
+        from parapod.diagrams.machine import list_machines
+
+        able = " and ".join(f"'{machine.experiment}'" for machine in list_machines())
+        raise UsageError(f"'{experiment.name}' has no machine that can be emulated; {able} have")
+    return machine
+
+
+def _switches(entry: Entry) -> Mapping[str, tuple[str, str]]:
+    """Options of an experiment; none of a package that cannot be read, which `list` names."""
+    try:
+        return entry.switches
+    except ParapodError:
+        return {}
+
+
+def _switched(entry: Entry, switches: Sequence[str]) -> list[str]:
+    """The overrides that the given switches are short for."""
+    for name in switches:
+        if name not in entry.switches:
+            raise UsageError(f"the experiment '{entry.name}' has no option --{name}")
+    return [entry.switches[name][0] for name in switches]

@@ -1,0 +1,59 @@
+"""`parapod emulate`: the simulated machine behind emulated devices, for another program."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from parapod.sims.cli.arguments import (
+    HELD,
+    add_scenario_arguments,
+    check_outputs,
+    load,
+    machine_of,
+)
+
+HELP = "put the simulated machine behind emulated devices"
+DESCRIPTION = (
+    "Simulates the machine in real time behind emulators of its devices, which speak the makers' "
+    "protocols. Another program then runs `parapod run NAME --backend hardware` as on the real "
+    "machine. Lines on standard input, PART KIND, make a device misbehave, as in `imu garbage`, "
+    "and `imu well` ends it. Ctrl-C ends the emulator."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's arguments."""
+    add_scenario_arguments(parser)
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="'AT PART KIND'",
+        help="make a device misbehave at a time in s, as in '12 imu garbage'; may be repeated",
+    )
+    parser.add_argument(
+        "--for", dest="duration", type=float, metavar="S", help="end after so many seconds"
+    )
+    parser.add_argument(
+        "--log", type=Path, metavar="FILE", help="write all signals, the true ones too, as MCAP"
+    )
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Runs the command; returns the exit code."""
+    import math
+
+    check_outputs({"log": arguments.log})
+    experiment, scenario = load(arguments)
+    machine = machine_of(experiment, scenario)
+
+    from parapod.sims.real_machine.emulator import emulate, parsed_fault
+
+    parts = sorted({driver.part for driver in scenario.hardware.drivers})
+    requests = [parsed_fault(text, parts) for text in arguments.fault]
+    duration = math.inf if arguments.duration is None else arguments.duration
+    try:
+        emulate(machine, scenario, requests, duration, arguments.log, experiment=arguments.name)
+    except KeyboardInterrupt:
+        print("the emulator has ended", file=sys.stderr)  # as it is meant to
+    return HELD

@@ -1,0 +1,79 @@
+"""The `parapod` command: list, show and run experiments, and report on all of them.
+
+Exit codes: 0 all bounds held, 1 a bound is broken, 2 the user's mistake, 130 interrupted.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from parapod.sims.cli import bench_rt, check, emulate, report, run, scenario
+from parapod.sims.cli import list as list_command
+from parapod.sims.cli.arguments import HELD, INTERRUPTED, MISTAKE, Parser
+from parapod.systems.core.errors import ParapodError
+
+_COMMANDS = {
+    "list": list_command,
+    "run": run,
+    "scenario": scenario,
+    "report": report,
+    "emulate": emulate,
+    "check": check,
+    "bench-rt": bench_rt,
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command.
+
+    Args:
+        argv: the arguments; None for those of the process.
+
+    Returns:
+        The exit code.
+    """
+    try:
+        parser = _parser()
+        code = _dispatch(parser, parser.parse_args(argv))
+        sys.stdout.flush()
+    except ParapodError as error:
+        print(f"parapod: error: {error}", file=sys.stderr)
+        return MISTAKE
+    except KeyboardInterrupt:
+        print("parapod: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader, such as head, has seen enough. Python must not try to flush again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return HELD
+    except OSError as error:
+        # Standard output cannot be written: a full disk, say.
+        print(f"parapod: error: {error.strerror or error}", file=sys.stderr)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return MISTAKE
+    return code
+
+
+def _parser() -> Parser:
+    parser = Parser(
+        prog="parapod", description="Leg-supported parallel machines as Drake system diagrams."
+    )
+    parser.add_argument("--version", action="store_true", help="print the version and stop")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
+    for name, command in _COMMANDS.items():
+        added = commands.add_parser(name, help=command.HELP, description=command.DESCRIPTION)
+        command.add_arguments(added)
+    return parser
+
+
+def _dispatch(parser: Parser, arguments: argparse.Namespace) -> int:
+    if arguments.version:
+        from importlib.metadata import version
+
+        print(f"parapod {version('parapod')}")
+        return HELD
+    if arguments.command is None:
+        parser.print_help()
+        return HELD
+    return _COMMANDS[arguments.command].execute(arguments)

@@ -1,0 +1,127 @@
+"""`parapod run`: runs an experiment, shows what it measured, and checks the bounds."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from parapod.sims.cli.arguments import (
+    BROKEN,
+    HELD,
+    UsageError,
+    add_scenario_arguments,
+    check_outputs,
+    count,
+    load,
+)
+
+if TYPE_CHECKING:
+    from parapod.sims.lab.experiment import Experiment
+    from parapod.sims.lab.results import Result
+
+HELP = "run an experiment and check its bounds"
+DESCRIPTION = "Runs an experiment, prints what it measured, and checks the bounds."
+_OUTPUTS = {
+    "html": "a recording that plays in a browser",
+    "json": "the metrics in JSON",
+    "log": "the signals: .npz for numpy, .mcap, .csv; of hardware .mcap",
+    "graphviz": "the system diagram (.dot, .svg, .png or .pdf)",
+}
+# What shows a single run.
+_ALONE = ("meshcat", "html", "log", "graphviz", "figures")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's arguments."""
+    add_scenario_arguments(parser)
+    parser.add_argument(
+        "--meshcat", action="store_true", help="show the machine in a browser, at real time"
+    )
+    parser.add_argument(
+        "--no-live",
+        dest="live",
+        action="store_false",
+        help="with --meshcat: end with the scripted job instead of staying for the sliders",
+    )
+    parser.add_argument(
+        "--figures", type=Path, metavar="DIR", help="draw the figures into DIR, as SVG"
+    )
+    parser.add_argument(
+        "--seeds",
+        type=count,
+        metavar="N",
+        help="run N seeds, from the scenario's on, and show smallest, middle and largest values",
+    )
+    for option, what in _OUTPUTS.items():
+        parser.add_argument(f"--{option}", type=Path, metavar="FILE", help=f"write {what} to FILE")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Runs the command; returns the exit code."""
+    check_outputs({option: getattr(arguments, option) for option in _OUTPUTS})
+    experiment, scenario = load(arguments)
+    if arguments.seeds is not None:
+        return _sweep(experiment, scenario, arguments)
+
+    from rich.console import Console
+
+    from parapod.sims.lab.experiment import RunOptions
+
+    options = RunOptions(
+        meshcat=arguments.meshcat,
+        live=arguments.live,
+        html=arguments.html,
+        log=arguments.log,
+        graphviz=arguments.graphviz,
+        console=Console(stderr=True),
+    )
+    result = experiment.execute(scenario, options)
+    _show(result, arguments)
+    if result.afterwards is not None:
+        result.afterwards()
+    return HELD if result.passed else BROKEN
+
+
+def _show(result: "Result", arguments: argparse.Namespace) -> None:
+    """Writes and prints a result."""
+    from rich.console import Console
+
+    from parapod.sims.lab.files import write_json
+    from parapod.sims.lab.results import print_table
+
+    drawn: list[Path] = []
+    try:
+        if arguments.json is not None:
+            write_json(arguments.json, result.as_json())
+        if arguments.figures is not None:
+            from parapod.sims.lab.figures import write_figures
+
+            drawn = write_figures(arguments.figures, result.figures)
+    finally:
+        # Even if the disk is full by now: the run may have been long.
+        print_table(result, Console())
+        for path in (*(getattr(arguments, option) for option in _OUTPUTS), *drawn):
+            if path is not None and path.is_file():
+                print(f"wrote {path}")
+        sys.stdout.flush()
+
+
+def _sweep(
+    experiment: "Experiment[Any, Any]", scenario: Any, arguments: argparse.Namespace
+) -> int:
+    from rich.console import Console
+
+    from parapod.sims.lab.files import write_json
+    from parapod.sims.lab.sweep import as_json, print_spread, run_seeds
+
+    for option in _ALONE:
+        if getattr(arguments, option):
+            raise UsageError(f"--{option} shows a single run and does not go with --seeds")
+    if scenario.backend == "hardware":
+        raise UsageError("--seeds runs simulations one after the other; the backend is hardware")
+    results = run_seeds(experiment, scenario, arguments.seeds, Console(stderr=True))
+    print_spread(results, Console())
+    if arguments.json is not None:
+        write_json(arguments.json, as_json(results))
+        print(f"wrote {arguments.json}")
+    return HELD if all(result.passed for result in results) else BROKEN

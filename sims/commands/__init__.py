@@ -1,1 +1,0 @@
-"""What can follow `parapod` on the command line: one module a command."""

@@ -1,0 +1,1 @@
+"""The laboratory: everything that experiments of all machines share."""

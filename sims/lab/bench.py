@@ -1,0 +1,296 @@
+"""The bench: diagrams simulated with progress, watched, recorded and drawn."""
+
+import gc
+import logging
+import math
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydrake.geometry import Meshcat, MeshcatAnimation, MeshcatParams
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram, EventStatus
+from rich.console import Console
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.recording import Recording
+from parapod.sims.lab.experiment import RunOptions
+from parapod.sims.lab.files import atomic_output
+from parapod.sims.lab.progress import progress
+from parapod.systems.core.errors import OutputError
+
+if TYPE_CHECKING:
+    from parapod.sims.lab.experiment import LoopExperiment
+
+type Monitor = Callable[[Context], EventStatus]
+
+# Simulated time between two reports of progress, and between two chances for Ctrl-C [s].
+_CHUNK = 0.25
+_FRAMES_PER_SECOND = 30.0
+_RENDERED = (".svg", ".png", ".pdf")
+_AS_TEXT = (".dot", ".gv")
+
+
+def simulate(simulator: Simulator, until: float, console: Console, what: str) -> float:
+    """Advances a simulation and shows how far it is.
+
+    Args:
+        simulator: initialized; may have a target rate.
+        until: simulated time at the end, unless a monitor ends it before [s].
+        console: where progress is shown.
+        what: what is going on, in a word or two.
+
+    Returns:
+        The wall-clock time that the simulation itself took [s].
+    """
+    gc.collect()  # Diagrams of earlier runs must not be collected while the clock runs.
+    begin = simulator.get_context().get_time()
+    count = math.ceil((until - begin) / _CHUNK)
+    elapsed = 0.0
+    with progress(console, what, until) as report:
+        for i in range(1, count + 1):
+            goal = min(begin + i * _CHUNK, until)
+            started = time.perf_counter()
+            simulator.AdvanceTo(goal)
+            elapsed += time.perf_counter() - started
+            report(simulator.get_context().get_time())
+            if simulator.get_context().get_time() < goal:
+                break  # a monitor has ended it
+    return elapsed
+
+
+@contextmanager
+def in_real_time(simulator: Simulator) -> Iterator[None]:
+    """Keeps a simulation from being faster than real time."""
+    simulator.set_target_realtime_rate(1.0)
+    simulator.ResetStatistics()
+    try:
+        yield
+    finally:
+        simulator.set_target_realtime_rate(0.0)
+        simulator.ResetStatistics()
+
+
+def make_viewer(camera: Sequence[float], target: Sequence[float]) -> Meshcat:
+    """A plain scene for one machine, served on a free port.
+
+    Args:
+        camera: where the camera is at first (3) [m].
+        target: what it looks at (3) [m].
+    """
+    log = logging.getLogger("drake")
+    level = log.level
+    log.setLevel(logging.WARNING)  # A recording needs no visitor, and a visitor is told by us.
+    try:
+        meshcat = Meshcat(MeshcatParams(show_stats_plot=False))
+    finally:
+        log.setLevel(level)
+    for path in ("/Axes", "/Grid"):
+        meshcat.SetProperty(path, "visible", False)
+    meshcat.SetProperty("/Background/<object>", "top_color", [0.80, 0.87, 0.94])
+    meshcat.SetProperty("/Background/<object>", "bottom_color", [0.97, 0.98, 0.99])
+    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.9)
+    # A longer lens than Meshcat's own 75 deg, which distorts what is near.
+    meshcat.SetCamera(Meshcat.PerspectiveCamera(fov=36.0, near=0.1, far=100.0))
+    meshcat.SetCameraPose(np.asarray(camera, dtype=float), np.asarray(target, dtype=float))
+    return meshcat
+
+
+@contextmanager
+def recording(meshcat: Meshcat, path: Path) -> Iterator[None]:
+    """Records what is drawn meanwhile into one HTML file that plays without a network.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    meshcat.StartRecording(_FRAMES_PER_SECOND)
+    try:
+        yield
+        meshcat.StopRecording()
+        meshcat.PublishRecording()
+        with atomic_output(path) as temporary:
+            temporary.write_text(meshcat.StaticHtml(), encoding="utf-8")
+    finally:
+        meshcat.StopRecording()
+        meshcat.DeleteRecording()
+        # An open page would go on playing what was published; nothing to play stops it.
+        meshcat.SetAnimation(MeshcatAnimation(_FRAMES_PER_SECOND))
+
+
+def write_graphviz(path: Path, diagram: Diagram) -> None:
+    """Writes a diagram as Graphviz text (.dot, .gv) or as a picture (.svg, .png, .pdf).
+
+    Raises:
+        OutputError: the file cannot be written, its suffix says no format, or a picture is asked
+            for where Graphviz is missing.
+    """
+    suffix = path.suffix.lower()
+    text = diagram.GetGraphvizString()
+    if suffix in _AS_TEXT:
+        with atomic_output(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+        return
+    if suffix not in _RENDERED:
+        known = ", ".join((*_AS_TEXT, *_RENDERED))
+        raise OutputError(
+            f"cannot write '{path}': a diagram's suffix must be one of {known}", path
+        )
+    dot = shutil.which("dot")
+    if dot is None:
+        raise OutputError(
+            f"cannot write '{path}': pictures need the program 'dot' of Graphviz; "
+            "without it write a .dot file",
+            path,
+        )
+    with atomic_output(path) as temporary:
+        command = [dot, f"-T{suffix[1:]}", "-o", str(temporary)]
+        done = subprocess.run(command, input=text, text=True, capture_output=True, check=False)
+        if done.returncode != 0:
+            reason = " ".join(done.stderr.split()) or f"exit code {done.returncode}"
+            raise OutputError(f"cannot write '{path}': dot: {reason}", path)
+
+
+@dataclass(frozen=True)
+class Run(Recording):
+    """A recording, and the run that it is of.
+
+    Attributes:
+        loop: the closed loop that was built for it.
+        simulator: the simulator at the end of the run.
+        elapsed: wall-clock time of the simulation [s].
+        meshcat: the scene in which it was shown, or None.
+        again: carries it out once more, in real time where it was shown.
+    """
+
+    loop: ClosedLoop[Any]
+    simulator: Simulator
+    elapsed: float
+    meshcat: Meshcat | None
+    again: Callable[[], float]
+
+    @property
+    def context(self) -> Context:
+        """Root context at the end of the run."""
+        return self.simulator.get_context()
+
+    @property
+    def realtime_factor(self) -> float:
+        """Simulated time by wall-clock time."""
+        return self.context.get_time() / self.elapsed
+
+
+class Bench:
+    """Runs what an experiment needs, as the options ask.
+
+    Attributes:
+        name: name of the experiment.
+        options: ways to watch and record.
+        console: console for progress.
+    """
+
+    def __init__(self, name: str, scenario: Any, options: RunOptions):
+        """Prepares the bench for one run of an experiment."""
+        self.name, self.options, self.console = name, options, options.console
+        self._scenario = scenario
+
+    def run(
+        self,
+        experiment: "LoopExperiment[Any, Any]",
+        scenario: Any,
+        *,
+        watched: bool = True,
+        monitor: Callable[[ClosedLoop[Any], Meshcat | None], Monitor] | None = None,
+    ) -> Run:
+        """Runs the closed loop of an experiment, simulated or real.
+
+        Args:
+            experiment: its hooks give the loop, the scene, the signals and the duration.
+            scenario: the scenario to run.
+            watched: whether this is the run that the options show and write.
+            monitor: makes the simulator's monitor, which may end the run.
+
+        Raises:
+            ScenarioError: a scenario whose parts do not fit together.
+            OutputError: a file cannot be written.
+        """
+        options = self.options if watched else RunOptions(console=self.console)
+        is_simulated = scenario.backend in experiment.machine.plants
+        for name in ("meshcat", "html"):
+            if getattr(options, name) and not is_simulated:
+                raise OutputError(
+                    f"--{name} shows a simulated machine; the backend is {scenario.backend}", None
+                )
+        meshcat = experiment.scene(scenario) if options.meshcat or options.html else None
+        log = experiment.needed(scenario) if options.log is None else None
+        loop = experiment.loop(scenario, meshcat=meshcat, log=log)
+        if options.graphviz is not None:
+            write_graphviz(options.graphviz, loop)
+        simulator = Simulator(loop)
+        until = experiment.duration(scenario)
+
+        def again() -> float:
+            if scenario.backend == "hardware":
+                from parapod.sims.real_machine.job import run_on_hardware, show_timing
+
+                timing = run_on_hardware(loop, simulator, until, options, self.name)
+                show_timing(timing, loop.station, self.console)
+                return until
+            loop.reset(simulator.get_mutable_context())
+            if monitor is not None:
+                simulator.set_monitor(monitor(loop, meshcat))
+            simulator.Initialize()
+            with in_real_time(simulator) if options.meshcat else nullcontext():
+                return simulate(simulator, until, self.console, self.name)
+
+        if meshcat is not None and options.meshcat:
+            say_where(meshcat, experiment.machine.title, self.console)
+        shown = options.html if meshcat is not None else None
+        with recording(meshcat, shown) if meshcat and shown else nullcontext():
+            elapsed = again()
+        recorded = loop.recording(simulator.get_context())
+        return Run(
+            recorded.time,
+            recorded.signals,
+            recorded.units,
+            loop,
+            simulator,
+            elapsed,
+            meshcat,
+            again,
+        )
+
+    def simulate(self, simulator: Simulator, until: float, what: str = "") -> float:
+        """Advances a simulation with progress; returns the wall-clock time that it took [s]."""
+        return simulate(simulator, until, self.console, what or self.name)
+
+
+def say_where(meshcat: Meshcat, what: str, console: Console) -> None:
+    """Prints the address at which something is shown."""
+    where = f"{what[:1].upper()}{what[1:]} is shown at {meshcat.web_url()}"
+    console.print(where, markup=False, highlight=False, soft_wrap=True)
+
+
+RESTART, STOP = "Restart", "Stop"
+
+
+@contextmanager
+def buttons(meshcat: Meshcat) -> Iterator[None]:
+    """Shows the buttons while it lasts."""
+    for name in (RESTART, STOP):
+        meshcat.AddButton(name)
+    try:
+        yield
+    finally:
+        for name in (RESTART, STOP):
+            meshcat.DeleteButton(name, strict=False)
+
+
+def clicked(meshcat: Meshcat, button: str) -> bool:
+    """Whether somebody has clicked a button since it was shown."""
+    return meshcat.GetButtonClicks(button) > 0

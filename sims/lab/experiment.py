@@ -1,0 +1,254 @@
+"""Experiments: hooks in the order of their story, run by a framework that owns the rest.
+
+An experiment is a module whose docstring says what it is about, with a class of hooks:
+
+    class Level(LoopExperiment[LevellingScenario]):
+        machine = PLATFORM
+        signals = ("truth.posture",)
+
+        def check(self, scenario): ...       # refuse before anything moves
+        def duration(self, scenario): ...    # end of the run [s]
+        def measure(self, scenario, run): ...  # metrics with bounds
+        def draw(self, scenario, run): ...   # figures
+
+One with a diagram of its own overrides `loop`; one without a diagram is an `Experiment` with
+`run`. Experiments are found by the entry points `parapod.experiments`.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from rich.console import Console
+
+from parapod.diagrams.scenario import check as check_scenario
+from parapod.sims.lab.figures import Figure
+from parapod.sims.lab.files import write_experiment_log
+from parapod.sims.lab.results import Metric, Result
+from parapod.systems.core.errors import OutputError, ScenarioError
+
+if TYPE_CHECKING:
+    from pydrake.geometry import Meshcat
+
+    from parapod.diagrams.closed_loop import ClosedLoop
+    from parapod.diagrams.machine import Machine
+    from parapod.sims.lab.bench import Bench, Run
+
+# Options that show or write something, and the hook that each of them needs.
+_HOOKS = {"meshcat": "scene", "html": "scene", "log": "logged", "graphviz": "loop"}
+
+type Logged = tuple[ArrayLike, Mapping[str, tuple[ArrayLike, str]]]
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Ways to watch and record a run; none of them changes its numbers.
+
+    Attributes:
+        meshcat: whether to show the machine in a browser.
+        live: whether to stay, with `meshcat`, after the run and let the viewer move the machine.
+        html: file for a recording that plays in a browser, or None.
+        log: file for the signals, or None.
+        graphviz: file for the diagram in Graphviz's language, or None.
+        console: console for progress and remarks.
+    """
+
+    meshcat: bool = False
+    live: bool = True
+    html: Path | None = None
+    log: Path | None = None
+    graphviz: Path | None = None
+    console: Console = field(default_factory=partial(Console, stderr=True))
+
+
+class Experiment[S, D]:
+    """A question put to a machine, answered with metrics and their bounds.
+
+    Optional hooks beside those below: `scene(scenario)` makes a Meshcat scene (`--meshcat`,
+    `--html`), `loop(scenario)` a diagram (`--graphviz`), `logged(scenario, data)` times and
+    signals with their units (`--log`). An option without its hook is refused.
+
+    Attributes:
+        name: the name of its entry point.
+        schema: class of its scenarios, with `backend` and `seed`.
+        backends: backends on which it runs.
+        switches: options of its own without a value: name -> override that it is short for, and
+            its help.
+        takes: usual duration of a run, in words.
+    """
+
+    schema: ClassVar[type]
+    backends: ClassVar[tuple[str, ...]] = ("multibody", "kinematic")
+    switches: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    takes: ClassVar[str] = "seconds"
+
+    def __init__(self, name: str):
+        """Names the experiment as its entry point does."""
+        self.name = name
+
+    def __repr__(self) -> str:
+        return f"<experiment {self.name}>"
+
+    # Hooks.
+
+    def check(self, scenario: S) -> None:
+        """Refuses a scenario before anything moves.
+
+        Raises:
+            ScenarioError: parts that do not fit together.
+        """
+
+    def run(self, scenario: S, bench: "Bench") -> D:
+        """Carries out the experiment; the same scenario gives the same data."""
+        raise NotImplementedError(f"{type(self).__name__} does not define run")
+
+    def measure(self, scenario: S, data: D) -> Iterable[Metric]:
+        """Metrics, with their bounds."""
+        return ()
+
+    def note(self, scenario: S, data: D) -> Iterable[str]:
+        """Sentences below the metrics."""
+        return ()
+
+    def details(self, scenario: S, data: D) -> Mapping[str, Any]:
+        """Further content of `--json`."""
+        return {}
+
+    def draw(self, scenario: S, data: D) -> Iterable[Figure]:
+        """Figures, drawn when they are wanted."""
+        return ()
+
+    def afterwards(self, scenario: S, data: D, options: RunOptions) -> Callable[[], None] | None:
+        """Work that goes on once the result has been shown, or None."""
+        return None
+
+    # The framework.
+
+    def execute(self, scenario: S, options: RunOptions) -> Result:
+        """Runs a scenario.
+
+        Raises:
+            ScenarioError: a scenario that is not admissible.
+            OutputError: a file cannot be written, or an option has nothing to show.
+            ParapodError: the experiment refuses.
+        """
+        from parapod.sims.lab.bench import Bench
+
+        settings: Any = scenario
+        check_scenario(scenario)
+        self.check_backend(settings.backend)
+        self._check_options(options)
+        self.check(scenario)
+        data = self.run(scenario, Bench(self.name, scenario, options))
+        if options.log is not None and settings.backend != "hardware":
+            time, signals = self.logged(scenario, data)  # type: ignore[attr-defined]
+            write_experiment_log(options.log, self.name, scenario, time, signals)
+        return Result(
+            self.name,
+            settings.backend,
+            settings.seed,
+            tuple(self.measure(scenario, data)),
+            tuple(self.note(scenario, data)),
+            tuple(self.draw(scenario, data)),
+            self.afterwards(scenario, data, options),
+            self.details(scenario, data),
+            scenario,
+        )
+
+    def check_backend(self, backend: str) -> None:
+        """Refuses a backend on which the experiment does not run.
+
+        Raises:
+            ScenarioError: names those on which it does.
+        """
+        if backend not in self.backends:
+            raise ScenarioError(
+                f"backend = '{backend}' is not one on which '{self.name}' runs; "
+                f"there are: {', '.join(self.backends)}",
+                "backend",
+            )
+
+    def _check_options(self, options: RunOptions) -> None:
+        """Refuses an option that the experiment has no hook for, before a run is spent on it."""
+        answered = ["json", "figures", *(o for o, hook in _HOOKS.items() if hasattr(self, hook))]
+        for option in _HOOKS:
+            asked = getattr(options, option)
+            if asked and option not in answered:
+                known = ", ".join(f"--{name}" for name in answered)
+                raise OutputError(
+                    f"--{option} has nothing to show of '{self.name}'; there are: {known}",
+                    None if asked is True else asked,
+                )
+
+
+class LoopExperiment[S, D](Experiment[S, D]):
+    """An experiment that runs the closed loop of a machine.
+
+    Its data are the `Run`; one that runs several loops overrides `run` and returns data with the
+    watched one as their attribute `run`.
+
+    Attributes:
+        machine: the machine.
+        signals: ports whose signals are measured and drawn; all are recorded for a log. Truth is
+            left out where the machine is not simulated.
+    """
+
+    machine: ClassVar["Machine[Any]"]
+    signals: ClassVar[Sequence[str]] = ()
+
+    def duration(self, scenario: S) -> float:
+        """End of the run [s]."""
+        raise NotImplementedError(f"{type(self).__name__} does not define duration")
+
+    def loop(self, scenario: S, **options: Any) -> "ClosedLoop[Any]":
+        """Builds the closed loop; options as those of `ClosedLoop`."""
+        from parapod.diagrams.closed_loop import ClosedLoop
+
+        return ClosedLoop(self.machine, scenario, **options)
+
+    def scene(self, scenario: S) -> "Meshcat":
+        """Makes the scene around the machine for the browser."""
+        from parapod.sims.lab.bench import make_viewer
+
+        return make_viewer(camera=(3.0, 3.0, 1.5), target=(0.0, 0.0, 0.5))
+
+    def live(self, scenario: S, run: "Run", console: Console) -> Callable[[], None] | None:
+        """Work that lets the viewer move the machine after the run, or None."""
+        return None
+
+    def run(self, scenario: S, bench: "Bench") -> D:
+        """Runs the closed loop, watched and recorded as the options ask."""
+        data: Any = bench.run(self, scenario)
+        return data
+
+    def watched(self, data: D) -> "Run":
+        """The run that the options show and write."""
+        found: Any = getattr(data, "run", data)
+        return found
+
+    def logged(self, scenario: S, data: D) -> Logged:
+        """All signals of the run, with their units."""
+        run = self.watched(data)
+        return run.time, {name: (run[name], run.units[name]) for name in run}
+
+    def afterwards(self, scenario: S, data: D, options: RunOptions) -> Callable[[], None] | None:
+        """Lets the viewer move the machine, where the run was shown."""
+        run = self.watched(data)
+        if run.meshcat is None or not (options.meshcat and options.live):
+            return None
+        return self.live(scenario, run, options.console)
+
+    def needed(self, scenario: S) -> tuple[str, ...]:
+        """Names of the signals to record: `signals`, without truth that is not there."""
+        settings: Any = scenario
+        is_simulated = settings.backend in self.machine.plants
+        return tuple(n for n in self.signals if is_simulated or not n.startswith("truth."))
+
+
+def largest(values: ArrayLike) -> float:
+    """Largest absolute value."""
+    return float(np.abs(np.asarray(values)).max())

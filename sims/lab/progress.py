@@ -1,0 +1,138 @@
+"""Progress of long work: a bar in a terminal, a line from time to time elsewhere."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+
+# Wall-clock time between two redraws of a bar and between two lines in a file [s].
+_REDRAW_PERIOD = 0.1
+_LINE_PERIOD = 5.0
+
+
+@contextmanager
+def progress(
+    console: Console, what: str, total_seconds: float, line_period: float = _LINE_PERIOD
+) -> Iterator[Callable[[float], None]]:
+    """Shows how far a simulation is; yields the function that is told the simulated time.
+
+    A terminal gets a bar. A file or pipe gets a line from time to time, and nothing at all from
+    a run that is over before the first.
+
+    Args:
+        console: where to show it.
+        what: what is going on, in a word or two.
+        total_seconds: simulated time at the end [s].
+        line_period: wall-clock time between two lines in a file or pipe [s].
+    """
+    if console.is_terminal:
+        with _bar(console, what, total_seconds) as update:
+            yield update
+    else:
+        yield _lines(console, what, total_seconds, line_period)
+
+
+@contextmanager
+def _bar(console: Console, what: str, total: float) -> Iterator[Callable[[float], None]]:
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    started = time.monotonic()
+    drawn = -math.inf
+    reached = 0.0
+    # Markup is off because `what` is any text.
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=24),
+        TextColumn("{task.fields[pace]}", markup=False),
+    )
+    with Progress(*columns, console=console, auto_refresh=False) as bar:
+        task = bar.add_task(what, total=total, pace="")
+
+        def draw(now: float) -> None:
+            pace = _pace(reached, total, now - started)
+            bar.update(task, completed=reached, pace=pace, refresh=True)
+
+        def update(simulated: float) -> None:
+            nonlocal drawn, reached
+            reached = simulated
+            now = time.monotonic()
+            if now - drawn >= _REDRAW_PERIOD:
+                drawn = now
+                draw(now)
+
+        try:
+            yield update
+        finally:
+            draw(time.monotonic())
+
+
+def _lines(console: Console, what: str, total: float, period: float) -> Callable[[float], None]:
+    started = printed = time.monotonic()
+
+    def update(simulated: float) -> None:
+        nonlocal printed
+        now = time.monotonic()
+        if now - printed >= period:
+            printed = now
+            line = f"{what}: {_pace(simulated, total, now - started)}"
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+    return update
+
+
+def _pace(simulated: float, total: float, elapsed: float) -> str:
+    factor = simulated / elapsed if elapsed > 0.0 else 0.0
+    return f"{simulated:.1f} of {total:.1f} s, {factor:.3g} x real time"
+
+
+@contextmanager
+def counted(
+    console: Console, what: str, total: int, line_period: float = _LINE_PERIOD
+) -> Iterator[Callable[[int], None]]:
+    """Shows how much of a number of runs is done, and how long the rest will take.
+
+    Args:
+        console: where to show it.
+        what: name of the work, in a word or two.
+        total: number of runs.
+        line_period: wall-clock time between two lines in a file or pipe [s].
+
+    Yields:
+        The function that is told the number of runs that are done.
+    """
+    started = printed = time.monotonic()
+
+    def state(done: int, now: float) -> str:
+        left = (now - started) * (total - done) / done if done else math.nan
+        rest = f", {left:.0f} s left" if math.isfinite(left) else ""
+        return f"{done} of {total}{rest}"
+
+    if not console.is_terminal:
+
+        def line(done: int) -> None:
+            nonlocal printed
+            now = time.monotonic()
+            if now - printed >= line_period:
+                printed = now
+                text = f"{what}: {state(done, now)}"
+                console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+        yield line
+        return
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
+
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=24),
+        TextColumn("{task.fields[state]}", markup=False),
+    )
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task(what, total=total, state=state(0, started))
+
+        def update(done: int) -> None:
+            bar.update(task, completed=done, state=state(done, time.monotonic()))
+
+        yield update

@@ -1,0 +1,1 @@
+"""The levelling platform: experiments, and its chapter of the report."""

@@ -1,0 +1,629 @@
+"""Carry out the whole operation: drive there, stand up, work, leave.
+
+Section 2.2 of the paper. The platform does not know the ground. It drives on four wheels with its
+legs up, brakes, lowers each leg until its contact switch closes, estimates the ground and how
+uneven it is, lifts its wheels, takes the commanded posture, holds it while the arm works, and goes
+away again.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat, Rgba
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, EventStatus, System
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.levelling_platform.controller import make_supervised_controller
+from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.scenario import (
+    SIMULATED,
+    ActuatorScenario,
+    ControlScenario,
+    GroundScenario,
+    JobScenario,
+    LevellingScenario,
+    PlantScenario,
+    PlatformFault,
+    SensorScenario,
+)
+from parapod.diagrams.scenario import choice, quantity
+from parapod.sims.lab.bench import (
+    Bench,
+    Monitor,
+    Run,
+)
+from parapod.sims.lab.experiment import LoopExperiment
+from parapod.sims.lab.figures import Figure
+from parapod.sims.lab.results import Metric
+from parapod.sims.levelling_platform.levelling import (
+    AXES,
+    error_metrics,
+    in_deg_and_mm,
+    make_scene,
+)
+from parapod.systems.core.errors import RefusedRequest, UnreachablePosture
+from parapod.systems.levelling_platform.fault_detection import Finding
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
+from parapod.systems.levelling_platform.kinematics import inverse_kinematics
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.plane import normal_of, to_platform
+from parapod.systems.levelling_platform.reference import describe_range
+from parapod.systems.levelling_platform.scripts import OperatorScript, Step
+from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
+from parapod.systems.levelling_platform.supervisor import Command, Phase, Refusal, SupervisorParams
+from parapod.systems.levelling_platform.wheels import WheelGeometry
+
+type Signals = Mapping[str, NDArray[Any]]
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Canvas
+
+# Between one thing that the operator does and the next [s].
+_PAUSE = 1.0
+_HEIGHT = 0.16  # of capital letters [m]
+_PLACE = np.array([-1.25, 1.1, 1.75])  # lower left corner of the text [m]
+_PATH = "/phase"
+# A phase that is shorter has no room for its name [s].
+_NAMED = 1.5
+# What the paper's closed loop stayed within (section 7).
+_ANGLE_BOUND, _HEIGHT_BOUND = 0.2, 2.0
+_PAPER = (0.2, 0.2, 2.0)
+_LIFTED = 0.5  # a foot that is back sooner has not been lost [s]
+_CLEARANCE = 20.0  # of the wheels while the platform works [mm]
+# A command that jumps is one that changes by more than this in a period [V].
+_VOLTAGE_STEP = 0.5
+# A refusal ends the operation after this long, in which the machine is seen to stand [s].
+_STANDING = 2.0
+# After this long in a phase its requests have been judged [s].
+_JUDGED = 0.1
+
+
+def uneven_ground() -> GroundScenario:
+    """Ground that is inclined, and higher under three of the feet."""
+    return GroundScenario(2.0, 3.0, [20.0, 0.0, 12.0, 5.0])
+
+
+@dataclass
+class DriveScenario:
+    """The ways there and back, straight ahead.
+
+    Attributes:
+        distance_m: each way [m].
+        speed_m_s: [m/s].
+    """
+
+    distance_m: float = quantity(0.6, 0.0, 100.0)
+    speed_m_s: float = quantity(0.3, 0.01, 2.0)
+
+    @property
+    def duration(self) -> float:
+        """Of one way [s]."""
+        return self.distance_m / self.speed_m_s
+
+
+@dataclass
+class WorkScenario:
+    """What is done while the platform stands.
+
+    Attributes:
+        roll_deg: of the posture [deg].
+        pitch_deg: [deg].
+        height_mm: above the mean of the ground under the feet [mm].
+        arm_deg: angle to which the arm swings and from which it comes back [deg].
+        turn_deg: angle of the turntable meanwhile [deg].
+        hold_s: at rest before, between and after the arm's moves [s].
+    """
+
+    roll_deg: float = quantity(0.0, -10.0, 10.0)
+    pitch_deg: float = quantity(0.0, -10.0, 10.0)
+    height_mm: float = quantity(477.0, 380.0, 580.0)
+    arm_deg: float = quantity(45.0, -120.0, 120.0)
+    turn_deg: float = quantity(0.0, -360.0, 360.0)
+    hold_s: float = quantity(2.0, 0.5, 3600.0)
+
+    @property
+    def posture(self) -> tuple[float, float, float]:
+        """Roll, pitch, height [rad, rad, m]."""
+        return math.radians(self.roll_deg), math.radians(self.pitch_deg), 1e-3 * self.height_mm
+
+    @property
+    def arm(self) -> tuple[float, float]:
+        """Angles of turntable and arm [rad]."""
+        return math.radians(self.turn_deg), math.radians(self.arm_deg)
+
+
+@dataclass
+class DeployScenario:
+    """One operation.
+
+    Attributes:
+        backend: "multibody" or "kinematic".
+        seed: of everything random: gains, biases, noise.
+        ground: where the platform works; the wheels need `foot_heights_mm` of 0 or more.
+        drive: see `DriveScenario`.
+        work: see `WorkScenario`.
+        plant: see `PlantScenario`; the wheels roll.
+        actuators: see `ActuatorScenario`.
+        sensors: see `SensorScenario`.
+        control: see `ControlScenario`.
+        faults: see `PlatformFault`.
+        longest: end of an operation that does not come to its end [s].
+    """
+
+    backend: str = choice("multibody", SIMULATED)
+    seed: int = quantity(0, 0, 2**31 - 1)
+    ground: GroundScenario = field(default_factory=uneven_ground)
+    drive: DriveScenario = field(default_factory=DriveScenario)
+    work: WorkScenario = field(default_factory=WorkScenario)
+    plant: PlantScenario = field(default_factory=PlantScenario)
+    actuators: ActuatorScenario = field(default_factory=ActuatorScenario)
+    sensors: SensorScenario = field(default_factory=SensorScenario)
+    control: ControlScenario = field(default_factory=ControlScenario)
+    faults: list[PlatformFault] = field(default_factory=list)
+    longest: float = quantity(120.0, 1.0, 7200.0)
+
+    @property
+    def machine(self) -> LevellingScenario:
+        """The machine on its wheels, on its way."""
+        return LevellingScenario(
+            backend=self.backend,
+            seed=self.seed,
+            ground=self.ground,
+            plant=self.plant,
+            actuators=self.actuators,
+            sensors=self.sensors,
+            control=self.control,
+            job=JobScenario(start="wheels", start_x_m=-self.drive.distance_m),
+            faults=self.faults,
+        )
+
+    def steps(self) -> tuple[Step, ...]:
+        """What the operator does."""
+        transport, hold = Phase.TRANSPORT, Phase.HOLD
+        ahead, stop = (self.drive.speed_m_s, 0.0), (0.0, 0.0)
+        return (
+            Step(transport, _PAUSE, drive=ahead),
+            Step(transport, self.drive.duration, drive=stop),
+            Step(transport, _PAUSE, Command.GO),
+            Step(hold, self.work.hold_s, arm=self.work.arm),
+            Step(hold, self.work.hold_s + _PAUSE, arm=(0.0, 0.0)),
+            Step(hold, self.work.hold_s + _PAUSE, Command.STOP),
+            Step(transport, _PAUSE, drive=ahead),
+            Step(transport, self.drive.duration, drive=stop),
+            Step(transport, _PAUSE),
+        )
+
+
+@dataclass(frozen=True)
+class Operation:
+    """An operation that has come to its end.
+
+    Attributes:
+        run: the run.
+        steps_left: number of the operator's steps that were not done.
+        watch: the monitor that ended it.
+    """
+
+    run: Run
+    steps_left: int
+    watch: "_Watch"
+
+
+class Deploy(LoopExperiment[DeployScenario, Operation]):
+    """Carries out the operation."""
+
+    machine = PLATFORM
+    schema = DeployScenario
+    signals = (
+        "truth.posture",
+        "legs.extension",
+        "legs.limits",
+        "legs.voltage",
+        "extension_desired_state",
+        "phase",
+        "stability_margin",
+        "arm_command",
+        "findings",
+    )
+    takes = "20 s"
+
+    def duration(self, scenario: DeployScenario) -> float:
+        """End of an operation that does not come to its end [s]."""
+        return scenario.longest
+
+    def loop(self, scenario: DeployScenario, **options: Any) -> ClosedLoop[LevellingScenario]:
+        """The machine with its supervisor and an operator."""
+        machine = scenario.machine
+        operator = OperatorScript(scenario.steps(), scenario.work.posture, machine.control.period)
+        parts: dict[str, Any] = {
+            "controller": make_supervised_controller(machine),
+            "sources": [operator],
+        }
+        return ClosedLoop(PLATFORM, machine, **(parts | options))
+
+    def scene(self, scenario: DeployScenario) -> Meshcat:
+        """The ground's slope against a horizontal floor."""
+        return make_scene(scenario.machine)
+
+    def run(self, scenario: DeployScenario, bench: Bench) -> Operation:
+        """Runs until the operator has nothing left to do, or something is refused."""
+        watches: list[_Watch] = []
+
+        def monitor(loop: ClosedLoop[Any], meshcat: Meshcat | None) -> Monitor:
+            label = PhaseLabel(meshcat) if meshcat is not None else None
+            watches.append(_Watch(loop, len(scenario.steps()), label))
+            return watches[-1].look
+
+        run = bench.run(self, scenario, monitor=monitor)
+        return Operation(run, watches[-1].steps_left(run.context), watches[-1])
+
+    def measure(self, scenario: DeployScenario, data: Operation) -> Iterator[Metric]:
+        """Errors while held, margins, smoothness and findings.
+
+        Raises:
+            UnreachablePosture: a ground that cannot be levelled, or a posture out of reach.
+            RefusedRequest: any other request that the machine does not carry out.
+        """
+        run = data.run
+        data.watch.raise_refusal(run.context)
+        meaning = "of what the operator wanted to do"
+        yield Metric("steps_left", data.steps_left, "", 0.0, meaning=meaning)
+        yield from _posture(scenario, run)
+        yield from _standing(scenario, run)
+        yield from _smoothness(scenario, run)
+        yield _findings(scenario, run)
+        meaning = "simulated time by wall-clock time"
+        yield Metric("realtime_factor", run.realtime_factor, meaning=meaning)
+
+    def note(self, scenario: DeployScenario, data: Operation) -> Iterator[str]:
+        """Findings, durations of the phases, order of touchdown."""
+        for name, at in found_faults(data.run).items():
+            yield f"found at {at:.2f} s: {name}"
+        times = phase_times(data.run)
+        yield "phases: " + ", ".join(f"{name} {lasted:.1f} s" for name, lasted in times.items())
+        yield "feet touched in the order of legs " + ", ".join(map(str, contact_order(data.run)))
+
+    def details(self, scenario: DeployScenario, data: Operation) -> Mapping[str, Any]:
+        """Durations of the phases, order of touchdown, findings."""
+        return {
+            "phase_times_s": phase_times(data.run),
+            "contact_order": contact_order(data.run),
+            "found_s": found_faults(data.run),
+        }
+
+    def draw(self, scenario: DeployScenario, data: Operation) -> Iterable[Figure]:
+        """The operation over time, and its legs."""
+        return figures(data.run.time, data.run)
+
+
+class PhaseLabel:
+    """One word above the machine, readable from the front."""
+
+    def __init__(self, meshcat: Meshcat):
+        """Creates the label, without a word yet.
+
+        Args:
+            meshcat: the scene.
+        """
+        self._meshcat = meshcat
+        self._drawn: set[str] = set()
+        self._shown = ""
+
+    def show(self, word: str, time: float) -> None:
+        """Shows another word from this time on, in a recording too [s]."""
+        if word not in self._drawn:
+            self._drawn.add(word)
+            begin, end = _outline(word)
+            path = f"{_PATH}/{word}"
+            self._meshcat.SetLineSegments(path, begin, end, 3.0, Rgba(0.10, 0.20, 0.35))
+            self._meshcat.SetTransform(path, RigidTransform(_PLACE))
+            self._meshcat.SetProperty(path, "visible", False, time_in_recording=0.0)
+        for name, visible in ((self._shown, False), (word, True)):
+            if name:
+                self._meshcat.SetProperty(
+                    f"{_PATH}/{name}", "visible", visible, time_in_recording=time
+                )
+        self._shown = word
+
+
+def _outline(word: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Line segments (3, n) from and to, upright in the plane y = 0 [m]."""
+    from matplotlib.textpath import TextPath
+
+    polygons: Any = TextPath((0.0, 0.0), word, size=1.0).to_polygons(closed_only=False)
+    begin = np.vstack([polygon[:-1] for polygon in polygons])
+    end = np.vstack([polygon[1:] for polygon in polygons])
+    # Capital letters of that font are 0.73 high.
+    scale = _HEIGHT / 0.73
+    flat = [scale * np.column_stack([p[:, 0], np.zeros(len(p)), p[:, 1]]).T for p in (begin, end)]
+    return flat[0], flat[1]
+
+
+def figures(time: NDArray[np.float64], signals: Signals) -> tuple[Figure, ...]:
+    """The operation over time, and its legs."""
+    return (
+        Figure(
+            "deploy_posture",
+            "The operation",
+            "Posture of the platform against gravity, and the supervisor's phases.",
+            partial(_draw_posture, time, signals),
+            (9.0, 5.2),
+        ),
+        Figure(
+            "deploy_legs",
+            "Legs and arm",
+            "Extensions with the closing of the contact switches (dots), and the arm's angle.",
+            partial(_draw_legs, time, signals),
+            (9.0, 4.2),
+        ),
+    )
+
+
+def _draw_posture(time: NDArray[np.float64], signals: Signals, canvas: "Canvas") -> None:
+    posture = in_deg_and_mm(signals["truth.posture"])
+    rows: Any = canvas.subplots(3, 1, sharex=True)
+    for i, (axes, (_, _, label)) in enumerate(zip(rows, AXES, strict=True)):
+        axes.plot(time, posture[:, i])
+        axes.set_ylabel(label)
+        _mark_phases(axes, time, signals, named=i == 0)
+    rows[-1].set_xlabel("time [s]")
+
+
+def _draw_legs(time: NDArray[np.float64], signals: Signals, canvas: "Canvas") -> None:
+    legs, arm = canvas.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    extension = 1e3 * signals["legs.extension"]
+    contact = signals["legs.limits"][:, 2 * LEG_COUNT :] > 0.5
+    for i in range(LEG_COUNT):
+        (line,) = legs.plot(time, extension[:, i], label=f"leg {i + 1}")
+        if contact[:, i].any():
+            first = int(np.argmax(contact[:, i]))
+            legs.plot(time[first], extension[first, i], "o", color=line.get_color(), ms=4)
+    legs.set_ylabel("extension [mm]")
+    legs.legend(fontsize=8, ncols=LEG_COUNT, loc="upper center")
+    arm.plot(time, np.degrees(signals["arm_command"][:, 1]))
+    arm.set(ylabel="arm [deg]", xlabel="time [s]")
+    _mark_phases(legs, time, signals, named=True)
+    _mark_phases(arm, time, signals, named=False)
+
+
+def _mark_phases(axes: "Axes", time: NDArray[np.float64], signals: Signals, named: bool) -> None:
+    """Bands behind the curves, one a phase."""
+    phase = signals["phase"][:, 0]
+    edges = [0, *(np.flatnonzero(np.diff(phase)) + 1).tolist(), phase.size - 1]
+    for k, (begin, end) in enumerate(pairwise(edges)):
+        if k % 2:
+            axes.axvspan(time[begin], time[end], color="0.95", zorder=0)
+        if named and time[end] - time[begin] >= _NAMED:
+            axes.annotate(
+                Phase(int(phase[begin])).name.lower(),
+                (0.5 * (time[begin] + time[end]), 1.02),
+                xycoords=("data", "axes fraction"),
+                ha="center",
+                fontsize=7,
+            )
+
+
+def phase_times(run: Run) -> dict[str, float]:
+    """How long each phase lasted, all its visits together [s]."""
+    phase = run["phase"][:, 0]
+    period = float(run.time[1] - run.time[0])
+    return {
+        each.name.lower(): round(period * int((phase == each).sum()), 6)
+        for each in Phase
+        if (phase == each).any()
+    }
+
+
+def contact_order(signals: Signals) -> list[int]:
+    """Numbers of the legs in the order in which their switches closed first."""
+    contact = signals["legs.limits"][:, 2 * LEG_COUNT :] > 0.5
+    touched = [leg for leg in range(LEG_COUNT) if contact[:, leg].any()]
+    return [leg + 1 for leg in sorted(touched, key=lambda leg: int(np.argmax(contact[:, leg])))]
+
+
+def found_faults(run: Run) -> dict[str, float]:
+    """Findings and when they were made [s]."""
+    findings = run["findings"] > 0.5
+    return {
+        finding.name.lower(): round(float(run.time[np.argmax(findings[:, finding])]), 6)
+        for finding in Finding
+        if findings[:, finding].any()
+    }
+
+
+def _findings(scenario: DeployScenario, signals: Signals) -> Metric:
+    count = float((signals["findings"] > 0.5).any(axis=0).sum())
+    bound, meaning = (None, "faults were injected") if scenario.faults else (0.0, "false alarms")
+    return Metric("findings", count, "", bound, meaning=f"kinds of faults found; {meaning}")
+
+
+def _holding(signals: Signals) -> NDArray[np.bool_]:
+    holding: NDArray[np.bool_] = signals["phase"][:, 0] == Phase.HOLD
+    return holding
+
+
+def _posture(scenario: DeployScenario, signals: Signals) -> list[Metric]:
+    """Errors while the posture is held, the arm's swing included."""
+    wanted = in_deg_and_mm(np.array(scenario.work.posture))
+    # The height counts from the plane that fits the ground under the feet best.
+    wanted[2] += np.mean(scenario.ground.foot_heights_mm)
+    truth = in_deg_and_mm(signals["truth.posture"][_holding(signals)])
+    error = truth - wanted if truth.size else np.full((1, 3), np.nan)
+    meaning = "largest while the posture is held, against gravity and the feet's mean height"
+    return error_metrics(error, "", (_ANGLE_BOUND, _HEIGHT_BOUND), _PAPER, meaning)
+
+
+def _standing(scenario: DeployScenario, signals: Signals) -> list[Metric]:
+    held = _holding(signals)
+    opened = signals["legs.limits"][held, 2 * LEG_COUNT :] < 0.5
+    lifted = scenario.control.period * max(map(_longest, opened.T))
+    return [
+        Metric(
+            "smallest_margin_mm",
+            1e3 * _smallest(signals["stability_margin"][held]),
+            "mm",
+            at_least=1e3 * StabilityMonitorParams().margin,
+            meaning="of the zero-moment point from the edge between the feet, while held",
+        ),
+        Metric(
+            "wheel_clearance_mm",
+            1e3 * _smallest(_clearance(scenario, signals["truth.posture"][held])),
+            "mm",
+            at_least=_CLEARANCE,
+            meaning="of the lowest wheel while held",
+        ),
+        Metric(
+            "lifted_s",
+            lifted,
+            "s",
+            _LIFTED,
+            meaning="longest time for which a foot's switch is open while held",
+        ),
+    ]
+
+
+def _longest(flags: NDArray[np.bool_]) -> int:
+    """Length of the longest run of true flags."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False]))))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
+
+
+def _smallest(values: NDArray[np.float64]) -> float:
+    return float(values.min()) if values.size else np.nan
+
+
+def _clearance(scenario: DeployScenario, posture: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of the wheels (n, 4) above the ground's plane [m]."""
+    wheels = WheelGeometry()
+    normal = normal_of(*scenario.ground.inclination)
+    g = np.array(to_platform(normal, posture[:, 0], posture[:, 1]))
+    below = np.array(wheels.axles) @ g.reshape(3, -1)
+    clearance: NDArray[np.float64] = posture[:, 2] + below - wheels.radius
+    return clearance
+
+
+def _smoothness(scenario: DeployScenario, signals: Signals) -> list[Metric]:
+    """Commands that do not jump, at transitions least of all."""
+    desired = signals["extension_desired_state"][:, :LEG_COUNT]
+    fastest = 1e3 * scenario.control.period * 1.5 * SupervisorParams().raising_rate
+    return [
+        Metric(
+            "largest_voltage_step_V",
+            float(np.abs(np.diff(signals["legs.voltage"], axis=0)).max()),
+            "V",
+            _VOLTAGE_STEP,
+            meaning="largest change of a command from one period to the next",
+        ),
+        Metric(
+            "largest_extension_step_mm",
+            1e3 * float(np.abs(np.diff(desired, axis=0)).max()),
+            "mm",
+            fastest,
+            meaning="likewise of a desired extension",
+        ),
+    ]
+
+
+class _Watch:
+    """Looks at a running operation: shows its phase, and ends it when there is nothing to come."""
+
+    def __init__(self, loop: ClosedLoop[Any], steps: int, label: PhaseLabel | None):
+        self._loop, self._steps, self._label = loop, steps, label
+        self._operator = loop.GetSubsystemByName("operator_script")
+        self._phase: Phase | None = None
+        self._entered, self._refused_at = 0.0, np.inf
+        self._refusal, self._margin = [0, 0], np.nan
+
+    def look(self, root_context: Context) -> EventStatus:
+        """Monitor of the simulator."""
+        now = root_context.get_time()
+        phase = Phase(int(self._read(root_context, "phase")[0]))
+        if phase is not self._phase:
+            self._phase, self._entered = phase, now
+            if self._label is not None:
+                self._label.show(phase.name, now)
+        if not np.isfinite(self._refused_at) and self._is_refused(root_context):
+            # What the operator asks for next is not what was refused.
+            self._refused_at = now
+            self._refusal = self._read(root_context, "refusal").astype(int).tolist()
+            self._margin = float(self._read(root_context, "arm_margin")[0])
+        if now > self._refused_at + _STANDING:
+            return EventStatus.ReachedTermination(self._loop.controller, "refused")
+        if not self.steps_left(root_context):
+            return EventStatus.ReachedTermination(self._loop.controller, "done")
+        return EventStatus.DidNothing()
+
+    def steps_left(self, root_context: Context) -> int:
+        """Number of the operator's steps that are still to come."""
+        return self._steps - int(_value(self._operator, "steps_done", root_context)[0])
+
+    def _is_refused(self, root_context: Context) -> bool:
+        if self._read(root_context, "refusal")[0] != Refusal.NONE:
+            return True
+        # The arm's request is judged anew once the posture is held.
+        judged = root_context.get_time() > self._entered + _JUDGED
+        in_hold = self._phase is Phase.HOLD and judged
+        return in_hold and bool(self._read(root_context, "arm_refused")[0] > 0.5)
+
+    def _read(self, root_context: Context, port: str) -> NDArray[np.float64]:
+        return _value(self._loop.controller, port, root_context)
+
+    def raise_refusal(self, root_context: Context) -> None:
+        """Says what was refused, if anything was.
+
+        Raises:
+            UnreachablePosture: a ground that cannot be levelled, or a posture out of reach.
+            RefusedRequest: anything else.
+        """
+        if not np.isfinite(self._refused_at):
+            return
+        code, detail = self._refusal
+        phase = Phase(int(self._read(root_context, "phase")[0])).name.lower()
+        if code in (Refusal.GROUND, Refusal.POSTURE):
+            self._raise_unreachable(root_context, phase)
+        if code == Refusal.NO_GROUND:
+            raise RefusedRequest(f"leg {detail} found no ground within its stroke", phase)
+        if code == Refusal.COMMAND:
+            raise RefusedRequest(
+                f"the operator's command has no place in {Phase(detail).name.lower()}", phase
+            )
+        margin, params = self._margin, StabilityMonitorParams()
+        if not np.isfinite(margin):
+            turn, swing = np.degrees(params.reach)
+            limits = f"{swing:.0f} deg of the arm or {turn:.0f} deg of the turntable"
+            raise RefusedRequest(f"the arm's move goes beyond {limits}", phase)
+        raise RefusedRequest(
+            f"the arm's move would leave {1e3 * margin:.0f} mm to the edge between the feet, "
+            f"which must be {1e3 * params.margin:.0f} mm or more",
+            phase,
+        )
+
+    def _raise_unreachable(self, root_context: Context, phase: str) -> None:
+        posture = _value(self._operator, "posture_request", root_context)
+        standing = (
+            self._read(root_context, "ground_estimated"),
+            self._read(root_context, "foot_offsets_estimated"),
+        )
+        try:
+            inverse_kinematics(MODEL_GEOMETRY, posture, *standing)
+        except UnreachablePosture as error:
+            hint = describe_range(MODEL_GEOMETRY, posture, *standing)
+            raise UnreachablePosture(
+                error.leg,
+                error.extension,
+                error.admissible,
+                hint=f"{hint}; the machine stays in {phase}",
+            ) from None
+
+
+def _value(system: System, port: str, root_context: Context) -> NDArray[np.float64]:
+    value: Any = system.GetOutputPort(port).Eval(system.GetMyContextFromRoot(root_context))
+    return np.asarray(value)

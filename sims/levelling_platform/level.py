@@ -1,0 +1,283 @@
+"""Level the platform on unknown ground, follow postures, and hold while the arm swings.
+
+Until `job.estimate_at` the platform stands still and its attitude filter settles. Then the ground
+is estimated, and the platform levels itself at `job.height_mm`, takes the waypoints' postures one
+after the other, and holds while the arm swings.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingScenario
+from parapod.sims.lab.bench import Run
+from parapod.sims.lab.figures import Figure
+from parapod.sims.lab.results import Metric
+from parapod.sims.levelling_platform.levelling import (
+    LevellingExperiment,
+    in_deg_and_mm,
+    posture_figure,
+    stay_live,
+)
+from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+
+# What the paper's closed loop stayed within (section 7), and what counts as level.
+_ANGLE_BOUND = 0.2  # [deg]
+_HEIGHT_BOUND = 2.0  # [mm]
+# A passive foot that is higher than this does not carry [mm].
+_LIFT_BOUND = 1.0
+_PASSIVE_LEG = 3  # index of leg 4
+# What the metrics are made of; everything else is recorded only for a log. What is true is known
+# of simulated machines only; of others what they measure.
+_NEEDED = (
+    "truth.posture",
+    "truth.foot_height",
+    "truth.loop_error",
+    "posture_desired_state",
+    "attitude_estimated",
+    "ground_estimated",
+    "ground_valid",
+    "foot_offsets_estimated",
+    "legs.extension",
+    "legs.voltage",
+    "posture_scale",
+)
+
+
+class Level(LevellingExperiment[Run]):
+    """Runs the job."""
+
+    backends = PLATFORM.backends
+    # Truth is known of simulated machines only; of others what they measure.
+    signals = _NEEDED
+    takes = "10 s"
+
+    def measure(self, scenario: LevellingScenario, run: Run) -> Iterator[Metric]:
+        """Errors beside what the paper's closed loop stayed within."""
+        is_true = "truth.posture" in run
+        posture = in_deg_and_mm(run["truth.posture"] if is_true else measured_posture(run))
+        if is_true:
+            yield from _ground_metrics(scenario, run)
+        yield from _posture_metrics(scenario, run, posture)
+        if is_true:
+            yield from _estimate_metrics(scenario, run, posture)
+        yield _peak_voltage(scenario, run)
+        if is_true:
+            yield from _leg_metrics(scenario, run)
+        meaning = "share of the waypoints' size that fits the stroke"
+        yield Metric("posture_scale", _scale(run), meaning=meaning)
+        meaning = "simulated time by wall-clock time"
+        yield Metric("realtime_factor", run.realtime_factor, meaning=meaning)
+
+    def note(self, scenario: LevellingScenario, run: Run) -> Iterator[str]:
+        """The source of the posture, and waypoints that were shrunk."""
+        if "truth.posture" not in run:
+            yield (
+                "posture as measured: angles by the inertial sensor, heights by the encoders on "
+                "the estimated ground"
+            )
+        if (scale := _scale(run)) < 1.0:
+            left = _stroke_left(scenario, run)
+            yield f"waypoints scaled to {100.0 * scale:.0f} %: {left}"
+
+    def draw(self, scenario: LevellingScenario, run: Run) -> Iterator[Figure]:
+        """The posture over the job."""
+        yield _figure(run)
+
+    def live(
+        self, scenario: LevellingScenario, run: Run, console: Console
+    ) -> Callable[[], None] | None:
+        """Sliders move the platform."""
+        assert run.meshcat is not None
+        return partial(stay_live, scenario, run.meshcat, console, run.again)
+
+
+def _scale(run: Run) -> float:
+    return float(run["posture_scale"][-1, 0])
+
+
+def _ground_metrics(scenario: LevellingScenario, run: Run) -> list[Metric]:
+    error = np.degrees(np.abs(run["ground_estimated"][-1] - scenario.ground.inclination))
+    return [
+        Metric(
+            f"ground_{axis}_error_deg",
+            float(error[i]),
+            "deg",
+            _ANGLE_BOUND,
+            meaning=f"of the estimate of the ground's {axis}",
+        )
+        for i, axis in enumerate(("roll", "pitch"))
+    ]
+
+
+def measured_posture(run: Run) -> NDArray[np.float64]:
+    """Postures (n, 3) as the machine's own sensors tell them [rad, rad, m].
+
+    Roll and pitch are those of the inertial sensor, which knows nothing of the legs; the height is
+    that of the extensions on the estimated ground, and NaN before there is one.
+    """
+    ground, valid = run["ground_estimated"], run["ground_valid"][:, 0] > 0.5
+    posture = np.full((len(ground), 3), np.nan)
+    posture[:, :2] = run["attitude_estimated"]
+    posture[valid] = np.column_stack(
+        [
+            posture[valid, :2],
+            forward_kinematics(
+                MODEL_GEOMETRY,
+                run["legs.extension"][valid],
+                ground[valid],
+                legs=(0, 1, 2),
+                foot_offsets=run["foot_offsets_estimated"][valid],
+            )[:, 2],
+        ]
+    )
+    return posture
+
+
+def _posture_metrics(
+    scenario: LevellingScenario,
+    run: Run,
+    posture: NDArray[np.float64],
+) -> list[Metric]:
+    desired = in_deg_and_mm(run["posture_desired_state"][:, :3])
+    roll, pitch, height = _largest(posture - desired, _settled(scenario.job, run.time))
+    return [
+        Metric(
+            "roll_error_deg",
+            roll,
+            "deg",
+            _ANGLE_BOUND,
+            paper=0.2,
+            meaning="largest after settling, against gravity",
+        ),
+        Metric("pitch_error_deg", pitch, "deg", _ANGLE_BOUND, paper=0.2, meaning="likewise"),
+        Metric(
+            "height_error_mm",
+            height,
+            "mm",
+            _HEIGHT_BOUND,
+            paper=2.0,
+            meaning="largest after settling, above the ground's plane",
+        ),
+        Metric(
+            "settling_time_s",
+            _settling_time(scenario.job, run.time, posture),
+            "s",
+            scenario.job.settled_after,
+            meaning=f"until level within {_ANGLE_BOUND:g} deg and {_HEIGHT_BOUND:g} mm",
+        ),
+    ]
+
+
+def _estimate_metrics(
+    scenario: LevellingScenario,
+    run: Run,
+    posture: NDArray[np.float64],
+) -> list[Metric]:
+    attitude = np.degrees(run["attitude_estimated"]) - posture[:, :2]
+    return [
+        Metric(
+            "attitude_estimate_error_deg",
+            max(_largest(attitude, run.time >= scenario.job.estimate_at)),
+            "deg",
+            _ANGLE_BOUND,
+            meaning="largest of roll and pitch once levelling has begun",
+        )
+    ]
+
+
+def _peak_voltage(scenario: LevellingScenario, run: Run) -> Metric:
+    return Metric(
+        "peak_voltage_V",
+        float(np.abs(run["legs.voltage"]).max()),
+        "V",
+        scenario.actuators.supply_voltage,
+        meaning="largest command to a motor",
+    )
+
+
+def _leg_metrics(scenario: LevellingScenario, run: Run) -> list[Metric]:
+    lift = 1e3 * run["truth.foot_height"][_settled(scenario.job, run.time)].max(axis=0)
+    active = np.delete(lift, _PASSIVE_LEG)
+    metrics = [
+        Metric(
+            "passive_leg_lift_mm",
+            max(0.0, float(lift[_PASSIVE_LEG])),
+            "mm",
+            _LIFT_BOUND,
+            meaning="how far leg 4's foot leaves the ground",
+        ),
+        Metric(
+            "active_leg_lift_mm",
+            max(0.0, float(active.max())),
+            "mm",
+            _LIFT_BOUND,
+            meaning="how far another foot leaves the ground",
+        ),
+    ]
+    if scenario.backend == "multibody" and scenario.plant.leg_model == "full":
+        gap = 1e6 * float(run["truth.loop_error"].max())
+        metrics.append(
+            Metric("closure_error_um", gap, "um", meaning="largest gap in the legs' closed loops")
+        )
+    return metrics
+
+
+def _largest(error: NDArray[np.float64], when: NDArray[np.bool_]) -> list[float]:
+    """Largest absolute value of each column in the rows that count."""
+    return np.abs(error[when]).max(axis=0).tolist()
+
+
+def _settled(job: JobScenario, time: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return time >= job.estimate_at + job.settled_after
+
+
+def _settling_time(
+    job: JobScenario, time: NDArray[np.float64], posture: NDArray[np.float64]
+) -> float:
+    """From the estimate until the platform stays level [s]; infinite if it does not."""
+    first = job.waypoints[0].time if job.waypoints else job.end
+    levelling = (time >= job.estimate_at) & (time < job.estimate_at + first)
+    away = np.abs(posture[levelling] - [0.0, 0.0, job.height_mm])
+    outside = np.flatnonzero((away > [_ANGLE_BOUND, _ANGLE_BOUND, _HEIGHT_BOUND]).any(axis=1))
+    if not outside.size:
+        return 0.0
+    last = int(outside[-1]) + 1
+    times = time[levelling]
+    return float(times[last] - job.estimate_at) if last < times.size else math.inf
+
+
+def _stroke_left(scenario: LevellingScenario, run: Run) -> str:
+    """How much stroke the level posture leaves to the waypoints, in words."""
+    geometry = MODEL_GEOMETRY
+    level = (0.0, 0.0, 1e-3 * scenario.job.height_mm)
+    extension = inverse_kinematics(geometry, level, run["ground_estimated"][-1])
+    left = np.minimum(extension - geometry.extension_min, geometry.extension_max - extension)
+    leg = int(np.argmin(left))
+    return f"once level, the ground leaves leg {leg + 1} only {1e3 * left[leg]:.1f} mm of stroke"
+
+
+def _figure(run: Run) -> Figure:
+    desired = run["posture_desired_state"][:, :3]
+    started = desired[:, 2] > 0.0
+    name, posture = "true", run.signals.get("truth.posture")
+    if posture is None:
+        name, posture = "measured", measured_posture(run)
+    lines = {
+        "asked for": in_deg_and_mm(desired[started]),
+        name: in_deg_and_mm(posture[started]),
+    }
+    return posture_figure(
+        "level",
+        "The job",
+        "Posture against gravity while the platform levels itself, follows postures and holds.",
+        run.time[started],
+        lines,
+        "asked for",
+    )

@@ -1,0 +1,198 @@
+"""The levelling platform's chapter: experiments in the paper's order, and what is beyond it."""
+
+import math
+
+from parapod.diagrams.drawing import View
+from parapod.diagrams.levelling_platform.model import photograph
+from parapod.sims.levelling_platform.report.claims import CLAIMS
+from parapod.sims.levelling_platform.report.drawings import DRAWINGS
+from parapod.sims.levelling_platform.report.errata import ERRATA
+from parapod.sims.report.chapter import Chapter, Component, Part, Picture
+from parapod.sims.report.rendered import rendered
+
+_HEIGHT = 0.477  # in the middle of what the stroke allows [m]
+_GROUND = (math.radians(2.0), math.radians(3.0))
+_UPRIGHT, _LEANING = (0.0, 0.0), (0.0, math.radians(35.0))
+# From so far that lines parallel in space nearly stay so [m].
+_FAR = 30.0
+
+
+def pictures() -> tuple[Picture, ...]:
+    """The whole machine at work, and its front and top view.
+
+    Raises:
+        RuntimeError: there is no OpenGL to render with.
+    """
+    return rendered(_take)
+
+
+def _take() -> tuple[Picture, ...]:
+    whole = View((2.9, -5.9, 1.9), (0.08, 0.0, 0.96), angle=0.50, size=(1280, 1080))
+    front = View((0.0, -_FAR, 0.6), (0.0, 0.0, 0.40), angle=0.033, size=(1280, 640))
+    top = View(
+        (0.0, 0.0, _FAR), (0.0, 0.0, 0.3), angle=0.052, size=(1280, 1000), up=(0.0, 1.0, 0.0)
+    )
+    level = [0.0, 0.0, _HEIGHT]
+    (at_work,) = photograph([whole], level, _GROUND, _LEANING)
+    from_front, from_top = photograph([front, top], level, arm=_UPRIGHT)
+    return (
+        Picture(
+            "The platform",
+            "Level on ground that rolls by 2 and pitches by 3 deg, its arm leaning by 35 deg "
+            "(in the place of Figs. 3, 12a and 19).",
+            at_work,
+        ),
+        Picture("Front", "Front view (Fig. 1a).", from_front),
+        Picture("Top", "Top view (Fig. 1b).", from_top),
+    )
+
+
+# The bounds hold at this step too.
+_COARSE = ("plant.time_step=0.005",)
+
+_PARTS = (
+    Part(
+        "validate-kinematics",
+        "The kinematic model (section 3.3)",
+        "The paper holds Eqs. (10) to (12) beside a co-simulation on ground of 5 deg, and beside "
+        "its prototype. Here the same equations, solved in closed form, are held beside a plant "
+        "of rigid bodies with closed loops and contact: with legs as drawn, and with every length "
+        "off by up to .5 mm and every angle by up to .2 deg.",
+        "validate-kinematics",
+    ),
+    Part(
+        "workspace",
+        "The workspace (section 4)",
+        "Where the tip of the upright arm can be: exact, in closed form, with its volume, beside "
+        "the eight surfaces that the paper prints. `--html FILE` writes a picture to be turned.",
+        "workspace",
+        is_random=False,
+    ),
+    Part(
+        "identify-actuators",
+        "The actuators (section 5.2)",
+        "Ten voltage steps with legs lifted and under the platform's weight; K from voltages and "
+        "encoders alone.",
+        "identify-actuators",
+    ),
+    Part(
+        "track-posture",
+        "The control of the posture (section 6.4)",
+        "Postures followed by three machines: legs as drawn, as built, and as built with the "
+        "outer inclination loop that the paper leaves as its next step.",
+        "track-posture",
+    ),
+    Part(
+        "slip",
+        "Slip of the feet (section 7)",
+        "The legs lift the platform, then they are braked and the arm swings by 45 deg in a "
+        "second. The solver's own creep on inclined ground is measured apart from it. (The "
+        "caption printed below Fig. 23 is that of Fig. 5.)",
+        "slip",
+    ),
+    Part(
+        "level",
+        "The whole job",
+        "Beyond the paper's figures: unknown ground, noise, biases, friction and gains off by up "
+        "to 15 % at once. The platform finds out how the ground slopes, levels itself, follows "
+        "postures and holds while the arm swings.",
+        "level",
+        quick=_COARSE,
+    ),
+    Part(
+        "deploy",
+        "The whole operation (section 2.2)",
+        "The paper says in three sentences how the platform is used: it drives to a place, lowers "
+        "its legs until they touch, and takes a posture. Here it does so under a supervisor, on "
+        "ground that is inclined and uneven, and drives away again.",
+        "deploy",
+        quick=("plant.leg_model=reduced", *_COARSE),
+    ),
+    Part(
+        "fault-campaign",
+        "Faults",
+        "Beyond the paper: every kind of fault of every device in every phase of the operation, "
+        "what is found, after how long, and how the machine reacts.",
+        "fault-campaign",
+        quick=("device=encoder", "phase=posture", "window=3"),
+        is_random=False,
+    ),
+    Part(
+        "uneven-ground",
+        "Uneven ground",
+        "Beyond the paper, which assumes a plane: feet at heights that differ by 40 mm.",
+        "uneven-ground",
+        quick=_COARSE,
+    ),
+    Part(
+        "calibrate",
+        "Calibration",
+        "Beyond the paper, which explains its errors by legs that are not equal: what the legs "
+        "really measure, from 30 recorded poses.",
+        "calibrate",
+    ),
+    Part(
+        "turntable",
+        "The turntable",
+        "Beyond the paper: the motor in the arm's base, which the prototype has and the paper "
+        "leaves for future work.",
+        "workspace",
+        ("turntable=true",),
+        quick=("resolution=40",),
+        is_random=False,
+        adds_to="workspace",
+    ),
+)
+
+_COMPONENTS = (
+    Component("Embedded controller NI PXIe-1082", "the controller's diagram", "at 100 Hz"),
+    Component(
+        "Two NI PXIe-6363",
+        "the station's ports",
+        "NiDaqLegs and NiDaqEncoders drive the real ones",
+    ),
+    Component("Four linear actuators", "LinearActuator", "Eqs. (15) to (18), self-locking screw"),
+    Component("Two motor drivers Sabertooth 2x25", "LinearActuator", "supply and saturation"),
+    Component("Four actuator encoders", "Encoder", "whole counts"),
+    Component("Four Maxon motors, gear 26, and EPOS2 24/5", "VelocityServo", "velocity and brake"),
+    Component("Twelve limit switches", "LimitSwitches", "extended, retracted, ground contact"),
+    Component(
+        "Inertial sensor ADIS16448", "Imu", "noise, biases, ranges and counts of its data sheet"
+    ),
+    Component("Optical tracking system", "PlatformTruth", "the simulation's truth"),
+    Component("Arm, 2.02 m, with camera", "arm.urdf", "rigid; angle and turntable commanded"),
+)
+
+_MISSING = (
+    "The prototype. Where the paper measures it, a plant of rigid bodies stands here, whose legs "
+    "are off by drawn errors; its noise, friction and masses are assumptions that keep what the "
+    "paper prints of them.",
+    "The curves themselves. The paper shows its trajectories only as pictures, so the figures "
+    "follow trajectories of the same kind, not the same ones, and are compared by their errors.",
+    "Flexibility of the arm. As in the paper, the arm is rigid; its .27 kg are not told apart "
+    "from the camera's mass.",
+    "The photographs (Figs. 3, 7a and 19): rendered pictures of the model stand in their place.",
+    "Eq. (13) is lost in print; the arm's base is fitted to the workspace's eight surfaces.",
+)
+
+CHAPTER = Chapter(
+    title="The levelling platform",
+    paper=(
+        "D. Feliu-Talegon, A. San-Millan and V. Feliu-Batlle, A New Kinematic Model and Control "
+        "Strategy for a Mobile Platform for Transporting Lightweight Manipulators, Applied "
+        "Sciences 8 (2018) 2612"
+    ),
+    summary=(
+        "A platform of 50 kg stands on four legs, each a parallelogram with a linear actuator on "
+        "its diagonal, and carries a light arm of 2 m. The paper gives its kinematic model, its "
+        "control and its workspace. Below is every number that it prints beside the same number "
+        "here, every figure again, and what goes beyond them."
+    ),
+    parts=_PARTS,
+    claims=CLAIMS,
+    errata=ERRATA,
+    components=_COMPONENTS,
+    drawings=DRAWINGS,
+    pictures=pictures,
+    missing=_MISSING,
+)

@@ -1,0 +1,304 @@
+"""Follow postures with legs as drawn, as built, and with the outer inclination loop.
+
+Figs. 20 to 22 of the paper, and beyond them. Three machines follow the same postures: one with
+legs as drawn, one with manufacturing errors, and the second one again with the outer inclination
+loop that the paper leaves as its next step, with delayed inertial measurements. The loop's
+stability margins are computed from the linearised diagram.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.diagrams.levelling_platform.inclination_margins import alone, margins, open_loop
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.sims.lab.bench import Bench, Run
+from parapod.sims.lab.figures import Figure
+from parapod.sims.lab.results import Metric
+from parapod.sims.levelling_platform.levelling import (
+    LevellingExperiment,
+    error_metrics,
+    in_deg_and_mm,
+    posture_figure,
+)
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
+from parapod.systems.sensors.imu import sample_period
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+_PAPER = (0.2, 0.2, 2.0)
+_OUTER_BOUND = 0.05  # of roll and pitch at rest [deg]
+# What an accelerometer bias of 0.25 mg on two axes makes of the inclination, which no loop can
+# see: a machine that happens to be built better than that has nothing to gain [deg].
+_SENSOR = 0.02
+# After a posture has been reached the outer loop is given this long to settle [s].
+_SETTLING = 4.0
+# Margins that are asked for with every gain and delay below: usual values of loop shaping.
+_GAIN_MARGIN, _PHASE_MARGIN = 6.0, 45.0  # [dB, deg]
+_GAIN_SCALES = (0.85, 1.0, 1.15)
+_DELAYS = (0.0, 0.02)  # [s]
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A machine's errors.
+
+    Attributes:
+        run: recorded signals.
+        truth: (n, 3) [deg, deg, mm].
+        desired: (n, 3) [deg, deg, mm].
+        at_rest: (n) whether the reference has rested for a while.
+        moving: (n) whether the reference moves, once the level posture has been taken.
+    """
+
+    run: Run
+    truth: NDArray[np.float64]
+    desired: NDArray[np.float64]
+    at_rest: NDArray[np.bool_]
+    moving: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, scenario: LevellingScenario, run: Run) -> Self:
+        """Looks at a run."""
+        state = run["posture_desired_state"]
+        changing = (np.abs(state[:, 3:]) > 1e-9).any(axis=1)
+        began = scenario.job.estimate_at + scenario.job.settled_after
+        last = np.maximum.accumulate(np.where(changing, run.time, began))
+        return cls(
+            run,
+            in_deg_and_mm(run["truth.posture"]),
+            in_deg_and_mm(state[:, :3]),
+            at_rest=run.time >= last + _SETTLING,
+            moving=changing & (run.time >= began),
+        )
+
+    @property
+    def error(self) -> NDArray[np.float64]:
+        return self.truth - self.desired
+
+    @property
+    def moving_error(self) -> float:
+        """Root mean square of the inclination's error while moving [deg]."""
+        return float(np.sqrt((self.error[self.moving, :2] ** 2).sum(axis=1).mean()))
+
+
+@dataclass(frozen=True)
+class Runs:
+    """The three machines.
+
+    Attributes:
+        nominal: legs as drawn.
+        perturbed: legs as built.
+        outer: legs as built, with the outer loop; the run that is watched.
+    """
+
+    nominal: _Run
+    perturbed: _Run
+    outer: _Run
+
+    @property
+    def run(self) -> Run:
+        """The run that is watched."""
+        return self.outer.run
+
+
+class TrackPosture(LevellingExperiment[Runs]):
+    """Follows the scenario's postures with three machines.
+
+    The scenario's `plant.length_error_mm` and `plant.angle_error_deg` are those of the second
+    and third, its `control.outer_loop_gain` and `sensors.imu_delay_ms` those of the third.
+    """
+
+    signals = (
+        "truth.posture",
+        "truth.extension",
+        "posture_desired_state",
+        "extension_desired_state",
+    )
+    takes = "40 s"
+
+    def run(self, scenario: LevellingScenario, bench: Bench) -> Runs:
+        """Lets the machines follow; the last is the one that is watched."""
+        inner = replace(scenario.control, outer_loop=False)
+        prompt = replace(scenario.sensors, imu_delay_ms=0.0)
+        perturbed = replace(scenario, control=inner, sensors=prompt)
+        as_drawn = replace(scenario.plant, length_error_mm=0.0, angle_error_deg=0.0)
+        nominal = replace(perturbed, plant=as_drawn)
+        return Runs(
+            _Run.of(nominal, bench.run(self, nominal, watched=False)),
+            _Run.of(perturbed, bench.run(self, perturbed, watched=False)),
+            _Run.of(_outer(scenario), bench.run(self, _outer(scenario))),
+        )
+
+    def measure(self, scenario: LevellingScenario, data: Runs) -> Iterator[Metric]:
+        """Errors at rest and while moving, and the outer loop's stability margins."""
+        yield from _errors(data.nominal, "", (_PAPER[0], _PAPER[2]), "legs as drawn")
+        yield from _errors(data.perturbed, "perturbed_", (None, None), "legs as built")
+        yield from _errors(data.outer, "outer_loop_", (_OUTER_BOUND, None), "with the outer loop")
+        yield _extension_error(data.nominal)
+        yield from _moving(data.nominal, data.perturbed, data.outer)
+        yield from _stability(_outer(scenario))
+
+    def draw(self, scenario: LevellingScenario, data: Runs) -> Iterator[Figure]:
+        """Postures and extensions (Figs. 20 to 22), and the outer loop's Bode plot."""
+        yield from _tracking(data.nominal, data.perturbed, data.outer)
+        yield _bode(_outer(scenario))
+
+
+def _outer(scenario: LevellingScenario) -> LevellingScenario:
+    return replace(scenario, control=replace(scenario.control, outer_loop=True))
+
+
+def _errors(
+    run: _Run, prefix: str, bounds: tuple[float | None, float | None], whose: str
+) -> list[Metric]:
+    meaning = f"largest at rest, {whose}"
+    return error_metrics(run.error[run.at_rest], prefix, bounds, _PAPER, meaning)
+
+
+def _extension_error(nominal: _Run) -> Metric:
+    signals, counts = nominal.run, nominal.at_rest | nominal.moving
+    desired = signals["extension_desired_state"][counts, :LEG_COUNT]
+    error = np.abs(signals["truth.extension"][counts] - desired).max()
+    return Metric(
+        "extension_error_mm",
+        1e3 * float(error),
+        "mm",
+        paper="almost perfect",
+        meaning="largest of any actuator against its reference, legs as drawn",
+    )
+
+
+def _moving(nominal: _Run, perturbed: _Run, outer: _Run) -> list[Metric]:
+    largest = np.abs(nominal.error[nominal.moving, :2]).max()
+    return [
+        Metric(
+            "moving_error_deg",
+            float(largest),
+            "deg",
+            _PAPER[0],
+            paper=_PAPER[0],
+            meaning="largest of roll and pitch while moving, legs as drawn",
+        ),
+        Metric(
+            "perturbed_moving_rms_deg",
+            perturbed.moving_error,
+            "deg",
+            meaning="inclination while moving, legs as built",
+        ),
+        Metric("outer_loop_moving_rms_deg", outer.moving_error, "deg", meaning="likewise"),
+        Metric(
+            "outer_loop_moving_ratio",
+            outer.moving_error / perturbed.moving_error,
+            meaning="with the outer loop over without, while moving",
+        ),
+        Metric(
+            "outer_loop_moving_loss_deg",
+            max(0.0, outer.moving_error - perturbed.moving_error),
+            "deg",
+            _SENSOR,
+            meaning="by how much it is worse, beside what the sensor's bias makes of both axes",
+        ),
+    ]
+
+
+def _stability(scenario: LevellingScenario) -> list[Metric]:
+    """Smallest margins over gains of the actuators, delays and both axes."""
+    found = [
+        axis
+        for scale in _GAIN_SCALES
+        for loop in [open_loop(scenario, scale)]
+        for delay in _DELAYS
+        for axis in margins(loop, delay + sample_period())
+    ]
+    of = "smallest for K +-15 % and up to 20 ms of delay beside the sampling"
+    return [
+        Metric(
+            "gain_margin_dB",
+            min(axis.gain_db for axis in found),
+            "dB",
+            at_least=_GAIN_MARGIN,
+            meaning=of,
+        ),
+        Metric(
+            "phase_margin_deg",
+            math.degrees(min(axis.phase for axis in found)),
+            "deg",
+            at_least=_PHASE_MARGIN,
+            meaning="likewise",
+        ),
+        Metric(
+            "crossover_rad_s",
+            max(axis.crossover for axis in found),
+            "rad/s",
+            meaning="largest frequency at which the loop's gain is 1",
+        ),
+    ]
+
+
+def _tracking(nominal: _Run, perturbed: _Run, outer: _Run) -> tuple[Figure, ...]:
+    lines = {
+        "asked for": nominal.desired,
+        "as drawn": nominal.truth,
+        "as built": perturbed.truth,
+        "as built, outer loop": outer.truth,
+    }
+
+    def extensions(canvas: "Canvas") -> None:
+        left, right = canvas.subplots(1, 2)
+        time, signals = nominal.run.time, nominal.run
+        extension = 1e3 * signals["truth.extension"]
+        desired = 1e3 * signals["extension_desired_state"][:, :4]
+        for leg in range(4):
+            left.plot(time, extension[:, leg], label=f"leg {leg + 1}")
+        left.set(xlabel="time [s]", ylabel="extension [mm]")
+        left.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, fontsize=8)
+        controlled = signals["extension_desired_state"][:, 0] > 0.0
+        right.plot(time[controlled], desired[controlled, 0], linewidth=2.2, label="asked for")
+        right.plot(time[controlled], extension[controlled, 0], linewidth=1.0, label="true")
+        right.set(xlabel="time [s]", ylabel="extension of leg 1 [mm]")
+        right.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=8)
+
+    return (
+        posture_figure(
+            "fig20_21",
+            "Postures followed",
+            "Roll, pitch and height by the closed loop (the paper's Figs. 20 and 21).",
+            nominal.run.time,
+            lines,
+            "asked for",
+        ),
+        Figure(
+            "fig22",
+            "Extensions of the actuators",
+            "All four, and how leg 1 follows its reference (the paper's Fig. 22).",
+            extensions,
+        ),
+    )
+
+
+def _bode(scenario: LevellingScenario) -> Figure:
+    delay = _DELAYS[-1] + sample_period()
+    loops = {scale: open_loop(scenario, scale) for scale in _GAIN_SCALES}
+
+    def draw(canvas: "Canvas") -> None:
+        upper, lower = canvas.subplots(2, 1, sharex=True)
+        for scale, loop in loops.items():
+            frequency = np.geomspace(1e-2, 0.99 * math.pi / loop.period, 600)
+            gain = alone(loop.response(frequency, delay), 0)
+            label = f"K {100 * (scale - 1):+.0f} %"
+            upper.semilogx(frequency, 20.0 * np.log10(np.abs(gain)), label=label)
+            lower.semilogx(frequency, np.degrees(np.unwrap(np.angle(gain))))
+        upper.axhline(0.0, color="black", linewidth=0.8)
+        lower.axhline(-180.0, color="black", linewidth=0.8)
+        upper.set_ylabel("gain [dB]")
+        lower.set(xlabel="frequency [rad/s]", ylabel="phase [deg]", ylim=(-270.0, -80.0))
+        upper.legend(fontsize=8)
+
+    caption = "Open loop of the roll correction with 20 ms of delay; pitch is the same."
+    return Figure("outer_loop_bode", "The outer loop's margins", caption, draw, (7.0, 4.0))

@@ -1,0 +1,423 @@
+"""Measure the workspace of the platform with its arm, beside the paper's eight surfaces.
+
+Section 4 and Fig. 12 of the paper, exact. Nothing is simulated: every point is a closed form.
+`--html` and `--meshcat` show the workspace above the machine as a picture that can be turned.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat
+from scipy.optimize import minimize  # type: ignore[import-untyped]
+
+from parapod.diagrams.scenario import choice, quantity
+from parapod.sims.lab.bench import Bench, say_where
+from parapod.sims.lab.experiment import Experiment, RunOptions
+from parapod.sims.lab.figures import Figure
+from parapod.sims.lab.files import atomic_output
+from parapod.sims.lab.results import Metric
+from parapod.sims.levelling_platform.workspace_pictures import figures
+from parapod.systems.levelling_platform.geometry import ARM_BASE, PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
+from parapod.systems.levelling_platform.statics import KinematicPlatformParams
+from parapod.systems.levelling_platform.turntable import stability_margin, swept_volume
+from parapod.systems.levelling_platform.workspace import (
+    COEFFICIENTS,
+    ArmGeometry,
+    PostureGrid,
+    Workspace,
+    boundary,
+    enclosed_points,
+    inside_surfaces,
+    posture_grid,
+    surface_margins,
+    tips_and_volumes,
+)
+
+_PAPER_SHARE = 0.97
+_ROUND_TRIPS = 10_000
+_ROUND_TRIP_BOUND = 1e-12  # [m]
+# Largest difference of a volume to that at half the resolution.
+_RESOLUTION_BOUND = 0.1
+# Resolution of what is worked out many times over.
+_COARSE = 32
+# Half a unit of the printed coefficients' last decimal, and how often they are drawn.
+_ROUNDING = 0.005
+_ROUNDINGS = 200
+# Points along the edge of a face for extents, and turns of the turntable for the stability.
+_EDGE = 25
+_TURNS = 36
+
+
+@dataclass
+class SlopeScenario:
+    """The ground on which Eq. (14) is checked.
+
+    Attributes:
+        roll_deg: [deg].
+        pitch_deg: [deg].
+    """
+
+    roll_deg: float = quantity(3.0, -30.0, 30.0)
+    pitch_deg: float = quantity(5.0, -30.0, 30.0)
+
+    @property
+    def inclination(self) -> tuple[float, float]:
+        """Roll and pitch [rad]."""
+        return math.radians(self.roll_deg), math.radians(self.pitch_deg)
+
+
+@dataclass
+class ReachScenario:
+    """The arm whose tip is looked at.
+
+    Attributes:
+        offset_mm: its base, from the platform's centre F [mm].
+        length_mm: [mm].
+        lean_deg: from upright while the turntable turns; otherwise it is upright [deg].
+    """
+
+    offset_mm: list[float] = quantity([1e3 * x for x in ARM_BASE], -500.0, 500.0, length=3)
+    length_mm: float = quantity(2020.0, 100.0, 10000.0)
+    lean_deg: float = quantity(45.0, 20.0, 80.0)
+
+    @property
+    def upright(self) -> ArmGeometry:
+        """The arm as in section 4."""
+        x, y, z = (1e-3 * value for value in self.offset_mm)
+        return ArmGeometry(offset=(x, y, z), length=1e-3 * self.length_mm)
+
+    @property
+    def lean(self) -> float:
+        """[rad]."""
+        return math.radians(self.lean_deg)
+
+
+@dataclass
+class WorkspaceScenario:
+    """What is asked about the workspace.
+
+    Attributes:
+        backend: "exact".
+        seed: of the points of the round trip and of the roundings that are tried.
+        resolution: cells in each of three dimensions of a volume.
+        ground: on which Eq. (14) is checked; everything else is on level ground.
+        arm: see `ReachScenario`.
+        turntable: whether the motor in the arm's base may turn it.
+    """
+
+    backend: str = choice("exact", ("exact",))
+    seed: int = quantity(0, 0, 2**31 - 1)
+    resolution: int = quantity(64, 16, 128)
+    ground: SlopeScenario = field(default_factory=SlopeScenario)
+    arm: ReachScenario = field(default_factory=ReachScenario)
+    turntable: bool = False
+
+
+# The paper's model: point feet.
+GEOMETRY = PlatformGeometry()
+
+
+class MeasureWorkspace(Experiment[WorkspaceScenario, list["Finding"]]):
+    """Measures the workspace."""
+
+    schema = WorkspaceScenario
+    backends = ("exact",)
+    switches: ClassVar = {
+        "turntable": ("turntable=true", "let the motor in the arm's base turn it")
+    }
+    takes = "10 s"
+
+    def scene(self, scenario: WorkspaceScenario) -> Meshcat:
+        """The workspace above the machine, a picture that can be turned."""
+        from parapod.sims.levelling_platform.workspace_pictures import draw
+
+        return draw(scenario)
+
+    def run(self, scenario: WorkspaceScenario, bench: Bench) -> list["Finding"]:
+        """Works out volume, surfaces, inclined ground and, if it may turn, the turntable."""
+        steps = {
+            "measuring the volume": measure_volume,
+            "comparing the printed surfaces": compare_surfaces,
+            "inclining the ground": check_inclined_ground,
+        }
+        if scenario.turntable:
+            steps["turning the turntable"] = measure_turntable
+        with bench.console.status("") as status:
+            findings = []
+            for what, step in steps.items():
+                status.update(what)
+                findings.append(step(scenario))
+        return findings
+
+    def measure(self, scenario: WorkspaceScenario, data: list["Finding"]) -> Iterator[Metric]:
+        """Numbers of all findings."""
+        for finding in data:
+            yield from finding.metrics
+
+    def note(self, scenario: WorkspaceScenario, data: list["Finding"]) -> Iterator[str]:
+        """Sentences of all findings."""
+        for finding in data:
+            yield from finding.notes
+
+    def draw(self, scenario: WorkspaceScenario, data: list["Finding"]) -> Iterable[Figure]:
+        """The solid, its sections and the turntable's ring (Fig. 12)."""
+        return figures(scenario)
+
+    def afterwards(
+        self, scenario: WorkspaceScenario, data: list["Finding"], options: RunOptions
+    ) -> Callable[[], None] | None:
+        """Draws the workspace for the browser; what is left to do is to wait for its viewers."""
+        if not (options.meshcat or options.html):
+            return None
+        from parapod.sims.levelling_platform.workspace_pictures import wait
+
+        meshcat = self.scene(scenario)
+        if options.html is not None:
+            with atomic_output(options.html) as temporary:
+                temporary.write_text(meshcat.StaticHtml(), encoding="utf-8")
+        if not options.meshcat:
+            return None
+        say_where(meshcat, "the workspace", options.console)
+        return partial(wait, meshcat, options.console) if options.live else None
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What there is to say on one matter.
+
+    Attributes:
+        metrics: the numbers.
+        notes: sentences that explain them.
+    """
+
+    metrics: tuple[Metric, ...]
+    notes: tuple[str, ...] = ()
+
+
+def measure_volume(scenario: WorkspaceScenario) -> Finding:
+    """Volume and extents of the workspace, and the closed form's round trip."""
+    arm = scenario.arm.upright
+    volume = _volume(arm, scenario.resolution)
+    coarser = _volume(arm, scenario.resolution // 2)
+    tips = Workspace(GEOMETRY, arm).tip_of_extensions(boundary(GEOMETRY, _EDGE))
+    extents = [
+        Metric(f"extent_{axis}_mm", 1e3 * float(np.ptp(tips[:, i])), "mm")
+        for i, axis in enumerate("xyz")
+    ]
+    return Finding(
+        (
+            Metric("volume_m3", volume, "m^3", meaning="of all points that the tip reaches"),
+            _resolution_error("volume", volume, coarser),
+            *extents,
+            Metric(
+                "round_trip_error_m",
+                _round_trip_error(scenario, arm),
+                "m",
+                _ROUND_TRIP_BOUND,
+                meaning=f"extensions to tip and back, largest of {_ROUND_TRIPS}, inclined ground",
+            ),
+        )
+    )
+
+
+def _volume(arm: ArmGeometry, resolution: int) -> float:
+    return float(tips_and_volumes(GEOMETRY, arm, posture_grid(GEOMETRY, resolution))[1].sum())
+
+
+def _resolution_error(what: str, value: float, coarser: float) -> Metric:
+    return Metric(
+        f"{what}_resolution_error",
+        abs(coarser / value - 1.0),
+        "",
+        _RESOLUTION_BOUND,
+        meaning="relative difference to the volume at half the resolution",
+    )
+
+
+def _round_trip_error(scenario: WorkspaceScenario, arm: ArmGeometry) -> float:
+    low, high = GEOMETRY.extension_min, GEOMETRY.extension_max
+    random = np.random.default_rng(scenario.seed)
+    extension = random.uniform(low, high, (_ROUND_TRIPS, 3))
+    workspace = Workspace(GEOMETRY, arm, scenario.ground.inclination)
+    _, needed = workspace.extensions_reaching(workspace.tip_of_extensions(extension))
+    return float(np.abs(needed[:, :3] - extension).max())
+
+
+def compare_surfaces(scenario: WorkspaceScenario) -> Finding:
+    """How the eight printed surfaces compare with the workspace, and why so."""
+    arm = scenario.arm.upright
+    grid = posture_grid(GEOMETRY, scenario.resolution)
+    volume, is_inside = _inside(arm, grid)
+    enclosed, cell = enclosed_points(scenario.resolution)
+    is_reached = Workspace(GEOMETRY, arm).reaches(enclosed)
+    best = best_offset(arm)
+    share = _share(*_inside(replace(arm, offset=best), grid))
+    metrics = (
+        Metric(
+            "inside_fraction",
+            _share(volume, is_inside),
+            at_least=_PAPER_SHARE,
+            paper=_PAPER_SHARE,
+            meaning="share of the workspace's volume inside the eight printed surfaces",
+        ),
+        Metric(
+            "inside_fraction_counted",
+            _share(grid.count, is_inside),
+            paper=_PAPER_SHARE,
+            meaning="likewise of points that are uniform in the extensions of legs 1 to 3",
+        ),
+        Metric(
+            "inside_fraction_best",
+            share,
+            paper=_PAPER_SHARE,
+            meaning="of the volume, with the arm's base where it is largest",
+        ),
+        Metric(
+            "unreachable_fraction",
+            1.0 - float(is_reached.mean()),
+            paper=0.0,
+            meaning="share of what the surfaces enclose that the tip does not reach",
+        ),
+        Metric("enclosed_volume_m3", cell * len(enclosed), "m^3", meaning="by the surfaces"),
+    )
+    return Finding(metrics, (_about_base(arm, best, share), _about_rounding(scenario, best)))
+
+
+def _inside(arm: ArmGeometry, grid: PostureGrid) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The volume that each posture stands for, and whether its tip is inside all surfaces."""
+    tips, volume = tips_and_volumes(GEOMETRY, arm, grid)
+    return volume, inside_surfaces(tips).all(axis=-1)
+
+
+def _share(weight: NDArray[np.float64], which: NDArray[np.bool_]) -> float:
+    return float(weight[which].sum() / weight.sum())
+
+
+def best_offset(arm: ArmGeometry) -> tuple[float, float, float]:
+    """Base of the arm for which the largest share of the volume is inside the surfaces [m]."""
+    grid = posture_grid(GEOMETRY, _COARSE)
+
+    def outside(offset: NDArray[np.float64]) -> float:
+        x, y, z = offset.tolist()
+        return 1.0 - _share(*_inside(replace(arm, offset=(x, y, z)), grid))
+
+    start = np.array(ARM_BASE)
+    simplex = start + np.vstack([np.zeros(3), 0.01 * np.eye(3)])
+    found = minimize(
+        outside,
+        start,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "xatol": 2e-4, "fatol": 1e-5},
+    )
+    x, y, z = found.x.tolist()
+    return x, y, z
+
+
+def _about_base(arm: ArmGeometry, best: tuple[float, float, float], share: float) -> str:
+    def words(offset: tuple[float, float, float]) -> str:
+        return "(" + ", ".join(f"{1e3 * value:.0f}" for value in offset) + ") mm"
+
+    return (
+        f"The share hangs on where the arm's base stands, which is lost with Eq. (13): "
+        f"{words(arm.offset)} is assumed; the largest share, {100.0 * share:.1f} %, is that of "
+        f"{words(best)}."
+    )
+
+
+def _about_rounding(scenario: WorkspaceScenario, best: tuple[float, float, float]) -> str:
+    arm = replace(scenario.arm.upright, offset=best)
+    tips, volume = tips_and_volumes(GEOMETRY, arm, posture_grid(GEOMETRY, _COARSE))
+    random = np.random.default_rng(scenario.seed)
+    is_rounded = COEFFICIENTS != 0.0
+    is_rounded[:, 0] = False
+    shares = []
+    for _ in range(_ROUNDINGS):
+        error = _ROUNDING * is_rounded * random.uniform(-1.0, 1.0, COEFFICIENTS.shape)
+        is_inside = (surface_margins(tips, COEFFICIENTS + error) > 0.0).all(axis=-1)
+        shares.append(_share(volume, is_inside))
+    low, high = 100.0 * np.percentile(shares, (5.0, 95.0))
+    return (
+        f"With the base there, changing the printed coefficients by up to half a unit of their "
+        f"second decimal gives {low:.0f} to {high:.0f} % (5th to 95th percentile): two decimals "
+        f"do not define the surfaces better."
+    )
+
+
+def check_inclined_ground(scenario: WorkspaceScenario) -> Finding:
+    """Eq. (14): is the workspace on inclined ground that of level ground, rotated?"""
+    arm = scenario.arm.upright
+    grid = posture_grid(GEOMETRY, scenario.resolution // 2)
+    level, volume = tips_and_volumes(GEOMETRY, arm, grid)
+    on_slope = Workspace(GEOMETRY, arm, scenario.ground.inclination)
+    inclined = on_slope.tip_of_extensions(grid.extension)
+    turn = np.arctan2(inclined[:, 1], inclined[:, 0]) - np.arctan2(level[:, 1], level[:, 0])
+    apart = np.linalg.norm(inclined - level, axis=-1)
+    is_lost = ~on_slope.reaches(level)
+    metrics = (
+        Metric(
+            "inclined_difference_mm",
+            1e3 * float(apart.max()),
+            "mm",
+            paper=0.0,
+            meaning="largest between the tip on inclined ground and Eq. (14), same extensions",
+        ),
+        Metric(
+            "inclined_difference_fraction",
+            _share(volume, is_lost),
+            paper=0.0,
+            meaning="share of Eq. (14)'s workspace that the tip does not reach on that ground",
+        ),
+    )
+    note = (
+        "Eq. (14) is not exact: legs, roll and pitch of the platform against the ground are the "
+        "same on any ground, but yaw is zero against gravity, so that each point is turned about "
+        f"the ground's normal through foot 2, by up to {math.degrees(np.abs(turn).max()):.2f} deg "
+        "here."
+    )
+    return Finding(metrics, (note,))
+
+
+def measure_turntable(scenario: WorkspaceScenario) -> Finding:
+    """What a leaning arm reaches without and with the turntable, and whether that is stable."""
+    arm = replace(scenario.arm.upright, lean=scenario.arm.lean)
+    leaning = _volume(arm, scenario.resolution)
+    swept = swept_volume(GEOMETRY, arm, scenario.resolution)
+    coarser = swept_volume(GEOMETRY, arm, scenario.resolution // 2)
+    metrics = (
+        Metric("leaning_volume_m3", leaning, "m^3", meaning="reached by the leaning arm alone"),
+        Metric("swept_volume_m3", swept, "m^3", meaning="reached with the turntable turning it"),
+        _resolution_error("swept", swept, coarser),
+        Metric("swept_gain", swept / leaning, meaning="swept by leaning volume"),
+        Metric(
+            "stability_margin_mm",
+            1e3 * _least_stability(arm),
+            "mm",
+            at_least=0.0,
+            meaning="least distance of the centre of mass from the edges between the feet",
+        ),
+    )
+    note = (
+        "The turntable's axis goes through the arm's base: it moves the tip of a leaning arm "
+        f"only. Swept volume: {scenario.resolution} by {scenario.resolution} cells in each of "
+        f"{scenario.resolution // 2} directions from that axis."
+    )
+    return Finding(metrics, (note,))
+
+
+def _least_stability(arm: ArmGeometry) -> float:
+    """Smallest `stability_margin` at the boundary of the workspace, level ground, all turns."""
+    params = KinematicPlatformParams()
+    extension = boundary(GEOMETRY, _EDGE)
+    attitude = forward_kinematics(GEOMETRY, extension, (0.0, 0.0))[:, :2]
+    margins = []
+    for turn in 2.0 * math.pi * np.arange(_TURNS) / _TURNS:
+        turned = replace(arm, turn=float(turn))
+        centre = params.centre_with(turned.point_at(params.arm_centre / arm.length))
+        margins.append(stability_margin(GEOMETRY, extension, attitude, centre).min())
+    return float(min(margins))

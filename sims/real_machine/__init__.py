@@ -1,0 +1,1 @@
+"""Real machines: the loop in real time, the emulator, jobs on hardware."""

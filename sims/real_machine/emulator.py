@@ -1,0 +1,422 @@
+"""Emulated devices run for a controller in another program, and made to misbehave."""
+
+import fcntl
+import itertools
+import math
+import multiprocessing
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from importlib.metadata import version
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, InputPort, OutputPort
+from rich.console import Console
+
+from parapod.diagrams.drivers.driver import Driver
+from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.machine import Machine, Port
+from parapod.diagrams.scenario import dump_scenario
+from parapod.diagrams.station import Station
+from parapod.sims.lab.mcap import McapLog
+from parapod.sims.real_machine.real_time import (
+    SWITCH_INTERVAL,
+    RealTimeLoop,
+    ended_by_signals,
+    take_priority,
+    undisturbed,
+)
+from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError
+from parapod.systems.core.ports import read_array
+from parapod.systems.hardware.emulators.directory import WIRES, emulator_directory
+from parapod.systems.hardware.emulators.misbehaviour import KINDS, Misbehaviour
+from parapod.systems.hardware.emulators.shared_harness import SharedHarness
+
+# How long a process may take until its device answers: Drake is imported in each [s].
+_TIMEOUT = 60.0
+# How long it may take to end [s].
+_ENDING = 5.0
+_READY = "ready"
+
+
+@contextmanager
+def emulated_devices(
+    drivers: Sequence[Driver], path: Path, sizes: dict[str, int], parts: Sequence[str], seed: int
+) -> Iterator[None]:
+    """While it lasts the drivers' devices are emulated.
+
+    Each has a process: a real device does not wait for another one, and neither should these for
+    Python's interpreter lock. They end with this process, however it ends.
+
+    Args:
+        drivers: whose devices are emulated.
+        path: of the wires, see `SharedHarness`; there already.
+        sizes: of the signals on them.
+        parts: whose misbehaviours they have.
+        seed: of garbage.
+
+    Raises:
+        ScenarioError: a driver has no emulator, or an address that is not the emulator's.
+        OutputError: an emulator cannot begin.
+    """
+    context = multiprocessing.get_context("spawn")
+    processes: list[tuple[SpawnProcess, Connection]] = []
+    try:
+        for driver in drivers:
+            ours, theirs = context.Pipe()
+            name = f"{type(driver).__name__} ({driver.part})"
+            process = context.Process(
+                target=_serve,
+                args=(driver, path, sizes, parts, seed, theirs),
+                name=name,
+                daemon=True,
+            )
+            process.start()
+            theirs.close()
+            processes.append((process, ours))
+        for process, connection in processes:
+            _wait_for(process.name, connection)
+        yield
+    finally:
+        for _, connection in processes:
+            connection.close()
+        for process, _ in processes:
+            process.join(_ENDING)
+            if process.is_alive():
+                process.kill()
+
+
+def _wait_for(name: str, connection: Connection) -> None:
+    try:
+        answer = connection.recv() if connection.poll(_TIMEOUT) else "does not begin"
+    except EOFError:
+        answer = "has ended at once"
+    if isinstance(answer, ParapodError):
+        raise answer
+    if answer != _READY:
+        raise OutputError(f"the emulator of {name}: {answer}")
+
+
+def _serve(
+    driver: Driver,
+    path: Path,
+    sizes: dict[str, int],
+    parts: Sequence[str],
+    seed: int,
+    connection: Connection,
+) -> None:
+    """Emulates one device until the other end of the connection is closed."""
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    take_priority()  # a real device waits for no other program
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for all; the first process ends us
+    try:
+        harness = SharedHarness(path, sizes, parts)
+        with driver.emulate(harness, harness.misbehaviour(driver.part, seed)):
+            _tell(connection, _READY)
+            connection.poll(None)
+    except ScenarioError as error:
+        _tell(connection, error)
+    except (ParapodError, OSError) as error:
+        _tell(connection, " ".join(str(error).split()))
+
+
+def _tell(connection: Connection, answer: object) -> None:
+    """Answers, unless nobody listens any more: another device has refused already."""
+    with suppress(ConnectionError):
+        connection.send(answer)
+
+
+class EmulatedMachine:
+    """A simulated station whose ports are wires to emulated devices.
+
+    Attributes:
+        machine: the machine.
+        harness: the wires.
+        misbehaviours: by part of the machine.
+        period: between two exchanges of wires and physics [s].
+    """
+
+    def __init__(self, machine: Machine[Any], scenario: Any):
+        """Builds the machine, in the state in which the scenario begins.
+
+        Args:
+            machine: the machine.
+            scenario: one of its scenarios; its backend must be a simulated one; its drivers are
+                emulated.
+
+        Raises:
+            ScenarioError: no machine's, another backend, or an emulator runs already.
+        """
+        self.machine = machine
+        if scenario.backend not in machine.plants or machine.emulated is None:
+            raise ScenarioError(
+                f"backend = '{scenario.backend}' cannot be behind emulated devices; "
+                f"there are: {', '.join(machine.plants)}",
+                "backend",
+            )
+        self._scenario = scenario
+        # With a longer step of the plant the exchange is rarer.
+        step = 0.0 if scenario.backend == "kinematic" else scenario.plant.time_step
+        self.period = max(machine.exchange[scenario.backend], step)
+        self._station = Station(machine, machine.emulated(scenario, self.period))
+        self._simulator = Simulator(self._station)
+        self._context = self._simulator.get_mutable_context()
+        self._station.reset(self._context)
+        self._sizes = {spec.name: spec.size for spec in (*machine.inputs, *machine.outputs)}
+        self._parts = sorted({driver.part for driver in scenario.hardware.drivers})
+        directory = emulator_directory()
+        directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._lock = _locked(directory)
+        self._wires = directory / WIRES
+        self.harness = SharedHarness(self._wires, self._sizes, self._parts, is_new=True)
+        self.misbehaviours = {part: self.harness.misbehaviour(part) for part in self._parts}
+        station = self._station
+        self._outputs: list[tuple[str, OutputPort]]
+        self._outputs = [(spec.name, station.GetOutputPort(spec.name)) for spec in machine.outputs]
+        for spec in machine.inputs:
+            self.harness.set(spec.name, [spec.idle] * spec.size)
+            self._port(spec).FixValue(self._context, self.harness.get(spec.name))
+        self._show()
+
+    def _port(self, spec: Port) -> InputPort:
+        return self._station.GetInputPort(spec.name)
+
+    @contextmanager
+    def devices(self) -> Iterator[None]:
+        """While it lasts the emulated devices answer at the addresses of the scenario's drivers.
+
+        Raises:
+            ScenarioError: a driver has no emulator, or an address that is not the emulator's.
+        """
+        drivers, seed = self._scenario.hardware.drivers, self._scenario.seed
+        try:
+            with emulated_devices(drivers, self._wires, self._sizes, self._parts, seed):
+                yield
+        finally:
+            self._wires.unlink(missing_ok=True)
+            self._lock.close()
+
+    def run(self, duration: float, on_tick: Callable[[Context], None]) -> None:
+        """Simulates in real time; late ticks are left out.
+
+        Args:
+            duration: [s].
+            on_tick: told the context after each tick.
+        """
+        inputs = [(spec.name, self._port(spec)) for spec in self.machine.inputs]
+
+        def exchange(root: Context) -> None:
+            self._show()
+            for name, port in inputs:
+                port.FixValue(root, self.harness.get(name))
+            on_tick(root)
+
+        self._simulator.Initialize()
+        RealTimeLoop(self._simulator, self.period, exchange, is_strict=False).run(duration)
+
+    def _show(self) -> None:
+        """Puts what the station shows on the wires."""
+        for name, port in self._outputs:
+            self.harness.set(name, np.asarray(port.Eval(self._context)).tolist())
+
+    def ports(self) -> dict[str, str]:
+        """Names and units of what can be logged."""
+        machine = self.machine
+        specs = (*machine.inputs, *machine.outputs, *machine.truth)
+        return {spec.name: spec.unit for spec in specs}
+
+    def values(self, root: Context) -> list[NDArray[np.float64]]:
+        """Of all ports that can be logged."""
+        machine, station = self.machine, self._station
+        taken = [read_array(self._port(spec), root) for spec in self.machine.inputs]
+        specs = (*machine.outputs, *machine.truth)
+        shown = [np.asarray(station.GetOutputPort(spec.name).Eval(root)) for spec in specs]
+        return taken + shown
+
+
+def _locked(directory: Path) -> IO[str]:
+    """The folder's lock file, locked until it is closed or the process ends.
+
+    Raises:
+        ScenarioError: another process has locked it.
+    """
+    lock = open(directory / "lock", "w")  # noqa: SIM115 (kept open on purpose)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        lock.close()
+        raise ScenarioError(
+            f"an emulator runs in '{directory}' already; end it, or name another folder in the "
+            "environment's PARAPOD_EMULATOR"
+        ) from None
+    return lock
+
+
+_LOG_PERIOD = 0.01  # [s]
+_FOREVER = 1e6  # [s]
+# The word that ends a device's misbehaviour.
+WELL = "well"
+
+
+@dataclass(frozen=True)
+class DeviceFaultRequest:
+    """What an emulated device is to do wrong.
+
+    Attributes:
+        at: from when on, since the emulator began [s].
+        part: of the machine.
+        kind: one of `KINDS`, or "well".
+    """
+
+    at: float
+    part: str
+    kind: str
+
+
+def parsed_fault(text: str, parts: Sequence[str], at: float | None = None) -> DeviceFaultRequest:
+    """A request such as "12 imu garbage", or "imu well" when the time is known.
+
+    Args:
+        text: what was written.
+        parts: of the machine.
+        at: the time, if the text does not begin with it [s].
+
+    Raises:
+        ScenarioError: it is not such a request.
+    """
+    words = text.split()
+    if at is None and words:
+        try:
+            at = float(words.pop(0))
+        except ValueError:
+            raise ScenarioError(f"'{text}' does not begin with a time in seconds") from None
+    if at is None or len(words) != 2 or words[0] not in parts or words[1] not in (*KINDS, WELL):
+        raise ScenarioError(
+            f"'{text}' is not PART KIND, with a part of {', '.join(parts)} and a kind of "
+            f"{', '.join((*KINDS, WELL))}"
+        )
+    return DeviceFaultRequest(at, words[0], words[1])
+
+
+def emulate(
+    machine: Machine[Any],
+    scenario: Any,
+    requests: Sequence[DeviceFaultRequest] = (),
+    duration: float = math.inf,
+    log: Path | None = None,
+    console: Console | None = None,
+    experiment: str | None = None,
+) -> None:
+    """Runs emulated devices until Ctrl-C, or for a time.
+
+    Meanwhile each line on standard input, such as "imu garbage" or "imu well", begins or ends a
+    device's misbehaviour.
+
+    Args:
+        machine: the machine.
+        scenario: one of its scenarios, with the drivers whose devices are emulated.
+        requests: misbehaviours at their times.
+        duration: [s].
+        log: file for all ports, the truth among them, in MCAP; or None.
+        console: where it is said what is going on.
+        experiment: that another program may run with it; None for the machine's own.
+
+    Raises:
+        ScenarioError: see `EmulatedMachine`.
+        OutputError: the log cannot be written.
+    """
+    said = console or Console(stderr=True)
+    emulated = EmulatedMachine(machine, scenario)
+    schedule = Schedule(emulated.misbehaviours, requests, said)
+    with ExitStack() as stack:
+        stack.enter_context(ended_by_signals())
+        metadata = {"scenario": dump_scenario(scenario), "parapod": version("parapod")}
+        record = McapLog(log, emulated.ports(), metadata) if log is not None else None
+        if record is not None:
+            stack.enter_context(record)
+        stack.enter_context(emulated.devices())
+        _introduce(scenario, experiment or machine.experiment, said)
+        schedule.listen()
+        every = max(1, round(_LOG_PERIOD / emulated.period))
+        ticks = itertools.count()
+
+        def on_tick(root: Context) -> None:
+            now = root.get_time()
+            schedule.advance(now)
+            if record is not None and next(ticks) % every == 0:
+                record.write(now, emulated.values(root))
+
+        with undisturbed():
+            emulated.run(min(duration, _FOREVER), on_tick)
+
+
+def _introduce(scenario: Any, experiment: str, console: Console) -> None:
+    hardware: HardwareScenario = scenario.hardware
+    tags = ", ".join(f"{type(d).__name__} ({d.part})" for d in hardware.drivers)
+    for line in (
+        f"emulated: {tags}",
+        f"in {emulator_directory()}; physics: {scenario.backend}",
+        f"ready: in another terminal, parapod run {experiment} --backend hardware",
+    ):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+class Schedule:
+    """What goes wrong when, asked for before and meanwhile."""
+
+    def __init__(
+        self,
+        misbehaviours: Mapping[str, Misbehaviour],
+        requests: Sequence[DeviceFaultRequest],
+        console: Console,
+    ):
+        """Prepares it.
+
+        Args:
+            misbehaviours: by part of the machine.
+            requests: what is asked for in advance.
+            console: where it is said what goes wrong.
+        """
+        self._misbehaviours, self._console = misbehaviours, console
+        self._waiting = sorted(requests, key=lambda request: request.at)
+        self._now = 0.0
+
+    def advance(self, now: float) -> None:
+        """Begins and ends what is due; `now` is the time since the beginning [s]."""
+        self._now = now
+        while self._waiting and self._waiting[0].at <= now:
+            self._do(self._waiting.pop(0))
+
+    def listen(self) -> None:
+        """Takes requests from standard input, if there is one, in a thread of its own."""
+        threading.Thread(target=self._read, name="requests", daemon=True).start()
+
+    def _read(self) -> None:
+        for line in sys.stdin:
+            if not line.strip():
+                continue
+            try:
+                self._do(parsed_fault(line.strip(), list(self._misbehaviours), self._now))
+            except ScenarioError as error:
+                self._say(str(error))
+
+    def _do(self, request: DeviceFaultRequest) -> None:
+        misbehaviour = self._misbehaviours[request.part]
+        if request.kind == WELL:
+            misbehaviour.end()
+        else:
+            misbehaviour.begin(request.kind, time.monotonic())
+        self._say(f"{self._now:.2f} s: {request.part} {request.kind}")
+
+    def _say(self, text: str) -> None:
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)

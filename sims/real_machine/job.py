@@ -1,0 +1,176 @@
+"""A job on the real machine, in real time."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
+from rich.console import Console
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.devices import Parts
+from parapod.diagrams.drivers.driver import refuse_without_emulator
+from parapod.diagrams.scenario import dump_scenario
+from parapod.diagrams.station import Station
+from parapod.sims.lab.experiment import RunOptions
+from parapod.sims.lab.mcap import McapLog
+from parapod.sims.lab.progress import progress
+from parapod.sims.real_machine.real_time import (
+    RealTimeLoop,
+    Timing,
+    ended_by_signals,
+    percentiles,
+    undisturbed,
+)
+from parapod.systems.core.errors import OutputError
+from parapod.systems.hardware.io_thread import DeviceThread
+
+# A device that has been wrong for so long does not come back by itself [s].
+_PATIENCE = 0.2
+# How much faster trust is lost than it comes back [-].
+_DISTRUST = 4.0
+
+
+class DeviceWatch:
+    """Ends a run in which a device has failed; for controllers that have no supervisor.
+
+    The time for which a device is wrong is added up, and forgotten four times slower while it is
+    right again: one that comes and goes is found as well.
+    """
+
+    def __init__(self, threads: Sequence[DeviceThread], patience: float = _PATIENCE):
+        """Begins to watch.
+
+        Args:
+            threads: of the devices.
+            patience: how long a device may be wrong [s].
+        """
+        self._threads, self._patience = threads, patience
+        self._wrong = [0.0] * len(threads)
+        self._checked: float | None = None
+
+    def check(self, now: float) -> None:
+        """Looks at every device.
+
+        Args:
+            now: `time.monotonic` [s].
+
+        Raises:
+            DeviceError: one has been wrong for too long; has its words.
+        """
+        since = 0.0 if self._checked is None else now - self._checked
+        self._checked = now
+        for i, thread in enumerate(self._threads):
+            error = thread.error
+            if error is None:
+                self._wrong[i] = max(0.0, self._wrong[i] - since / _DISTRUST)
+                continue
+            self._wrong[i] += since
+            if self._wrong[i] > self._patience:
+                raise error
+
+
+def run_on_hardware(
+    loop: ClosedLoop[Any],
+    simulator: Simulator,
+    until: float,
+    options: RunOptions,
+    what: str,
+) -> Timing:
+    """Runs a closed loop whose station is hardware; the machine is neutral when this returns.
+
+    Configures and activates the devices, begins with what they measure, and deactivates them at
+    the end, after Ctrl-C, after a signal that ends programs, and after any error.
+
+    Args:
+        loop: built for the backend "hardware".
+        simulator: of its diagram.
+        until: when it ends [s].
+        options: where progress goes, and the log.
+        what: what is going on, for the progress and in the log.
+
+    Raises:
+        DeviceError: a device is not there, is another one, or has failed.
+        DeadlineError: this computer is too slow.
+        OutputError: the log cannot be written, or is not to be an MCAP file.
+        ScenarioError: the devices are the emulator's, and there is none.
+    """
+    station = loop.station
+    parts: Parts = station.behind.handle
+    refuse_without_emulator(station.scenario.hardware.drivers, loop.machine.experiment)
+    root = simulator.get_mutable_context()
+    watch = DeviceWatch(parts.all_threads)
+    with ExitStack() as stack:
+        stack.enter_context(ended_by_signals())
+        write = stack.enter_context(_log(options.log, loop, root, what))
+        # Before any device waits for heartbeats, because a collection stops all threads; and the
+        # devices' threads, which send them, inherit the priority.
+        stack.enter_context(undisturbed())
+        stack.enter_context(station.active())
+        report = stack.enter_context(progress(options.console, what, until))
+        loop.reset(root)
+        simulator.Initialize()
+
+        def on_tick(context: Context) -> None:
+            watch.check(time.monotonic())
+            write(context.get_time())
+            report(context.get_time())
+
+        running = RealTimeLoop(simulator, station.scenario.control.period, on_tick)
+        running.run(until)
+    return running.timing
+
+
+@contextmanager
+def _log(
+    path: Path | None, loop: ClosedLoop[Any], root: Context, what: str
+) -> Iterator[Callable[[float], None]]:
+    """Yields what writes all ports to an MCAP file; without one, nothing."""
+    if path is None:
+        yield lambda _: None
+        return
+    if path.suffix != ".mcap":
+        raise OutputError(f"--log '{path}': a log of hardware is an MCAP file, NAME.mcap", path)
+    metadata = {
+        "experiment": what,
+        "parapod": version("parapod"),
+        "scenario": dump_scenario(loop.station.scenario),
+    }
+    systems: list[Any] = [port.get_system() for port in loop.ports.values()]
+    contexts = [system.GetMyContextFromRoot(root) for system in systems]
+    sources = list(zip(loop.ports.values(), contexts, strict=True))
+    units = {name: loop.machine.unit(name) for name in loop.ports}
+    with McapLog(path, units, metadata) as log:
+        yield lambda t: log.write(t, [port.Eval(context) for port, context in sources])
+
+
+def show_timing(timing: Timing, station: Station[Any], console: Console) -> None:
+    """Says how punctual the loop was and how old measurements were when they had an effect."""
+    late, cost = percentiles(timing.late), percentiles(timing.cost)
+    kept = len(timing.cost)
+    newest = f" of the last {kept}" if kept < timing.ticks else ""
+    lines = [
+        f"{timing.ticks} ticks of {1e3 * timing.period:g} ms, {timing.missed} missed; "
+        f"late {_ms(late)}, cost {_ms(cost)} ms (median, 99 %, largest{newest})"
+    ]
+    parts: Parts = station.behind.handle
+    for thread in parts.all_threads:
+        ages = thread.write_ages
+        if ages and thread.device.measures:
+            over = sum(age > timing.period for age in ages)
+            lines.append(
+                f"{thread.device.name}: measurements were {_ms(percentiles(ages))} ms old when "
+                f"commands made of them had been written, {over} of {len(ages)} above one period"
+            )
+    for line in lines:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _ms(seconds: NDArray[np.float64]) -> str:
+    return ", ".join(f"{1e3 * value:.2f}" for value in seconds)

@@ -1,1 +1,0 @@
-"""The levelling platform's chapter of the report."""

@@ -1,1 +1,0 @@
-"""The walking chair's chapter of the report."""

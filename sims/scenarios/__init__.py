@@ -1,1 +1,0 @@
-"""The default scenario of every experiment: `<experiment>.yaml`."""

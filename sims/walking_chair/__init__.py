@@ -1,0 +1,1 @@
+"""The walking chair: experiments, and its chapter of the report."""

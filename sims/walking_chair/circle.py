@@ -1,0 +1,640 @@
+"""Lead a foot of the walking chair round a circle, in three modes of its drives' control.
+
+Figs. 10, 11 and 14 of the paper. The three drives of leg 1 are led from node to node as the
+paper's controllers do it: by positions at full speed, by velocities, and by velocities that
+correct what is missing from the position (Eqs. 46-48). The foot's true place, which encoders
+cannot tell, is compared with Eq. (49).
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram
+
+from parapod.diagrams.scenario import choice, quantity
+from parapod.diagrams.walking_chair.leg_loop import LegLoopParams, make_leg_loop
+from parapod.sims.lab.bench import Bench, write_graphviz
+from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.lab.figures import COLOURS, Figure
+from parapod.sims.lab.results import Metric
+from parapod.systems.actuators.compound_position_controller import (
+    MODES,
+    CompoundPositionControllerParams,
+)
+from parapod.systems.actuators.velocity_servo import VelocityServoParams
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.walking_chair.checks import check_speeds, check_strokes, stroke_excess
+from parapod.systems.walking_chair.geometry import LegGeometry, branch_names
+from parapod.systems.walking_chair.leg import leg_forward
+from parapod.systems.walking_chair.rates import leg_jacobian, leg_motion
+from parapod.systems.walking_chair.trajectories import BranchMotion, FootCircle
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+type Floats = NDArray[np.float64]
+# The paper's experiment is with leg 1, whose number the errors name.
+_LEGS = (1,)
+# By then the start is forgotten [s].
+SETTLING = 1.0
+_CHECKED = 1e-3  # between times at which strokes and speeds are checked [s]
+# What the laser tracker found, "comparing the radius" of the trajectories [mm].
+PAPER_RADIAL_MM = 2.454
+# Of the compound mode, by the time between two nodes [mm/s]: its error is a lag, which goes with
+# that time.
+_ERROR_BY_PERIOD = 60.0
+_COMPOUND_BY_VELOCITY = 0.2
+_COMPOUND_BY_POSITION = 0.1
+_GROWTH_MM = 0.05
+_PLACES = 3601
+# How much larger errors of the radius are drawn than the circle.
+_MAGNIFIED = 20.0
+_MODE_COLOURS = {"compound": COLOURS[0], "velocity": COLOURS[1], "position": COLOURS[2]}
+_PLANNED = "black"
+# Of the ripple: how long, and which branch, the one that moves fastest [s].
+_WINDOW = 0.4
+_FASTEST = 1
+_PANEL = 9  # font size of a panel's title
+
+
+@dataclass
+class CircleScenario:
+    """The circle of the foot's corner E1, Eq. (49).
+
+    Attributes:
+        radius_mm: [mm].
+        centre_y_mm: of its centre, ahead of the leg's UP hinge [mm].
+        z_mm: of its plane, from that hinge [mm].
+        lap_duration: of a lap at full speed [s].
+        laps: how many.
+        ramp: duration of the sines that lead up to full speed and down from it; 0 for steps [s].
+    """
+
+    radius_mm: float = quantity(100.0, 1.0, 300.0)
+    centre_y_mm: float = quantity(100.0, -300.0, 300.0)
+    z_mm: float = quantity(-675.4, -1000.0, -600.0)
+    lap_duration: float = quantity(5.0, 2.0, 120.0)
+    laps: int = quantity(3, 1, 100)
+    ramp: float = quantity(0.0, 0.0, 60.0)
+
+    @property
+    def circle(self) -> FootCircle:
+        """In SI units.
+
+        Raises:
+            ScenarioError: the ramps leave no time at full speed.
+        """
+        longest = self.laps * self.lap_duration
+        if self.ramp > longest:
+            raise ScenarioError(
+                f"circle.ramp = {self.ramp:g} s is longer than all laps, {longest:g} s",
+                "circle.ramp",
+            )
+        return FootCircle(
+            radius=1e-3 * self.radius_mm,
+            centre_y=1e-3 * self.centre_y_mm,
+            z=1e-3 * self.z_mm,
+            period=self.lap_duration,
+            laps=self.laps,
+            ramp=self.ramp,
+        )
+
+
+@dataclass
+class CircleControlScenario:
+    """The position controllers; all gains are assumptions.
+
+    Attributes:
+        period: between two nodes [s].
+        proportional: P of Eq. (47) [1/s].
+        k_p: of the velocity PI, Eq. (48) [-].
+        k_i: likewise, per sample [-].
+    """
+
+    period: float = quantity(0.01, 0.001, 0.1)
+    proportional: float = quantity(10.0, 0.0, 100.0)
+    k_p: float = quantity(0.6, 0.0, 10.0)
+    k_i: float = quantity(0.25, 0.0, 10.0)
+
+
+@dataclass
+class CircleDriveScenario:
+    """The three drives; all values but the largest velocity are assumptions.
+
+    Attributes:
+        time_constant_ms: of a drive's velocity loop [ms].
+        max_velocity_mm_s: largest command that a drive follows [mm/s].
+        encoder_resolution_mm: one count of the encoders; 0 for a perfect one [mm].
+        gain: velocity of each drive by its command [-].
+        offset_mm_s: velocity of each drive at a command of zero [mm/s].
+        gain_error: each gain is off from that by up to this, drawn from the seed [-].
+        offset_error_mm_s: likewise each offset [mm/s].
+    """
+
+    time_constant_ms: float = quantity(40.0, 1.0, 500.0)
+    max_velocity_mm_s: float = quantity(80.0, 1.0, 1000.0)
+    encoder_resolution_mm: float = quantity(0.005, 0.0, 1.0)
+    gain: list[float] = quantity([1.02, 0.985, 1.01], 0.5, 1.5, length=3)
+    offset_mm_s: list[float] = quantity([-1.0, -1.0, -1.0], -20.0, 20.0, length=3)
+    gain_error: float = quantity(0.0, 0.0, 0.5)
+    offset_error_mm_s: float = quantity(0.0, 0.0, 20.0)
+
+
+@dataclass
+class ChairCircleScenario:
+    """One foot on its circle, in every mode of its drives' control.
+
+    Attributes:
+        backend: "kinematic".
+        seed: of the drives' errors, where any are drawn.
+        circle: see `CircleScenario`.
+        rest: how long the foot is watched after the circle [s].
+        control: see `CircleControlScenario`.
+        drives: see `CircleDriveScenario`.
+    """
+
+    backend: str = choice("kinematic", ("kinematic",))
+    seed: int = quantity(0, 0, 2**31 - 1)
+    circle: CircleScenario = field(default_factory=CircleScenario)
+    rest: float = quantity(0.5, 0.0, 60.0)
+    control: CircleControlScenario = field(default_factory=CircleControlScenario)
+    drives: CircleDriveScenario = field(default_factory=CircleDriveScenario)
+
+    def loop(self, mode: str) -> LegLoopParams:
+        """The leg with its drives controlled in a mode.
+
+        Raises:
+            ScenarioError: see `CircleScenario.circle`.
+        """
+        control, drives = self.control, self.drives
+        # One count: a perfect encoder still needs a band in which a drive stands still.
+        count = 1e-3 * max(drives.encoder_resolution_mm, 1e-3)
+        gain, offset = self._imperfections()
+        return LegLoopParams(
+            circle=self.circle.circle,
+            controller=CompoundPositionControllerParams(
+                mode=mode,
+                proportional=control.proportional,
+                k_p=control.k_p,
+                k_i=control.k_i,
+                velocity_limit=1e-3 * drives.max_velocity_mm_s,
+                dead_band=count,
+            ),
+            period=control.period,
+            drive=VelocityServoParams(
+                resolution=1e-3 * drives.encoder_resolution_mm,
+                time_constant=1e-3 * drives.time_constant_ms,
+                max_velocity=1e-3 * drives.max_velocity_mm_s,
+            ),
+            gain=gain,
+            offset=offset,
+        )
+
+    def _imperfections(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Gains [-] and offsets [m/s] of the three drives, the same for every mode."""
+        random = np.random.default_rng(self.seed)
+        drives = self.drives
+        gains = drives.gain + random.uniform(-1.0, 1.0, 3) * drives.gain_error
+        offsets = drives.offset_mm_s + random.uniform(-1.0, 1.0, 3) * drives.offset_error_mm_s
+        a, b, c = gains.tolist()
+        d, e, f = (1e-3 * offsets).tolist()
+        return (a, b, c), (d, e, f)
+
+
+GEOMETRY = LegGeometry()
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A foot on its circle.
+
+    Attributes:
+        circle: where it should be.
+        time: (n) [s].
+        position: (n, 3) where the drives really are [m].
+        velocity: (n, 3) likewise [m/s].
+        foot: (n, 3) where the corner E1 really is, in {A1} [m].
+    """
+
+    circle: FootCircle
+    time: Floats
+    position: Floats
+    velocity: Floats
+    foot: Floats
+
+    @property
+    def error(self) -> Floats:
+        """(n, 3) of the foot, from where it should be at the same instant [m]."""
+        return self.foot - self.circle.motion(self.time).position
+
+    @property
+    def distance(self) -> Floats:
+        """(n) between the foot and where it should be at the same instant [m]."""
+        return np.linalg.norm(self.error, axis=-1)
+
+    @property
+    def radial_error(self) -> Floats:
+        """(n) distance from the circle's axis less the radius: the trajectory without time [m]."""
+        return np.hypot(self.foot[:, 0], self.foot[:, 1] - self.circle.centre_y) - (
+            self.circle.radius
+        )
+
+    @property
+    def moves(self) -> NDArray[np.bool_]:
+        """(n) times of the circle."""
+        return self.time <= self.circle.duration
+
+    @property
+    def is_settled(self) -> NDArray[np.bool_]:
+        """(n) times of the circle without its first second."""
+        return self.moves & (self.time >= SETTLING)
+
+    @cached_property
+    def planned(self) -> BranchMotion:
+        """What the branches should do, arrays (n, 3)."""
+        return leg_motion(GEOMETRY, self.circle.motion(self.time))
+
+
+class ChairCircle(Experiment[ChairCircleScenario, dict[str, Recording]]):
+    """Follows the circle in every mode."""
+
+    schema = ChairCircleScenario
+    backends = ("kinematic",)
+    takes = "10 s"
+
+    def check(self, scenario: ChairCircleScenario) -> None:
+        """Refuses a circle that takes a branch out of its stroke, or is too fast for it."""
+        check_circle(scenario)
+
+    def loop(self, scenario: ChairCircleScenario, **options: Any) -> Diagram:
+        """The leg in the first mode."""
+        return make_leg_loop(scenario.loop(MODES[0])).diagram
+
+    def run(self, scenario: ChairCircleScenario, bench: Bench) -> dict[str, Recording]:
+        """Runs every control mode; by the mode's name."""
+        if bench.options.graphviz is not None:
+            write_graphviz(bench.options.graphviz, self.loop(scenario))
+        return {mode: _record(scenario, mode, bench) for mode in MODES}
+
+    def logged(self, scenario: ChairCircleScenario, data: dict[str, Recording]) -> Logged:
+        """Plan and drives in all modes, which have the same times."""
+        any_one = data[MODES[0]]
+        signals: dict[str, tuple[Floats, str]] = {
+            "position_desired": (any_one.planned.length, "m"),
+            "velocity_desired": (any_one.planned.velocity, "m/s"),
+            "foot_desired": (any_one.circle.motion(any_one.time).position, "m"),
+        }
+        for mode, recording in data.items():
+            signals[f"{mode}.position"] = (recording.position, "m")
+            signals[f"{mode}.velocity"] = (recording.velocity, "m/s")
+            signals[f"{mode}.foot"] = (recording.foot, "m")
+        return any_one.time, signals
+
+    def measure(
+        self, scenario: ChairCircleScenario, data: dict[str, Recording]
+    ) -> Iterator[Metric]:
+        """Errors of foot and velocities, and how errors of lengths move the foot."""
+        yield from error_metrics(scenario, data)
+        yield from velocity_metrics(scenario, data)
+        yield from sensitivity_metrics(scenario.circle.circle)
+
+    def note(self, scenario: ChairCircleScenario, data: dict[str, Recording]) -> Iterable[str]:
+        """Causes of the errors."""
+        return _notes(data)
+
+    def draw(self, scenario: ChairCircleScenario, data: dict[str, Recording]) -> Iterable[Figure]:
+        """Branches, circle and errors (Figs. 10, 11 and 14)."""
+        return figures(data)
+
+
+def check_circle(scenario: ChairCircleScenario) -> None:
+    """Refuses a circle that the branches cannot do.
+
+    Raises:
+        ScenarioError: the circle's parts do not fit together.
+        StrokeExceeded: names the branch and the time of the largest excess.
+        SpeedExceeded: names the branch and the time of the largest speed.
+    """
+    circle = scenario.circle.circle
+    time = np.linspace(0.0, circle.duration, round(circle.duration / _CHECKED) + 1)
+    motion = leg_motion(GEOMETRY, circle.motion(time))
+    check_strokes(GEOMETRY, motion.length[:, np.newaxis], time, _LEGS)
+    limit = 1e-3 * scenario.drives.max_velocity_mm_s
+    check_speeds(motion.velocity[:, np.newaxis], limit, time, _LEGS)
+
+
+def _record(scenario: ChairCircleScenario, mode: str, bench: Bench) -> Recording:
+    params = scenario.loop(mode)
+    loop = make_leg_loop(params)
+    simulator = Simulator(loop.diagram)
+    loop.reset(simulator.get_mutable_context())
+    simulator.Initialize()
+    until = params.circle.duration + scenario.rest
+    bench.simulate(simulator, until, f"mode {mode}")
+    time, position, velocity = loop.recorded(simulator.get_context())
+    foot = leg_forward(GEOMETRY, position).point
+    return Recording(params.circle, time, position, velocity, foot)
+
+
+def error_metrics(
+    scenario: ChairCircleScenario, recordings: dict[str, Recording]
+) -> tuple[Metric, ...]:
+    """Errors of the foot in every mode, and how they compare."""
+    errors = {mode: foot_error_mm(recording) for mode, recording in recordings.items()}
+    compound = recordings["compound"]
+    bounds = {"compound": _ERROR_BY_PERIOD * scenario.control.period}
+    metrics = [
+        Metric(
+            f"foot_error_{mode}_mm",
+            error,
+            "mm",
+            bounds.get(mode),
+            meaning=f"largest on the circle from {SETTLING:g} s on, mode {mode}",
+        )
+        for mode, error in errors.items()
+    ]
+    metrics.append(
+        Metric(
+            "compound_by_velocity",
+            errors["compound"] / errors["velocity"],
+            "",
+            _COMPOUND_BY_VELOCITY,
+            meaning="these errors: what correcting the velocity by the position is worth",
+        )
+    )
+    metrics += [
+        Metric(
+            f"largest_error_{mode}_mm",
+            1e3 * float(recording.distance.max()),
+            "mm",
+            paper="at both ends" if mode == "compound" else None,
+            meaning=f"of the whole run, its steps of the speed included, mode {mode}",
+        )
+        for mode, recording in recordings.items()
+    ]
+    metrics += [
+        Metric(
+            f"radial_error_{mode}_mm",
+            radial_error_mm(recording),
+            "mm",
+            paper=PAPER_RADIAL_MM if mode == "compound" else None,
+            meaning=f"largest of the trajectory's radius on the circle, mode {mode}",
+        )
+        for mode, recording in recordings.items()
+    ]
+    if scenario.circle.laps > 1:
+        metrics.append(
+            Metric(
+                "growth_compound_mm",
+                _growth_mm(compound, scenario.circle.lap_duration),
+                "mm",
+                _GROWTH_MM,
+                paper=0.0,
+                meaning="largest error of the last lap less that of the first, mode compound",
+            )
+        )
+    return tuple(metrics)
+
+
+def velocity_metrics(
+    scenario: ChairCircleScenario, recordings: dict[str, Recording]
+) -> tuple[Metric, ...]:
+    """How the branches move."""
+    ripples = {mode: _ripple_mm_s(recording) for mode, recording in recordings.items()}
+    compound = recordings["compound"]
+    planned = compound.planned
+    limit = scenario.drives.max_velocity_mm_s
+    left = -1e3 * float(stroke_excess(GEOMETRY, planned.length).max())
+    return (
+        *(
+            Metric(
+                f"ripple_{mode}_mm_s",
+                ripple,
+                "mm/s",
+                paper="little noticeable" if mode == "compound" else None,
+                meaning=f"rms of the branches' velocities about the planned ones, mode {mode}",
+            )
+            for mode, ripple in ripples.items()
+        ),
+        Metric(
+            "ripple_by_position",
+            ripples["compound"] / ripples["position"],
+            "",
+            _COMPOUND_BY_POSITION,
+            meaning="these ripples: what leading the drives at a velocity is worth",
+        ),
+        Metric(
+            "planned_branch_speed_mm_s",
+            1e3 * float(np.abs(planned.velocity).max()),
+            "mm/s",
+            limit,
+            meaning="largest that the circle asks of a branch",
+        ),
+        Metric(
+            "max_branch_speed_mm_s",
+            1e3 * float(np.abs(compound.velocity).max()),
+            "mm/s",
+            limit,
+            meaning="largest of a branch, mode compound",
+        ),
+        Metric(
+            "stroke_left_mm",
+            left,
+            "mm",
+            at_least=0.0,
+            meaning="smallest distance of a branch from the ends of its stroke, as planned",
+        ),
+    )
+
+
+def sensitivity_metrics(circle: FootCircle) -> tuple[Metric, ...]:
+    """What wrong lengths of the branches do to the foot."""
+    any_way, radially = sensitivities(circle)
+    return (
+        Metric(
+            "foot_error_by_branch_error",
+            any_way,
+            meaning="largest of the foot by that of the lengths (root of squares), on the circle",
+        ),
+        Metric(
+            "radial_error_by_branch_error",
+            radially,
+            meaning="largest of the radius by that of the lengths (root of squares)",
+        ),
+        Metric(
+            "branch_error_for_paper_mm",
+            PAPER_RADIAL_MM / radially,
+            "mm",
+            meaning="of the lengths (root of squares) that can explain the paper's radial error",
+        ),
+    )
+
+
+def sensitivities(circle: FootCircle) -> tuple[float, float]:
+    """Largest error of the foot, and of its radius, by a unit of error of the lengths.
+
+    The first is the largest singular value of J^-1, which is in the direction that suits it; the
+    second the largest norm of the row of J^-1 along the radius.
+    """
+    time = np.linspace(0.0, circle.duration, _PLACES)
+    places = circle.motion(time).position
+    foot_by_lengths = np.linalg.inv(leg_jacobian(GEOMETRY, places))
+    outwards = (places - (0.0, circle.centre_y, circle.z)) / circle.radius
+    rows = np.einsum("...i,...ij->...j", outwards, foot_by_lengths)
+    any_way = np.linalg.norm(foot_by_lengths, ord=2, axis=(-2, -1)).max()
+    return float(any_way), float(np.linalg.norm(rows, axis=-1).max())
+
+
+def foot_error_mm(recording: Recording) -> float:
+    """Largest error of the foot on the circle, the first second left out [mm]."""
+    return 1e3 * float(recording.distance[recording.is_settled].max())
+
+
+def radial_error_mm(recording: Recording) -> float:
+    """Largest error of the trajectory's radius on the circle, either way [mm]."""
+    return 1e3 * float(np.abs(recording.radial_error[recording.moves]).max())
+
+
+def _growth_mm(recording: Recording, lap: float) -> float:
+    time, distance = recording.time, recording.distance
+    first = recording.is_settled & (time <= SETTLING + lap)
+    last = recording.moves & (time >= recording.circle.duration - lap)
+    return 1e3 * float(distance[last].max() - distance[first].max())
+
+
+def _ripple_mm_s(recording: Recording) -> float:
+    about: Floats = recording.velocity - recording.planned.velocity
+    return 1e3 * float(np.sqrt(np.mean(about[recording.is_settled] ** 2)))
+
+
+def figures(recordings: dict[str, Recording]) -> tuple[Figure, ...]:
+    """The paper's Figs. 11 and 14, and what is behind the latter."""
+    return (
+        Figure(
+            "fig11_circle_branches",
+            "Branches of the leg on the circle",
+            "Lengths and velocities of the three branches for a lap of Eq. (49) (Fig. 11).",
+            partial(_draw_branches, recordings["compound"]),
+            (9.0, 3.2),
+        ),
+        Figure(
+            "fig14_circle",
+            "The foot's trajectory in three control modes",
+            f"From above: the circle of Eq. (49), and the foot's trajectory with errors of the "
+            f"radius {_MAGNIFIED:g} times as large (Fig. 14). All laps. That the mode velocity is "
+            "late does not show here.",
+            partial(_draw_circle, recordings),
+            (9.6, 3.7),
+        ),
+        Figure(
+            "circle_errors",
+            "Error of the foot over time",
+            "Above the distance from where the foot should be at the same instant; below the "
+            "error of the trajectory's radius, which a foot that is late has not.",
+            partial(_draw_errors, recordings),
+            (8.0, 4.6),
+        ),
+        Figure(
+            "circle_ripple",
+            "Velocity of a branch in three control modes",
+            f"{branch_names((1,))[_FASTEST].capitalize()} at its fastest: what is planned, and "
+            "what the drive does.",
+            partial(_draw_ripple, recordings),
+            (9.0, 3.0),
+        ),
+    )
+
+
+def _draw_branches(recording: Recording, canvas: "Canvas") -> None:
+    lap = recording.time <= recording.circle.period + recording.circle.ramp
+    time, planned = recording.time[lap], recording.planned
+    panels: Any = canvas.subplots(1, 2)
+    for axes, values, label in zip(
+        panels,
+        (planned.length, planned.velocity),
+        ("length [mm]", "velocity [mm/s]"),
+        strict=True,
+    ):
+        for i, name in enumerate(branch_names((1,))):
+            axes.plot(time, 1e3 * values[lap, i], label=name)
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel(label)
+    canvas.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=8
+    )
+
+
+def _draw_circle(recordings: dict[str, Recording], canvas: "Canvas") -> None:
+    panels: Any = canvas.subplots(1, len(recordings), sharex=True, sharey=True)
+    for axes, (mode, recording) in zip(panels, recordings.items(), strict=True):
+        circle = recording.circle
+        planned = circle.motion(recording.time).position[:, :2]
+        outwards = recording.foot[:, :2] - (0.0, circle.centre_y)
+        outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
+        radius = circle.radius + _MAGNIFIED * recording.radial_error[:, np.newaxis]
+        drawn = (0.0, circle.centre_y) + radius * outwards
+        axes.plot(*1e3 * planned.T, color=_PLANNED, linewidth=0.9, label="Eq. (49)")
+        axes.plot(*1e3 * drawn.T, color=_MODE_COLOURS[mode], linewidth=0.9)
+        axes.set_aspect("equal")
+        axes.set_title(f"mode {mode}", fontsize=_PANEL)
+        axes.set_xlabel("x [mm]")
+    panels[0].set_ylabel("y [mm]")
+    panels[0].legend(loc="center", fontsize=8)
+
+
+def _draw_errors(recordings: dict[str, Recording], canvas: "Canvas") -> None:
+    upper, lower = canvas.subplots(2, 1, sharex=True)
+    for i, (mode, recording) in enumerate(recordings.items()):
+        # The first on top: the last one runs to and fro.
+        style: dict[str, Any] = {"color": _MODE_COLOURS[mode], "linewidth": 0.9, "zorder": 9 - i}
+        upper.plot(recording.time, 1e3 * recording.distance, label=f"mode {mode}", **style)
+        lower.plot(recording.time, 1e3 * recording.radial_error, **style)
+    upper.set_ylabel("error [mm]")
+    lower.set_ylabel("radial error [mm]")
+    lower.set_xlabel("time [s]")
+    for axes in (upper, lower):
+        axes.axvline(SETTLING, color="0.6", linewidth=0.8, linestyle="dotted")
+    canvas.legend(
+        *upper.get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=8
+    )
+
+
+def _draw_ripple(recordings: dict[str, Recording], canvas: "Canvas") -> None:
+    panels: Any = canvas.subplots(1, len(recordings), sharex=True, sharey=True)
+    for axes, (mode, recording) in zip(panels, recordings.items(), strict=True):
+        planned = np.where(recording.is_settled, recording.planned.velocity[:, _FASTEST], 0.0)
+        middle = recording.time[np.argmax(np.abs(planned))]
+        shown = np.abs(recording.time - middle) <= 0.5 * _WINDOW
+        time = recording.time[shown]
+        velocity = recording.velocity[shown, _FASTEST]
+        axes.plot(time, 1e3 * velocity, color=_MODE_COLOURS[mode], label="drive")
+        axes.plot(time, 1e3 * planned[shown], color=_PLANNED, linewidth=0.9, label="planned")
+        axes.set_title(f"mode {mode}", fontsize=_PANEL)
+        axes.set_xlabel("time [s]")
+    panels[0].set_ylabel("velocity [mm/s]")
+    canvas.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2, fontsize=8
+    )
+
+
+def _notes(recordings: dict[str, Recording]) -> tuple[str, ...]:
+    compound = recordings["compound"]
+    any_way, radially = sensitivities(compound.circle)
+    return (
+        f"The {PAPER_RADIAL_MM:g} mm by which the paper's radius is off are not the control's: "
+        f"that leaves {radial_error_mm(compound):.2f} mm here. They are what lengths can do that "
+        f"are off by {PAPER_RADIAL_MM / radially:.2f} mm (root of the sum of squares over the "
+        "three branches): play in the joints, homing, the leg's dimensions. The paper puts them "
+        f"down to the mechanism too. For each mm of such an error the foot moves by up to "
+        f"{any_way:.2f} mm.",
+        "The mode velocity keeps what it loses at the start: its sum of velocity errors is a "
+        "position, without which it would drift. The mode position runs to every node at full "
+        "speed and stops there.",
+        "Without circle.ramp the foot is asked to move at full speed at once, and to stop at "
+        "once; that is where the largest errors are.",
+    )

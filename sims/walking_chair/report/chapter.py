@@ -1,0 +1,130 @@
+"""The walking chair's chapter: experiments in the paper's order."""
+
+from parapod.diagrams.drawing import View
+from parapod.diagrams.walking_chair.model import photograph
+from parapod.sims.report.chapter import Chapter, Component, Part, Picture
+from parapod.sims.report.rendered import rendered
+from parapod.sims.walking_chair.report.claims import CLAIMS
+from parapod.sims.walking_chair.report.drawings import DRAWINGS
+from parapod.sims.walking_chair.report.errata import ERRATA
+from parapod.systems.walking_chair.gait import Walk
+from parapod.systems.walking_chair.masses import Passenger
+
+# From so far that lines parallel in space nearly stay so [m].
+_FAR = 30.0
+_MID_SWING = 7.5  # of legs 1 and 3 [s]
+
+
+def pictures() -> tuple[Picture, ...]:
+    """The chair at a step, and its side and top view.
+
+    Raises:
+        RuntimeError: there is no OpenGL to render with.
+    """
+    return rendered(_take)
+
+
+def _take() -> tuple[Picture, ...]:
+    whole = View((2.6, 2.9, 1.6), (0.0, 0.05, 0.86), angle=0.53, size=(1000, 1280))
+    side = View((_FAR, 0.0, 0.9), (0.0, 0.05, 0.90), angle=0.068, size=(1000, 1280))
+    front = View((0.0, _FAR, 0.9), (0.0, 0.0, 0.74), angle=0.055, size=(1000, 1280))
+    at_step, from_side = photograph([whole, side], Walk(), _MID_SWING, Passenger())
+    (from_front,) = photograph([front], Walk(), _MID_SWING, Passenger(0.0))
+    return (
+        Picture(
+            "The chair",
+            "Legs 1 and 3 swing while 2 and 4 carry chair and passenger (in the place of Figs. 2 "
+            "and 18).",
+            at_step,
+        ),
+        Picture("Side", "Side view at the same instant (Fig. 16b).", from_side),
+        Picture("Front", "Without a passenger, from the front (Fig. 2).", from_front),
+    )
+
+
+_PARTS = (
+    Part(
+        "chair-gait",
+        "The trotting gait (Fig. 8)",
+        "Lengths, speeds and accelerations of all twelve branches, for the body's motion as it "
+        "is printed (Eq. 45) and for one without steps of the velocity.",
+        "chair-gait",
+        is_random=False,
+    ),
+    Part(
+        "chair-circle",
+        "A foot on a circle (Eq. 49, Figs. 11 and 14)",
+        "The paper measures one leg's foot with a laser tracker. Here drives with a lag, gains "
+        "that are off and an encoder follow the same circle in the three modes that the paper "
+        "compares in words.",
+        "chair-circle",
+        is_random=False,
+    ),
+    Part(
+        "chair-walk",
+        "Walking with a passenger (Figs. 15 to 18)",
+        "Four legs with closed loops, contact and a passenger of 57 kg, forward and back.",
+        "chair-walk",
+        quick=("plant.time_step=0.005", "gait.way=forward"),
+    ),
+    Part(
+        "chair-payload",
+        "How much it carries (Eqs. 50 to 55)",
+        "The largest payload over the gait by linear programming, beside the paper's, which is "
+        "measured by the rated current.",
+        "chair-payload",
+        is_random=False,
+    ),
+)
+
+_COMPONENTS = (
+    Component("Four 2-UPS+UP legs", "leg.urdf", "two loops each, closed by ball constraints"),
+    Component("Twelve linear actuators", "VelocityServo", "lag, speed, stroke, encoder: assumed"),
+    Component(
+        "Twelve controllers and drivers",
+        "CompoundPositionController",
+        "position, velocity and compound mode (Eqs. 46 to 48)",
+    ),
+    Component("Seat and connection plate", "body.urdf", "mass as weighed, spread by assumption"),
+    Component("Passenger", "passenger.urdf", "a mass at a place"),
+    Component("Leica laser tracker", "leg_forward", "the foot from the true lengths"),
+    Component("Current measurement", "PayloadEstimator", "Eq. (55)"),
+    Component("Host computer, CAN bus", "GaitPlanner, ChairFeedforward", "nodes at 100 Hz"),
+)
+
+_MISSING = (
+    "The arrangement of the legs (Fig. 4) is in a figure alone: the UP branches stand outwards "
+    "here, the only way in which feet of one side do not meet.",
+    "The curves of Figs. 8, 11, 14 and 17 are pictures: compared are ranges and statements.",
+    "The measured 2.454 mm of Fig. 14: control leaves .5 mm; a branch that is .5 mm off its "
+    "homing position, or play, leaves 2.5 mm.",
+    "The measured 57 kg: the rated current is reached when one branch carries .82 of its leg's "
+    "load, between the best distribution of forces and a foot on one corner. What share it has "
+    "depends on stiffnesses that are not printed; here all branches are equally stiff.",
+    "What Figs. 1, 9, 10, 12, 13, 15 and 19 show, which is a human leg, electronics, the control "
+    "scheme, instruments, numbers of legs and a scale: they are said in words above.",
+    "Eq. (53) with its torque, efficiency, ratio and lead, which are not printed: its 427.3 N "
+    "are used.",
+)
+
+CHAPTER = Chapter(
+    title="The walking chair",
+    paper=(
+        "L. Sang, H. Wang, H. Yu and L. Vladareanu, A novel human-carrying quadruped walking "
+        "robot, International Journal of Advanced Robotic Systems 14 (2017), "
+        "doi 10.1177/1729881417716592"
+    ),
+    summary=(
+        "A chair of 49 kg stands on four legs, each a 2-UPS+UP parallel mechanism, and carries a "
+        "passenger with a trotting gait on flat feet. The paper gives the kinematics of leg and "
+        "chair, the gait, a compound position control and experiments. Below is every number "
+        "that it prints beside the same number here, every figure again, and its errata."
+    ),
+    parts=_PARTS,
+    claims=CLAIMS,
+    errata=ERRATA,
+    components=_COMPONENTS,
+    drawings=DRAWINGS,
+    pictures=pictures,
+    missing=_MISSING,
+)

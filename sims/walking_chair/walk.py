@@ -1,0 +1,514 @@
+"""Let the walking chair carry a passenger a few steps forward and back.
+
+With bodies, contact and closed loops, or quasi-static: Figs. 15 to 18 of the paper. Refused before
+the first step where a stroke, a speed, a force or the support would not do.
+"""
+
+import copy
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from rich.console import Console
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.walking_chair.machine import CHAIR
+from parapod.diagrams.walking_chair.scenario import ChairScenario
+from parapod.sims.lab.bench import (
+    RESTART,
+    STOP,
+    Run,
+    buttons,
+    clicked,
+    in_real_time,
+    make_viewer,
+)
+from parapod.sims.lab.experiment import LoopExperiment
+from parapod.sims.lab.figures import COLOURS, Figure
+from parapod.sims.lab.results import Metric
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.walking_chair.chair import chair_inverse
+from parapod.systems.walking_chair.checks import check_forces, check_gait
+from parapod.systems.walking_chair.masses import Passenger
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.support import GaitSupport, SupportLost
+
+type Signals = Mapping[str, NDArray[Any]]
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Canvas
+
+_NEEDED = (
+    "gait_time",
+    "done",
+    "support",
+    "hold",
+    "support_margin",
+    "payload_estimated",
+    "legs.position",
+    "legs.velocity",
+    "legs.current",
+    "truth.body_position",
+    "truth.body_attitude",
+    "truth.force",
+    "truth.foot_height",
+    "truth.loop_error",
+)
+# The bounds of a walk with the paper's largest passenger; feet creep a little, so that each cycle
+# beyond the first adds to the body's error what ten may drift.
+_BODY_ERROR = 1.0  # [mm]
+_TILT = 0.1  # [deg]
+_FORCE = 250.0  # [N]
+_DRIFT = 5.0  # [mm]
+# Contact is stiff, not rigid: under the load of a leg a corner sinks in by a hundredth [mm].
+_SINKING = 0.02
+# Up to this step of the plant its loops are closed to a micrometre [s].
+_FINE_STEP = 1e-3
+_LOOP_ERROR = 1.0  # [um]
+# The chair has settled on its feet this long after the start [s].
+_SETTLED = 0.5
+_BRANCHES = ("UP", "UPS 2", "UPS 3")
+
+
+class ChairWalk(LoopExperiment[ChairScenario, Run]):
+    """Runs the walk."""
+
+    machine = CHAIR
+    schema = ChairScenario
+    backends = CHAIR.backends
+    signals = _NEEDED
+    takes = "30 s"
+
+    def check(self, scenario: ChairScenario) -> None:
+        """Refuses a walk before the first step.
+
+        Raises:
+            ScenarioError: names the key.
+            StrokeExceeded, SpeedExceeded, ForceExceeded: the gait is more than a branch can do.
+            SupportLost: the passenger would come too close to tipping the chair over.
+        """
+        check_walk(scenario)
+
+    def duration(self, scenario: ChairScenario) -> float:
+        """Standing, walk, standing [s]."""
+        return scenario.begin + scenario.gait.walk.duration + scenario.end
+
+    def scene(self, scenario: ChairScenario) -> Meshcat:
+        """A scene around the chair's way."""
+        return make_scene(scenario)
+
+    def measure(self, scenario: ChairScenario, run: Run) -> Iterator[Metric]:
+        """Errors of body and branches, forces, payload and margin.
+
+        Raises:
+            SupportLost: the chair stopped because the passenger was too close to tipping it over.
+        """
+        _refuse_held(scenario, run)
+        kept = run.time >= min(_SETTLED, scenario.begin)
+        if "truth.body_position" in run:
+            yield from _truth_metrics(scenario, run, kept)
+        yield from _controller_metrics(scenario, run, kept)
+        meaning = "simulated time by wall-clock time"
+        yield Metric("realtime_factor", run.realtime_factor, meaning=meaning)
+
+    def draw(self, scenario: ChairScenario, run: Run) -> Iterator[Figure]:
+        """Body, currents (Fig. 17) and margin, as far as the signals allow."""
+        if "truth.body_position" in run:
+            yield _body(scenario, run.time, run)
+        yield _currents(scenario, run.time, run)
+        if "truth.body_position" in run:
+            yield _margin(scenario, run.time, run)
+
+    def live(
+        self, scenario: ChairScenario, run: Run, console: Console
+    ) -> Callable[[], None] | None:
+        """The chair walks on; sliders move its passenger."""
+        assert run.meshcat is not None
+        return partial(stay_live, scenario, run.meshcat, console)
+
+
+def _refuse_held(scenario: ChairScenario, signals: Signals) -> None:
+    """The walk is not over, because the support monitor has held it."""
+    holds = signals["hold"][:, 0] > 0.5
+    if signals["done"][-1, 0] > 0.5 or not holds[-1]:
+        return
+    held = int(np.argmax(holds))
+    walk = scenario.gait.walk
+    phase = walk.phase_at(float(signals["gait_time"][held, 0]))
+    raise SupportLost(
+        float(signals["support_margin"][held, 0]),
+        1e-3 * scenario.control.support_margin_mm,
+        walk.phases[min(phase + 1, len(walk.phases) - 1)],
+        walk.ends[phase],
+    )
+
+
+def body_desired(scenario: ChairScenario, signals: Signals) -> NDArray[np.float64]:
+    """(n, 3) where the body's centre S should have been [m]."""
+    times = signals["gait_time"][:, 0]
+    motion = scenario.gait.walk.motions(CHAIR_GEOMETRY, times)
+    return np.asarray(motion.body.position)
+
+
+def lengths_desired(scenario: ChairScenario, signals: Signals) -> NDArray[np.float64]:
+    """(n, 12) lengths that the branches should have had [m]."""
+    times = signals["gait_time"][:, 0]
+    motion = scenario.gait.walk.motions(CHAIR_GEOMETRY, times)
+    body, feet = motion.body.position, motion.feet.position
+    lengths = chair_inverse(CHAIR_GEOMETRY, body, np.eye(3), feet, motion.references)
+    return lengths.reshape(len(times), -1)
+
+
+def _truth_metrics(
+    scenario: ChairScenario, signals: Signals, kept: NDArray[np.bool_]
+) -> list[Metric]:
+    error = 1e3 * (signals["truth.body_position"] - body_desired(scenario, signals))[kept]
+    attitude = np.degrees(signals["truth.body_attitude"][kept])
+    force = signals["truth.force"][kept]
+    is_fine = scenario.backend == "kinematic" or scenario.plant.time_step <= _FINE_STEP
+    heavy = scenario.passenger.mass_kg > 57.0
+    cycles = max(gait.cycles for gait in scenario.gait.walk.gaits)
+    return [
+        Metric(
+            "body_error_mm",
+            float(np.linalg.norm(error, axis=1).max()),
+            "mm",
+            _BODY_ERROR + 0.1 * _DRIFT * (cycles - 1),
+            meaning="largest distance of the body's centre from where the gait has it",
+        ),
+        Metric(
+            "tilt_deg",
+            float(np.abs(attitude[:, :2]).max()),
+            "deg",
+            _TILT,
+            meaning="largest roll or pitch of the body",
+        ),
+        Metric("yaw_deg", float(np.abs(attitude[:, 2]).max()), "deg", meaning="largest heading"),
+        Metric(
+            "drift_mm",
+            float(np.hypot(*error[-1, :2])),
+            "mm",
+            _DRIFT,
+            meaning="of the body along the ground, after all cycles",
+        ),
+        Metric(
+            "foot_below_ground_mm",
+            1e3 * max(0.0, -float(signals["truth.foot_height"][kept].min())),
+            "mm",
+            _SINKING,
+            meaning="lowest corner of any foot; contact gives way a little",
+        ),
+        Metric(
+            "peak_force_N",
+            float(np.abs(force).max()),
+            "N",
+            None if heavy else _FORCE,
+            paper="427.3 N at most",
+            meaning="largest of any branch",
+        ),
+        Metric(
+            "loop_error_um",
+            1e6 * float(signals["truth.loop_error"].max()),
+            "um",
+            _LOOP_ERROR if is_fine else None,
+            meaning="largest gap in the legs' closed loops",
+        ),
+    ]
+
+
+def _controller_metrics(
+    scenario: ChairScenario, signals: Signals, kept: NDArray[np.bool_]
+) -> list[Metric]:
+    late = signals["legs.position"] - lengths_desired(scenario, signals)
+    payload = signals["payload_estimated"][kept][-1]
+    passenger = scenario.passenger
+    walking = (signals["gait_time"][:, 0] > 0.0) & (signals["done"][:, 0] < 0.5)
+    estimates = signals["payload_estimated"][walking]
+    mass_error = np.abs(estimates[:, 0] - passenger.mass_kg).max()
+    metrics = [
+        Metric(
+            "branch_error_mm",
+            1e3 * float(np.abs(late[kept]).max()),
+            "mm",
+            meaning="largest distance of a branch from where it should be",
+        ),
+        Metric(
+            "max_branch_speed_mm_s",
+            1e3 * float(np.abs(signals["legs.velocity"]).max()),
+            "mm/s",
+            scenario.drives.max_velocity_mm_s,
+            paper=80.0,
+            meaning="largest of any branch, by the encoders",
+        ),
+        Metric(
+            "support_margin_mm",
+            1e3 * float(signals["support_margin"][walking].min()),
+            "mm",
+            at_least=scenario.control.support_margin_mm,
+            meaning="smallest while walking, from the currents",
+        ),
+    ]
+    if scenario.backend in ("multibody", "kinematic"):
+        metrics += [
+            Metric("payload_estimated_kg", float(payload[0]), "kg", meaning="from the currents"),
+            Metric(
+                "payload_error_kg",
+                float(mass_error),
+                "kg",
+                meaning="largest while walking",
+            ),
+        ]
+        if passenger.mass_kg > 0.0:
+            x, y = 1e3 * payload[1:]
+            away = math.hypot(x - passenger.x_mm, y - passenger.y_mm)
+            metrics.append(
+                Metric("payload_place_error_mm", away, "mm", meaning="of the centre, at the end")
+            )
+    return metrics
+
+
+def _shade_swings(axes: "Axes", time: NDArray[np.float64], signals: Signals) -> None:
+    """Shades the times at which two feet are in the air."""
+    swings = signals["support"].min(axis=1) < 0.5
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], swings, [False])).astype(int)))
+    for begin, end in edges.reshape(-1, 2):
+        axes.axvspan(time[begin], time[min(end, len(time) - 1)], color="0.93", zorder=0)
+
+
+def _body(scenario: ChairScenario, time: NDArray[np.float64], signals: Signals) -> Figure:
+    desired = body_desired(scenario, signals)
+    true = signals["truth.body_position"]
+    error = 1e3 * (true - desired)
+    attitude = np.degrees(signals["truth.body_attitude"])
+
+    def draw(canvas: "Canvas") -> None:
+        axes: Any = canvas.subplots(2, 2, sharex=True)
+        for row in axes.ravel():
+            _shade_swings(row, time, signals)
+        for axis, name, colour in ((1, "ahead y", COLOURS[0]), (2, "up z", COLOURS[1])):
+            start = desired[0, axis]
+            axes[0, 0].plot(time, 1e3 * (desired[:, axis] - start), color=colour, lw=3, alpha=0.3)
+            axes[0, 0].plot(time, 1e3 * (true[:, axis] - start), color=colour, label=name)
+        axes[0, 0].set_ylabel("body, from its start [mm]")
+        axes[0, 0].legend(ncols=2, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+        for axis, name in enumerate("xyz"):
+            axes[0, 1].plot(time, error[:, axis], label=name)
+            label = ("roll", "pitch", "yaw")[axis]
+            axes[1, 0].plot(time, attitude[:, axis], label=label)
+        axes[0, 1].set_ylabel("error of the body [mm]")
+        axes[1, 0].set_ylabel("attitude [deg]")
+        heights = 1e3 * signals["truth.foot_height"].reshape(-1, 4, 3).min(axis=2)
+        for leg in range(4):
+            axes[1, 1].plot(time, heights[:, leg], label=f"leg {leg + 1}")
+        axes[1, 1].set_ylabel("lowest corner [mm]")
+        for panel in (axes[0, 1], axes[1, 0], axes[1, 1]):
+            panel.legend(ncols=4, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+        for panel in axes[1]:
+            panel.set_xlabel("time [s]")
+
+    return Figure(
+        "chair_walk_body",
+        "The walk",
+        "Where the body is (pale: where the gait has it), how far it is off, and the feet; "
+        "two feet are in the air where the ground is grey.",
+        draw,
+        (9.0, 5.0),
+    )
+
+
+def _currents(scenario: ChairScenario, time: NDArray[np.float64], signals: Signals) -> Figure:
+    currents = signals["legs.current"].reshape(-1, 4, 3)
+
+    def draw(canvas: "Canvas") -> None:
+        axes: Any = canvas.subplots(1, 4, sharex=True, sharey=True)
+        for leg, panel in enumerate(axes):
+            _shade_swings(panel, time, signals)
+            for branch, name in enumerate(_BRANCHES):
+                panel.plot(time, currents[:, leg, branch], label=name)
+            panel.set(title=f"leg {leg + 1}", xlabel="time [s]")
+        axes[0].set_ylabel("motor current [A]")
+        handles = axes[0].get_legend_handles_labels()
+        canvas.legend(*handles, loc="outside upper center", ncols=3)
+
+    return Figure(
+        "chair_walk_currents",
+        "Currents of the motors",
+        "With all branches equally stiff (Fig. 17 for 57 kg; its branches 1 carry more).",
+        draw,
+        (9.0, 3.2),
+    )
+
+
+def _margin(scenario: ChairScenario, time: NDArray[np.float64], signals: Signals) -> Figure:
+    margin = 1e3 * signals["support_margin"][:, 0]
+    payload = signals["payload_estimated"]
+
+    def draw(canvas: "Canvas") -> None:
+        left, right = canvas.subplots(1, 2, sharex=True)
+        for panel in (left, right):
+            _shade_swings(panel, time, signals)
+            panel.set_xlabel("time [s]")
+        left.plot(time, margin, label="this phase and the next")
+        required = scenario.control.support_margin_mm
+        left.axhline(required, color=COLOURS[1], label="required")
+        left.set(ylabel="support margin [mm]", ylim=(0.0, None))
+        left.legend(ncols=2, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+        known = time >= scenario.begin
+        mass = payload[known, 0] - scenario.passenger.mass_kg
+        right.plot(time[known], mass, label="mass [kg]")
+        places = (scenario.passenger.x_mm, scenario.passenger.y_mm)
+        for axis, (name, place) in enumerate(zip("xy", places, strict=True), start=1):
+            away = 1e3 * payload[known, axis] - place
+            right.plot(time[known], away, label=f"{name} of its centre [mm]")
+        right.set_ylabel("error of the estimated payload")
+        right.legend(ncols=3, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+
+    return Figure(
+        "chair_walk_margin",
+        "Support margin and payload",
+        "From the motors' currents alone: how far the centre of mass is inside the support "
+        "polygon, and how well the passenger is known.",
+        draw,
+        (9.0, 3.2),
+    )
+
+
+def check_walk(scenario: ChairScenario) -> None:
+    """Refuses a walk before the first step.
+
+    Raises:
+        ScenarioError: names the key.
+        StrokeExceeded, SpeedExceeded, ForceExceeded: the gait is more than a branch can do.
+        SupportLost: the passenger would come too close to tipping the chair over.
+    """
+    plant, control = scenario.plant, scenario.control
+    if scenario.backend == "multibody" and control.period < plant.time_step:
+        raise ScenarioError(
+            f"control.period = {control.period:g} s is below plant.time_step = "
+            f"{plant.time_step:g} s",
+            "control.period",
+        )
+    walk, passenger = scenario.gait.walk, scenario.passenger.passenger
+    for gait in walk.gaits:
+        check_gait(CHAIR_GEOMETRY, gait, 1e-3 * scenario.drives.max_velocity_mm_s)
+    required = 1e-3 * control.support_margin_mm
+    GaitSupport(CHAIR_GEOMETRY, walk).check(passenger, required)
+    check_forces(CHAIR_GEOMETRY, walk, passenger)
+
+
+def make_scene(scenario: ChairScenario) -> Meshcat:
+    """A scene around the chair's way."""
+    walk = scenario.gait.walk
+    ends = [gait.end[1] for gait in walk.gaits]
+    middle = 0.5 * float(np.mean((min(0.0, *ends), max(0.0, *ends))))
+    return make_viewer(camera=(2.6, 2.7 + middle, 1.5), target=(0.0, middle, 0.80))
+
+
+# Simulated time between two looks at sliders and buttons [s].
+_LOOK_PERIOD = 0.1
+_HELP = (
+    "The chair walks on, forward and back; move its passenger with the sliders in the browser "
+    "(open its controls at the top right). Where the passenger would make it tip over it waits. "
+    f"'{RESTART}' begins anew; '{STOP}' or Ctrl-C ends."
+)
+# Name, smallest and largest value, step: of the passenger's mass and place.
+_SLIDERS = (
+    ("passenger [kg]", 20.0, 120.0, 1.0),
+    ("to the right [mm]", -150.0, 150.0, 5.0),
+    ("ahead [mm]", -150.0, 150.0, 5.0),
+)
+
+
+class LiveChair:
+    """A chair that walks forward and back until told otherwise.
+
+    Args:
+        scenario: its gait, plant and control are taken.
+        meshcat: where the chair is drawn and the sliders are.
+    """
+
+    def __init__(self, scenario: ChairScenario, meshcat: Meshcat):
+        self._scenario, self._meshcat = copy.deepcopy(scenario), meshcat
+        gait = self._scenario.gait
+        gait.way, gait.cycles = "forward and back", max(gait.cycles, 2)
+        self._loop = ClosedLoop(CHAIR, self._scenario, meshcat=meshcat, log=())
+        self._simulator = Simulator(self._loop)
+        self._plant = self._loop.station.behind.handle.plant
+        self._seated: Passenger | None = None
+
+    def begin(self) -> None:
+        """Puts the chair where its walk begins, with whom the sliders say."""
+        self._loop.reset(self._simulator.get_mutable_context())
+        self._seated = None
+        self._simulator.Initialize()
+
+    def advance(self) -> None:
+        """Simulates for a moment, with whom the sliders say."""
+        context = self._simulator.get_mutable_context()
+        passenger = self.asked()
+        if passenger != self._seated:
+            self._plant.seat(context, passenger)
+            self._seated = passenger
+        self._simulator.AdvanceTo(context.get_time() + _LOOK_PERIOD)
+
+    def asked(self) -> Passenger:
+        """The passenger that the sliders ask for."""
+        mass, x, y = (self._meshcat.GetSliderValue(name) for name, *_ in _SLIDERS)
+        height = 1e-3 * self._scenario.passenger.height_mm
+        return Passenger(mass, 1e-3 * x, 1e-3 * y, height)
+
+    def signal(self, name: str) -> float:
+        """First element of an output of the controller."""
+        controller = self._loop.controller
+        context = controller.GetMyContextFromRoot(self._simulator.get_context())
+        value: Any = controller.GetOutputPort(name).Eval(context)
+        return float(value[0])
+
+    def walk(self, stop: Callable[[], bool]) -> None:
+        """Walks in real time until told to stop."""
+        self.begin()
+        with in_real_time(self._simulator):
+            while not stop():
+                self.advance()
+                if self.signal("done") > 0.5:
+                    self.begin()
+
+    @contextmanager
+    def sliders(self) -> Iterator[None]:
+        """Shows the sliders while it lasts."""
+        seat = self._scenario.passenger
+        values = (min(max(seat.mass_kg, _SLIDERS[0][1]), _SLIDERS[0][2]), seat.x_mm, seat.y_mm)
+        for (name, low, high, step), value in zip(_SLIDERS, values, strict=True):
+            self._meshcat.AddSlider(name, low, high, step, value)
+        try:
+            yield
+        finally:
+            for name, *_ in _SLIDERS:
+                self._meshcat.DeleteSlider(name, strict=False)
+
+
+def stay_live(scenario: ChairScenario, meshcat: Meshcat, console: Console) -> None:
+    """Lets the chair walk on until "Stop" or Ctrl-C.
+
+    Args:
+        scenario: of the walk.
+        meshcat: where the walk was shown.
+        console: where it is said what to do.
+    """
+    try:
+        chair = LiveChair(scenario, meshcat)
+        console.print(_HELP, markup=False, highlight=False, soft_wrap=True)
+        while True:
+            with chair.sliders(), buttons(meshcat):
+                chair.walk(lambda: clicked(meshcat, RESTART) or clicked(meshcat, STOP))
+                if clicked(meshcat, STOP):
+                    return
+    except KeyboardInterrupt:
+        return
