@@ -5,7 +5,8 @@ from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
 from benchmarks.report import Measurement
-from parapod.diagrams.levelling_platform.closed_loop import ClosedLoop, make_closed_loop
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,
@@ -35,7 +36,7 @@ def model_error(time_step: float, leg_model: str = "full") -> dict[str, float]:
         WaypointScenario(4.0, 0.3, -0.8, 4.0),
         WaypointScenario(5.5, -0.3, 0.8, -4.0),
     ]
-    loop = make_closed_loop(scenario, log=_LOG)
+    loop = ClosedLoop(PLATFORM, scenario, log=_LOG)
     signals = _simulate(loop, scenario, 9.0)
     moving = signals["t"] > scenario.job.estimate_at
     predicted = forward_kinematics(
@@ -80,7 +81,7 @@ def run(console: Console) -> list[Measurement]:
 def _levelling(backend: str, count: int) -> list[Measurement]:
     """How far from level the platform is at worst, 6 s after it began."""
     scenario = LevellingScenario(backend=backend)
-    loop = make_closed_loop(scenario, log=_LOG)
+    loop = ClosedLoop(PLATFORM, scenario, log=_LOG)
     worst = np.zeros(3)
     for seed in range(count):
         scenario.seed = seed
@@ -100,10 +101,11 @@ def _levelling(backend: str, count: int) -> list[Measurement]:
 def _simulate(
     loop: ClosedLoop, scenario: LevellingScenario, duration: float
 ) -> dict[str, np.ndarray]:
-    simulator = Simulator(loop.diagram)
+    simulator = Simulator(loop)
     context = simulator.get_mutable_context()
     loop.reset(context, scenario)
     simulator.Initialize()
     simulator.AdvanceTo(duration)
-    time, signals = loop.recorded(context)
+    recording = loop.recording(context)
+    time, signals = recording.time, recording
     return signals | {"t": time}

@@ -4,7 +4,8 @@ from rich.console import Console
 
 from benchmarks.factor import real_time_factor
 from benchmarks.report import Measurement
-from parapod.diagrams.walking_chair.closed_loop import make_closed_loop
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario
 from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.walking_chair.walk import run as walk
@@ -27,7 +28,7 @@ def run(console: Console) -> list[Measurement]:
         console.print(f"  chair, {name} ...", highlight=False)
         scenario = ChairScenario(backend=backend)
         scenario.plant.time_step = time_step
-        factor = real_time_factor(make_closed_loop(scenario, log=()), _DURATION, 3)
+        factor = real_time_factor(ClosedLoop(CHAIR, scenario, log=()), _DURATION, 3)
         results.append(Measurement(f"real-time factor, chair, {name}", factor, "x", floor, aim))
     return results + _ten_cycles(console)
 

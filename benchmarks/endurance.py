@@ -11,7 +11,8 @@ from rich.console import Console
 from rich.progress import Progress
 
 from benchmarks.report import Measurement
-from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario, WaypointScenario
 
 _MINUTE = 60.0
@@ -40,11 +41,11 @@ def _endure(console: Console, name: str, duration: float) -> list[Measurement]:
         for i in range(120)
     ]
     scenario.job.waypoints.append(WaypointScenario(7.0 + 4.0 * 120))
-    loop = make_closed_loop(scenario, log=())
-    simulator = Simulator(loop.diagram)
+    loop = ClosedLoop(PLATFORM, scenario, log=())
+    simulator = Simulator(loop)
     loop.reset(simulator.get_mutable_context())
     simulator.Initialize()
-    machine = loop.station.diagram
+    machine = loop.station
     memory, postures = [], []
     times = np.arange(_WARM, duration + 1.0, max(_MINUTE, duration / 200.0))
     with Progress(console=console, transient=True) as bar:

@@ -12,8 +12,9 @@ from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
 from benchmarks.report import Measurement
+from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.hardware_station import HardwareStation
-from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
+from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.cli.bench_rt import bench_real_time
 from parapod.sims.lab.experiment import RunOptions
@@ -26,8 +27,8 @@ def run(console: Console) -> list[Measurement]:
     results = _punctuality(console)
     with _emulator():
         scenario = LevellingScenario(backend="hardware")
-        loop = make_closed_loop(scenario, log=())
-        simulator = Simulator(loop.diagram)
+        loop = ClosedLoop(PLATFORM, scenario, log=())
+        simulator = Simulator(loop)
         timing = run_on_hardware(
             loop, simulator, _DURATION, RunOptions(console=console), "emulated machine"
         )

@@ -8,8 +8,9 @@ from rich.console import Console
 
 from benchmarks.factor import real_time_factor
 from benchmarks.report import Measurement
-from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
+from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.controller import make_controller
+from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario, WaypointScenario
 
 _CASES = (
@@ -44,7 +45,7 @@ def _real_time_factor(backend: str, leg_model: str, time_step: float) -> float:
     scenario = LevellingScenario(backend=backend)
     scenario.plant.leg_model, scenario.plant.time_step = leg_model, time_step
     scenario.job.waypoints = [WaypointScenario(7.0, 1.0, -1.0, 10.0)]
-    return real_time_factor(make_closed_loop(scenario, log=()), _DURATION, 2)
+    return real_time_factor(ClosedLoop(PLATFORM, scenario, log=()), _DURATION, 2)
 
 
 def _controller_tick() -> float:

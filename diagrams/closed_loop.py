@@ -127,6 +127,9 @@ class ClosedLoop[S](Diagram):
 
         systems = (self.station, self.controller, *self.sources)
         outputs = connect_by_name(builder, systems, seen, skip=(_AGE,))
+        for name, port in outputs.items():
+            if name in table and self.faults.is_missing(table[name]):
+                self.faults.seen(port, table[name])  # for the recording only
         self._connect_ages(builder, outputs)
         idle_inputs(builder, self.station, {port.name: port.idle for port in self.machine.inputs})
         for system in systems:

@@ -231,6 +231,13 @@ class FaultPoints:
         shown: OutputPort = injector.GetOutputPort("faulted")
         return shown
 
+    def is_missing(self, spec: "Port") -> bool:
+        """Whether faults of a signal are wanted and it has no injector yet."""
+        if not spec.faults:
+            return False
+        point = FaultTarget(spec, spec.faults[0]).point
+        return point in self._wanted and point not in self.injectors
+
     def aged(self) -> dict[str, "Port"]:
         """Points with an injector whose late signals make their part older, with their ports."""
         return {

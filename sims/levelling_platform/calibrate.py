@@ -9,7 +9,9 @@ posture is predicted on poses that were not used.
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +19,20 @@ from numpy.typing import NDArray
 from parapod.diagrams.scenario import choice, quantity
 from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment, Logged
-from parapod.sims.lab.figures import Figure
+from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.results import Metric
-from parapod.sims.levelling_platform.calibrate_figures import figures
-from parapod.sims.levelling_platform.calibrate_poses import (
+from parapod.sims.levelling_platform.poses import (
     Machine,
-    SimulatedPoses,
     draw_machine,
     pose_signals,
     read_recording,
     record,
+)
+from parapod.sims.levelling_platform.predictions import (
+    Comparison,
+    compare_with_sensor,
+    compare_with_truth,
+    cross_validate,
 )
 from parapod.systems.core.errors import OutputError
 from parapod.systems.levelling_platform.calibration.equations import (
@@ -36,15 +42,15 @@ from parapod.systems.levelling_platform.calibration.equations import (
     LEG_WIDTH,
     Tolerances,
     equivalent_parameters,
-    ground_in_heading,
 )
 from parapod.systems.levelling_platform.calibration.poses import MeasurementNoise, PoseRecording
 from parapod.systems.levelling_platform.calibration.solve import Calibration, calibrate
-from parapod.systems.levelling_platform.geometry import ANGLES, LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import forward_kinematics
-from parapod.systems.levelling_platform.leg import foot_to_centre
+from parapod.systems.levelling_platform.geometry import ANGLES, LEG_COUNT
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.plane import dot, normal_of, to_platform
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Canvas
 
 # Nothing is taken to be measured better than this, whatever the scenario says [m, rad]: beyond it
 # the squares of errors, which least squares leaves out, are larger than the errors.
@@ -58,8 +64,6 @@ _EXACT = {"height": 0.3, "roll": 0.07, "pitch": 0.07}  # [mm, deg, deg]
 _PROTOTYPE = {"height": 1.0, "roll": 0.2, "pitch": 0.1}  # [mm, deg, deg]
 # How many of its standard deviations chi^2 may be above its mean.
 _CHI2_SPREAD = 5.0
-# Most calibrations that cross-validation makes.
-_FOLDS = 50
 
 
 @dataclass
@@ -177,43 +181,6 @@ class CalibrateScenario:
     ground: KnownGroundScenario = field(default_factory=KnownGroundScenario)
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """How far predicted postures are from what they are compared with.
-
-    Attributes:
-        posture: (n, 3) error of roll, pitch, height [rad, rad, m].
-        feet: (n, 4) by how much a platform with that error has each foot too high [m]. This makes
-            one quantity of angles and heights.
-    """
-
-    posture: Floats
-    feet: Floats
-
-    @property
-    def size(self) -> float:
-        """Root mean square of the feet's errors [m]."""
-        return float(np.sqrt(np.mean(self.feet**2)))
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """The same poses predicted with the drawing and with the calibrated machine.
-
-    Attributes:
-        nominal: by the drawing.
-        calibrated: by the calibration.
-    """
-
-    nominal: Prediction
-    calibrated: Prediction
-
-    @property
-    def improvement(self) -> float:
-        """The drawing's error over the calibrated one's [-]."""
-        return self.nominal.size / self.calibrated.size
-
-
 @dataclass(frozen=True)
 class Identified:
     """A machine that has been identified.
@@ -312,116 +279,6 @@ def _of_recording(scenario: CalibrateScenario) -> Identified:
         cross_validate(recording, MODEL_GEOMETRY, tolerances),
         f"{len(recording)} poses held out, against what was measured in them",
     )
-
-
-def compare(
-    calibration: Calibration,
-    nominal: PlatformGeometry,
-    recording: PoseRecording,
-    posture: Floats,
-    ground: Floats,
-) -> Comparison:
-    """Predicts postures from what the encoders say.
-
-    Args:
-        calibration: made of other poses.
-        nominal: the drawing.
-        recording: the poses (n); one with less than three standing feet is left out.
-        posture: (n, 3) what the prediction is compared with [rad, rad, m].
-        ground: (n, 2) roll and pitch of the ground [rad].
-    """
-    read = recording.extension
-    machines = ((nominal, read), (calibration.geometry, read + calibration.offsets))
-    errors = [
-        _predicted(geometry, extension, ground, recording.contact) - posture
-        for geometry, extension in machines
-    ]
-    standing = recording.contact.sum(axis=1) >= 3
-    predictions = []
-    for error in errors:
-        feet = _foot_errors(nominal, read, posture, error, ground)
-        predictions.append(Prediction(error[standing], feet[standing]))
-    return Comparison(*predictions)
-
-
-def compare_with_truth(
-    calibration: Calibration, nominal: PlatformGeometry, poses: SimulatedPoses
-) -> Comparison:
-    """Predicted against true postures, on ground that is known."""
-    return compare(calibration, nominal, poses.recording, poses.posture, poses.ground)
-
-
-def compare_with_sensor(
-    calibration: Calibration, nominal: PlatformGeometry, poses: SimulatedPoses, machine: Machine
-) -> Comparison:
-    """Predicted postures against those that a noise-free, corrected inertial sensor shows."""
-    shown = poses.posture.copy()
-    shown[:, :2] += machine.bias - calibration.bias
-    return compare(calibration, nominal, poses.recording, shown, poses.ground)
-
-
-def cross_validate(
-    recording: PoseRecording, nominal: PlatformGeometry, tolerances: Tolerances
-) -> Comparison:
-    """Predicts each recorded pose with a calibration made of others.
-
-    Compared with the measured posture: inclination by the reference where there is one, else by
-    the inertial sensor less its bias.
-
-    Raises:
-        UndeterminedCalibration: without some poses the others do not suffice.
-    """
-    folds = min(_FOLDS, len(recording))
-    parts = []
-    for fold in range(folds):
-        held = np.arange(len(recording)) % folds == fold
-        others, unused = recording[~held], recording[held]
-        found = calibrate(others, nominal, tolerances)
-        ground = unused.ground
-        if ground is None:
-            assert found.ground is not None
-            ground = ground_in_heading(found.ground, unused.turned)
-        attitude = unused.attitude - found.bias
-        if unused.reference is not None:
-            attitude = np.where(unused.referenced[:, None], unused.reference, attitude)
-        assert unused.height is not None
-        posture = np.column_stack([attitude, unused.height])
-        parts.append(compare(found, nominal, unused, posture, ground))
-    return Comparison(
-        _joined([part.nominal for part in parts]), _joined([part.calibrated for part in parts])
-    )
-
-
-def _joined(parts: list[Prediction]) -> Prediction:
-    return Prediction(
-        np.vstack([part.posture for part in parts]), np.vstack([part.feet for part in parts])
-    )
-
-
-def _predicted(
-    geometry: PlatformGeometry, extension: Floats, ground: Floats, contact: NDArray[np.bool_]
-) -> Floats:
-    """Posture (n, 3) on the feet that stand; NaN on less than three."""
-    posture = forward_kinematics(geometry, extension, ground)
-    for lifted in range(LEG_COUNT):
-        legs = [i for i in range(LEG_COUNT) if i != lifted]
-        rows = ~contact[:, lifted]
-        posture[rows] = forward_kinematics(geometry, extension[rows], ground[rows], legs)
-    posture[contact.sum(axis=1) < 3] = np.nan
-    return posture
-
-
-def _foot_errors(
-    geometry: PlatformGeometry, extension: Floats, posture: Floats, error: Floats, ground: Floats
-) -> Floats:
-    """How far feet (n, 4) that stand in a posture would be above the ground with its error [m]."""
-    normal = normal_of(*ground.T)
-    right, wrong = (to_platform(normal, *p[:, :2].T) for p in (posture, posture + error))
-    feet = []
-    for i, leg in enumerate(geometry.legs):
-        foot = foot_to_centre(leg, extension[:, i])
-        feet.append(error[:, 2] - dot(wrong, foot) + dot(right, foot))
-    return np.stack(feet, axis=-1)
 
 
 def prediction_metrics(
@@ -556,3 +413,110 @@ def _notes(calibration: Calibration, recording: PoseRecording) -> list[str]:
             f"told apart by tolerances only, to +- {sure:.2f} mg"
         )
     return notes
+
+
+_DEG = float(np.degrees(1.0))
+_CALIBRATED, _OTHER = COLOURS[0], COLOURS[1]
+# What is shown of the largest error's decades.
+_DECADES = 1e-3
+# As people write the parameters.
+_SYMBOLS = {"beta": r"$\beta$", "alpha": r"$\alpha$", "offset": "offset"}
+
+
+def figures(
+    calibration: Calibration, tolerance: Floats, truth: Floats | None, comparison: Comparison
+) -> tuple[Figure, ...]:
+    """What can be drawn of a calibration.
+
+    Args:
+        calibration: the result.
+        tolerance: (36) of the parameters.
+        truth: (36) parameters of the simulated machine, or None.
+        comparison: on poses that were not used.
+    """
+    known = "" if truth is None else " Crosses: the simulated machine."
+    return (
+        Figure(
+            "calibrate_parameters",
+            "Calibrated parameters",
+            "Deviations from the drawing in tolerances, with one standard deviation; shaded: what "
+            "the tolerances alone say. Only combinations of l_3, l_4, alpha and offset are sure: "
+            f"together they place the foot to a few hundredths of a millimetre.{known}",
+            partial(_draw_parameters, calibration, tolerance, truth),
+            (10.0, 3.6),
+        ),
+        Figure(
+            "calibrate_residuals",
+            "Posture predicted on poses that were not used",
+            "Share of the poses whose error is smaller, for the drawing and for the calibrated "
+            "machine.",
+            partial(_draw_residuals, comparison),
+            (9.0, 3.0),
+        ),
+    )
+
+
+def _draw_parameters(
+    calibration: Calibration, tolerance: Floats, truth: Floats | None, canvas: "Canvas"
+) -> None:
+    ratios = [LEG_WIDTH] * LEG_COUNT + [2]
+    panels = canvas.subplots(1, len(ratios), sharey=True, gridspec_kw={"width_ratios": ratios})
+    legs = [slice(LEG_WIDTH * i, LEG_WIDTH * (i + 1)) for i in range(LEG_COUNT)]
+    names = [_SYMBOLS.get(name, rf"${name[0]}_{name[2]}$") for name in LEG_PARAMETERS]
+    for i, (axes, part) in enumerate(zip(panels, [*legs, BIAS], strict=True)):
+        is_leg = i < LEG_COUNT
+        _draw_group(axes, calibration, tolerance, truth, part)
+        axes.set_title(f"leg {i + 1}" if is_leg else "bias", fontsize=9)
+        labels = names if is_leg else ["roll", "pitch"]
+        axes.set_xticks(range(len(labels)), labels, rotation=90 if not is_leg else 0)
+        for label in axes.get_xticklabels():
+            if label.get_text() == "offset":
+                label.set_rotation(90)
+        axes.grid(visible=False, axis="x")
+    panels[0].set_ylabel("deviation [tolerances]")
+    handles, labels = panels[0].get_legend_handles_labels()
+    canvas.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=8)
+
+
+def _draw_group(
+    axes: "Axes", calibration: Calibration, tolerance: Floats, truth: Floats | None, part: slice
+) -> None:
+    unit = tolerance[part]
+    x = np.arange(len(unit))
+    spread = float((calibration.prior[part] / unit).max())
+    axes.axhspan(-spread, spread, color="0.92", zorder=0, label="tolerance alone")
+    axes.axhline(0.0, color="0.6", linewidth=0.8, zorder=1)
+    if truth is not None:
+        axes.plot(x, truth[part] / unit, "x", color=_OTHER, markersize=6, label="simulated")
+    axes.errorbar(
+        x,
+        calibration.parameters[part] / unit,
+        calibration.standard_deviations[part] / unit,
+        fmt="o",
+        color=_CALIBRATED,
+        markersize=4,
+        capsize=2,
+        label="calibrated",
+    )
+    axes.set_xlim(-0.6, len(unit) - 0.4)
+
+
+def _draw_residuals(comparison: Comparison, canvas: "Canvas") -> None:
+    panels = canvas.subplots(1, 3, sharey=True)
+    columns = (("height", "mm", 2, 1e3), ("roll", "deg", 0, _DEG), ("pitch", "deg", 1, _DEG))
+    for axes, (name, unit, column, scale) in zip(panels, columns, strict=True):
+        for label, prediction, colour in (
+            ("drawing", comparison.nominal, _OTHER),
+            ("calibrated", comparison.calibrated, _CALIBRATED),
+        ):
+            error = np.sort(np.abs(prediction.posture[:, column])) * scale
+            share = np.arange(1, len(error) + 1) / len(error)
+            axes.step(error, 100.0 * share, where="post", color=colour, label=label)
+        axes.set_xscale("log")
+        # Errors that happen to be next to nothing would take most of the axis.
+        axes.set_xlim(
+            left=_DECADES * float(np.abs(comparison.nominal.posture[:, column]).max()) * scale
+        )
+        axes.set_xlabel(f"error of {name} [{unit}]")
+    panels[0].set_ylabel("share of the poses [%]")
+    panels[0].legend(loc="upper left", fontsize=8)

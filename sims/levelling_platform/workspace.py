@@ -21,7 +21,6 @@ from parapod.sims.lab.experiment import Experiment, RunOptions
 from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.files import atomic_output
 from parapod.sims.lab.results import Metric
-from parapod.sims.levelling_platform.workspace_pictures import figures
 from parapod.systems.levelling_platform.geometry import ARM_BASE, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
@@ -135,7 +134,7 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Finding"]]):
 
     def scene(self, scenario: WorkspaceScenario) -> Meshcat:
         """The workspace above the machine, a picture that can be turned."""
-        from parapod.sims.levelling_platform.workspace_pictures import draw
+        from parapod.sims.levelling_platform.solid import draw
 
         return draw(scenario)
 
@@ -167,6 +166,8 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Finding"]]):
 
     def draw(self, scenario: WorkspaceScenario, data: list["Finding"]) -> Iterable[Figure]:
         """The solid, its sections and the turntable's ring (Fig. 12)."""
+        from parapod.sims.levelling_platform.solid import figures
+
         return figures(scenario)
 
     def afterwards(
@@ -175,7 +176,7 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Finding"]]):
         """Draws the workspace for the browser; what is left to do is to wait for its viewers."""
         if not (options.meshcat or options.html):
             return None
-        from parapod.sims.levelling_platform.workspace_pictures import wait
+        from parapod.sims.levelling_platform.solid import wait
 
         meshcat = self.scene(scenario)
         if options.html is not None:

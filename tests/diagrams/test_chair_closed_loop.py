@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.diagrams.walking_chair.closed_loop import make_closed_loop
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario
 from parapod.systems.walking_chair.gait import Walk
 from parapod.systems.walking_chair.masses import Passenger
@@ -36,13 +37,14 @@ def scenario_for(backend="kinematic", **changes):
 
 def run(scenario, until=None, actual=None):
     """Signals of a walk; `actual` is what the station really has."""
-    loop = make_closed_loop(scenario, log=SIGNALS)
-    simulator = Simulator(loop.diagram)
+    loop = ClosedLoop(CHAIR, scenario, log=SIGNALS)
+    simulator = Simulator(loop)
     loop.reset(simulator.get_mutable_context(), actual)
     simulator.Initialize()
     whole = scenario.begin + scenario.gait.walk.duration + scenario.end
     simulator.AdvanceTo(whole if until is None else until)
-    time, signals = loop.recorded(simulator.get_context())
+    recording = loop.recording(simulator.get_context())
+    time, signals = recording.time, recording
     return time, signals
 
 
@@ -140,16 +142,16 @@ def test_a_passenger_who_leans_out_stops_the_gait_before_a_foot_is_lifted():
 def test_a_passenger_who_sits_up_again_is_carried_on():
     leaning = scenario_for("kinematic", passenger__x_mm=100.0, passenger__y_mm=50.0)
     scenario = scenario_for("kinematic")
-    loop = make_closed_loop(scenario, log=SIGNALS)
-    simulator = Simulator(loop.diagram)
+    loop = ClosedLoop(CHAIR, scenario, log=SIGNALS)
+    simulator = Simulator(loop)
     context = simulator.get_mutable_context()
     loop.reset(context, leaning)
     simulator.Initialize()
     simulator.AdvanceTo(8.0)
-    assert loop.recorded(context)[1]["hold"][-1, 0] == 1.0
+    assert loop.recording(context)["hold"][-1, 0] == 1.0
     loop.station.plant.seat(context, Passenger(57.0))
     simulator.AdvanceTo(16.0)
-    signals = loop.recorded(context)[1]
+    signals = loop.recording(context)
     assert signals["hold"][-1, 0] == 0.0
     assert signals["gait_time"][-1, 0] > 7.0
 

@@ -4,11 +4,11 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from parapod.diagrams.idle import idle_inputs
-from parapod.diagrams.walking_chair.closed_loop import make_closed_loop
-from parapod.diagrams.walking_chair.ports import IDLE, INPUTS, OUTPUTS, TRUTH_OUTPUTS
-from parapod.diagrams.walking_chair.scenario import BACKENDS, SIMULATED, ChairScenario
-from parapod.diagrams.walking_chair.station import STATIONS, make_station
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.station import Station
+from parapod.diagrams.walking_chair.machine import CHAIR
+from parapod.diagrams.walking_chair.scenario import SIMULATED, ChairScenario
+from parapod.diagrams.wiring import idle_inputs
 from parapod.systems.walking_chair.gait import starting_lengths
 from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 
@@ -22,39 +22,14 @@ def scenario_for(backend, **changes):
     return scenario
 
 
-def ports_of(diagram):
-    inputs = [diagram.get_input_port(i) for i in range(diagram.num_input_ports())]
-    outputs = [diagram.get_output_port(i) for i in range(diagram.num_output_ports())]
-    return (
-        {port.get_name(): port.size() for port in inputs},
-        {port.get_name(): port.size() for port in outputs},
-    )
-
-
-def sizes(*tables):
-    return {spec.name: spec.size for table in tables for spec in table}
-
-
-def test_every_backend_has_a_station():
-    assert set(STATIONS) == set(BACKENDS)
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_all_backends_have_the_same_ports(backend):
-    inputs, outputs = ports_of(make_station(scenario_for(backend)).diagram)
-    assert inputs == sizes(INPUTS)
-    truth = sizes(TRUTH_OUTPUTS) if backend in SIMULATED else {}
-    assert outputs == sizes(OUTPUTS) | truth
-
-
 class Held:
     """A station whose inputs are held, in a diagram of its own."""
 
     def __init__(self, scenario, command=None):
         builder = DiagramBuilder()
-        self.station = make_station(scenario)
-        builder.AddSystem(self.station.diagram)
-        idle_inputs(builder, self.station.diagram, IDLE if command is None else {})
+        self.station = Station(CHAIR, scenario)
+        builder.AddSystem(self.station)
+        idle_inputs(builder, self.station, {"legs.brake": 1.0} if command is None else {})
         if command is not None:
             source = builder.GetSubsystemByName("idle.legs.velocity_command")
         self.simulator = Simulator(builder.Build())
@@ -65,8 +40,8 @@ class Held:
             source.get_mutable_source_value(own).SetFromVector(command)
 
     def shown(self, name):
-        context = self.station.diagram.GetMyContextFromRoot(self.context)
-        return self.station.diagram.GetOutputPort(name).Eval(context)
+        context = self.station.GetMyContextFromRoot(self.context)
+        return self.station.GetOutputPort(name).Eval(context)
 
 
 @pytest.mark.parametrize("backend", [*SIMULATED, "mock"])
@@ -138,15 +113,15 @@ def test_imperfections_come_from_the_seed():
 @pytest.mark.parametrize("backend", SIMULATED)
 def test_a_station_can_begin_again_with_another_passenger(backend):
     station_scenario = scenario_for(backend)
-    loop = make_closed_loop(station_scenario, log=("truth.force",))
-    simulator = Simulator(loop.diagram)
+    loop = ClosedLoop(CHAIR, station_scenario, log=("truth.force",))
+    simulator = Simulator(loop)
     ends = []
     for mass in (57.0, 20.0, 57.0):
         other = scenario_for(backend, passenger__mass_kg=mass)
         loop.reset(simulator.get_mutable_context(), other)
         simulator.Initialize()
         simulator.AdvanceTo(0.3)
-        _, signals = loop.recorded(simulator.get_context())
+        signals = loop.recording(simulator.get_context())
         ends.append(signals["truth.force"][-1])
     assert ends[1].sum() < 0.75 * ends[0].sum()
     np.testing.assert_allclose(ends[2], ends[0], rtol=1e-6)
@@ -155,8 +130,8 @@ def test_a_station_can_begin_again_with_another_passenger(backend):
 @pytest.mark.parametrize("backend", SIMULATED)
 def test_the_chair_is_drawn(backend):
     meshcat = Meshcat()
-    loop = make_closed_loop(scenario_for(backend), meshcat, log=())
-    simulator = Simulator(loop.diagram)
+    loop = ClosedLoop(CHAIR, scenario_for(backend), meshcat=meshcat, log=())
+    simulator = Simulator(loop)
     loop.reset(simulator.get_mutable_context())
     simulator.Initialize()
     simulator.AdvanceTo(0.05)

@@ -8,14 +8,16 @@ import pytest
 from pydrake.math import RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
-from parapod.diagrams.levelling_platform.deployment import make_deployment
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.levelling_platform.controller import make_supervised_controller
+from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     JobScenario,
     LevellingScenario,
     PlantScenario,
 )
-from parapod.systems.levelling_platform.scripts import Step
+from parapod.systems.levelling_platform.scripts import OperatorScript, Step
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
 from parapod.systems.levelling_platform.supervisor import Command, Phase, Refusal, SupervisorParams
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
@@ -28,20 +30,31 @@ SWING = math.radians(45.0)
 ORDER = ["TRANSPORT", "BRAKE", "LOWER", "TOUCHDOWN", "ESTIMATE", "POSTURE", "HOLD"]
 
 
+def make_deployment(scenario, steps, posture, **options):
+    """The platform with its supervisor and an operator."""
+    return ClosedLoop(
+        PLATFORM,
+        scenario,
+        controller=make_supervised_controller(scenario),
+        sources=[OperatorScript(steps, posture, scenario.control.period)],
+        **options,
+    )
+
+
 def run(scenario, steps, until, seconds):
     """Records a deployment until `until(phases)` of the phases so far, at most some seconds."""
     loop = make_deployment(scenario, steps, (0.0, 0.0, HEIGHT))
-    simulator = Simulator(loop.diagram)
+    simulator = Simulator(loop)
     context = simulator.get_mutable_context()
     loop.reset(context)
     simulator.Initialize()
     while context.get_time() < seconds:
         simulator.AdvanceTo(context.get_time() + 0.5)
-        time, signals = loop.recorded(context)
+        signals = loop.recording(context)
         if until(signals):
             break
     phases = [Phase(int(p)) for p in signals["phase"][:, 0]]
-    return SimpleNamespace(time=time, signals=signals, phases=np.array(phases))
+    return SimpleNamespace(time=signals.time, signals=signals, phases=np.array(phases))
 
 
 def scenario_of(backend, **plant):

@@ -8,8 +8,9 @@ import pytest
 from parapod.diagrams.drivers.driver import PartPorts
 from parapod.diagrams.drivers.epos2 import Epos2Legs, Epos2Wheels
 from parapod.diagrams.scenario import dump_scenario, load_scenario
+from parapod.diagrams.station import Station
+from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.diagrams.walking_chair.station import make_station
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.emulators.harness import Harness
 from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
@@ -95,7 +96,7 @@ def test_settings_that_do_not_fit_together_are_refused_with_the_driver(driver, s
     scenario = ChairScenario(backend="hardware")
     scenario.hardware.drivers = [driver]
     with pytest.raises(ScenarioError) as caught:
-        make_station(scenario)
+        Station(CHAIR, scenario)
     text = str(caught.value)
     assert text.startswith(f"hardware.drivers: !Epos2Legs of legs: {said}")
     assert "\n" not in text

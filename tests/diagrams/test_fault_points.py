@@ -6,22 +6,21 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from parapod.diagrams.fault_scenario import FaultScenario
-from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
-from parapod.diagrams.levelling_platform.deployment import make_deployment
-from parapod.diagrams.levelling_platform.fault_points import FaultPoints
-from parapod.diagrams.levelling_platform.plants import PLANTS
-from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUTPUTS
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.faults import FaultPoints
+from parapod.diagrams.levelling_platform.controller import make_supervised_controller
+from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     JobScenario,
     LevellingScenario,
+    PlatformFault,
 )
-from parapod.diagrams.levelling_platform.station import make_station
+from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.fault_detection import RULES, Finding
-from parapod.systems.levelling_platform.scripts import Step
+from parapod.systems.levelling_platform.scripts import OperatorScript, Step
 from parapod.systems.levelling_platform.supervisor import Phase
 
 PERIOD = 0.01
@@ -35,7 +34,7 @@ PORTS = (
     "legs.voltage",
     "posture_command",
 )
-IDLE = [FaultScenario(at=NEVER, target=name) for name in PORTS]
+IDLE = [PlatformFault(at=NEVER, target=name) for name in PORTS]
 DRIVING = [Step(Phase.TRANSPORT, 0.1, drive=(0.3, 0.0))]
 
 
@@ -53,13 +52,24 @@ def on_wheels(faults=()):
     )
 
 
+def make_deployment(scenario, steps, posture, **options):
+    """The platform with its supervisor and an operator."""
+    return ClosedLoop(
+        PLATFORM,
+        scenario,
+        controller=make_supervised_controller(scenario),
+        sources=[OperatorScript(steps, posture, scenario.control.period)],
+        **options,
+    )
+
+
 def simulate(loop, until=1.5, scenario=None):
-    simulator = Simulator(loop.diagram)
+    simulator = Simulator(loop)
     context = simulator.get_mutable_context()
     loop.reset(context, scenario)
     simulator.Initialize()
     simulator.AdvanceTo(until)
-    return loop.recorded(context)[1]
+    return loop.recording(context)
 
 
 def injectors_of(diagram):
@@ -77,8 +87,11 @@ def assert_same(signals, others):
 def test_without_faults_a_port_is_seen_as_it_is():
     builder = DiagramBuilder()
     source = add(builder, ConstantVectorSource(np.full(4, 0.4)))
-    faults = FaultPoints(builder, PERIOD)
-    assert faults.seen(source.get_output_port(), "legs.extension") is source.get_output_port()
+    faults = FaultPoints(builder, PLATFORM.targets, PERIOD)
+    assert (
+        faults.seen(source.get_output_port(), PLATFORM.table["legs.extension"])
+        is source.get_output_port()
+    )
     assert builder.GetSystems() == [source]
     assert faults.injectors == faults.ports() == {}
 
@@ -87,36 +100,43 @@ def test_faults_of_other_ports_add_nothing_to_this_one():
     builder = DiagramBuilder()
     source = add(builder, ConstantVectorSource(np.full(4, 0.4)))
     faults = FaultPoints(
-        builder, PERIOD, [FaultScenario(target="imu.gyro")], injectable=["imu.accel"]
+        builder,
+        PLATFORM.targets,
+        PERIOD,
+        [PlatformFault(target="imu.gyro")],
+        injectable=["imu.accel"],
     )
-    assert faults.seen(source.get_output_port(), "legs.extension") is source.get_output_port()
+    assert (
+        faults.seen(source.get_output_port(), PLATFORM.table["legs.extension"])
+        is source.get_output_port()
+    )
     assert builder.GetSystems() == [source]
 
 
 def test_diagrams_without_faults_have_no_injectors():
     for loop in (
-        make_closed_loop(scenario_of(), log=()),
+        ClosedLoop(PLATFORM, scenario_of(), log=()),
         make_deployment(on_wheels(), (), POSTURE, log=()),
     ):
-        assert injectors_of(loop.diagram) == set()
-        assert not loop.diagram.HasSubsystemNamed("ages")
+        assert injectors_of(loop) == set()
+        assert not loop.HasSubsystemNamed("ages")
         assert loop.faults.injectors == {}
 
 
 @pytest.mark.parametrize("target", PORTS)
 def test_a_fault_adds_the_injector_of_its_port_alone(target):
-    fault = FaultScenario(target=target)
+    fault = PlatformFault(target=target)
     for loop in (
-        make_closed_loop(scenario_of([fault]), log=()),
+        ClosedLoop(PLATFORM, scenario_of([fault]), log=()),
         make_deployment(on_wheels([fault]), (), POSTURE, log=()),
         make_deployment(on_wheels(), (), POSTURE, log=(), injectable=[target]),
     ):
-        assert injectors_of(loop.diagram) == {f"fault.{target}"}
+        assert injectors_of(loop) == {f"fault.{target}"}
 
 
 def test_faults_of_the_supply_go_through_the_voltages_injector():
-    loop = make_closed_loop(scenario_of([FaultScenario(target="supply")]), log=())
-    assert injectors_of(loop.diagram) == {"fault.legs.voltage"}
+    loop = ClosedLoop(PLATFORM, scenario_of([PlatformFault(target="supply")]), log=())
+    assert injectors_of(loop) == {"fault.legs.voltage"}
 
 
 # Idle
@@ -124,12 +144,12 @@ def test_faults_of_the_supply_go_through_the_voltages_injector():
 
 @pytest.fixture(scope="module")
 def faultless():
-    return simulate(make_closed_loop(scenario_of()))
+    return simulate(ClosedLoop(PLATFORM, scenario_of()))
 
 
 @pytest.fixture(scope="module")
 def idle_loop():
-    return make_closed_loop(scenario_of(IDLE))
+    return ClosedLoop(PLATFORM, scenario_of(IDLE))
 
 
 def test_idle_injectors_change_no_bit_of_a_closed_loop(idle_loop, faultless):
@@ -152,7 +172,7 @@ def test_idle_injectors_change_no_bit_of_a_deployment():
 
 
 def test_faults_set_by_a_reset_act_and_the_next_reset_takes_them_back(idle_loop, faultless):
-    stuck = FaultScenario(at=1.0, target="legs.extension", index=1, kind="stuck")
+    stuck = PlatformFault(at=1.0, target="legs.extension", index=1, kind="stuck")
     faulty = simulate(idle_loop, scenario=scenario_of([stuck]))
     # Up to the fault nothing differs, and it is logged from its first sample on.
     for name, samples in faultless.items():
@@ -167,25 +187,25 @@ def test_faults_set_by_a_reset_act_and_the_next_reset_takes_them_back(idle_loop,
 
 
 def test_the_same_faults_built_in_or_set_later_do_the_same(idle_loop):
-    garbage = [FaultScenario(at=0.8, target="imu.gyro", index=0, kind="garbage", duration=0.2)]
-    built = simulate(make_closed_loop(scenario_of(garbage)))
+    garbage = [PlatformFault(at=0.8, target="imu.gyro", index=0, kind="garbage", duration=0.2)]
+    built = simulate(ClosedLoop(PLATFORM, scenario_of(garbage)))
     assert_same(simulate(idle_loop, scenario=scenario_of(garbage)), built)
     assert built["fault.imu.gyro.changed"][-1] == 1.0
 
 
 @pytest.mark.parametrize("target", ["imu.gyro", "legs.limits", "posture_command"])
 def test_a_port_without_an_injector_is_refused_by_its_name(target):
-    loop = make_closed_loop(scenario_of([FaultScenario(at=NEVER)]), log=())
-    context = loop.diagram.CreateDefaultContext()
+    loop = ClosedLoop(PLATFORM, scenario_of([PlatformFault(at=NEVER)]), log=())
+    context = loop.CreateDefaultContext()
     with pytest.raises(ScenarioError, match=rf"port {target} .*without an injector") as refused:
-        loop.reset(context, scenario_of([FaultScenario(target=target)]))
+        loop.reset(context, scenario_of([PlatformFault(target=target)]))
     assert refused.value.key == "faults"
 
 
 def test_what_is_set_is_checked_as_in_a_scenario(idle_loop):
-    context = idle_loop.diagram.CreateDefaultContext()
+    context = idle_loop.CreateDefaultContext()
     with pytest.raises(ScenarioError, match=r"faults\.0\.index = 7 is outside"):
-        idle_loop.faults.set_faults(context, [FaultScenario(index=7)])
+        idle_loop.faults.set_faults(context, [PlatformFault(index=7)])
 
 
 @pytest.mark.parametrize(
@@ -198,7 +218,7 @@ def test_what_is_set_is_checked_as_in_a_scenario(idle_loop):
 )
 def test_devices_that_publish_nothing_grow_old(target, finding):
     """What the station says about the age is not all that a controller sees."""
-    off = FaultScenario(at=0.2, target=target, kind="off")
+    off = PlatformFault(at=0.2, target=target, kind="off")
     loop = make_deployment(on_wheels([off]), (), POSTURE, log=("findings",))
     findings = simulate(loop, 0.4)["findings"]
     first = PERIOD * int(np.argmax(findings[:, finding] > 0.5))
@@ -206,8 +226,8 @@ def test_devices_that_publish_nothing_grow_old(target, finding):
 
 
 def test_a_command_can_fail_on_its_way_to_the_legs():
-    off = FaultScenario(at=0.8, target="supply", kind="off")
-    signals = simulate(make_closed_loop(scenario_of([off])))
+    off = PlatformFault(at=0.8, target="supply", kind="off")
+    signals = simulate(ClosedLoop(PLATFORM, scenario_of([off])))
     assert not signals["legs.voltage"][81:].any()
     assert np.ptp(signals["truth.extension"][84:], axis=0).max() == 0.0
 
@@ -216,15 +236,15 @@ def test_a_command_can_fail_on_its_way_to_the_legs():
 
 
 def stations():
-    for backend in PLANTS:
+    for backend in PLATFORM.plants:
         scenario = scenario_of(backend=backend)
         scenario.plant.leg_model = "reduced"
-        yield pytest.param(make_station(scenario), id=backend)
+        yield pytest.param(Station(PLATFORM, scenario), id=backend)
 
 
 @pytest.mark.parametrize("station", list(stations()))
 def test_a_stop_cuts_the_actuators_supply(station):
-    diagram = station.diagram
+    diagram = station
     builder = DiagramBuilder()
     add(builder, diagram)
     for i in range(diagram.num_input_ports()):
@@ -236,7 +256,7 @@ def test_a_stop_cuts_the_actuators_supply(station):
     station.reset(context)
 
     def ways(until, **inputs):
-        for spec in INPUTS:
+        for spec in PLATFORM.inputs:
             value = inputs.get(spec.name.replace(".", "_"), 0.0)
             whole.GetInputPort(spec.name).FixValue(context, np.full(spec.size, value))
         simulator.AdvanceTo(until)
@@ -246,16 +266,3 @@ def test_a_stop_cuts_the_actuators_supply(station):
     assert (ways(0.15, legs_voltage=-2.0) > 5e-4).all()
     assert (ways(0.35, legs_voltage=-2.0, legs_stop=1.0) < 1e-9).all()
     assert (ways(0.5, legs_voltage=-2.0) > 5e-4).all()
-
-
-def test_the_stop_is_a_port_of_every_backend():
-    sizes = []
-    for parameter in stations():
-        diagram = parameter.values[0].diagram
-        inputs = map(diagram.get_input_port, range(diagram.num_input_ports()))
-        outputs = map(diagram.get_output_port, range(diagram.num_output_ports()))
-        sizes.append([{port.get_name(): port.size() for port in p} for p in (inputs, outputs)])
-    assert sizes[0] == sizes[1]
-    assert sizes[0][0] == {spec.name: spec.size for spec in INPUTS}
-    assert sizes[0][1] == {spec.name: spec.size for spec in (*OUTPUTS, *TRUTH_OUTPUTS)}
-    assert sizes[0][0]["legs.stop"] == 1

@@ -6,22 +6,24 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from parapod.diagrams.fault_scenario import (
-    KINDS,
-    TARGETS,
-    FaultScenario,
-    check_faults,
-    make_fault_injector,
-)
-from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS
+from parapod.diagrams import faults as faults_module
+from parapod.diagrams.faults import KINDS, make_fault_injector
+from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.scenario import PlatformFault
 from parapod.diagrams.scenario import check, dump_scenario, load_scenario
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.safety.faults import Fault, FaultKind
 
+TARGETS = PLATFORM.targets
+
+
+def check_faults(*arguments, **options):
+    return faults_module.check_faults(TARGETS, *arguments, **options)
+
 
 @dataclass
 class Scenario:
-    faults: list[FaultScenario] = field(default_factory=list)
+    faults: list[PlatformFault] = field(default_factory=list)
 
 
 @pytest.fixture
@@ -53,7 +55,7 @@ def refusal(load):
 
 def made(**settings):
     """The only fault that a scenario with these settings becomes."""
-    ((fault,),) = check_faults([FaultScenario(**settings)]).values()
+    ((fault,),) = check_faults([PlatformFault(**settings)]).values()
     return fault
 
 
@@ -62,7 +64,7 @@ def made(**settings):
 
 def test_a_fault_is_read_from_yaml(load):
     (scenario,) = load("faults: [{at: 12.0, target: legs.extension, index: 2, kind: stuck}]\n")
-    assert scenario == FaultScenario(at=12.0, target="legs.extension", index=2, kind="stuck")
+    assert scenario == PlatformFault(at=12.0, target="legs.extension", index=2, kind="stuck")
     assert check_faults([scenario]) == {
         "legs.extension": (made(at=12.0, target="legs.extension", index=2, kind="stuck"),)
     }
@@ -78,9 +80,9 @@ def test_an_override_reaches_a_fault(load):
 
 def test_a_dumped_scenario_loads_as_an_equal_one(load):
     faults = [
-        FaultScenario(),
-        FaultScenario(3.0, "imu.gyro", 1, "wrong", 2.5, 0.1, -1.0),
-        FaultScenario(kind=FaultKind.DELAYED, value=0.3),
+        PlatformFault(),
+        PlatformFault(3.0, "imu.gyro", 1, "wrong", 2.5, 0.1, -1.0),
+        PlatformFault(kind=FaultKind.DELAYED, value=0.3),
     ]
     text = dump_scenario(Scenario(faults))
     assert "kind: delayed\n" in text
@@ -89,7 +91,7 @@ def test_a_dumped_scenario_loads_as_an_equal_one(load):
 
 
 def test_off_in_quotes_is_a_word(load):
-    assert load("faults: [{kind: 'off'}, {kind: \"off\"}]\n") == [FaultScenario(kind="off")] * 2
+    assert load("faults: [{kind: 'off'}, {kind: \"off\"}]\n") == [PlatformFault(kind="off")] * 2
 
 
 def test_no_faults_are_no_faults(load):
@@ -101,23 +103,23 @@ def test_no_faults_are_no_faults(load):
 
 
 def test_targets_are_ports_of_the_station_with_their_sizes():
-    sizes = {spec.name: spec.size for spec in (*INPUTS, *OUTPUTS)}
+    sizes = {spec.name: spec.size for spec in (*PLATFORM.inputs, *PLATFORM.outputs)}
     for name, target in TARGETS.items():
         if name == "supply":
-            assert (target.port, target.size) == ("legs.voltage", sizes["legs.voltage"])
+            assert (target.point, target.port.size) == ("legs.voltage", sizes["legs.voltage"])
         elif name == "posture_command":
-            assert (target.port, target.size) == ("posture_command", 3)
+            assert (target.point, target.port.size) == ("posture_command", 3)
         else:
-            assert (target.port, target.size) == (name, sizes[name])
+            assert (target.point, target.port.size) == (name, sizes[name])
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("target", TARGETS)
 def test_every_kind_fits_every_target_and_can_be_seen(target, kind):
     at = 0.05
-    found = check_faults([FaultScenario(at=at, target=target, kind=kind)])
+    found = check_faults([PlatformFault(at=at, target=target, kind=kind)])
     ((port, faults),) = found.items()
-    injector = make_fault_injector(port, 0.01)
+    injector = make_fault_injector(TARGETS[port], 0.01)
     context = injector.CreateDefaultContext()
     injector.set_faults(context, faults)
     random = np.random.default_rng(0)
@@ -125,7 +127,7 @@ def test_every_kind_fits_every_target_and_can_be_seen(target, kind):
         context.SetTime(k * 0.01)
         # Values in the middle, so that what is on or off is not so by chance.
         share = random.uniform(0.4, 0.6, injector.size)
-        low, high = np.array(TARGETS[target].low), np.array(TARGETS[target].high)
+        low, high = np.array(TARGETS[target].span.low), np.array(TARGETS[target].span.high)
         signal = random.integers(0, 2, injector.size) if injector.is_binary else None
         injector.get_input_port().FixValue(
             context, low + share * (high - low) if signal is None else signal.astype(float)
@@ -139,9 +141,9 @@ def test_every_kind_fits_every_target_and_can_be_seen(target, kind):
 def test_the_supply_is_all_drives_at_once_and_counts_last():
     found = check_faults(
         [
-            FaultScenario(target="supply", kind="off"),
-            FaultScenario(target="imu.accel"),
-            FaultScenario(target="legs.voltage", kind="stuck", index=0),
+            PlatformFault(target="supply", kind="off"),
+            PlatformFault(target="imu.accel"),
+            PlatformFault(target="legs.voltage", kind="stuck", index=0),
         ]
     )
     assert set(found) == {"legs.voltage", "imu.accel"}
@@ -152,7 +154,9 @@ def test_the_supply_is_all_drives_at_once_and_counts_last():
 
 
 def test_a_command_that_is_off_is_no_number():
-    injector = make_fault_injector("posture_command", 0.01, [made(target="posture_command")])
+    injector = make_fault_injector(
+        TARGETS["posture_command"], 0.01, [made(target="posture_command")]
+    )
     context = injector.CreateDefaultContext()
     injector.get_input_port().FixValue(context, [0.0, 0.0, 0.477])
     assert np.isnan(injector.GetOutputPort("faulted").Eval(context)).all()
@@ -160,15 +164,15 @@ def test_a_command_that_is_off_is_no_number():
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_garbage_is_plausible(target):
-    (port,) = check_faults([FaultScenario(target=target, kind="garbage")])
-    injector = make_fault_injector(port, 0.01, [Fault(FaultKind.GARBAGE)])
+    (port,) = check_faults([PlatformFault(target=target, kind="garbage")])
+    injector = make_fault_injector(TARGETS[port], 0.01, [Fault(FaultKind.GARBAGE)])
     context = injector.CreateDefaultContext()
     injector.get_input_port().FixValue(context, np.zeros(injector.size))
     for k in range(50):
         context.SetTime(0.01 * k)
         shown = injector.GetOutputPort("faulted").Eval(context)
-        assert (shown >= TARGETS[target].low).all()
-        assert (shown <= TARGETS[target].high).all()
+        assert (shown >= TARGETS[target].span.low).all()
+        assert (shown <= TARGETS[target].span.high).all()
 
 
 # What a fault becomes
@@ -210,7 +214,7 @@ def test_a_wrong_value_is_off_by_what_is_said_or_by_the_targets_default(settings
 
 
 def test_each_fault_has_its_own_seed_that_follows_from_the_scenarios():
-    faults = [FaultScenario(kind="garbage"), FaultScenario(kind="garbage")]
+    faults = [PlatformFault(kind="garbage"), PlatformFault(kind="garbage")]
 
     def seeds(scenario_faults, seed):
         return [fault.seed for fault in check_faults(scenario_faults, seed)["legs.extension"]]
@@ -314,15 +318,15 @@ def test_what_cannot_be_is_refused_in_one_line_with_what_can(refusal, fault, key
 )
 def test_a_wrong_fault_made_in_python_is_refused(settings, key):
     with pytest.raises(ScenarioError) as caught:
-        check_faults([FaultScenario(**settings)])
+        check_faults([PlatformFault(**settings)])
     assert caught.value.key == key
 
 
 def test_the_key_says_where_the_faults_are():
     with pytest.raises(ScenarioError) as caught:
-        check_faults([FaultScenario(index=9)], key="cells.3.faults")
+        check_faults([PlatformFault(index=9)], key="cells.3.faults")
     assert caught.value.key == "cells.3.faults.0.index"
 
 
 def test_a_kind_of_the_enum_passes_the_check():
-    check(Scenario([FaultScenario(kind=FaultKind.GARBAGE)]))
+    check(Scenario([PlatformFault(kind=FaultKind.GARBAGE)]))

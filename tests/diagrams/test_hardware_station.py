@@ -13,6 +13,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import InputPortIndex, OutputPortIndex
 
+from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.drivers.driver import Driver, PartPorts
 from parapod.diagrams.hardware_scenario import (
     Adis16448SpiImu,
@@ -23,10 +24,9 @@ from parapod.diagrams.hardware_scenario import (
     NotFittedPart,
     SabertoothLegs,
 )
-from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
-from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUTPUTS
-from parapod.diagrams.levelling_platform.scenario import BACKENDS, SIMULATED, LevellingScenario
-from parapod.diagrams.levelling_platform.station import STATIONS, make_station
+from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.station import Station
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
 from parapod.systems.hardware.emulators.harness import Harness
@@ -124,36 +124,6 @@ def described(diagram):
     ]
 
 
-@pytest.fixture(scope="module")
-def ports():
-    """Of the station of each backend."""
-    return {
-        backend: described(make_station(LevellingScenario(backend=backend)).diagram)
-        for backend in BACKENDS
-    }
-
-
-def test_all_backends_have_a_station():
-    assert set(STATIONS) == set(BACKENDS) == {"kinematic", "multibody", "mock", "hardware"}
-
-
-def test_all_backends_have_equal_ports_by_name_size_and_type(ports):
-    for backend, (inputs, outputs) in ports.items():
-        assert inputs == ports["hardware"][0], backend
-        observed = {port for port in outputs if not port[0].startswith("truth.")}
-        assert observed == ports["hardware"][1], backend
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_every_port_is_in_the_table_with_unit_and_meaning(ports, backend):
-    inputs, outputs = ({(name, size) for name, size, _ in side} for side in ports[backend])
-    truth = TRUTH_OUTPUTS if backend in SIMULATED else ()
-    specs = (*OUTPUTS, *truth)
-    assert inputs == {(spec.name, spec.size) for spec in INPUTS}
-    assert outputs == {(spec.name, spec.size) for spec in specs}
-    assert all(spec.unit.strip() and spec.meaning.strip() for spec in (*INPUTS, *specs))
-
-
 # What makes no machine
 
 
@@ -242,7 +212,7 @@ CARD = "PXIe-6363 PXI1Slot2 at unix:"
 )
 def test_drivers_that_make_no_machine_are_refused_in_one_line(drivers, said):
     with pytest.raises(ScenarioError) as caught:
-        make_station(scenario_of(*drivers))
+        Station(PLATFORM, scenario_of(*drivers))
     text = str(caught.value)
     assert "\n" not in text
     assert re.fullmatch(rf"(hardware.drivers: )?{said}", text), text
@@ -250,14 +220,14 @@ def test_drivers_that_make_no_machine_are_refused_in_one_line(drivers, said):
 
 
 def test_two_drivers_may_take_the_same_command():
-    station = make_station(scenario_of(*with_fakes(NiDaqEncoders(), SabertoothLegs())))
-    taken = [set(thread.device.commands) for thread in station.parts.threads["legs"]]
+    station = Station(PLATFORM, scenario_of(*with_fakes(NiDaqEncoders(), SabertoothLegs())))
+    taken = [set(thread.device.commands) for thread in station.behind.handle.threads["legs"]]
     assert all("stop" in commands for commands in taken)
 
 
 def test_a_part_that_is_not_fitted_has_its_ports_and_shows_zeros():
-    station = make_station(scenario_of(*with_fakes(NotFittedPart("wheels"))))
-    (thread,) = station.parts.threads["wheels"]
+    station = Station(PLATFORM, scenario_of(*with_fakes(NotFittedPart("wheels"))))
+    (thread,) = station.behind.handle.threads["wheels"]
     assert thread.device.read() == {"position": (0.0,) * 4, "velocity": (0.0,) * 4}
     assert dict(thread.device.commands) == {"velocity_command": 4, "brake": 1}
 
@@ -278,7 +248,8 @@ def test_building_opens_nothing_and_imports_no_drivers_library(tmp_path):
         import sys
         from parapod.diagrams.hardware_scenario import DRIVERS, HardwareScenario
         from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-        from parapod.diagrams.levelling_platform.station import make_station
+        from parapod.diagrams.levelling_platform.machine import PLATFORM
+        from parapod.diagrams.station import Station
 
         opened = []
 
@@ -299,7 +270,7 @@ def test_building_opens_nothing_and_imports_no_drivers_library(tmp_path):
         sys.addaudithook(hook)
         for drivers in machines:
             hardware = HardwareScenario(drivers)
-            make_station(LevellingScenario(backend="hardware", hardware=hardware))
+            Station(PLATFORM, LevellingScenario(backend="hardware", hardware=hardware))
         assert not opened, opened
         print(*sorted({name.partition(".")[0] for name in sys.modules} & set(sys.argv[1:])))
     """
@@ -333,14 +304,14 @@ def test_without_the_optional_libraries_everything_is_imported_and_simulation_wo
         from rich.console import Console
         from parapod.diagrams.levelling_platform.scenario import LevellingScenario
         from parapod.sims.lab.experiment import RunOptions
-        from parapod.sims.levelling_platform.level import run
+        from parapod.sims.levelling_platform.level import Level
 
         scenario = LevellingScenario(backend="kinematic")
         scenario.ground.roll_deg, scenario.ground.pitch_deg = 0.3, 0.2
         scenario.job.initial_extension_mm, scenario.job.estimate_at = 405.0, 1.5
         scenario.job.settled_after, scenario.job.end = 1.5, 2.0
         scenario.job.arm.start, scenario.job.arm.duration = 0.5, 0.5
-        result = run(scenario, RunOptions(console=Console(file=io.StringIO())))
+        result = Level("level").execute(scenario, RunOptions(console=Console(file=io.StringIO())))
         print(result.as_json()["ground_roll_error_deg"])
     """
     out = python(textwrap.dedent(BLOCKED) + textwrap.dedent(code), *LIBRARIES)
@@ -353,7 +324,8 @@ def test_without_its_library_every_driver_says_what_to_install(tmp_path):
         from parapod.diagrams.drivers.driver import Driver
         from parapod.diagrams.hardware_scenario import *
         from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-        from parapod.diagrams.levelling_platform.station import make_station
+        from parapod.diagrams.levelling_platform.machine import PLATFORM
+        from parapod.diagrams.station import Station
         from parapod.systems.core.errors import MissingExtra
         from parapod.systems.hardware.not_fitted import NotFitted
 
@@ -368,7 +340,7 @@ def test_without_its_library_every_driver_says_what_to_install(tmp_path):
         def said(*drivers):
             parts = {"arm", "imu", "legs", "turntable", "wheels"} - {d.part for d in drivers}
             hardware = HardwareScenario([*drivers, *map(_Still, sorted(parts))])
-            station = make_station(LevellingScenario(backend="hardware", hardware=hardware))
+            station = Station(PLATFORM, LevellingScenario(backend="hardware", hardware=hardware))
             try:
                 with station.active():
                     return "active"
@@ -416,7 +388,7 @@ def events(diary, *names):
 
 
 def active_parts(diary, **fails):
-    return make_station(scenario_of(*fakes(diary, **fails)))
+    return Station(PLATFORM, scenario_of(*fakes(diary, **fails)))
 
 
 def test_all_devices_are_configured_before_any_is_activated():
@@ -493,7 +465,7 @@ def test_a_station_can_be_active_again():
     station = active_parts(diary)
     for _ in range(2):
         with station.active():
-            station.reset(station.diagram.CreateDefaultContext())
+            station.reset(station.CreateDefaultContext())
     assert [event for _, event in events(diary, "configure", "activate")] == [
         *["configure"] * len(PARTS),
         *["activate"] * len(PARTS),
@@ -507,7 +479,7 @@ def test_a_station_can_be_active_again():
 def loop():
     scenario = scenario_of(*fakes())
     scenario.job.estimate_at = 0.5
-    return make_closed_loop(scenario, log=())
+    return ClosedLoop(PLATFORM, scenario, log=())
 
 
 def shown(loop, context, name):
@@ -517,11 +489,11 @@ def shown(loop, context, name):
 
 def test_a_station_that_is_not_active_does_not_begin(loop):
     with pytest.raises(DeviceError, match=r"fake \w+: no sample yet"):
-        loop.reset(loop.diagram.CreateDefaultContext())
+        loop.reset(loop.CreateDefaultContext())
 
 
 def test_the_loop_begins_with_measurements(loop):
-    context = loop.diagram.CreateDefaultContext()
+    context = loop.CreateDefaultContext()
     assert not shown(loop, context, "legs.extension").any()
     with loop.station.active():
         loop.reset(context)
@@ -532,9 +504,9 @@ def test_the_loop_begins_with_measurements(loop):
 
 
 def test_the_loop_begins_with_neutral_commands_and_without_a_jump(loop):
-    simulator = Simulator(loop.diagram)
+    simulator = Simulator(loop)
     context = simulator.get_mutable_context()
-    (legs,) = loop.station.parts.threads["legs"]
+    (legs,) = loop.station.behind.handle.threads["legs"]
     period = loop.station.scenario.control.period
     voltages, valid = [], []
     with loop.station.active():
@@ -568,7 +540,7 @@ def emulated_card(tmp_path, monkeypatch):
         files = ("emulator/extensions.json", "mine.json")
         for file in files:
             (tmp_path / file).write_text('{"extension_m": null}')
-        harness = Harness({spec.name: spec.size for spec in (*INPUTS, *OUTPUTS)})
+        harness = Harness({spec.name: spec.size for spec in (*PLATFORM.inputs, *PLATFORM.outputs)})
         harness.set("legs.extension", EXTENSION)
         driver.emulate(harness, Misbehaviour())
         return {file: json.loads((tmp_path / file).read_text())["extension_m"] for file in files}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.sims.walking_chair.circle import LegLoopParams, make_leg_loop
+from parapod.diagrams.walking_chair.leg_loop import LegLoopParams, make_leg_loop
 from parapod.systems.actuators.compound_position_controller import MODES
 from parapod.systems.walking_chair.leg import leg_inverse
 from parapod.systems.walking_chair.trajectories import FootCircle

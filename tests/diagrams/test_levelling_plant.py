@@ -10,14 +10,15 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,
     SensorScenario,
 )
-from parapod.diagrams.levelling_platform.station import make_station
+from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_motion, foot_to_centre
@@ -67,14 +68,14 @@ def levelling():
         key = leg_model, time_step
         if key not in runs:
             scenario = perfect_scenario(leg_model=leg_model, time_step=time_step)
-            loop = make_closed_loop(scenario, log=LOG)
-            simulator = Simulator(loop.diagram)
+            loop = ClosedLoop(PLATFORM, scenario, log=LOG)
+            simulator = Simulator(loop)
             context = simulator.get_mutable_context()
             loop.reset(context)
             simulator.Initialize()
             simulator.AdvanceTo(BEGIN + 3.0)
-            time, signals = loop.recorded(context)
-            runs[key] = signals | {"t": time}
+            recording = loop.recording(context)
+            runs[key] = dict(recording) | {"t": recording.time}
         return runs[key]
 
     return get
@@ -132,19 +133,19 @@ class Standing:
     def __init__(self, variant, ground):
         scenario = perfect_scenario(ground, leg_model=variant)
         self.ground = scenario.ground.inclination
-        self.station = make_station(scenario)
-        self.model = self.station.model
-        simulator = Simulator(self.station.diagram)
+        self.station = Station(PLATFORM, scenario)
+        self.model = self.station.behind.handle.model
+        simulator = Simulator(self.station)
         self.root = simulator.get_mutable_context()
         self.station.reset(self.root)
-        for i in range(self.station.diagram.num_input_ports()):
-            port = self.station.diagram.get_input_port(i)
+        for i in range(self.station.num_input_ports()):
+            port = self.station.get_input_port(i)
             port.FixValue(self.root, np.zeros(port.size()))
         simulator.Initialize()
         simulator.AdvanceTo(STOOD)
 
     def read(self, name):
-        return np.array(self.station.diagram.GetOutputPort(name).Eval(self.root))
+        return np.array(self.station.GetOutputPort(name).Eval(self.root))
 
     def leg_weights(self, extension):
         """Potential energy of each leg's own parts if the platform were held [J]."""
@@ -219,13 +220,13 @@ def quasi_static(ground, *names):
     """Truth of the kinematic backend at rest."""
     scenario = perfect_scenario(ground)
     scenario.backend = "kinematic"
-    station = make_station(scenario)
-    root = station.diagram.CreateDefaultContext()
+    station = Station(PLATFORM, scenario)
+    root = station.CreateDefaultContext()
     station.reset(root)
-    for i in range(station.diagram.num_input_ports()):
-        port = station.diagram.get_input_port(i)
+    for i in range(station.num_input_ports()):
+        port = station.get_input_port(i)
         port.FixValue(root, np.zeros(port.size()))
-    ports = [station.diagram.GetOutputPort(f"truth.{name}") for name in names]
+    ports = [station.GetOutputPort(f"truth.{name}") for name in names]
     return [np.array(port.Eval(root)) for port in ports]
 
 

@@ -1,32 +1,25 @@
 """The station through its ports: the same for every backend, honest about the machine behind."""
 
 import math
-import re
 
 import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPortIndex
-from pydrake.systems.primitives import ConstantVectorSource
 
-from parapod.diagrams.levelling_platform.controller import make_controller
-from parapod.diagrams.levelling_platform.plants import PLANTS
-from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUTPUTS
+from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,
     SensorScenario,
 )
-from parapod.diagrams.levelling_platform.station import STATIONS, make_station
-from parapod.diagrams.wiring import add, connect
+from parapod.diagrams.station import Station
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
-from parapod.systems.core.errors import ScenarioError, WiringError
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.sensors.imu import ImuParams
 
-BACKENDS = tuple(PLANTS)
-SPECS = (*INPUTS, *OUTPUTS, *TRUTH_OUTPUTS)
+BACKENDS = tuple(PLATFORM.plants)
+SPECS = (*PLATFORM.inputs, *PLATFORM.outputs, *PLATFORM.truth)
 PERIOD = LevellingScenario().control.period
 IMU_PERIOD = 8.0 / 819.2
 REAR, FRONT = [0, 1], [2, 3]
@@ -52,26 +45,26 @@ class Machine:
     """A station on its feet whose inputs are set, and whose outputs are read, by port name."""
 
     def __init__(self, scenario):
-        self.station = make_station(scenario)
-        self.simulator = Simulator(self.station.diagram)
+        self.station = Station(PLATFORM, scenario)
+        self.simulator = Simulator(self.station)
         self.context = self.simulator.get_mutable_context()
         self.reset()
 
     def reset(self, scenario=None):
-        self.station.diagram.SetDefaultContext(self.context)
+        self.station.SetDefaultContext(self.context)
         self.context.SetTime(0.0)
-        for spec in INPUTS:
+        for spec in PLATFORM.inputs:
             self.set(spec.name, np.zeros(spec.size))
         self.set("wheels.brake", 1.0)
         self.station.reset(self.context, scenario)
         self.simulator.Initialize()
 
     def set(self, name, value):
-        port = self.station.diagram.GetInputPort(name)
+        port = self.station.GetInputPort(name)
         port.FixValue(self.context, np.broadcast_to(value, port.size()).astype(float))
 
     def read(self, name):
-        return np.array(self.station.diagram.GetOutputPort(name).Eval(self.context))
+        return np.array(self.station.GetOutputPort(name).Eval(self.context))
 
     def run(self, duration):
         self.simulator.AdvanceTo(self.context.get_time() + duration)
@@ -93,12 +86,12 @@ class Machine:
 
     def parameter(self, system):
         """The numbers drawn for a system of the station."""
-        part = self.station.diagram.GetSubsystemByName(system)
+        part = self.station.GetSubsystemByName(system)
         return part.GetMyContextFromRoot(self.context).get_numeric_parameter(0).CopyToVector()
 
     def joints(self, *names):
         """Angles and rates of the multibody plant's joints."""
-        plant = self.station.model.plant
+        plant = self.station.behind.handle.model.plant
         context = plant.GetMyContextFromRoot(self.context)
         joints = [plant.GetJointByName(name) for name in names]
         return np.array([(j.get_angle(context), j.get_angular_rate(context)) for j in joints]).T
@@ -132,15 +125,6 @@ def exact():
     return get
 
 
-def ports_of(diagram):
-    """The exported ports as (name, size), inputs and outputs."""
-    inputs = [diagram.get_input_port(InputPortIndex(i)) for i in range(diagram.num_input_ports())]
-    outputs = [
-        diagram.get_output_port(OutputPortIndex(i)) for i in range(diagram.num_output_ports())
-    ]
-    return tuple({(port.get_name(), port.size()) for port in ports} for ports in (inputs, outputs))
-
-
 def corner_heights(posture, ground):
     """Heights of the hips above the ground's plane."""
     roll, pitch, height = posture
@@ -153,21 +137,8 @@ def corner_heights(posture, ground):
 # Ports
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("plant", [{}, {"leg_model": "reduced"}, {"wheels": "rolling"}], ids=str)
-def test_ports_are_those_of_the_table(backend, plant):
-    inputs, outputs = ports_of(make_station(scenario_of(backend, **plant)).diagram)
-    assert inputs == {(spec.name, spec.size) for spec in INPUTS}
-    assert outputs == {(spec.name, spec.size) for spec in (*OUTPUTS, *TRUTH_OUTPUTS)}
-
-
-def test_backends_have_the_same_ports(shared):
-    first, *others = (ports_of(shared(backend).station.diagram) for backend in BACKENDS)
-    assert all(ports == first for ports in others)
-
-
 def test_port_names_are_unique_in_each_direction():
-    for specs in (INPUTS, (*OUTPUTS, *TRUTH_OUTPUTS)):
+    for specs in (PLATFORM.inputs, (*PLATFORM.outputs, *PLATFORM.truth)):
         names = [spec.name for spec in specs]
         assert len(set(names)) == len(names)
 
@@ -180,16 +151,11 @@ def test_every_port_has_a_unit_and_a_meaning(spec):
     assert spec.size > 0
 
 
-def test_truth_is_told_apart_by_its_name():
-    assert all(spec.name.startswith("truth.") for spec in TRUTH_OUTPUTS)
-    assert not any(spec.name.startswith("truth.") for spec in (*INPUTS, *OUTPUTS))
-
-
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_every_output_is_finite_from_the_start_and_after_steps(shared, backend):
     machine = shared(backend)
     for _ in range(2):
-        for spec in (*OUTPUTS, *TRUTH_OUTPUTS):
+        for spec in (*PLATFORM.outputs, *PLATFORM.truth):
             assert np.isfinite(machine.read(spec.name)).all(), spec.name
         machine.run(0.05)
 
@@ -197,43 +163,8 @@ def test_every_output_is_finite_from_the_start_and_after_steps(shared, backend):
 def test_every_output_of_a_platform_with_reduced_legs_is_finite():
     machine = Machine(scenario_of("multibody", leg_model="reduced"))
     machine.run(0.05)
-    names = [spec.name for spec in (*OUTPUTS, *TRUTH_OUTPUTS)]
+    names = [spec.name for spec in (*PLATFORM.outputs, *PLATFORM.truth)]
     assert [name for name in names if not np.isfinite(machine.read(name)).all()] == []
-
-
-def test_controller_reads_no_truth():
-    inputs, _ = ports_of(make_controller(LevellingScenario()))
-    assert not any(name.startswith("truth.") for name, _ in inputs)
-
-
-def test_controller_and_station_agree_about_the_ports_they_share():
-    inputs, outputs = map(dict, ports_of(make_controller(LevellingScenario())))
-    measured = {spec.name: spec.size for spec in OUTPUTS}
-    commanded = {spec.name: spec.size for spec in INPUTS}
-    assert {"legs.extension", "imu.gyro", "imu.accel"} <= inputs.keys() & measured.keys()
-    assert all(inputs[name] == measured[name] for name in inputs.keys() & measured.keys())
-    assert "legs.voltage" in outputs.keys() & commanded.keys()
-    assert all(outputs[name] == commanded[name] for name in outputs.keys() & commanded.keys())
-
-
-def test_unknown_backend_is_refused_with_the_allowed_ones():
-    with pytest.raises(ScenarioError) as refusal:
-        make_station(LevellingScenario(backend="real"))
-    assert all(name in str(refusal.value) for name in ("real", *STATIONS))
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("spec", INPUTS, ids=lambda spec: spec.name)
-def test_second_source_of_a_port_is_refused_by_the_ports_name(backend, spec):
-    builder = DiagramBuilder()
-    station = add(builder, make_station(scenario_of(backend)).diagram)
-    first, second = (
-        add(builder, ConstantVectorSource(np.zeros(spec.size)), name)
-        for name in ("first", "second")
-    )
-    connect(builder, first.get_output_port(), station.GetInputPort(spec.name))
-    with pytest.raises(WiringError, match=re.escape(f"'{spec.name}' of 'station'")):
-        connect(builder, second.get_output_port(), station.GetInputPort(spec.name))
 
 
 # Reset

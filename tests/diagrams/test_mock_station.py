@@ -1,20 +1,19 @@
 """The station without a machine: what is commanded is what is measured."""
 
 import io
-from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
-from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS
+from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.levelling_platform.station import make_station
 from parapod.diagrams.scenario import load_scenario
+from parapod.diagrams.station import Station
+from parapod.sims.lab.discovery import find_entry
 from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.levelling_platform.level import measured_posture, run
+from parapod.sims.levelling_platform.level import Level, measured_posture
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
@@ -31,20 +30,20 @@ class Mock:
     """A mock whose inputs are set, and whose outputs are read, by port name."""
 
     def __init__(self, scenario=None):
-        self.station = make_station(scenario or LevellingScenario(backend="mock"))
-        self.simulator = Simulator(self.station.diagram)
+        self.station = Station(PLATFORM, scenario or LevellingScenario(backend="mock"))
+        self.simulator = Simulator(self.station)
         self.context, self.steps = self.simulator.get_mutable_context(), 0
-        for spec in INPUTS:
+        for spec in PLATFORM.inputs:
             self.set(spec.name, 0.0)
         self.station.reset(self.context)
         self.simulator.Initialize()
 
     def set(self, name, value):
-        port = self.station.diagram.GetInputPort(name)
+        port = self.station.GetInputPort(name)
         port.FixValue(self.context, np.broadcast_to(value, port.size()).astype(float))
 
     def read(self, name):
-        return np.array(self.station.diagram.GetOutputPort(name).Eval(self.context))
+        return np.array(self.station.GetOutputPort(name).Eval(self.context))
 
     def run(self, steps):
         self.steps += steps
@@ -73,7 +72,7 @@ def test_a_reset_takes_another_jobs_extension(mock):
 def test_all_outputs_are_finite_and_no_device_has_a_fault_or_is_late(mock):
     mock.set("legs.voltage", [1.0, -1.0, 2.0, -2.0])
     mock.run(20)
-    assert all(np.isfinite(mock.read(spec.name)).all() for spec in OUTPUTS)
+    assert all(np.isfinite(mock.read(spec.name)).all() for spec in PLATFORM.outputs)
     assert not mock.read("status.fault").any()
     assert not mock.read("status.age").any()
 
@@ -229,7 +228,7 @@ def test_the_brake_stops_the_wheels_at_once(mock):
 
 
 def test_a_job_on_the_mock_holds_its_bounds():
-    default = Path(str(files("parapod.sims.scenarios"))) / "level.yaml"
+    default = find_entry("level").default_scenario
     overrides = (
         "backend=mock",
         "job.initial_extension_mm=405",
@@ -240,7 +239,7 @@ def test_a_job_on_the_mock_holds_its_bounds():
         "job.end=4",
     )
     scenario = load_scenario(LevellingScenario, default, None, overrides)
-    result = run(scenario, RunOptions(console=Console(file=io.StringIO())))
+    result = Level("level").execute(scenario, RunOptions(console=Console(file=io.StringIO())))
     assert result.passed, result.broken
     assert result.backend == "mock"
     keys = {metric.key for metric in result.metrics}

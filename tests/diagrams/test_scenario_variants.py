@@ -6,7 +6,7 @@ import pytest
 
 from parapod.diagrams.hardware_scenario import DRIVERS, HardwareScenario
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.machines import MACHINES
+from parapod.diagrams.machine import list_machines
 from parapod.diagrams.scenario import check, dump_scenario, load_scenario, quantity
 from parapod.diagrams.scenario_tree import Variant
 from parapod.systems.core.errors import ScenarioError
@@ -282,7 +282,7 @@ def test_an_object_that_is_no_variant_is_refused():
 # The drivers of hardware
 
 
-@pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.experiment)
+@pytest.mark.parametrize("machine", list_machines(), ids=lambda machine: machine.experiment)
 def test_the_default_drivers_survive_the_round_trip(write, machine):
     scenario = machine.scenario()
     assert scenario.hardware.drivers

@@ -9,10 +9,10 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.model import add_platform, geometry_as_built
-from parapod.diagrams.levelling_platform.ports import INPUTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario, SensorScenario
-from parapod.diagrams.levelling_platform.station import make_station
+from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, FootTruth
@@ -155,15 +155,15 @@ PADS = (0.02, -0.02, 0.02, -0.02)
 def station_on_pads(backend="multibody", heights=PADS):
     scenario = scenario_with(backend)
     scenario.ground.foot_heights_mm = [1e3 * height for height in heights]
-    station = make_station(scenario)
-    simulator = Simulator(station.diagram)
+    station = Station(PLATFORM, scenario)
+    simulator = Simulator(station)
     context = simulator.get_mutable_context()
-    for spec in INPUTS:
-        station.diagram.GetInputPort(spec.name).FixValue(context, np.zeros(spec.size))
-    station.diagram.GetInputPort("wheels.brake").FixValue(context, [1.0])
+    for spec in PLATFORM.inputs:
+        station.GetInputPort(spec.name).FixValue(context, np.zeros(spec.size))
+    station.GetInputPort("wheels.brake").FixValue(context, [1.0])
     station.reset(context)
     simulator.Initialize()
-    return simulator, lambda name: np.array(station.diagram.GetOutputPort(name).Eval(context))
+    return simulator, lambda name: np.array(station.GetOutputPort(name).Eval(context))
 
 
 @pytest.mark.parametrize("heights", [PADS, (0.01, 0.03, 0.0, 0.02)], ids=str)
@@ -226,20 +226,20 @@ def inertial_run(delay_ms, samples=20):
     """Gyro and age (n) at the middle of each period while the platform is lowered in front."""
     scenario = scenario_with("kinematic")
     scenario.sensors.imu_delay_ms = delay_ms
-    station = make_station(scenario)
-    simulator = Simulator(station.diagram)
+    station = Station(PLATFORM, scenario)
+    simulator = Simulator(station)
     context = simulator.get_mutable_context()
-    for spec in INPUTS:
-        station.diagram.GetInputPort(spec.name).FixValue(context, np.zeros(spec.size))
+    for spec in PLATFORM.inputs:
+        station.GetInputPort(spec.name).FixValue(context, np.zeros(spec.size))
     station.reset(context)
     simulator.Initialize()
     gyro, age = [], []
     for k in range(samples):
         voltage = [0.0, 0.0, 1.0 + k % 7, 1.0 + k % 7]
-        station.diagram.GetInputPort("legs.voltage").FixValue(context, voltage)
+        station.GetInputPort("legs.voltage").FixValue(context, voltage)
         simulator.AdvanceTo((k + 0.5) * IMU_PERIOD)
-        gyro.append(station.diagram.GetOutputPort("imu.gyro").Eval(context).copy())
-        age.append(station.diagram.GetOutputPort("status.age").Eval(context).copy())
+        gyro.append(station.GetOutputPort("imu.gyro").Eval(context).copy())
+        age.append(station.GetOutputPort("status.age").Eval(context).copy())
     return np.array(gyro), np.array(age)
 
 

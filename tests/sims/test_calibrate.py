@@ -18,7 +18,7 @@ from parapod.sims.lab.experiment import ENTRIES, RunOptions
 from parapod.sims.lab.figures import render
 from parapod.sims.lab.files import read_log, write_log
 from parapod.sims.levelling_platform.calibrate import EXPERIMENT, CalibrateScenario, run
-from parapod.sims.levelling_platform.calibrate_poses import (
+from parapod.sims.levelling_platform.poses import (
     drawn_commands,
     read_recording,
     spread_commands,

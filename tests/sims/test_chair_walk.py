@@ -11,8 +11,9 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
+from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.scenario import load_scenario
-from parapod.diagrams.walking_chair.closed_loop import make_closed_loop
+from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.ports import OUTPUTS, TRUTH_OUTPUTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.sims.cli.main import main
@@ -76,8 +77,8 @@ def test_a_walk_with_the_papers_passenger_holds_all_bounds(result):
 def test_loops_are_closed_to_a_micrometre_at_the_default_step():
     # Through the lift and the first half of a swing, which is as much as loops ever bear.
     scenario = scenario_with("gait.way=forward", "begin=0", "gait.phase_duration=4.7")
-    loop = make_closed_loop(scenario, log=("truth.loop_error", "truth.force"))
-    simulator = Simulator(loop.diagram)
+    loop = ClosedLoop(CHAIR, scenario, log=("truth.loop_error", "truth.force"))
+    simulator = Simulator(loop)
     loop.reset(simulator.get_mutable_context())
     simulator.Initialize()
     simulator.AdvanceTo(7.0)

@@ -5,11 +5,12 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
+from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import PlantScenario, SensorScenario
-from parapod.diagrams.levelling_platform.station import make_station
+from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
-from parapod.sims.levelling_platform.slip import SlipScenario
 from parapod.sims.levelling_platform.driven import make_simulator, on_level_ground
+from parapod.sims.levelling_platform.slip import SlipScenario
 
 
 @pytest.fixture(scope="module")
@@ -17,8 +18,8 @@ def standing():
     """A station of which only the arm is driven, and a simulator of it."""
     scenario = SlipScenario(seed=2, plant=PlantScenario(leg_model="reduced", time_step=0.01))
     builder = DiagramBuilder()
-    station = make_station(on_level_ground(scenario, SensorScenario(), 405.0))
-    machine = add(builder, station.diagram)
+    station = Station(PLATFORM, on_level_ground(scenario, SensorScenario(), 405.0))
+    machine = add(builder, station)
     arm = add(builder, ConstantVectorSource(np.array([0.3])), "arm")
     connect(builder, arm.get_output_port(), machine.GetInputPort("arm.position_command"))
     return station, make_simulator(builder, station)
@@ -26,8 +27,8 @@ def standing():
 
 def test_what_is_driven_stays_so_and_the_rest_is_idle_with_wheels_braked(standing):
     station, simulator = standing
-    context = station.diagram.GetMyContextFromRoot(simulator.get_context())
-    ports = [station.diagram.get_input_port(i) for i in range(station.diagram.num_input_ports())]
+    context = station.GetMyContextFromRoot(simulator.get_context())
+    ports = [station.get_input_port(i) for i in range(station.num_input_ports())]
     values = {port.get_name(): port.Eval(context).tolist() for port in ports}
     driven = {"arm.position_command": [0.3], "wheels.brake": [1.0]}
     assert driven.items() <= values.items()
@@ -36,8 +37,8 @@ def test_what_is_driven_stays_so_and_the_rest_is_idle_with_wheels_braked(standin
 
 def test_the_machine_stands_level_on_level_ground(standing):
     station, simulator = standing
-    context = station.diagram.GetMyContextFromRoot(simulator.get_context())
-    posture = station.diagram.GetOutputPort("truth.posture").Eval(context)
-    extension = station.diagram.GetOutputPort("truth.extension").Eval(context)
+    context = station.GetMyContextFromRoot(simulator.get_context())
+    posture = station.GetOutputPort("truth.posture").Eval(context)
+    extension = station.GetOutputPort("truth.extension").Eval(context)
     assert np.allclose(posture[:2], 0.0, atol=1e-6)
     assert np.allclose(extension, 0.405)

@@ -21,11 +21,11 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
+from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.drivers.driver import Driver
 from parapod.diagrams.hardware_parts import make_parts
 from parapod.diagrams.hardware_scenario import HardwareScenario
-from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
-from parapod.diagrams.levelling_platform.machine import LEVELLING_PLATFORM
+from parapod.diagrams.levelling_platform.machine import LEVELLING_PLATFORM, PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.cli.main import main
 from parapod.sims.lab.experiment import RunOptions
@@ -149,8 +149,8 @@ def test_a_job_on_the_emulated_machine_holds_its_bounds_in_truth(levelled, machi
 
 def freshness(scenario, duration):
     """Ages when commands had been written [s]: of the legs, of the wheels."""
-    loop = make_closed_loop(scenario, log=())
-    simulator = Simulator(loop.diagram)
+    loop = ClosedLoop(PLATFORM, scenario, log=())
+    simulator = Simulator(loop)
     options = RunOptions(console=Console(file=io.StringIO()))
     run_on_hardware(loop, simulator, duration, options, "freshness")
     threads = loop.station.parts.threads
@@ -242,9 +242,9 @@ def test_devices_with_power_wait_for_no_garbage_collector_and_threads_have_the_l
     scenario = LevellingScenario(
         backend="hardware", hardware=HardwareScenario([FastDriver(part) for part in PARTS])
     )
-    loop = make_closed_loop(scenario, log=())
+    loop = ClosedLoop(PLATFORM, scenario, log=())
     options = RunOptions(console=Console(file=io.StringIO()))
-    run_on_hardware(loop, Simulator(loop.diagram), 0.1, options, "undisturbed")
+    run_on_hardware(loop, Simulator(loop), 0.1, options, "undisturbed")
     for thread in loop.station.parts.all_threads:
         assert not thread.device.collected_with_power
         assert thread.device.policy == thread.device.policy_of_loop

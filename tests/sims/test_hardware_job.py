@@ -5,8 +5,9 @@ import io
 import pytest
 from rich.console import Console
 
+from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.levelling_platform.station import make_station
+from parapod.diagrams.station import Station
 from parapod.sims.real_machine.job import DeviceWatch, show_timing
 from parapod.sims.real_machine.real_time import Timing
 from parapod.systems.hardware.device import DeviceError, DeviceFault
@@ -15,7 +16,7 @@ from parapod.systems.hardware.io_thread import DeviceThread, Sample
 
 def said(timing):
     stream = io.StringIO()
-    station = make_station(LevellingScenario(backend="hardware"))
+    station = Station(PLATFORM, LevellingScenario(backend="hardware"))
     show_timing(timing, station, Console(file=stream))
     return stream.getvalue()
 
@@ -50,7 +51,7 @@ class BrokenThread(DeviceThread):
 
 
 def test_a_device_that_is_wrong_for_too_long_ends_the_run_and_is_named_once():
-    station = make_station(LevellingScenario(backend="hardware"))
+    station = Station(PLATFORM, LevellingScenario(backend="hardware"))
     device = station.parts.all_threads[0].device
     watch = DeviceWatch([BrokenThread(device)], patience=0.2)
     watch.check(10.0)

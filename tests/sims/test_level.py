@@ -23,15 +23,16 @@ from pydrake.systems.analysis import Simulator
 from rich.console import Console
 from tornado.websocket import websocket_connect
 
-from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario, WaypointScenario
 from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.cli.main import main
 from parapod.sims.lab.bench import RESTART, STOP
 from parapod.sims.lab.experiment import ENTRIES, RunOptions
 from parapod.sims.lab.files import read_log
-from parapod.sims.levelling_platform.levelling import LivePlatform, check_job, stay_live
 from parapod.sims.levelling_platform.level import EXPERIMENT, run
+from parapod.sims.levelling_platform.levelling import LivePlatform, check_job, stay_live
 from parapod.systems.core.errors import OutputError, ScenarioError, UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import height_range
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
@@ -174,8 +175,8 @@ def test_ground_too_steep_is_refused_with_leg_and_missing_stroke(options, backen
 
 def test_ground_too_steep_is_refused_before_anything_moves():
     steep = ("ground.roll_deg=3", "ground.pitch_deg=5", "job.estimate_at=1.5")
-    loop = make_closed_loop(scenario_with("backend=kinematic", *steep))
-    simulator = Simulator(loop.diagram)
+    loop = ClosedLoop(PLATFORM, scenario_with("backend=kinematic", *steep))
+    simulator = Simulator(loop)
     loop.reset(simulator.get_mutable_context())
     with pytest.raises(UnreachablePosture):
         simulator.AdvanceTo(10.0)

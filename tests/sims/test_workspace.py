@@ -16,8 +16,8 @@ from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.cli.main import main
 from parapod.sims.lab.experiment import ENTRIES, RunOptions
 from parapod.sims.lab.figures import render
+from parapod.sims.levelling_platform.solid import figures
 from parapod.sims.levelling_platform.workspace import EXPERIMENT, WorkspaceScenario, run
-from parapod.sims.levelling_platform.workspace_pictures import figures
 from parapod.systems.core.errors import OutputError
 from parapod.systems.levelling_platform.workspace import ArmGeometry
 

@@ -16,7 +16,6 @@ from parapod.diagrams.levelling_platform.model import add_drawing
 from parapod.diagrams.wiring import add
 from parapod.sims.lab.bench import make_viewer
 from parapod.sims.lab.figures import COLOURS, Figure
-from parapod.sims.levelling_platform.workspace import WorkspaceScenario
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
@@ -35,6 +34,8 @@ from parapod.systems.levelling_platform.workspace import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
+
+    from parapod.sims.levelling_platform.workspace import WorkspaceScenario
 
 _GEOMETRY = PlatformGeometry()
 _EDGE = 25
@@ -58,7 +59,7 @@ def face_name(leg: int, is_long: bool) -> str:
     return f"leg {leg + 1} at {1e3 * end:.0f} mm"
 
 
-def figures(scenario: WorkspaceScenario) -> tuple[Figure, ...]:
+def figures(scenario: "WorkspaceScenario") -> tuple[Figure, ...]:
     """What can be drawn of the workspace."""
     arm = scenario.arm.upright
     solid = Figure(
@@ -222,7 +223,7 @@ _LETTERS = {
 }
 
 
-def draw(scenario: WorkspaceScenario) -> Meshcat:
+def draw(scenario: "WorkspaceScenario") -> Meshcat:
     """The workspace above the machine, which stands level in the middle of its stroke.
 
     With the turntable the ring that the leaning arm sweeps is drawn too, translucent.

@@ -1,0 +1,172 @@
+"""Predictions of a calibrated machine on poses that were not used, and their errors."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.sims.levelling_platform.poses import (
+    Machine,
+    SimulatedPoses,
+)
+from parapod.systems.levelling_platform.calibration.equations import (
+    Tolerances,
+    ground_in_heading,
+)
+from parapod.systems.levelling_platform.calibration.poses import PoseRecording
+from parapod.systems.levelling_platform.calibration.solve import Calibration, calibrate
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
+from parapod.systems.levelling_platform.leg import foot_to_centre
+from parapod.systems.levelling_platform.plane import dot, normal_of, to_platform
+
+type Floats = NDArray[np.float64]
+# Most calibrations that cross-validation makes.
+_FOLDS = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """How far predicted postures are from what they are compared with.
+
+    Attributes:
+        posture: (n, 3) error of roll, pitch, height [rad, rad, m].
+        feet: (n, 4) by how much a platform with that error has each foot too high [m]. This makes
+            one quantity of angles and heights.
+    """
+
+    posture: Floats
+    feet: Floats
+
+    @property
+    def size(self) -> float:
+        """Root mean square of the feet's errors [m]."""
+        return float(np.sqrt(np.mean(self.feet**2)))
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The same poses predicted with the drawing and with the calibrated machine.
+
+    Attributes:
+        nominal: by the drawing.
+        calibrated: by the calibration.
+    """
+
+    nominal: Prediction
+    calibrated: Prediction
+
+    @property
+    def improvement(self) -> float:
+        """The drawing's error over the calibrated one's [-]."""
+        return self.nominal.size / self.calibrated.size
+
+
+def compare(
+    calibration: Calibration,
+    nominal: PlatformGeometry,
+    recording: PoseRecording,
+    posture: Floats,
+    ground: Floats,
+) -> Comparison:
+    """Predicts postures from what the encoders say.
+
+    Args:
+        calibration: made of other poses.
+        nominal: the drawing.
+        recording: the poses (n); one with less than three standing feet is left out.
+        posture: (n, 3) what the prediction is compared with [rad, rad, m].
+        ground: (n, 2) roll and pitch of the ground [rad].
+    """
+    read = recording.extension
+    machines = ((nominal, read), (calibration.geometry, read + calibration.offsets))
+    errors = [
+        _predicted(geometry, extension, ground, recording.contact) - posture
+        for geometry, extension in machines
+    ]
+    standing = recording.contact.sum(axis=1) >= 3
+    predictions = []
+    for error in errors:
+        feet = _foot_errors(nominal, read, posture, error, ground)
+        predictions.append(Prediction(error[standing], feet[standing]))
+    return Comparison(*predictions)
+
+
+def compare_with_truth(
+    calibration: Calibration, nominal: PlatformGeometry, poses: SimulatedPoses
+) -> Comparison:
+    """Predicted against true postures, on ground that is known."""
+    return compare(calibration, nominal, poses.recording, poses.posture, poses.ground)
+
+
+def compare_with_sensor(
+    calibration: Calibration, nominal: PlatformGeometry, poses: SimulatedPoses, machine: Machine
+) -> Comparison:
+    """Predicted postures against those that a noise-free, corrected inertial sensor shows."""
+    shown = poses.posture.copy()
+    shown[:, :2] += machine.bias - calibration.bias
+    return compare(calibration, nominal, poses.recording, shown, poses.ground)
+
+
+def cross_validate(
+    recording: PoseRecording, nominal: PlatformGeometry, tolerances: Tolerances
+) -> Comparison:
+    """Predicts each recorded pose with a calibration made of others.
+
+    Compared with the measured posture: inclination by the reference where there is one, else by
+    the inertial sensor less its bias.
+
+    Raises:
+        UndeterminedCalibration: without some poses the others do not suffice.
+    """
+    folds = min(_FOLDS, len(recording))
+    parts = []
+    for fold in range(folds):
+        held = np.arange(len(recording)) % folds == fold
+        others, unused = recording[~held], recording[held]
+        found = calibrate(others, nominal, tolerances)
+        ground = unused.ground
+        if ground is None:
+            assert found.ground is not None
+            ground = ground_in_heading(found.ground, unused.turned)
+        attitude = unused.attitude - found.bias
+        if unused.reference is not None:
+            attitude = np.where(unused.referenced[:, None], unused.reference, attitude)
+        assert unused.height is not None
+        posture = np.column_stack([attitude, unused.height])
+        parts.append(compare(found, nominal, unused, posture, ground))
+    return Comparison(
+        _joined([part.nominal for part in parts]), _joined([part.calibrated for part in parts])
+    )
+
+
+def _joined(parts: list[Prediction]) -> Prediction:
+    return Prediction(
+        np.vstack([part.posture for part in parts]), np.vstack([part.feet for part in parts])
+    )
+
+
+def _predicted(
+    geometry: PlatformGeometry, extension: Floats, ground: Floats, contact: NDArray[np.bool_]
+) -> Floats:
+    """Posture (n, 3) on the feet that stand; NaN on less than three."""
+    posture = forward_kinematics(geometry, extension, ground)
+    for lifted in range(LEG_COUNT):
+        legs = [i for i in range(LEG_COUNT) if i != lifted]
+        rows = ~contact[:, lifted]
+        posture[rows] = forward_kinematics(geometry, extension[rows], ground[rows], legs)
+    posture[contact.sum(axis=1) < 3] = np.nan
+    return posture
+
+
+def _foot_errors(
+    geometry: PlatformGeometry, extension: Floats, posture: Floats, error: Floats, ground: Floats
+) -> Floats:
+    """How far feet (n, 4) that stand in a posture would be above the ground with its error [m]."""
+    normal = normal_of(*ground.T)
+    right, wrong = (to_platform(normal, *p[:, :2].T) for p in (posture, posture + error))
+    feet = []
+    for i, leg in enumerate(geometry.legs):
+        foot = foot_to_centre(leg, extension[:, i])
+        feet.append(error[:, 2] - dot(wrong, foot) + dot(right, foot))
+    return np.stack(feet, axis=-1)

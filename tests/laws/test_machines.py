@@ -1,0 +1,274 @@
+"""Laws of every machine that is installed, and of every backend of each."""
+
+import gc
+import re
+import subprocess
+import sys
+import weakref
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import PortDataType
+from pydrake.systems.primitives import ConstantVectorSource, PassThrough
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.devices import make_parts
+from parapod.diagrams.machine import In, Out, find_machine, list_machines
+from parapod.diagrams.station import Behind, Station
+from parapod.diagrams.wiring import inputs_of, outputs_of
+from parapod.systems.core.errors import ParapodError, ScenarioError, WiringError
+
+MACHINES = list_machines()
+ROOMS = Path(__file__).parents[2]
+each_machine = pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.name)
+each_backend = pytest.mark.parametrize(
+    ("machine", "backend"),
+    [(machine, backend) for machine in MACHINES for backend in machine.backends],
+    ids=lambda value: value if isinstance(value, str) else value.name,
+)
+each_simulated = pytest.mark.parametrize(
+    ("machine", "backend"),
+    [(machine, backend) for machine in MACHINES for backend in (*machine.plants, "mock")],
+    ids=lambda value: value if isinstance(value, str) else value.name,
+)
+
+
+@each_backend
+def test_a_station_has_the_ports_of_its_table(machine, backend):
+    station = Station(machine, machine.scenario(backend=backend))
+    is_simulated = backend in machine.plants
+    wanted = (*machine.outputs, *(machine.truth if is_simulated else ()))
+    for ports, found in (
+        (machine.inputs, inputs_of(station)),
+        (wanted, outputs_of(station)),
+    ):
+        assert {port.name: port.size for port in ports} == {
+            name: port.size() for name, port in found.items()
+        }
+        assert {port.get_data_type() for port in found.values()} == {PortDataType.kVectorValued}
+
+
+@each_machine
+def test_a_signal_has_a_name_a_unit_and_a_meaning(machine):
+    for port in machine.table.values():
+        assert port.unit.strip()
+        assert port.meaning.strip()
+        assert port.name == port.name.strip()
+
+
+@each_simulated
+def test_a_closed_loop_records_every_port_with_its_unit(machine, backend):
+    loop = ClosedLoop(machine, machine.scenario(backend=backend))
+    simulator = Simulator(loop)
+    loop.reset(simulator.get_mutable_context())
+    simulator.AdvanceTo(0.05)
+    recording = loop.recording(simulator.get_context())
+    assert set(recording) == set(loop.ports)
+    period = machine.scenario().control.period * machine.log_every
+    assert np.allclose(np.diff(recording.time), period)
+    for name, samples in recording.signals.items():
+        assert recording.units[name].strip()
+        assert samples.shape == (recording.time.size, loop.ports[name].size())
+
+
+@each_simulated
+def test_controllers_cannot_see_the_truth(machine, backend):
+    loop = ClosedLoop(machine, machine.scenario(backend=backend), log=())
+    for system in (loop.controller, *loop.sources):
+        assert not [name for name in inputs_of(system) if name.startswith("truth.")]
+
+
+@each_simulated
+def test_the_same_scenario_and_seed_give_the_same_numbers(machine, backend):
+    def run(seed):
+        loop = ClosedLoop(machine, machine.scenario(backend=backend, seed=seed))
+        simulator = Simulator(loop)
+        loop.reset(simulator.get_mutable_context())
+        simulator.AdvanceTo(0.1)
+        return loop.recording(simulator.get_context())
+
+    first, again, other = run(1), run(1), run(2)
+    assert all(np.array_equal(first[name], again[name], equal_nan=True) for name in first)
+    if backend in machine.plants:
+        differ = [name for name in first if not np.array_equal(first[name], other[name])]
+        assert differ, "the seed has no effect"
+
+
+@each_simulated
+def test_reset_leads_one_loop_to_the_beginning_of_any_scenario(machine, backend):
+    """A loop that served another seed gives the numbers of one that was built for this one."""
+    one, other = (machine.scenario(backend=backend, seed=seed) for seed in (3, 4))
+
+    def run(loop, scenario):
+        simulator = Simulator(loop)
+        loop.reset(simulator.get_mutable_context(), scenario)
+        simulator.AdvanceTo(0.06)
+        return loop.recording(simulator.get_context())
+
+    served = ClosedLoop(machine, other)
+    run(served, other)
+    built = run(ClosedLoop(machine, one), one)
+    again = run(served, one)
+    for name in built:
+        assert np.array_equal(built[name], again[name], equal_nan=True), name
+
+
+@each_machine
+def test_a_loop_without_faults_has_no_injector(machine):
+    loop = ClosedLoop(machine, machine.scenario(backend="mock"), log=())
+    assert loop.faults.injectors == {}
+
+
+@each_machine
+def test_a_loop_is_freed_when_nothing_refers_to_it(machine):
+    loop = ClosedLoop(machine, machine.scenario(backend="kinematic"))
+    simulator = Simulator(loop)
+    loop.reset(simulator.get_mutable_context())
+    simulator.AdvanceTo(0.02)
+    alive = weakref.ref(loop)
+    del loop, simulator
+    gc.collect()
+    assert alive() is None
+
+
+@each_machine
+def test_self_tests_move_parts_that_the_machine_has(machine):
+    inputs = {port.name for port in machine.inputs}
+    measured = {port.name for port in machine.measured}
+    for part, move in machine.self_tests.items():
+        assert {f"{part}.{name}" for name in (move.command, *move.rest)} <= inputs
+        assert f"{part}.{move.measures}" in measured
+        assert 0.0 < move.usual <= move.largest
+
+
+@each_machine
+def test_its_default_drivers_make_the_machine(machine):
+    drivers = machine.scenario().hardware.drivers
+    parts = make_parts(drivers, machine.inputs, machine.measured, 0.01)
+    assert set(parts.threads) == {port.part for port in (*machine.inputs, *machine.measured)}
+
+
+@each_machine
+def test_an_emulated_scenario_has_the_period_of_the_exchange(machine):
+    scenario = machine.scenario(backend="kinematic")
+    assert machine.emulated(scenario, 0.004).control.period == 0.004
+    assert scenario == machine.scenario(backend="kinematic")
+    assert set(machine.exchange) == set(machine.plants)
+
+
+@each_machine
+def test_a_plant_with_the_stations_ports_takes_its_place(machine):
+    scenario = machine.scenario(backend="mock")
+    station = Station(machine, scenario)
+    loop = ClosedLoop(machine, scenario, plant=station, log=())
+    assert loop.station is station
+
+
+@each_machine
+def test_a_plant_without_the_stations_ports_is_refused_by_the_first_that_is_missing(machine):
+    scenario = machine.scenario(backend="mock")
+    with pytest.raises(WiringError, match=rf"{machine.title} has no input 'u'"):
+        ClosedLoop(machine, scenario, plant=PassThrough(2), log=())
+    first = machine.outputs[0].name
+    with pytest.raises(WiringError, match=re.escape(machine.title)):
+        ClosedLoop(machine, scenario, plant=ConstantVectorSource([1.0]), log=())
+    assert first in {port.name for port in machine.outputs}
+
+
+@each_machine
+def test_an_unknown_backend_is_refused_with_those_that_there_are(machine):
+    scenario = machine.scenario()
+    object.__setattr__(scenario, "backend", "steam")
+    with pytest.raises(ScenarioError, match=r"'steam' is not one of multibody, kinematic, mock"):
+        Station(machine, scenario)
+
+
+@each_machine
+@pytest.mark.parametrize("fault", ["missing", "unknown", "size"])
+def test_a_backend_whose_ports_are_not_the_tables_is_refused_by_name(machine, fault):
+    def spoilt(builder, scenario, meshcat):
+        behind = machine.mock(builder, scenario, meshcat)
+        outputs, name = dict(behind.outputs), machine.outputs[0].name
+        if fault == "missing":
+            del outputs[name]
+        elif fault == "unknown":
+            outputs["rudder.angle"] = outputs[name]
+        else:
+            source = builder.AddSystem(ConstantVectorSource(np.zeros(99)))
+            outputs[name] = source.get_output_port()
+        return Behind(behind.inputs, outputs, behind.reset)
+
+    name = "rudder.angle" if fault == "unknown" else machine.outputs[0].name
+    with pytest.raises(WiringError, match=rf"'{re.escape(name)}'"):
+        Station(replace(machine, mock=spoilt), machine.scenario(backend="mock"))
+
+
+@each_machine
+def test_a_port_that_does_not_exist_cannot_be_recorded(machine):
+    with pytest.raises(WiringError, match=r"no port 'truth.postre' to record; there are: "):
+        ClosedLoop(machine, machine.scenario(backend="mock"), log=("truth.postre",))
+
+
+@each_machine
+def test_a_controller_with_an_input_that_nothing_drives_is_refused(machine):
+    with pytest.raises(WiringError, match=r"nothing drives the input 'u'"):
+        ClosedLoop(machine, machine.scenario(backend="mock"), controller=PassThrough(1))
+
+
+def test_a_name_in_the_table_twice_is_refused():
+    machine = MACHINES[0]
+    twice = replace(machine, ports=(*machine.ports, machine.ports[0]))
+    with pytest.raises(WiringError, match=f"declares the port '{machine.ports[0].name}' twice"):
+        _ = twice.table
+
+
+@pytest.mark.parametrize(("unit", "meaning"), [("", "speed"), ("m", " ")])
+def test_a_port_without_a_unit_or_a_meaning_is_refused(unit, meaning):
+    for make in (In, Out):
+        with pytest.raises(WiringError, match=r"port 'part.signal' of size 1 has no"):
+            make("part.signal", 1, unit, meaning)
+
+
+def test_a_machine_that_does_not_exist_is_refused_with_those_that_do():
+    with pytest.raises(
+        ParapodError, match=f"no machine 'rocker'; there are: .*{MACHINES[0].name}"
+    ):
+        find_machine("rocker")
+
+
+@each_machine
+def test_importing_a_machine_loads_no_other_and_no_device_library(machine):
+    program = (
+        "import sys\n"
+        "from parapod.diagrams.machine import find_machine\n"
+        f"find_machine({machine.name!r}).scenario()\n"
+        "print(*sorted(sys.modules))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    loaded = set(done.stdout.split())
+    others = [other.name for other in MACHINES if other is not machine]
+    assert not [name for name in loaded if name.split(".")[2:3] and name.split(".")[2] in others]
+    assert not loaded & {"can", "canopen", "nidaqmx", "iio", "spidev", "serial", "mcap", "grpc"}
+    assert not [name for name in loaded if name.startswith("matplotlib")]
+
+
+def test_shared_code_names_no_machine_and_imports_none():
+    machines = [machine.name for machine in MACHINES]
+    shared = [
+        path
+        for room in ("systems", "diagrams", "sims")
+        for path in (ROOMS / room).rglob("*.py")
+        if not set(path.relative_to(ROOMS).parts) & set(machines)
+    ]
+    assert len(shared) > 50
+    named = [
+        f"{path.relative_to(ROOMS)}: {name}"
+        for path in shared
+        for name in machines
+        if name in path.read_text(encoding="utf-8")
+    ]
+    assert named == []
