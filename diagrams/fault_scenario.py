@@ -7,12 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS
-from parapod.diagrams.scenario import choice, quantity
-from parapod.diagrams.scenario_reader import Reader
-from parapod.diagrams.scenario_tree import plain
-from parapod.diagrams.scenario_words import show
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import show
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.safety.faults import LONGEST_DELAY, Fault, FaultInjector, FaultKind
 from parapod.systems.sensors.imu import ImuParams
 
@@ -89,7 +87,7 @@ _VALUES: dict[str, tuple[str, tuple[float, float] | None]] = {
 
 
 @dataclass
-class FaultScenario:
+class FaultScenario(Schema):
     """One fault.
 
     Attributes:
@@ -113,10 +111,6 @@ class FaultScenario:
     value: float | None = quantity(None, -1e3, 1e3)
     scale: float | None = quantity(None, -1e3, 1e3)
 
-    def __post_init__(self) -> None:
-        if isinstance(self.kind, FaultKind):  # of which YAML knows nothing
-            self.kind = self.kind.value
-
 
 def check_faults(
     faults: Sequence[FaultScenario], seed: int = 0, key: str = "faults"
@@ -131,13 +125,12 @@ def check_faults(
         key: where the scenario has them, for messages.
 
     Raises:
-        ScenarioError: an index that the port does not have, a value that the kind does not have,
-            or anything that `check` refuses.
+        ScenarioError: an index that the port does not have, or a value that the kind does not
+            have.
     """
     by_target: dict[str, list[Fault]] = {name: [] for name in TARGETS}
     for i, fault in enumerate(faults):
         where = f"{key}.{i}"
-        Reader(FaultScenario, is_text=False).read(FaultScenario, plain(fault), where)
         _check_index(fault, f"{where}.index")
         for name in ("value", "scale"):
             _check_setting(fault, name, f"{where}.{name}")

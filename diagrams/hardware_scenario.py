@@ -8,6 +8,7 @@ from parapod.diagrams.drivers.epos2 import Epos2Legs, Epos2Wheels
 from parapod.diagrams.drivers.ni_daq import NiDaqEncoders, NiDaqLegs
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.drivers.sabertooth import SabertoothLegs
+from parapod.systems.core.schema import Schema
 
 # What a scenario can name, beside the drivers of other packages.
 DRIVERS = (
@@ -23,7 +24,7 @@ DRIVERS = (
 
 
 @dataclass
-class HardwareScenario:
+class HardwareScenario(Schema):
     """Devices of the backend "hardware"; each machine has defaults of its own.
 
     Attributes:

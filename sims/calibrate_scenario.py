@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from parapod.diagrams.scenario import choice, quantity
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.calibration.equations import Tolerances
 from parapod.systems.levelling_platform.calibration.poses import MeasurementNoise
 
@@ -17,7 +17,7 @@ _FINEST = 1e-6
 
 
 @dataclass
-class PosesScenario:
+class PosesScenario(Schema):
     """The poses that are recorded.
 
     Attributes:
@@ -34,7 +34,7 @@ class PosesScenario:
 
 
 @dataclass
-class ToleranceScenario:
+class ToleranceScenario(Schema):
     """How far the machine may be from its drawing, either way.
 
     Attributes:
@@ -61,7 +61,7 @@ class ToleranceScenario:
 
 
 @dataclass
-class NoiseScenario:
+class NoiseScenario(Schema):
     """How exact measurements are.
 
     Attributes:
@@ -88,7 +88,7 @@ class NoiseScenario:
 
 
 @dataclass
-class KnownGroundScenario:
+class KnownGroundScenario(Schema):
     """The ground during the recording.
 
     Attributes:
@@ -108,7 +108,7 @@ class KnownGroundScenario:
 
 
 @dataclass
-class CalibrateScenario:
+class CalibrateScenario(Schema):
     """One calibration.
 
     Attributes:

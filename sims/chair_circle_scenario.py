@@ -4,20 +4,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from parapod.diagrams.scenario import choice, quantity
 from parapod.diagrams.walking_chair.leg_loop import LegLoopParams
 from parapod.systems.actuators.compound_position_controller import (
     CompoundPositionControllerParams,
 )
 from parapod.systems.actuators.velocity_servo import VelocityServoParams
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.trajectories import FootCircle
 
 BACKENDS = ("kinematic",)
 
 
 @dataclass
-class CircleScenario:
+class CircleScenario(Schema):
     """The circle of the foot's corner E1, Eq. (49).
 
     Attributes:
@@ -60,7 +60,7 @@ class CircleScenario:
 
 
 @dataclass
-class CircleControlScenario:
+class CircleControlScenario(Schema):
     """The position controllers; all gains are assumptions.
 
     Attributes:
@@ -77,7 +77,7 @@ class CircleControlScenario:
 
 
 @dataclass
-class CircleDriveScenario:
+class CircleDriveScenario(Schema):
     """The three drives; all values but the largest velocity are assumptions.
 
     Attributes:
@@ -100,7 +100,7 @@ class CircleDriveScenario:
 
 
 @dataclass
-class ChairCircleScenario:
+class ChairCircleScenario(Schema):
     """One foot on its circle, in every mode of its drives' control.
 
     Attributes:

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass, field, replace
 
-from parapod.diagrams.scenario import choice, quantity
 from parapod.diagrams.walking_chair.scenario import GaitScenario
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.checks import check_gait
 from parapod.systems.walking_chair.gait import Walk
 from parapod.systems.walking_chair.geometry import ChairGeometry
@@ -16,7 +16,7 @@ _MOST_CYCLES = 10
 
 
 @dataclass
-class ChairGaitScenario:
+class ChairGaitScenario(Schema):
     """The gait that is looked at.
 
     Attributes:

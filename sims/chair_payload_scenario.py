@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field, replace
 
-from parapod.diagrams.scenario import choice, quantity
 from parapod.diagrams.walking_chair.scenario import GaitScenario
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.gait import Walk
 from parapod.systems.walking_chair.masses import Passenger
 from parapod.systems.walking_chair.payload import FORCE_LIMIT
@@ -12,7 +12,7 @@ BACKENDS = ("exact",)
 
 
 @dataclass
-class PayloadScenario:
+class PayloadScenario(Schema):
     """What is on the seat.
 
     Attributes:
@@ -36,7 +36,7 @@ def _printed_gait() -> GaitScenario:
 
 
 @dataclass
-class ChairPayloadScenario:
+class ChairPayloadScenario(Schema):
     """The chair's payload through a step.
 
     Attributes:

@@ -14,7 +14,7 @@ from parapod.diagrams.levelling_platform.scenario import (
     PlantScenario,
     SensorScenario,
 )
-from parapod.diagrams.scenario import choice, quantity
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.scripts import Step
 from parapod.systems.levelling_platform.supervisor import Command, Phase
 
@@ -28,7 +28,7 @@ def uneven_ground() -> GroundScenario:
 
 
 @dataclass
-class DriveScenario:
+class DriveScenario(Schema):
     """The ways there and back, straight ahead.
 
     Attributes:
@@ -46,7 +46,7 @@ class DriveScenario:
 
 
 @dataclass
-class WorkScenario:
+class WorkScenario(Schema):
     """What is done while the platform stands.
 
     Attributes:
@@ -77,7 +77,7 @@ class WorkScenario:
 
 
 @dataclass
-class DeployScenario:
+class DeployScenario(Schema):
     """One operation.
 
     Attributes:

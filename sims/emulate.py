@@ -16,11 +16,11 @@ from pydrake.systems.framework import Context
 from rich.console import Console
 
 from parapod.diagrams.hardware_scenario import HardwareScenario
-from parapod.diagrams.scenario import dump_scenario
 from parapod.sims.emulated_machine import EmulatedMachine
 from parapod.sims.mcap_log import McapLog
 from parapod.sims.real_time import ended_by_signals, undisturbed
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.scenario_file import dump_scenario
 from parapod.systems.hardware.emulators.directory import emulator_directory
 from parapod.systems.hardware.emulators.misbehaviour import KINDS, Misbehaviour
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from parapod.diagrams.scenario import dump_scenario
 from parapod.sims.outputs import write_log
+from parapod.systems.core.scenario_file import dump_scenario
 
 
 def write_experiment_log(

@@ -16,12 +16,12 @@ from functools import partial
 from rich.progress import track
 
 from parapod.diagrams.levelling_platform.scenario import GroundScenario
-from parapod.diagrams.scenario import choice, quantity
 from parapod.sims.deploy_scenario import DeployScenario, WorkScenario, uneven_ground
 from parapod.sims.experiment import Experiment, RunOptions
 from parapod.sims.fault_cells import DEVICES, PHASES, Cell, run_phase
 from parapod.sims.results import Metric, Result, plain_number
 from parapod.sims.unsupported_options import refuse_options
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.supervisor import Phase
 from parapod.systems.safety.faults import FaultKind
 
@@ -54,7 +54,7 @@ _REASONS: dict[tuple[str, str], str] = {
 
 
 @dataclass
-class FaultCampaignScenario:
+class FaultCampaignScenario(Schema):
     """One campaign.
 
     Attributes:

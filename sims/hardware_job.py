@@ -17,7 +17,6 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.drivers.driver import refuse_without_emulator
 from parapod.diagrams.hardware_station import HardwareStation
 from parapod.diagrams.machines import machine_of
-from parapod.diagrams.scenario import dump_scenario
 from parapod.diagrams.station import Station
 from parapod.sims.experiment import RunOptions, progress
 from parapod.sims.mcap_log import McapLog
@@ -30,6 +29,7 @@ from parapod.sims.real_time import (
 )
 from parapod.sims.signal_units import unit_of
 from parapod.systems.core.errors import OutputError
+from parapod.systems.core.scenario_file import dump_scenario
 from parapod.systems.hardware.io_thread import DeviceThread
 
 # A device that has been wrong for so long does not come back by itself [s].

@@ -11,10 +11,10 @@ from parapod.diagrams.levelling_platform.scenario import (
     PlantScenario,
     SensorScenario,
 )
-from parapod.diagrams.scenario import choice, quantity
 from parapod.sims.driven_machine import on_level_ground
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 
 BACKENDS = ("multibody",)
@@ -24,7 +24,7 @@ _FEWEST_SAMPLES = 5  # that make a ramp
 
 
 @dataclass
-class StepsScenario:
+class StepsScenario(Schema):
     """The voltage steps.
 
     Attributes:
@@ -53,7 +53,7 @@ def _similar_actuators() -> ActuatorScenario:
 
 
 @dataclass
-class IdentifyActuatorsScenario:
+class IdentifyActuatorsScenario(Schema):
     """One identification of the four actuators.
 
     The paper finds each step's K within 15 % of 0.01: friction, load and the legs' differences

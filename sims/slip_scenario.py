@@ -11,8 +11,8 @@ from parapod.diagrams.levelling_platform.scenario import (
     PlantScenario,
     SensorScenario,
 )
-from parapod.diagrams.scenario import choice, quantity
 from parapod.sims.driven_machine import on_level_ground
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
@@ -23,7 +23,7 @@ _LEVEL = (0.0, 0.0)  # roll and pitch of the ground [rad]
 
 
 @dataclass
-class LiftScenario:
+class LiftScenario(Schema):
     """The lift, at level attitude.
 
     Attributes:
@@ -42,7 +42,7 @@ class LiftScenario:
 
 
 @dataclass
-class SwingScenario:
+class SwingScenario(Schema):
     """The arm's swing.
 
     Attributes:
@@ -57,7 +57,7 @@ class SwingScenario:
 
 
 @dataclass
-class CreepScenario:
+class CreepScenario(Schema):
     """The platform stands still on inclined ground.
 
     Attributes:
@@ -70,7 +70,7 @@ class CreepScenario:
 
 
 @dataclass
-class SlipScenario:
+class SlipScenario(Schema):
     """One study of slip.
 
     Attributes:

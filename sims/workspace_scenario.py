@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from parapod.diagrams.scenario import choice, quantity
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import ARM_BASE
 from parapod.systems.levelling_platform.workspace import ArmGeometry
 
@@ -11,7 +11,7 @@ BACKENDS = ("exact",)
 
 
 @dataclass
-class SlopeScenario:
+class SlopeScenario(Schema):
     """The ground on which Eq. (14) is checked.
 
     Attributes:
@@ -29,7 +29,7 @@ class SlopeScenario:
 
 
 @dataclass
-class ReachScenario:
+class ReachScenario(Schema):
     """The arm whose tip is looked at.
 
     Attributes:
@@ -55,7 +55,7 @@ class ReachScenario:
 
 
 @dataclass
-class WorkspaceScenario:
+class WorkspaceScenario(Schema):
     """What is asked about the workspace.
 
     Attributes:

@@ -5,8 +5,8 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
-from parapod.diagrams.scenario import quantity
 from parapod.systems.core.errors import OutputError, ScenarioError
+from parapod.systems.core.schema import quantity
 from parapod.systems.hardware.adis16448_iio import Adis16448Iio, Adis16448IioParams
 from parapod.systems.hardware.adis16448_spi import Adis16448Spi, Adis16448SpiParams
 from parapod.systems.hardware.device import Device

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
-from parapod.diagrams.scenario_tree import Variant
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import Variant
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulators.directory import (
     WIRES,
@@ -33,7 +33,7 @@ class PartPorts:
 class Driver(Variant):
     """Root of the drivers; a dataclass derived from it can be named in any scenario.
 
-    Its fields are the keys of the scenario, with `parapod.diagrams.scenario.quantity` and
+    Its fields are the keys of the scenario, with `parapod.systems.core.schema.quantity` and
     `choice` for what is admissible, in the units in which people give them. Nothing is opened and
     no library imported before the device is configured.
 

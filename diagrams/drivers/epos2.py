@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
-from parapod.diagrams.scenario import choice, quantity
+from parapod.systems.core.schema import choice, quantity
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulators.directory import resolved
 from parapod.systems.hardware.emulators.epos2_node import EmulatedMotor

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
-from parapod.diagrams.scenario import quantity
+from parapod.systems.core.schema import quantity
 from parapod.systems.hardware.device import Device, Signals
 from parapod.systems.hardware.emulators.directory import resolved
 from parapod.systems.hardware.emulators.harness import Harness, MutedHarness

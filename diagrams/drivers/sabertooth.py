@@ -4,8 +4,8 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
-from parapod.diagrams.scenario import choice, quantity
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import choice, quantity
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulators.directory import resolved
 from parapod.systems.hardware.emulators.harness import Harness, MutedHarness

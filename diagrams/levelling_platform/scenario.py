@@ -9,15 +9,15 @@ from parapod.diagrams.drivers.ni_daq import NiDaqLegs
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.fault_scenario import FaultScenario
 from parapod.diagrams.hardware_scenario import HardwareScenario
-from parapod.diagrams.scenario import choice, quantity
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
+from parapod.systems.core.schema import Schema, choice, quantity
 
 SIMULATED = ("multibody", "kinematic")
 BACKENDS = (*SIMULATED, "mock", "hardware")
 
 
 @dataclass
-class GroundScenario:
+class GroundScenario(Schema):
     """The ground that nobody has told the controller about.
 
     Attributes:
@@ -42,7 +42,7 @@ class GroundScenario:
 
 
 @dataclass
-class PlantScenario:
+class PlantScenario(Schema):
     """The simulated machine.
 
     Attributes:
@@ -67,7 +67,7 @@ class PlantScenario:
 
 
 @dataclass
-class ActuatorScenario:
+class ActuatorScenario(Schema):
     """The four linear actuators.
 
     Attributes:
@@ -93,7 +93,7 @@ class ActuatorScenario:
 
 
 @dataclass
-class SensorScenario:
+class SensorScenario(Schema):
     """Encoders and inertial sensor.
 
     Attributes:
@@ -114,7 +114,7 @@ class SensorScenario:
 
 
 @dataclass
-class ControlScenario:
+class ControlScenario(Schema):
     """The controller.
 
     Attributes:
@@ -140,7 +140,7 @@ class ControlScenario:
 
 
 @dataclass
-class WaypointScenario:
+class WaypointScenario(Schema):
     """A posture about the level one.
 
     Attributes:
@@ -157,7 +157,7 @@ class WaypointScenario:
 
 
 @dataclass
-class ArmScenario:
+class ArmScenario(Schema):
     """The arm's swing while the platform holds.
 
     Attributes:
@@ -172,7 +172,7 @@ class ArmScenario:
 
 
 @dataclass
-class JobScenario:
+class JobScenario(Schema):
     """What the platform is asked to do.
 
     Attributes:
@@ -214,7 +214,7 @@ def emulated_hardware() -> HardwareScenario:
 
 
 @dataclass
-class LevellingScenario:
+class LevellingScenario(Schema):
     """One run of the levelling platform.
 
     Attributes:

@@ -4,11 +4,11 @@ from dataclasses import dataclass, field
 
 from parapod.diagrams.drivers.epos2 import Epos2Legs
 from parapod.diagrams.hardware_scenario import HardwareScenario
-from parapod.diagrams.scenario import choice, quantity
 from parapod.systems.actuators.compound_position_controller import (
     MODES,
     CompoundPositionControllerParams,
 )
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.gait import ORDERS, TrotGait, Walk, there_and_back
 from parapod.systems.walking_chair.masses import Passenger
 from parapod.systems.walking_chair.trajectories import MOTION_LAWS
@@ -19,7 +19,7 @@ WAYS = ("forward", "back", "forward and back")
 
 
 @dataclass
-class PassengerScenario:
+class PassengerScenario(Schema):
     """Who sits on the chair.
 
     Attributes:
@@ -41,7 +41,7 @@ class PassengerScenario:
 
 
 @dataclass
-class GaitScenario:
+class GaitScenario(Schema):
     """The trotting gait, section "Trotting gait simulation".
 
     Attributes:
@@ -81,7 +81,7 @@ class GaitScenario:
 
 
 @dataclass
-class ChairPlantScenario:
+class ChairPlantScenario(Schema):
     """The simulated machine.
 
     Attributes:
@@ -94,7 +94,7 @@ class ChairPlantScenario:
 
 
 @dataclass
-class DriveScenario:
+class DriveScenario(Schema):
     """The twelve velocity-controlled drives; all values are assumptions.
 
     Attributes:
@@ -113,7 +113,7 @@ class DriveScenario:
 
 
 @dataclass
-class ChairControlScenario:
+class ChairControlScenario(Schema):
     """The controller.
 
     Attributes:
@@ -151,7 +151,7 @@ def emulated_hardware() -> HardwareScenario:
 
 
 @dataclass
-class ChairScenario:
+class ChairScenario(Schema):
     """One walk of the chair.
 
     Attributes:

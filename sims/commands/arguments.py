@@ -140,7 +140,7 @@ def load(arguments: argparse.Namespace, entries: "Sequence[Entry]") -> "tuple[Ex
     entry = find(arguments.name, entries)
 
     from parapod.diagrams.drivers.external import load_drivers, load_installed_drivers
-    from parapod.diagrams.scenario import load_scenario
+    from parapod.systems.core.scenario_file import load_scenario
 
     load_installed_drivers()
     if arguments.drivers is not None:

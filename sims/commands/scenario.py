@@ -17,7 +17,7 @@ add_arguments = add_scenario_arguments
 
 def execute(arguments: argparse.Namespace, entries: "Sequence[Entry]") -> int:
     """Runs the command; returns the exit code."""
-    from parapod.diagrams.scenario import dump_scenario
+    from parapod.systems.core.scenario_file import dump_scenario
 
     print(dump_scenario(load(arguments, entries)[1]), end="")
     return HELD

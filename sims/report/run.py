@@ -7,12 +7,12 @@ from typing import Any
 
 from rich.console import Console
 
-from parapod.diagrams.scenario import load_scenario
 from parapod.sims.experiment import Entry, RunOptions
 from parapod.sims.report.chapter import Chapter, Check, Numbers, Part, Picture
 from parapod.sims.results import Result
 from parapod.sims.sweep import run_seeds
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.scenario_file import load_scenario
 
 
 @dataclass(frozen=True)

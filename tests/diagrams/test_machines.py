@@ -8,10 +8,10 @@ from pydrake.systems.framework import InputPortIndex, OutputPortIndex
 from parapod.diagrams.hardware_parts import make_parts
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.machines import MACHINES, machine_of
-from parapod.diagrams.scenario_tree import fields_of
 from parapod.sims.experiment import ENTRIES, experiments
 from parapod.sims.signal_units import unit_of, with_units
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import fields_of
 
 each_machine = pytest.mark.parametrize("machine", MACHINES, ids=lambda m: m.experiment)
 

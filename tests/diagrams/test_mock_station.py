@@ -12,11 +12,11 @@ from rich.console import Console
 from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.station import make_station
-from parapod.diagrams.scenario import load_scenario
 from parapod.sims.experiment import RunOptions
 from parapod.sims.level import run
 from parapod.sims.level_metrics import measured_posture
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
+from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import to_platform

@@ -12,7 +12,6 @@ import pytest
 import yaml
 from rich.console import Console
 
-from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.calibrate import EXPERIMENT, run
 from parapod.sims.calibrate_machine import drawn_commands, spread_commands
 from parapod.sims.calibrate_recording import read_recording
@@ -22,6 +21,7 @@ from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.figures import render
 from parapod.sims.outputs import read_log, write_log
 from parapod.systems.core.errors import OutputError, UndeterminedCalibration
+from parapod.systems.core.scenario_file import dump_scenario, load_scenario
 
 DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "calibrate.yaml"
 KEYS = {

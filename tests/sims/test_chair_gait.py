@@ -11,7 +11,6 @@ import pytest
 import yaml
 from rich.console import Console
 
-from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.chair_gait import EXPERIMENT, run
 from parapod.sims.chair_gait_metrics import gait_metrics
 from parapod.sims.chair_gait_motion import sample_walk
@@ -21,6 +20,7 @@ from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.figures import render
 from parapod.sims.outputs import read_log
 from parapod.systems.core.errors import OutputError, ScenarioError
+from parapod.systems.core.scenario_file import dump_scenario, load_scenario
 from parapod.systems.walking_chair.checks import SpeedExceeded, StrokeExceeded
 from parapod.systems.walking_chair.geometry import ChairGeometry
 

@@ -11,7 +11,6 @@ import pytest
 import yaml
 from rich.console import Console
 
-from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.chair_payload import EXPERIMENT, run
 from parapod.sims.chair_payload_metrics import payload_metrics
 from parapod.sims.chair_payload_scenario import ChairPayloadScenario
@@ -21,6 +20,7 @@ from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.figures import render
 from parapod.sims.outputs import read_log
 from parapod.systems.core.errors import OutputError
+from parapod.systems.core.scenario_file import dump_scenario, load_scenario
 from parapod.systems.walking_chair.checks import SpeedExceeded, StrokeExceeded
 from parapod.systems.walking_chair.support import SupportLost
 

@@ -11,7 +11,6 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
-from parapod.diagrams.scenario import load_scenario
 from parapod.diagrams.walking_chair.closed_loop import make_closed_loop
 from parapod.diagrams.walking_chair.ports import OUTPUTS, TRUTH_OUTPUTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
@@ -23,6 +22,7 @@ from parapod.sims.experiment import RunOptions
 from parapod.sims.figures import render
 from parapod.sims.outputs import read_log
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.walking_chair.checks import ForceExceeded, SpeedExceeded, StrokeExceeded
 from parapod.systems.walking_chair.support import SupportLost
 

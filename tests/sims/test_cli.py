@@ -11,12 +11,12 @@ from importlib.metadata import version
 import pytest
 from rich.console import Console
 
-from parapod.diagrams.scenario import choice, quantity
 from parapod.sims.cli import main
 from parapod.sims.experiment import ENTRIES, Entry, Experiment, experiments, progress
 from parapod.sims.outputs import atomic_output
 from parapod.sims.results import Metric, Result
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.schema import choice, quantity
 
 
 @dataclass

@@ -9,13 +9,13 @@ import pytest
 import umsgpack
 from pydrake.geometry import Meshcat
 
-from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.cli import main
 from parapod.sims.deploy import EXPERIMENT
 from parapod.sims.deploy_scenario import DeployScenario
 from parapod.sims.experiment import ENTRIES
 from parapod.sims.phase_label import PhaseLabel
 from parapod.sims.signal_units import unit_of
+from parapod.systems.core.scenario_file import dump_scenario, load_scenario
 from parapod.systems.levelling_platform.supervisor import Phase
 
 # As little as is an operation: hardly any way there and back, and work without pauses.

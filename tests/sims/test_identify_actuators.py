@@ -10,7 +10,6 @@ import pytest
 import yaml
 from rich.console import Console
 
-from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.figures import render
 from parapod.sims.identify_actuators import EXPERIMENT, run
@@ -19,6 +18,7 @@ from parapod.sims.identify_actuators_recording import Recording, record
 from parapod.sims.identify_actuators_scenario import IdentifyActuatorsScenario, schedule
 from parapod.sims.outputs import read_log
 from parapod.systems.core.errors import OutputError, ScenarioError
+from parapod.systems.core.scenario_file import dump_scenario, load_scenario
 
 DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "identify-actuators.yaml"
 

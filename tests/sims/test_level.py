@@ -25,7 +25,6 @@ from tornado.websocket import websocket_connect
 
 from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario, WaypointScenario
-from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.cli import main
 from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.level import EXPERIMENT, run
@@ -34,6 +33,7 @@ from parapod.sims.live import LivePlatform, stay_live
 from parapod.sims.live_buttons import RESTART, STOP
 from parapod.sims.outputs import read_log
 from parapod.systems.core.errors import OutputError, ScenarioError, UnreachablePosture
+from parapod.systems.core.scenario_file import dump_scenario, load_scenario
 from parapod.systems.levelling_platform.kinematics import height_range
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.sliders import PostureSliders

@@ -10,7 +10,6 @@ import pytest
 import yaml
 from rich.console import Console
 
-from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.figures import render
 from parapod.sims.outputs import read_log
@@ -23,6 +22,7 @@ from parapod.sims.slip_scenario import (
     swing_trajectory,
 )
 from parapod.systems.core.errors import OutputError, UnreachablePosture
+from parapod.systems.core.scenario_file import dump_scenario, load_scenario
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 

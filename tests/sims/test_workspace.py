@@ -12,7 +12,6 @@ import pytest
 import yaml
 from rich.console import Console
 
-from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.cli import main
 from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.figures import render
@@ -20,6 +19,7 @@ from parapod.sims.workspace import EXPERIMENT, run
 from parapod.sims.workspace_figures import figures
 from parapod.sims.workspace_scenario import WorkspaceScenario
 from parapod.systems.core.errors import OutputError
+from parapod.systems.core.scenario_file import dump_scenario, load_scenario
 from parapod.systems.levelling_platform.workspace import ArmGeometry
 
 DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "workspace.yaml"
