@@ -27,7 +27,7 @@ class FaultTarget:
         port: name of the port whose injector the faults go to.
         size: its number of elements.
         low: smallest plausible value, of garbage; one for all elements or one for each.
-        high: largest, likewise.
+        high: largest plausible value, in the same form.
         off_value: what it shows of a device that does not publish.
         is_binary: its values are 0 and 1.
         wrong: factor [-] and offset (in the port's unit) of a wrong value when nothing is said.
@@ -91,16 +91,17 @@ class FaultScenario(Schema):
     """One fault.
 
     Attributes:
-        at: when it begins, in the time of the simulation [s].
-        target: signal, by its port's name; "supply" is all four drives' voltage at once,
-            "posture_command" what the platform is asked to do.
+        at: beginning of the fault, in the time of the simulation [s].
+        target: signal, by its port's name; "supply" is the voltage of all four drives at once,
+            "posture_command" the posture that the platform is asked for.
         index: element of the port, counted from 0; -1 for all of them.
-        kind: what happens, see `FaultKind`.
-        duration: [s]; null: to the end.
-        value: by its kind: offset of a wrong value (the port's unit), sampling period of a slow
-            signal [s], delay of a delayed one [s], length of an intermittent one's turns, missing
-            and good alike [s]; null: the target's or the kind's default. Others have none.
-        scale: factor of a wrong value, likewise [-].
+        kind: kind of the fault; see `FaultKind`.
+        duration: duration of the fault [s]; null: to the end.
+        value: setting of the kind: offset of a wrong value (the port's unit), sampling period of a
+            slow signal [s], delay of a delayed one [s], length of the turns in which an
+            intermittent one is missing and good [s]; null: the default of target or kind. Other
+            kinds have none.
+        scale: factor of a wrong value [-]; null: the target's default.
     """
 
     at: float = quantity(0.0, 0.0, 3600.0)
@@ -120,9 +121,9 @@ def check_faults(
     Faults of the supply come after the drives' own in the result, so that they count.
 
     Args:
-        faults: as in a scenario.
-        seed: of garbage; faults with the same seed differ from each other.
-        key: where the scenario has them, for messages.
+        faults: faults of a scenario.
+        seed: seed of garbage; faults with the same seed differ from each other.
+        key: key of the faults in the scenario, for messages.
 
     Raises:
         ScenarioError: an index that the port does not have, or a value that the kind does not
@@ -149,9 +150,9 @@ def make_fault_injector(port: str, period: float, faults: Sequence[Fault] = ()) 
     """The injector of a port, of the targets' table.
 
     Args:
-        port: its name; the supply's faults go to `legs.voltage`.
-        period: of what reads it [s].
-        faults: of this port, as `check_faults` gives them.
+        port: name of the port; the supply's faults go to `legs.voltage`.
+        period: period of the system that reads it [s].
+        faults: faults of this port, as `check_faults` gives them.
     """
     target = TARGETS[port]
     injector = FaultInjector(
@@ -206,7 +207,7 @@ def _check_index(fault: FaultScenario, key: str) -> None:
 
 
 def _check_setting(fault: FaultScenario, name: str, key: str) -> None:
-    """Whether the kind has this setting, and its value is allowed."""
+    """Refuse a setting that the kind does not have, or whose value is not allowed."""
     value = getattr(fault, name)
     if value is None:
         return

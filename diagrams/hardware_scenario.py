@@ -25,10 +25,10 @@ DRIVERS = (
 
 @dataclass
 class HardwareScenario(Schema):
-    """Devices of the backend "hardware"; each machine has defaults of its own.
+    """Devices of the backend "hardware"; addresses that begin with emulator/ are emulated.
 
     Attributes:
-        drivers: of each part of the machine, chosen by their tags; see `Driver`.
+        drivers: drivers of the machine's parts, chosen by their tags; see `Driver`.
     """
 
     drivers: list[Driver] = field(default_factory=list)

@@ -11,18 +11,22 @@ from parapod.systems.walking_chair.geometry import ChairGeometry
 
 BACKENDS = ("exact",)
 PRINTED = "linear"  # the law of Eq. (45)
-# Cycles are all alike; so many are drawn and written to a log.
+# Cycles are all alike; these are enough to be drawn and written to a log.
 _MOST_CYCLES = 10
 
 
 @dataclass
 class ChairGaitScenario(Schema):
-    """The gait that is looked at.
+    """A gait that is compared with the paper's.
+
+    The body is moved by Eq. (45) and by a law without steps of the speed: section "Trotting gait
+    simulation", Figs. 7 and 8. A gait that takes a branch out of its stroke or is too fast for it
+    is refused.
 
     Attributes:
-        backend: "exact".
-        seed: nothing is random.
-        gait: see `GaitScenario`; its body law is compared with Eq. (45).
+        backend: method: "exact", closed forms.
+        seed: seed, which changes nothing: nothing is random.
+        gait: see `GaitScenario`; its body law is the one that is compared with Eq. (45).
     """
 
     backend: str = choice("exact", BACKENDS)
@@ -36,7 +40,7 @@ class ChairGaitScenario(Schema):
 
 
 def check_walks(scenario: ChairGaitScenario, geometry: ChairGeometry) -> None:
-    """Refuses a gait that is too long to be looked at, or that the actuators cannot do.
+    """Refuse a gait that is too long to be drawn, or that the actuators cannot do.
 
     Raises:
         ScenarioError: too many cycles.

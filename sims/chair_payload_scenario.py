@@ -13,12 +13,12 @@ BACKENDS = ("exact",)
 
 @dataclass
 class PayloadScenario(Schema):
-    """What is on the seat.
+    """The payload on the seat.
 
     Attributes:
-        mass_kg: whose margin and forces are looked at [kg].
-        x_mm: of its centre of mass, to the right of the seat's middle [mm].
-        y_mm: ahead of it [mm].
+        mass_kg: mass whose margin and forces are computed [kg]; 57 is the paper's largest.
+        x_mm: centre of mass, to the right of the seat's middle [mm].
+        y_mm: centre of mass, ahead of the seat's middle [mm].
     """
 
     mass_kg: float = quantity(57.0, 0.0, 250.0)
@@ -27,7 +27,7 @@ class PayloadScenario(Schema):
 
     @property
     def passenger(self) -> Passenger:
-        """In SI units; its height does not matter to a level chair at rest."""
+        """Payload in SI units; its height does not matter to a level chair at rest."""
         return Passenger(self.mass_kg, 1e-3 * self.x_mm, 1e-3 * self.y_mm)
 
 
@@ -39,17 +39,21 @@ def _printed_gait() -> GaitScenario:
 class ChairPayloadScenario(Schema):
     """The chair's payload through a step.
 
+    Section "Walking experiment research", Eqs. (50) to (54). Forces are spread over the feet's
+    corners in the best possible way, by linear programming. A payload that leaves too small a
+    margin to the edge of the support polygon is refused.
+
     Attributes:
-        backend: "exact".
-        seed: nothing is random.
-        gait: see `GaitScenario`; of its cycles, which are alike, one is looked at. The body's law
-            says only when it is where.
+        backend: method: "exact", statics of closed forms.
+        seed: seed, which changes nothing: nothing is random.
+        gait: see `GaitScenario`; one of its equal cycles is computed, and the body's law says only
+            when the body is where.
         payload: see `PayloadScenario`.
-        friction: coefficient between feet and ground, beside none at all [-].
-        force_limit: of each branch, either way [N].
+        friction: coefficient between feet and ground, which is compared with none at all [-].
+        force_limit: F_N of Eq. (53): largest force of each branch, either way [N].
         support_margin_mm: smallest admissible distance of the centre of mass from the edge of the
             support polygon [mm].
-        instants: at which forces are spread, in each phase.
+        instants: number of instants in each phase at which forces are spread.
     """
 
     backend: str = choice("exact", BACKENDS)

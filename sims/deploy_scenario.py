@@ -32,8 +32,8 @@ class DriveScenario(Schema):
     """The ways there and back, straight ahead.
 
     Attributes:
-        distance_m: each way [m].
-        speed_m_s: [m/s].
+        distance_m: distance of each way [m].
+        speed_m_s: speed [m/s].
     """
 
     distance_m: float = quantity(0.6, 0.0, 100.0)
@@ -41,21 +41,21 @@ class DriveScenario(Schema):
 
     @property
     def duration(self) -> float:
-        """Of one way [s]."""
+        """Duration of one way [s]."""
         return self.distance_m / self.speed_m_s
 
 
 @dataclass
 class WorkScenario(Schema):
-    """What is done while the platform stands.
+    """The work of the platform while it stands.
 
     Attributes:
-        roll_deg: of the posture [deg].
-        pitch_deg: [deg].
-        height_mm: above the mean of the ground under the feet [mm].
+        roll_deg: roll of the posture [deg].
+        pitch_deg: pitch of the posture [deg].
+        height_mm: height of the posture above the mean of the ground under the feet [mm].
         arm_deg: angle to which the arm swings and from which it comes back [deg].
         turn_deg: angle of the turntable meanwhile [deg].
-        hold_s: at rest before, between and after the arm's moves [s].
+        hold_s: time at rest before, between and after the arm's moves [s].
     """
 
     roll_deg: float = quantity(0.0, -10.0, 10.0)
@@ -78,20 +78,21 @@ class WorkScenario(Schema):
 
 @dataclass
 class DeployScenario(Schema):
-    """One operation.
+    """One operation: drive there, stand up, work, leave.
 
     Attributes:
-        backend: "multibody" or "kinematic".
-        seed: of everything random: gains, biases, noise.
-        ground: where the platform works; the wheels need `foot_heights_mm` of 0 or more.
+        backend: plant behind the station's ports: "multibody" (rigid bodies and contact) or
+            "kinematic" (quasi-static).
+        seed: seed of everything random: gains, biases, noise.
+        ground: see `GroundScenario`; the wheels need foot heights of 0 or more.
         drive: see `DriveScenario`.
         work: see `WorkScenario`.
         plant: see `PlantScenario`; the wheels roll.
         actuators: see `ActuatorScenario`.
         sensors: see `SensorScenario`.
         control: see `ControlScenario`.
-        faults: see `FaultScenario`.
-        longest: end of an operation that does not come to its end [s].
+        faults: faults of the machine's signals; see `FaultScenario`.
+        longest: time after which an operation that has not come to its end is ended [s].
     """
 
     backend: str = choice("multibody", SIMULATED)
@@ -122,7 +123,7 @@ class DeployScenario(Schema):
         )
 
     def steps(self) -> tuple[Step, ...]:
-        """What the operator does."""
+        """Steps of the operator."""
         transport, hold = Phase.TRANSPORT, Phase.HOLD
         ahead, stop = (self.drive.speed_m_s, 0.0), (0.0, 0.0)
         return (

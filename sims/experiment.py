@@ -67,7 +67,8 @@ class Entry:
         name: the experiment's name.
         summary: the experiment's summary.
         load: imports the experiment.
-        scenarios: folder of its default scenario `<name>.yaml`; None for parapod's own.
+        scenarios: folder of its default scenario `<name>.yaml`; None for parapod's own, which is
+            there only where it differs from the schema's defaults.
         switches: options of its own, which need no value: name -> the override of the scenario
             that it is short for, and its help.
     """
@@ -79,14 +80,14 @@ class Entry:
     switches: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     @property
-    def default_scenario(self) -> Path:
-        """The file with the experiment's default scenario."""
-        folder = self.scenarios
-        if folder is None:
-            from importlib.resources import files
+    def default_scenario(self) -> Path | None:
+        """File with what differs from the defaults of the schema, if anything does."""
+        if self.scenarios is not None:
+            return self.scenarios / f"{self.name}.yaml"
+        from importlib.resources import files
 
-            folder = Path(str(files("parapod.sims.scenarios")))
-        return folder / f"{self.name}.yaml"
+        path = Path(str(files("parapod.sims.scenarios"))) / f"{self.name}.yaml"
+        return path if path.is_file() else None
 
 
 def _module(name: str) -> Callable[[], Experiment]:

@@ -55,15 +55,15 @@ _REASONS: dict[tuple[str, str], str] = {
 
 @dataclass
 class FaultCampaignScenario(Schema):
-    """One campaign.
+    """One campaign: every kind of fault of every device in every phase of the operation.
 
     Attributes:
-        backend: "kinematic".
-        seed: of the machine, its noise and the garbage.
-        ground: where the platform works.
-        device: one of those that can fail, or all.
-        phase: in which the faults begin, or all.
-        window: for which each fault is watched [s].
+        backend: plant behind the station's ports: "kinematic" (quasi-static).
+        seed: seed of the machine, its noise and the garbage.
+        ground: see `GroundScenario`.
+        device: device that fails; "all" for each in turn.
+        phase: phase in which the faults begin; "all" for each in turn.
+        window: time for which each fault is watched [s].
     """
 
     backend: str = choice("kinematic", BACKENDS)
@@ -160,7 +160,7 @@ def _metrics(cells: Sequence[Cell]) -> tuple[Metric, ...]:
             "largest_stray_mm",
             max((cell.stray_mm for cell in caught), default=0.0),
             "mm",
-            meaning="likewise of the height",
+            meaning="of the height from the faultless path, commands apart",
         ),
     )
 

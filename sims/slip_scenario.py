@@ -27,11 +27,12 @@ class LiftScenario(Schema):
     """The lift, at level attitude.
 
     Attributes:
-        initial_extension_mm: of all legs [mm].
-        height_mm: at the end, above the ground's plane [mm].
-        duration: [s].
-        settle: from its end until the actuators are braked, so that they arrive first [s].
-        rest: with braked actuators, until the arm swings [s].
+        initial_extension_mm: extension of all legs at the beginning [mm].
+        height_mm: height at the end, above the ground's plane [mm].
+        duration: duration of the lift [s].
+        settle: time from the end of the lift until the actuators are braked, so that they arrive
+            first [s].
+        rest: time with braked actuators until the arm swings [s].
     """
 
     initial_extension_mm: float = quantity(410.0, 390.0, 420.0)
@@ -46,9 +47,9 @@ class SwingScenario(Schema):
     """The arm's swing.
 
     Attributes:
-        angle_deg: forward from upright [deg].
-        duration: [s].
-        rest: after it [s].
+        angle_deg: angle forward from upright [deg].
+        duration: duration of the swing [s].
+        rest: time at rest after the swing [s].
     """
 
     angle_deg: float = quantity(45.0, -90.0, 90.0)
@@ -58,11 +59,11 @@ class SwingScenario(Schema):
 
 @dataclass
 class CreepScenario(Schema):
-    """The platform stands still on inclined ground.
+    """The solver's creep on inclined ground, at time steps of 1, 2 and 4 ms.
 
     Attributes:
-        pitch_deg: of the ground [deg].
-        duration: over which the creep is measured [s].
+        pitch_deg: pitch of the ground [deg].
+        duration: time over which the creep is measured [s].
     """
 
     pitch_deg: float = quantity(5.0, 0.5, 10.0)
@@ -73,9 +74,12 @@ class CreepScenario(Schema):
 class SlipScenario(Schema):
     """One study of slip.
 
+    The legs lift the level platform; once it has settled the actuators are braked and the arm
+    swings: section 7, Fig. 23.
+
     Attributes:
-        backend: "multibody".
-        seed: of the errors of gains and dimensions.
+        backend: plant: "multibody".
+        seed: seed of the errors of gains and dimensions.
         lift: see `LiftScenario`.
         arm: see `SwingScenario`.
         creep: see `CreepScenario`.
@@ -109,7 +113,7 @@ class SlipScenario(Schema):
 
     @property
     def end(self) -> float:
-        """[s]."""
+        """End of the study [s]."""
         return self.swing_at + self.arm.duration + self.arm.rest
 
 

@@ -12,11 +12,11 @@ BACKENDS = ("exact",)
 
 @dataclass
 class SlopeScenario(Schema):
-    """The ground on which Eq. (14) is checked.
+    """The ground on which Eq. (14) is checked; everything else is on level ground.
 
     Attributes:
-        roll_deg: [deg].
-        pitch_deg: [deg].
+        roll_deg: roll of the ground [deg].
+        pitch_deg: pitch of the ground [deg].
     """
 
     roll_deg: float = quantity(3.0, -30.0, 30.0)
@@ -30,12 +30,13 @@ class SlopeScenario(Schema):
 
 @dataclass
 class ReachScenario(Schema):
-    """The arm whose tip is looked at.
+    """The arm whose tip is followed.
 
     Attributes:
-        offset_mm: its base, from the platform's centre F [mm].
-        length_mm: [mm].
-        lean_deg: from upright while the turntable turns; otherwise it is upright [deg].
+        offset_mm: base of the arm from the platform's centre F [mm]; assumed, because Eq. (13) is
+            lost.
+        length_mm: length of the arm [mm].
+        lean_deg: angle from upright while the turntable turns; otherwise the arm is upright [deg].
     """
 
     offset_mm: list[float] = quantity([1e3 * x for x in ARM_BASE], -500.0, 500.0, length=3)
@@ -50,21 +51,24 @@ class ReachScenario(Schema):
 
     @property
     def lean(self) -> float:
-        """[rad]."""
+        """Angle of the leaning arm from upright [rad]."""
         return math.radians(self.lean_deg)
 
 
 @dataclass
 class WorkspaceScenario(Schema):
-    """What is asked about the workspace.
+    """Questions about the workspace of the arm's tip.
+
+    It is computed exactly, beside the eight surfaces that the paper prints for it: section 4 and
+    Fig. 12. Frame {B} has its origin at the support point of leg 2, the right back one; z is up.
 
     Attributes:
-        backend: "exact".
-        seed: of the points of the round trip and of the roundings that are tried.
-        resolution: cells in each of three dimensions of a volume.
-        ground: on which Eq. (14) is checked; everything else is on level ground.
+        backend: method: "exact", closed forms.
+        seed: seed of the points of the round trip and of the roundings that are tried.
+        resolution: number of cells in each of three dimensions of a volume.
+        ground: see `SlopeScenario`.
         arm: see `ReachScenario`.
-        turntable: whether the motor in the arm's base may turn it.
+        turntable: turning of the arm by the motor in its base.
     """
 
     backend: str = choice("exact", BACKENDS)

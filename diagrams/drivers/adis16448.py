@@ -23,9 +23,8 @@ class Adis16448SpiImu(Driver):
     """The inertial sensor on an SPI bus of this computer: see `Adis16448Spi`.
 
     Attributes:
-        part: of the machine.
-        address: "/dev/spidev0.0", bus and chip; "unix:/path" for an emulated one.
-        clock_khz: of the bus [kHz].
+        address: bus and chip, as in "/dev/spidev0.0"; "unix:/path" for an emulated one.
+        clock_khz: clock of the bus [kHz].
         decimation: D of the sample rate 819.2 Hz / 2^D [-].
         mounting_deg: roll, pitch and yaw of the sensor in the platform's frame [deg].
         timeout_ms: longest time for one call [ms].
@@ -65,8 +64,7 @@ class Adis16448IioImu(Driver):
     """The inertial sensor through Linux IIO, here or on another computer: see `Adis16448Iio`.
 
     Attributes:
-        part: of the machine.
-        uri: of libiio's context: "local:", "ip:host" or "ip:host:port"; of an emulated one
+        uri: context of libiio: "local:", "ip:host" or "ip:host:port"; for an emulated one
             "ip:127.0.0.1:port" with any free port.
         decimation: D of the sample rate 819.2 Hz / 2^D [-].
         mounting_deg: roll, pitch and yaw of the sensor in the platform's frame [deg].

@@ -1,4 +1,4 @@
-"""What all drivers are."""
+"""Base of all drivers, and the refusals that they share."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -21,8 +21,8 @@ class PartPorts:
     """The signals of one part of a station, with their sizes.
 
     Attributes:
-        measures: that the station shows.
-        commands: that the station takes.
+        measures: signals that the station shows.
+        commands: signals that the station takes.
     """
 
     measures: Mapping[str, int]
@@ -38,7 +38,7 @@ class Driver(Variant):
     no library imported before the device is configured.
 
     Attributes:
-        part: of the machine, as in the names of its ports.
+        part: part of the machine, as in the names of its ports.
     """
 
     part: str = ""
@@ -47,18 +47,18 @@ class Driver(Variant):
         """The device, not configured yet.
 
         Args:
-            ports: of the part; the device may stand behind all of them or some.
+            ports: ports of the part; the device may stand behind all of them or some.
         """
         raise NotImplementedError(f"{type(self).__name__} does not define make")
 
     def emulate(
         self, harness: Harness, misbehaviour: Misbehaviour
     ) -> AbstractContextManager[object]:
-        """What answers in the device's place, at the same address, while the context lasts.
+        """Emulator that answers in the device's place, at its address, while the context lasts.
 
         Args:
             harness: wires to the simulated machine.
-            misbehaviour: what it does wrong.
+            misbehaviour: faults of the emulated device.
 
         Raises:
             ScenarioError: there is no emulator of this device, or its address is a real one.
@@ -72,8 +72,8 @@ def emulated(address: str, key: str) -> str:
     """The resolved address of a device that is to be emulated.
 
     Args:
-        address: as the scenario has it.
-        key: the driver's tag and field.
+        address: address in the scenario.
+        key: tag and field of the driver.
 
     Raises:
         ScenarioError: it is not in the emulator's directory.
@@ -88,7 +88,7 @@ def emulated(address: str, key: str) -> str:
 
 @contextmanager
 def named(driver: Driver) -> Iterator[None]:
-    """Says which driver it is whose settings do not fit together.
+    """Name the driver whose settings do not fit together.
 
     Raises:
         ScenarioError: in place of a ValueError.
@@ -101,11 +101,11 @@ def named(driver: Driver) -> Iterator[None]:
 
 
 def refuse_without_emulator(drivers: Sequence[Driver], experiment: str) -> None:
-    """Tells those who have not begun the emulator that its addresses lead nowhere.
+    """Refuse addresses of the emulator while none runs.
 
     Args:
-        drivers: of the machine.
-        experiment: with which its emulator is begun.
+        drivers: drivers of the machine.
+        experiment: experiment that names the machine to `parapod emulate`.
 
     Raises:
         ScenarioError: a driver has such an address, and no emulator runs.

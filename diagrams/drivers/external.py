@@ -11,7 +11,7 @@ GROUP = "parapod.drivers"
 
 
 def load_installed_drivers() -> None:
-    """Imports the modules that installed packages name under the entry point `parapod.drivers`.
+    """Import the modules that installed packages name under the entry point `parapod.drivers`.
 
     Raises:
         ScenarioError: one cannot be imported; names it.
@@ -24,7 +24,7 @@ def load_installed_drivers() -> None:
 
 
 def load_drivers(path: Path) -> None:
-    """Imports a Python file that defines drivers, by its name, as if it lay beside the program.
+    """Import a Python file that defines drivers, by its name, as if it lay beside the program.
 
     Raises:
         ScenarioError: it is not there, or cannot be imported.

@@ -1,1 +1,1 @@
-"""The default scenario of every experiment: `<experiment>.yaml`."""
+"""Default scenarios, `<experiment>.yaml`, where they differ from their schema's defaults."""

@@ -109,8 +109,7 @@ def describe(kind: type) -> dict[str, str]:
     """Descriptions of a schema's fields: `Attributes:` of its docstring and of its bases'."""
     texts: dict[str, str] = {}
     for base in reversed(kind.__mro__):
-        doc = inspect.cleandoc(base.__doc__ or "")
-        section = re.search(r"^Attributes:\n((?: .*\n?|\n)+)", doc, re.MULTILINE)
+        section = re.search(r"^Attributes:\n((?: .*\n?|\n)+)", _doc(base), re.MULTILINE)
         for entry in re.split(r"\n(?=    \w)", section[1] if section else ""):
             name, _, text = entry.strip().partition(":")
             texts[name] = " ".join(text.split())
@@ -308,6 +307,10 @@ def _items(
         inner = variant_of(kind, item) if is_family(kind) else kind
         if is_family(kind) and explained is not None and inner not in explained:
             yield from _comment(_title(inner), indent)
+        flat = f"{pad}- {_inline(item)}"
+        if explained and inner in explained and len(flat) <= _WIDTH:
+            yield flat  # like the one before
+            continue
         lines = _mapping(inner, item, indent + 2, explained)
         if TAG in item:
             yield f"{pad}- {item[TAG]}{'' if lines else ' {}'}"
@@ -344,7 +347,7 @@ def _explanations(kind: type) -> dict[str, str]:
         allowed = _allowed(inner, rule)
         if isinstance(rule, Options) and all(str(option) in text for option in rule.options):
             allowed = ""  # the text explains each of them
-        texts[name] = (f"{text} ({allowed})" if allowed else text).replace("`", "")
+        texts[name] = (f"{text} ({allowed})" if allowed else text).replace("`", "").strip()
     return texts
 
 
@@ -355,7 +358,8 @@ def _without_references(text: str) -> str:
 
 def _title(kind: type) -> str:
     """First paragraph of a schema's docstring."""
-    return f"{_without_references(_prose(kind).partition(_PARAGRAPH)[0])}."
+    text = _without_references(_prose(kind).partition(_PARAGRAPH)[0])
+    return f"{text}." if text else ""
 
 
 def _allowed(kind: Any, rule: Rule) -> str:
@@ -378,29 +382,31 @@ def _element(kind: Any) -> Any:
     return typing.get_args(kind)[0] if typing.get_origin(kind) is list else kind
 
 
+def _doc(kind: type) -> str:
+    """Docstring of a class, unless it has the one that `dataclass` makes."""
+    text = inspect.cleandoc(kind.__doc__ or "")
+    return "" if text.startswith(f"{kind.__name__}(") else text
+
+
 def _prose(kind: type) -> str:
     """The docstring of a schema without its sections."""
-    text = inspect.cleandoc(kind.__doc__ or "")
-    return re.split(r"^\w+:$", text, maxsplit=1, flags=re.MULTILINE)[0].strip()
+    return re.split(r"^\w+:$", _doc(kind), maxsplit=1, flags=re.MULTILINE)[0].strip()
 
 
 def _comment(text: str, indent: int) -> Iterator[str]:
     """Paragraphs as comments; those that are indented keep their lines."""
-    pad = " " * indent
+    start = f"{' ' * indent}# "
     for i, paragraph in enumerate(text.split(_PARAGRAPH) if text else ()):
         if i > 0:
-            yield f"{pad}#"
+            yield start.rstrip()
         if paragraph.startswith(" "):
-            yield from (f"{pad}# {line}" for line in paragraph.splitlines())
-        else:
-            yield from textwrap.wrap(
-                paragraph,
-                _WIDTH,
-                initial_indent=f"{pad}# ",
-                subsequent_indent=f"{pad}# ",
-                break_long_words=False,
-                break_on_hyphens=False,
-            )
+            yield from (f"{start}{line}" for line in paragraph.splitlines())
+            continue
+        tied = re.sub(r"\b((?:Eq|Fig)s?\.) ", "\\1\u00a0", paragraph)
+        for line in textwrap.wrap(
+            tied, _WIDTH - len(start), break_long_words=False, break_on_hyphens=False
+        ):
+            yield start + line.replace("\u00a0", " ")
 
 
 def _is_block(value: Any) -> bool:
@@ -413,23 +419,31 @@ def _is_block(value: Any) -> bool:
 def _inline(value: Any) -> str:
     """A value in one line."""
     if isinstance(value, dict):
-        return f"{value[TAG]} {{}}" if TAG in value else "{}"
+        names = [name for name in value if name != TAG]
+        items = _flow_items([value[name] for name in names])
+        text = ", ".join(f"{name}: {item}" for name, item in zip(names, items, strict=True))
+        return f"{value[TAG]} {{{text}}}" if TAG in value else f"{{{text}}}"
     if isinstance(value, list):
         return f"[{', '.join(_flow_items(value))}]"
-    style = '"' if isinstance(value, str) and not value.isprintable() else None
-    text: str = yaml.dump(
-        value, Dumper=yaml.SafeDumper, default_style=style, allow_unicode=True, width=float("inf")
-    )
-    return text.removesuffix("\n").removesuffix("\n...")
+    return _scalar(value)
 
 
 def _flow_items(values: list[Any]) -> list[str]:
     """Elements as they stand within brackets, where text needs more quotes than elsewhere."""
-    texts = (
-        yaml.dump([x], Dumper=yaml.SafeDumper, default_flow_style=True, width=float("inf"))
-        for x in values
+    return [_inline(x) if isinstance(x, dict | list) else _scalar(x, True) for x in values]
+
+
+def _scalar(value: Any, within_brackets: bool = False) -> str:
+    text: str = yaml.dump(
+        [value] if within_brackets else value,
+        Dumper=yaml.SafeDumper,
+        default_flow_style=True,
+        default_style='"' if isinstance(value, str) and not value.isprintable() else None,
+        allow_unicode=True,
+        width=float("inf"),
     )
-    return [text.strip().removeprefix("[").removesuffix("]") for text in texts]
+    text = text.removesuffix("\n").removesuffix("\n...")
+    return text[1:-1] if within_brackets else text
 
 
 def _folded(line: str, value: Any, pad: str, name: str) -> list[str]:

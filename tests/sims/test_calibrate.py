@@ -4,12 +4,10 @@ import io
 import json
 import re
 from dataclasses import replace
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from rich.console import Console
 
 from parapod.sims.calibrate import EXPERIMENT, run
@@ -21,9 +19,8 @@ from parapod.sims.experiment import ENTRIES, RunOptions
 from parapod.sims.figures import render
 from parapod.sims.outputs import read_log, write_log
 from parapod.systems.core.errors import OutputError, UndeterminedCalibration
-from parapod.systems.core.scenario_file import dump_scenario, load_scenario
+from parapod.systems.core.scenario_file import load_scenario
 
-DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "calibrate.yaml"
 KEYS = {
     "improvement_factor",
     "foot_error_mm",
@@ -48,7 +45,7 @@ UNKNOWN_GROUND = ("ground={known: false, roll_deg: 2, pitch_deg: 3}", "poses.tur
 
 
 def scenario_with(*overrides):
-    return load_scenario(CalibrateScenario, DEFAULT, None, overrides)
+    return load_scenario(CalibrateScenario, overrides=overrides)
 
 
 @pytest.fixture
@@ -72,12 +69,6 @@ def test_the_experiment_is_listed_as_it_describes_itself():
     (entry,) = [entry for entry in ENTRIES if entry.name == EXPERIMENT.name]
     assert entry.load() is EXPERIMENT
     assert entry.summary == EXPERIMENT.summary
-
-
-def test_the_default_scenario_names_every_key_and_is_the_schema_s():
-    assert yaml.safe_load(DEFAULT.read_text()) == yaml.safe_load(
-        dump_scenario(CalibrateScenario())
-    )
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -53,13 +53,6 @@ def result():
     return run(scenario_with(*FORWARD), RunOptions(console=Console(file=io.StringIO())))
 
 
-def test_the_default_scenario_is_the_schemas(options):
-    assert scenario_with() == ChairScenario(
-        gait=scenario_with().gait, hardware=ChairScenario().hardware
-    )
-    assert scenario_with().gait.way == "forward and back"
-
-
 def test_a_walk_with_the_papers_passenger_holds_all_bounds(result):
     assert result.passed, result.broken
     found = result.as_json()
