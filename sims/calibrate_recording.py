@@ -11,6 +11,7 @@ from parapod.sims.calibrate_scenario import CalibrateScenario
 from parapod.sims.experiment_log import write_experiment_log
 from parapod.sims.outputs import read_log
 from parapod.systems.core.errors import OutputError
+from parapod.systems.core.quoting import quoted_path
 from parapod.systems.levelling_platform.calibration.equations import ground_in_heading
 from parapod.systems.levelling_platform.calibration.poses import PoseRecording
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
@@ -112,4 +113,4 @@ def _quoted(names: list[str]) -> str:
 
 
 def _unusable(path: Path, reason: str) -> OutputError:
-    return OutputError(f"cannot calibrate with '{path}': {reason}", path)
+    return OutputError(f"cannot calibrate with {quoted_path(path)}: {reason}", path)

@@ -20,6 +20,7 @@ from parapod.sims.emulated_machine import EmulatedMachine
 from parapod.sims.mcap_log import McapLog
 from parapod.sims.real_time import ended_by_signals, undisturbed
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import quoted
 from parapod.systems.core.scenario_file import dump_scenario
 from parapod.systems.hardware.emulators.directory import emulator_directory
 from parapod.systems.hardware.emulators.misbehaviour import KINDS, Misbehaviour
@@ -61,10 +62,10 @@ def parsed_fault(text: str, parts: Sequence[str], at: float | None = None) -> De
         try:
             at = float(words.pop(0))
         except ValueError:
-            raise ScenarioError(f"'{text}' does not begin with a time in seconds") from None
+            raise ScenarioError(f"{quoted(text)} does not begin with a time in seconds") from None
     if at is None or len(words) != 2 or words[0] not in parts or words[1] not in (*KINDS, WELL):
         raise ScenarioError(
-            f"'{text}' is not PART KIND, with a part of {', '.join(parts)} and a kind of "
+            f"{quoted(text)} is not PART KIND, with a part of {', '.join(parts)} and a kind of "
             f"{', '.join((*KINDS, WELL))}"
         )
     return DeviceFaultRequest(at, words[0], words[1])

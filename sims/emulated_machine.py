@@ -17,6 +17,7 @@ from parapod.sims.emulated_devices import emulated_devices
 from parapod.sims.real_time import RealTimeLoop
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import read_array
+from parapod.systems.core.quoting import quoted_path
 from parapod.systems.hardware.emulators.directory import WIRES, emulator_directory
 from parapod.systems.hardware.emulators.shared_harness import SharedHarness
 
@@ -139,7 +140,7 @@ def _locked(directory: Path) -> IO[str]:
     except OSError:
         lock.close()
         raise ScenarioError(
-            f"an emulator runs in '{directory}' already; end it, or name another folder in the "
-            "environment's PARAPOD_EMULATOR"
+            f"an emulator runs in {quoted_path(directory)} already; end it, or name another "
+            "folder in the environment's PARAPOD_EMULATOR"
         ) from None
     return lock

@@ -29,6 +29,7 @@ from parapod.sims.real_time import (
 )
 from parapod.sims.signal_units import unit_of
 from parapod.systems.core.errors import OutputError
+from parapod.systems.core.quoting import quoted_path
 from parapod.systems.core.scenario_file import dump_scenario
 from parapod.systems.hardware.io_thread import DeviceThread
 
@@ -138,7 +139,9 @@ def _log(
         yield lambda _: None
         return
     if path.suffix != ".mcap":
-        raise OutputError(f"--log '{path}': a log of hardware is an MCAP file, NAME.mcap", path)
+        raise OutputError(
+            f"--log {quoted_path(path)}: a log of hardware is an MCAP file, NAME.mcap", path
+        )
     metadata = {
         "experiment": what,
         "parapod": version("parapod"),

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from parapod.systems.core.errors import OutputError
+from parapod.systems.core.quoting import quoted_path
 
 if TYPE_CHECKING:  # numpy is slow to import, and most of what the command does needs none.
     import numpy as np
@@ -46,7 +47,7 @@ def check_writable(path: Path) -> None:
     if os.path.isdir(target):
         raise _cannot_write(path, "it is a directory")
     if os.path.isfile(folder):
-        raise _cannot_write(path, f"'{folder}' is not a directory")
+        raise _cannot_write(path, f"{quoted_path(folder)} is not a directory")
     try:
         os.stat(target)
     except FileNotFoundError:
@@ -54,9 +55,9 @@ def check_writable(path: Path) -> None:
     except OSError as error:
         raise _cannot_write(path, error.strerror or str(error)) from None
     if not os.path.isdir(folder):
-        raise _cannot_write(path, f"the folder '{folder}' does not exist")
+        raise _cannot_write(path, f"the folder {quoted_path(folder)} does not exist")
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise _cannot_write(path, f"no permission to write in '{folder}'")
+        raise _cannot_write(path, f"no permission to write in {quoted_path(folder)}")
     if os.path.exists(target):
         if not os.path.isfile(target):
             raise _cannot_write(path, "it is not a regular file")
@@ -176,7 +177,7 @@ def read_log(path: Path) -> Log:
         return Log(arrays.pop("t"), arrays, metadata)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise OutputError(f"cannot read log '{path}': {reason}", path) from error
+        raise OutputError(f"cannot read log {quoted_path(path)}: {reason}", path) from error
     except (
         KeyError,
         ValueError,
@@ -185,8 +186,10 @@ def read_log(path: Path) -> Log:
         EOFError,
         zipfile.BadZipFile,
     ) as error:
-        raise OutputError(f"cannot read log '{path}': it is not a log of parapod", path) from error
+        raise OutputError(
+            f"cannot read log {quoted_path(path)}: it is not a log of parapod", path
+        ) from error
 
 
 def _cannot_write(path: Path, reason: str) -> OutputError:
-    return OutputError(f"cannot write '{path}': {reason}", path)
+    return OutputError(f"cannot write {quoted_path(path)}: {reason}", path)

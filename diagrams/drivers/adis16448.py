@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
 from parapod.systems.core.errors import OutputError, ScenarioError
+from parapod.systems.core.quoting import escaped
 from parapod.systems.core.schema import quantity
 from parapod.systems.hardware.adis16448_iio import Adis16448Iio, Adis16448IioParams
 from parapod.systems.hardware.adis16448_spi import Adis16448Spi, Adis16448SpiParams
@@ -96,7 +97,9 @@ class Adis16448IioImu(Driver):
         here, _, port = self.uri.rpartition(":")
         if here != "ip:127.0.0.1" or not port.isdecimal():
             key = f"!{type(self).__name__}.uri"
-            text = f"{key} = {self.uri} is not an address of the emulator, ip:127.0.0.1:PORT"
+            text = (
+                f"{key} = {escaped(self.uri)} is not an address of the emulator, ip:127.0.0.1:PORT"
+            )
             raise ScenarioError(text, key)
         reason = is_available()
         if reason is not None:

@@ -5,6 +5,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import escaped, quoted_path
 from parapod.systems.core.schema import Variant
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulators.directory import (
@@ -81,7 +82,9 @@ def emulated(address: str, key: str) -> str:
     path = resolved(address)
     if path == address:
         raise ScenarioError(
-            f"{key} = {address} is not an address of the emulator, which begin with emulator/", key
+            f"{key} = {escaped(address)} is not an address of the emulator, which begin with "
+            "emulator/",
+            key,
         )
     return path
 
@@ -96,7 +99,7 @@ def named(driver: Driver) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        text = f"hardware.drivers: !{type(driver).__name__} of {driver.part}: {error}"
+        text = f"hardware.drivers: !{type(driver).__name__} of {escaped(driver.part)}: {error}"
         raise ScenarioError(text, "hardware.drivers") from None
 
 
@@ -117,8 +120,8 @@ def refuse_without_emulator(drivers: Sequence[Driver], experiment: str) -> None:
         for key, value in vars(driver).items():
             if isinstance(value, str) and resolved(value) != value:
                 raise ScenarioError(
-                    f"!{type(driver).__name__}.{key} = {value}, but no emulator runs in "
-                    f"'{directory}': begin `parapod emulate {experiment}` in another terminal, or "
-                    "name your own devices under hardware.drivers",
+                    f"!{type(driver).__name__}.{key} = {escaped(value)}, but no emulator runs in "
+                    f"{quoted_path(directory)}: begin `parapod emulate {experiment}` in another "
+                    "terminal, or name your own devices under hardware.drivers",
                     "hardware.drivers",
                 )

@@ -1,13 +1,13 @@
 """What several commands have in common: exit codes, usage errors, scenarios, files."""
 
 import argparse
-import difflib
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError
+from parapod.systems.core.quoting import did_you_mean, escaped, quoted, quoted_path
 
 if TYPE_CHECKING:  # Help and errors must not wait for Drake.
     from parapod.sims.experiment import Entry, Experiment
@@ -15,6 +15,8 @@ if TYPE_CHECKING:  # Help and errors must not wait for Drake.
 HELD, BROKEN, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 # The experiment whose machine is meant unless another one is named.
 _USUAL = "level"
+# Longest text of argparse, which repeats what was typed [characters].
+_LONGEST = 300
 
 EPILOG = """\
 examples:
@@ -48,13 +50,15 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Instead of printing the usage and ending the process."""
-        raise UsageError(f"{message} (see {self.prog} --help)")
+        raise UsageError(f"{escaped(message, _LONGEST)} (see {self.prog} --help)")
 
 
 def count(text: str) -> int:
     """A whole number of 1 or more, for `type=`."""
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be a whole number of 1 or more, not '{text}'")
+        raise argparse.ArgumentTypeError(
+            f"must be a whole number of 1 or more, not {quoted(text)}"
+        )
     return int(text)
 
 
@@ -76,7 +80,9 @@ def check_outputs(paths: Mapping[str, Path | None]) -> None:
         check_writable(path)
         other = taken.setdefault(os.path.realpath(path), option)
         if other != option:
-            raise OutputError(f"--{other} and --{option} would both write '{path}'", path)
+            raise OutputError(
+                f"--{other} and --{option} would both write {quoted_path(path)}", path
+            )
 
 
 def add_scenario_arguments(parser: argparse.ArgumentParser, entries: "Sequence[Entry]") -> None:
@@ -172,10 +178,8 @@ def find(name: str, entries: "Sequence[Entry]") -> "Entry":
     """
     by_name = {entry.name: entry for entry in entries}
     if name not in by_name:
-        close = difflib.get_close_matches(name, by_name, n=1)
-        hint = f" (did you mean {close[0]}?)" if close else ""
-        known = ", ".join(by_name)
-        raise UsageError(f"there is no experiment '{name}'; there are: {known}{hint}")
+        known, hint = ", ".join(by_name), did_you_mean(name, by_name)
+        raise UsageError(f"there is no experiment {quoted(name)}; there are: {known}{hint}")
     return by_name[name]
 
 

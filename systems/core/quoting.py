@@ -1,8 +1,8 @@
 """Quotation of text in messages: one line, no control characters, a reasonable length.
 
 Whatever people type can be anything, and an error that repeats it must stay one readable line:
-`quoted` for names and paths, `show` for values, `printable` for text from elsewhere, such as the
-words of a library.
+`quoted` and `escaped` for names, `quoted_path` for files, `show` for values, `printable` for text
+from elsewhere, such as the words of a library.
 """
 
 import difflib
@@ -16,18 +16,23 @@ _LONGEST_MESSAGE = 1200
 
 
 def quoted(text: object, longest: int = _LONGEST) -> str:
-    r"""Text in quotes, as in 'pitch_deg'; a line break is shown as \n.
-
-    Args:
-        text: a name, or a path.
-        longest: number of characters from which on the middle is left out.
-    """
-    return f"'{_clipped(_escaped(str(text), longest), longest)}'"
+    """Text in quotes, as in 'pitch_deg'; see `escaped`."""
+    return f"'{escaped(text, longest)}'"
 
 
 def quoted_path(path: object) -> str:
     """A path in quotes, which may be longer than a name."""
     return quoted(path, _LONGEST_PATH)
+
+
+def escaped(text: object, longest: int = _LONGEST) -> str:
+    r"""Text without control characters: a line break is shown as \n.
+
+    Args:
+        text: a name, or a path.
+        longest: number of characters from which on the middle is left out.
+    """
+    return _clipped(_escaped(str(text), longest), longest)
 
 
 def show(value: Any) -> str:
