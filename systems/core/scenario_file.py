@@ -19,7 +19,7 @@ from typing import Any
 import yaml  # type: ignore[import-untyped]
 
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.core.quoting import printable, quoted, quoted_path, show
+from parapod.systems.core.quoting import escaped, printable, quoted, quoted_path, show
 from parapod.systems.core.schema import (
     TAG,
     Options,
@@ -70,7 +70,7 @@ def load_scenario[T](
     tree = _schema_defaults(schema)
     for path in (default_file, file):
         if path is not None:
-            source = f"scenario {printable(path)}"
+            source = f"scenario {escaped(path, 240)}"
             data = _parse(_read_text(path), source)
             layer = Reader(schema, source).read(schema, {} if data is None else data)
             tree = overlay(schema, tree, layer)
@@ -345,7 +345,7 @@ def _explanations(kind: type) -> dict[str, str]:
             more = f"{text[:1].upper()}{text[1:]}." if text else ""
             text = f"{_title(bare)} {more}".strip()
         allowed = _allowed(inner, rule)
-        if isinstance(rule, Options) and all(str(option) in text for option in rule.options):
+        if isinstance(rule, Options) and all(f'"{x}"' in text for x in rule.options):
             allowed = ""  # the text explains each of them
         texts[name] = (f"{text} ({allowed})" if allowed else text).replace("`", "").strip()
     return texts

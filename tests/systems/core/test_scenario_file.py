@@ -65,7 +65,11 @@ class Jaw(Gripper):
 
 @dataclass
 class Cup(Gripper):
-    """A suction cup."""
+    """A suction cup.
+
+    Attributes:
+        arm: arm with the pump.
+    """
 
     vacuum_kpa: float = quantity(60.0, 0.0, 90.0)
     radii_mm: list[float] = quantity([20.0, 20.0], 1.0, 50.0, length=2)
@@ -245,6 +249,8 @@ OVERRIDES = [
     ("script.x.time=3", "unknown key 'script.x'; 'script' has elements 0..0"),
     ("script.-1.time=3", "unknown key 'script.-1'; 'script' has elements 0..0"),
     ("script.\u0663.time=3", "unknown key 'script.\u0663'; 'script' has elements 0..0"),
+    ("script.00.time=3", "unknown key 'script.00'; 'script' has elements 0..0"),
+    (f"script.{'9' * 5000}.time=3", "unknown key 'script.9999"),
     ("faults.0.time=1", "unknown key 'faults.0'; 'faults' is empty"),
     ("ground.roll_deg.x=3", "unknown key 'ground.roll_deg.x'; 'ground.roll_deg' is a number, not"),
     ("ground..x=3", "unknown key 'ground.'; allowed under 'ground': pitch_deg, roll_deg"),
@@ -469,6 +475,7 @@ WRITTEN = [
     Scenario(),
     Scenario(label="no: #1", gain=1e-300, gust=Ground(), offsets=[0.1, -0.03, 0.0, 1e-17]),
     Scenario(label="a\nb\t\u2028 \x85'\"", friction=0.5, starts=[0.0] * 4, counts=[]),
+    Scenario(label="a\nb", main=Jaw("\nc\n")),
     Scenario(backend="off", label="1e3", script=[], faults=[Step(1.0), Step(2.0)]),
     Scenario(label="", grippers=[], main=Cup(radii_mm=[1.0, 2.0]), other=Jaw("[a, {b: c}]")),
     Scenario(label="~", grippers=[Cup(), Cup(), Jaw()], counts=list(range(9)) * 20),
@@ -482,6 +489,7 @@ def test_what_is_written_is_read_as_an_equal_scenario(load, scenario, comments):
     default = "friction: 0.5\nstarts: [1, 1, 1, 1]\nother: !Jaw {}\ncounts: [3]\nlabel: x\n"
     assert load(text) == load(text, default=default) == scenario
     assert all(len(line) <= 99 for line in text.splitlines())
+    assert comments or "\n\n" not in text
     types = [type(gripper) for gripper in (*scenario.grippers, scenario.main)]
     again = load(text)
     assert [type(gripper) for gripper in (*again.grippers, again.main)] == types
@@ -547,7 +555,7 @@ def test_a_scenario_that_is_not_admissible_is_not_written():
 def test_descriptions_come_from_the_docstrings_of_a_schema_and_its_bases():
     texts = describe(Jaw)
     assert texts == {"arm": "arm that holds it.", "width_mm": "opening [mm]."}
-    assert describe(Cup)["vacuum_kpa"] == ""
+    assert describe(Cup) == {"arm": "arm with the pump.", "vacuum_kpa": "", "radii_mm": ""}
 
 
 # Anything at all
