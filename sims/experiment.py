@@ -21,7 +21,7 @@ _LINE_PERIOD = 5.0
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a run is watched and recorded; nothing here changes its numbers.
+    """Options for watching and recording a run; none of them changes its numbers.
 
     Attributes:
         meshcat: show the machine in a browser.
@@ -182,7 +182,7 @@ def experiments(entries: Sequence[Entry] = ENTRIES) -> dict[str, Experiment]:
 def progress(
     console: Console, what: str, total_seconds: float, line_period: float = _LINE_PERIOD
 ) -> Iterator[Callable[[float], None]]:
-    """Shows how far a simulation is; yields the function that is told the simulated time.
+    """Show the progress of a simulation; yields the function that takes the simulated time.
 
     A terminal gets a bar. A file or pipe gets a line from time to time, and nothing at all from
     a run that is over before the first.

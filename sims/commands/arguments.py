@@ -1,4 +1,4 @@
-"""What several commands have in common: exit codes, usage errors, scenarios, files."""
+"""Common parts of several commands: exit codes, usage errors, scenarios, files."""
 
 import argparse
 import os
@@ -38,7 +38,7 @@ class UsageError(ParapodError):
 
 
 class Parser(argparse.ArgumentParser):
-    """Reports a mistake as every other mistake is reported, in one line."""
+    """Parser that reports a mistake like every other mistake, in one line."""
 
     def __init__(self, **options: Any):
         super().__init__(
@@ -63,7 +63,7 @@ def count(text: str) -> int:
 
 
 def check_outputs(paths: Mapping[str, Path | None]) -> None:
-    """Refuses, before anything slow, files that could not be written after it.
+    """Refuse, before anything slow, files that could not be written after it.
 
     Args:
         paths: option -> file, or None if it was not given.
@@ -86,13 +86,13 @@ def check_outputs(paths: Mapping[str, Path | None]) -> None:
 
 
 def add_scenario_arguments(parser: argparse.ArgumentParser, entries: "Sequence[Entry]") -> None:
-    """Everything that says what is to be run; see `load`."""
+    """Add the arguments that say what is to be run; see `load`."""
     parser.add_argument("name", metavar="NAME", help="an experiment; see `parapod list`")
     add_scenario_options(parser, entries)
 
 
 def add_machine_option(parser: argparse.ArgumentParser) -> None:
-    """Which machine is meant, for commands that run no experiment."""
+    """Add the choice of a machine, for commands that run no experiment."""
     parser.add_argument(
         "--of",
         dest="name",
@@ -103,7 +103,7 @@ def add_machine_option(parser: argparse.ArgumentParser) -> None:
 
 
 def add_scenario_options(parser: argparse.ArgumentParser, entries: "Sequence[Entry]") -> None:
-    """What `add_scenario_arguments` adds beside the experiment's name."""
+    """Add the options of a scenario, without the experiment's name."""
     parser.add_argument(
         "--scenario", type=Path, metavar="FILE", help="YAML with the keys to change"
     )

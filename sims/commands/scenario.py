@@ -22,7 +22,7 @@ add_arguments = add_scenario_arguments
 
 
 def execute(arguments: argparse.Namespace, entries: "Sequence[Entry]") -> int:
-    """Runs the command; returns the exit code."""
+    """Run the command; return the exit code."""
     from parapod.systems.core.scenario_file import dump_scenario
 
     experiment, scenario = load(arguments, entries)
