@@ -133,8 +133,8 @@ class ClosedLoop[S](Diagram):
         self._connect_ages(builder, outputs)
         idle_inputs(builder, self.station, {port.name: port.idle for port in self.machine.inputs})
         for system in systems:
-            for name, port in inputs_of(system).items():
-                if not builder.IsConnectedOrExported(port):
+            for name, sink in inputs_of(system).items():
+                if not builder.IsConnectedOrExported(sink):
                     known = ", ".join(sorted(outputs))
                     raise WiringError(
                         f"nothing drives the input '{name}' of '{system.get_name()}'; "

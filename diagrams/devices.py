@@ -12,6 +12,7 @@ from parapod.diagrams.drivers.driver import Driver, PartPorts
 from parapod.diagrams.station import Behind
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import quoted
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.io_thread import DeviceThread
 from parapod.systems.hardware.part_reader import PartReader
@@ -113,7 +114,7 @@ def make_parts(
         if driver.part not in parts:
             key = f"hardware.drivers.{i}.part"
             raise ScenarioError(
-                f"{key} = '{driver.part}' is not one of {', '.join(sorted(parts))}", key
+                f"{key} = {quoted(driver.part)} is not one of {', '.join(sorted(parts))}", key
             )
         ports = PartPorts(_signals(outputs, driver.part), _signals(inputs, driver.part))
         device = driver.make(ports)

@@ -12,12 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
-from parapod.diagrams.scenario import choice, quantity
-from parapod.diagrams.scenario_reader import Reader
-from parapod.diagrams.scenario_tree import plain
-from parapod.diagrams.scenario_words import show
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import show
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.safety.faults import LONGEST_DELAY, Fault, FaultInjector, FaultKind
 
 if TYPE_CHECKING:
@@ -85,19 +83,20 @@ def targets_of(ports: Sequence["Port"]) -> dict[str, FaultTarget]:
 
 
 @dataclass
-class FaultScenario:
+class FaultScenario(Schema):
     """One fault; each machine derives its own, with its targets and its largest index.
 
     Attributes:
         at: beginning of the fault, in the time of the simulation [s].
         target: signal, by its port's name or by a name that the machine gives it.
         index: element of the port, counted from 0; -1 for all of them.
-        kind: what happens, see `FaultKind`.
-        duration: [s]; null: to the end.
-        value: by its kind: offset of a wrong value (the port's unit), sampling period of a slow
-            signal [s], delay of a delayed one [s], length of an intermittent one's turns, missing
-            and good alike [s]; null: the target's or the kind's default. Others have none.
-        scale: factor of a wrong value, likewise [-].
+        kind: kind of the fault; see `FaultKind`.
+        duration: duration of the fault [s]; null: to the end.
+        value: setting of the kind: offset of a wrong value (the port's unit), sampling period of a
+            slow signal [s], delay of a delayed one [s], length of the turns in which an
+            intermittent one is missing and good [s]; null: the default of target or kind. Other
+            kinds have none.
+        scale: factor of a wrong value [-]; null: the target's default.
     """
 
     at: float = quantity(0.0, 0.0, 3600.0)
@@ -107,10 +106,6 @@ class FaultScenario:
     duration: float | None = quantity(None, 1e-3, 3600.0)
     value: float | None = quantity(None, -1e3, 1e3)
     scale: float | None = quantity(None, -1e3, 1e3)
-
-    def __post_init__(self) -> None:
-        if isinstance(self.kind, FaultKind):  # of which YAML knows nothing
-            self.kind = self.kind.value
 
 
 def check_faults(
@@ -137,7 +132,6 @@ def check_faults(
     by_target: dict[str, list[Fault]] = {name: [] for name in targets}
     for i, fault in enumerate(faults):
         where = f"{key}.{i}"
-        Reader(type(fault), is_text=False).read(type(fault), plain(fault), where)
         target = targets[fault.target]
         _check_index(fault, target, f"{where}.index")
         for name in ("value", "scale"):
@@ -312,7 +306,7 @@ def _check_index(fault: FaultScenario, target: FaultTarget, key: str) -> None:
 
 
 def _check_setting(fault: FaultScenario, span: Span, name: str, key: str) -> None:
-    """Whether the kind has this setting, and its value is allowed."""
+    """Refuse a setting that the kind does not have, or whose value is not allowed."""
     value = getattr(fault, name)
     if value is None:
         return

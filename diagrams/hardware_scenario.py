@@ -8,6 +8,7 @@ from parapod.diagrams.drivers.epos2 import Epos2Legs, Epos2Wheels
 from parapod.diagrams.drivers.ni_daq import NiDaqEncoders, NiDaqLegs
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.drivers.sabertooth import SabertoothLegs
+from parapod.systems.core.schema import Schema
 
 # What a scenario can name, beside the drivers of other packages.
 DRIVERS = (
@@ -23,11 +24,11 @@ DRIVERS = (
 
 
 @dataclass
-class HardwareScenario:
-    """Devices of the backend "hardware"; each machine has defaults of its own.
+class HardwareScenario(Schema):
+    """Devices of the backend "hardware"; addresses that begin with emulator/ are emulated.
 
     Attributes:
-        drivers: of each part of the machine, chosen by their tags; see `Driver`.
+        drivers: drivers of the machine's parts, chosen by their tags; see `Driver`.
     """
 
     drivers: list[Driver] = field(default_factory=list)

@@ -18,9 +18,9 @@ from parapod.diagrams.drivers.epos2 import Epos2Legs
 from parapod.diagrams.drivers.external import load_drivers
 from parapod.diagrams.hardware_scenario import DRIVERS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.scenario import load_scenario
 from parapod.sims.lab.experiment import ENTRIES
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.hardware.bus_load import bus_load, frame_bits
 from parapod.systems.hardware.device import DeviceError
 from parapod.systems.levelling_platform.fault_detection import as_markdown

@@ -5,8 +5,9 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
-from parapod.diagrams.scenario import quantity
 from parapod.systems.core.errors import OutputError, ScenarioError
+from parapod.systems.core.quoting import escaped
+from parapod.systems.core.schema import quantity
 from parapod.systems.hardware.adis16448_iio import Adis16448Iio, Adis16448IioParams
 from parapod.systems.hardware.adis16448_spi import Adis16448Spi, Adis16448SpiParams
 from parapod.systems.hardware.device import Device
@@ -23,9 +24,8 @@ class Adis16448SpiImu(Driver):
     """The inertial sensor on an SPI bus of this computer: see `Adis16448Spi`.
 
     Attributes:
-        part: of the machine.
-        address: "/dev/spidev0.0", bus and chip; "unix:/path" for an emulated one.
-        clock_khz: of the bus [kHz].
+        address: bus and chip, as in "/dev/spidev0.0"; "unix:/path" for an emulated one.
+        clock_khz: clock of the bus [kHz].
         decimation: D of the sample rate 819.2 Hz / 2^D [-].
         mounting_deg: roll, pitch and yaw of the sensor in the platform's frame [deg].
         timeout_ms: longest time for one call [ms].
@@ -65,8 +65,7 @@ class Adis16448IioImu(Driver):
     """The inertial sensor through Linux IIO, here or on another computer: see `Adis16448Iio`.
 
     Attributes:
-        part: of the machine.
-        uri: of libiio's context: "local:", "ip:host" or "ip:host:port"; of an emulated one
+        uri: context of libiio: "local:", "ip:host" or "ip:host:port"; for an emulated one
             "ip:127.0.0.1:port" with any free port.
         decimation: D of the sample rate 819.2 Hz / 2^D [-].
         mounting_deg: roll, pitch and yaw of the sensor in the platform's frame [deg].
@@ -98,7 +97,9 @@ class Adis16448IioImu(Driver):
         here, _, port = self.uri.rpartition(":")
         if here != "ip:127.0.0.1" or not port.isdecimal():
             key = f"!{type(self).__name__}.uri"
-            text = f"{key} = {self.uri} is not an address of the emulator, ip:127.0.0.1:PORT"
+            text = (
+                f"{key} = {escaped(self.uri)} is not an address of the emulator, ip:127.0.0.1:PORT"
+            )
             raise ScenarioError(text, key)
         reason = is_available()
         if reason is not None:

@@ -1,11 +1,12 @@
-"""What all drivers are."""
+"""Base of all drivers, and the refusals that they share."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
-from parapod.diagrams.scenario_tree import Variant
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import escaped, quoted_path
+from parapod.systems.core.schema import Variant
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulators.directory import (
     WIRES,
@@ -21,8 +22,8 @@ class PartPorts:
     """The signals of one part of a station, with their sizes.
 
     Attributes:
-        measures: that the station shows.
-        commands: that the station takes.
+        measures: signals that the station shows.
+        commands: signals that the station takes.
     """
 
     measures: Mapping[str, int]
@@ -33,12 +34,12 @@ class PartPorts:
 class Driver(Variant):
     """Root of the drivers; a dataclass derived from it can be named in any scenario.
 
-    Its fields are the keys of the scenario, with `parapod.diagrams.scenario.quantity` and
+    Its fields are the keys of the scenario, with `parapod.systems.core.schema.quantity` and
     `choice` for what is admissible, in the units in which people give them. Nothing is opened and
     no library imported before the device is configured.
 
     Attributes:
-        part: of the machine, as in the names of its ports.
+        part: part of the machine, as in the names of its ports.
     """
 
     part: str = ""
@@ -47,18 +48,18 @@ class Driver(Variant):
         """The device, not configured yet.
 
         Args:
-            ports: of the part; the device may stand behind all of them or some.
+            ports: ports of the part; the device may stand behind all of them or some.
         """
         raise NotImplementedError(f"{type(self).__name__} does not define make")
 
     def emulate(
         self, harness: Harness, misbehaviour: Misbehaviour
     ) -> AbstractContextManager[object]:
-        """What answers in the device's place, at the same address, while the context lasts.
+        """Emulator that answers in the device's place, at its address, while the context lasts.
 
         Args:
             harness: wires to the simulated machine.
-            misbehaviour: what it does wrong.
+            misbehaviour: faults of the emulated device.
 
         Raises:
             ScenarioError: there is no emulator of this device, or its address is a real one.
@@ -72,8 +73,8 @@ def emulated(address: str, key: str) -> str:
     """The resolved address of a device that is to be emulated.
 
     Args:
-        address: as the scenario has it.
-        key: the driver's tag and field.
+        address: address in the scenario.
+        key: tag and field of the driver.
 
     Raises:
         ScenarioError: it is not in the emulator's directory.
@@ -81,14 +82,16 @@ def emulated(address: str, key: str) -> str:
     path = resolved(address)
     if path == address:
         raise ScenarioError(
-            f"{key} = {address} is not an address of the emulator, which begin with emulator/", key
+            f"{key} = {escaped(address)} is not an address of the emulator, which begin with "
+            "emulator/",
+            key,
         )
     return path
 
 
 @contextmanager
 def named(driver: Driver) -> Iterator[None]:
-    """Says which driver it is whose settings do not fit together.
+    """Name the driver whose settings do not fit together.
 
     Raises:
         ScenarioError: in place of a ValueError.
@@ -96,16 +99,16 @@ def named(driver: Driver) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        text = f"hardware.drivers: !{type(driver).__name__} of {driver.part}: {error}"
+        text = f"hardware.drivers: !{type(driver).__name__} of {escaped(driver.part)}: {error}"
         raise ScenarioError(text, "hardware.drivers") from None
 
 
 def refuse_without_emulator(drivers: Sequence[Driver], experiment: str) -> None:
-    """Tells those who have not begun the emulator that its addresses lead nowhere.
+    """Refuse addresses of the emulator while none runs.
 
     Args:
-        drivers: of the machine.
-        experiment: with which its emulator is begun.
+        drivers: drivers of the machine.
+        experiment: experiment that names the machine to `parapod emulate`.
 
     Raises:
         ScenarioError: a driver has such an address, and no emulator runs.
@@ -117,8 +120,8 @@ def refuse_without_emulator(drivers: Sequence[Driver], experiment: str) -> None:
         for key, value in vars(driver).items():
             if isinstance(value, str) and resolved(value) != value:
                 raise ScenarioError(
-                    f"!{type(driver).__name__}.{key} = {value}, but no emulator runs in "
-                    f"'{directory}': begin `parapod emulate {experiment}` in another terminal, or "
-                    "name your own devices under hardware.drivers",
+                    f"!{type(driver).__name__}.{key} = {escaped(value)}, but no emulator runs in "
+                    f"{quoted_path(directory)}: begin `parapod emulate {experiment}` in another "
+                    "terminal, or name your own devices under hardware.drivers",
                     "hardware.drivers",
                 )

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
-from parapod.diagrams.scenario import choice, quantity
+from parapod.systems.core.schema import choice, quantity
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulators.directory import resolved
 from parapod.systems.hardware.emulators.epos2_node import EmulatedMotor
@@ -28,18 +28,18 @@ _RETRACTED, _EXTENDED = [591.4, 574.0, 574.0] * 4, [891.4, 874.0, 874.0] * 4
 
 @dataclass
 class _Epos2Axes(Driver):
-    """What all axes on EPOS2 24/5 controllers have: see `Epos2`.
+    """Settings of all axes on EPOS2 24/5 controllers: see `Epos2`.
 
     Attributes:
-        part: of the machine.
-        interface: of python-can.
-        channel: of the interface: a serial port for slcan, a network interface for socketcan.
-        bitrate: of the bus [bit/s].
-        node_ids: of the controllers, in the order of the axes.
+        interface: interface of python-can: "slcan" (a serial adapter), "socketcan" (a network
+            interface) or "virtual".
+        channel: serial port of the adapter for slcan, network interface for socketcan.
+        bitrate: speed of the bus [bit/s].
+        node_ids: node ids of the controllers, in the order of the axes.
         counts_per_turn: encoder counts per turn of the motor, all four edges [-].
         max_velocity_rpm: largest velocity of a motor [rpm].
         heartbeat_timeout_ms: silence after which the controllers stop by themselves [ms].
-        opening_pause_ms: what an SLCAN adapter needs after its port is opened [ms].
+        opening_pause_ms: pause after the port is opened, for SLCAN adapters that this resets [ms].
     """
 
     interface: str = choice("slcan", ("slcan", "socketcan", "virtual"))
@@ -53,7 +53,7 @@ class _Epos2Axes(Driver):
 
     @property
     def motor_per_unit(self) -> float:
-        """By how much a motor turns for one unit of its axis [rad per rad or m]."""
+        """Angle of a motor for one unit of its axis [rad per rad or m]."""
         raise NotImplementedError(f"{type(self).__name__} does not define motor_per_unit")
 
     def make(self, ports: PartPorts) -> Device:
@@ -102,7 +102,7 @@ class _Epos2Axes(Driver):
 class Epos2Wheels(_Epos2Axes):
     """Wheel motors on EPOS2 24/5 controllers: see `Epos2`.
 
-    Attributes, beside those of all axes:
+    Attributes:
         gear: reduction between motor and wheel [-].
     """
 
@@ -122,23 +122,25 @@ class Epos2Legs(_Epos2Axes):
     See `Epos2`, `Referenced` and `SoftLimits`. The defaults are those of the walking chair; its
     motors, gears and screws are not printed anywhere, so theirs are assumptions.
 
-    Attributes, beside those of all axes:
-        node_ids: of the controllers, in the order of the branches 11, 12, 13, 21, ... 43.
+    Attributes:
+        node_ids: node ids of the controllers, in the order of the branches 11, 12, 13, 21, ... 43.
         max_velocity_rpm: largest velocity of a motor [rpm]; 4800 are 80 mm/s.
         lead_mm: way of a screw's nut per turn of the screw [mm].
         reduction: turns of the motor per turn of the screw [-].
         signs: 1, or -1 where the motor's positive direction retracts.
-        acceleration_mm_s2: with which the drives follow a command, up and down [mm/s^2].
-        quick_stop_mm_s2: with which they stop for want of heartbeats, and to brake [mm/s^2].
+        acceleration_mm_s2: acceleration with which the drives follow a command, up and down
+            [mm/s^2].
+        quick_stop_mm_s2: deceleration with which they stop for want of heartbeats, and to brake
+            [mm/s^2].
         position_min_mm: lengths below which nothing retracts [mm].
         position_max_mm: lengths above which nothing extends [mm].
-        limit_lead_ms: how early an axis slows down before these: the time for which it could go
-            on and still stop in time [ms].
-        position_at_start_mm: what the lengths are when the program starts, as somebody has
-            measured them [mm]; None: nobody has, and the file must know them.
-        position_file: where the lengths are kept from one program to the next, in the folder in
-            which the program is started if it has no other; while there is none, a program
-            begins with `position_at_start_mm`.
+        limit_lead_ms: time by which an axis slows down early before these lengths: it could go on
+            for so long and still stop in time [ms].
+        position_at_start_mm: measured lengths at the start of the program [mm]; null: not
+            measured, and the file must know them.
+        position_file: file that keeps the lengths from one program to the next, in the folder in
+            which the program is started if it has no other; while there is none, a program begins
+            with `position_at_start_mm`.
     """
 
     part: str = "legs"

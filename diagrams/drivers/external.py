@@ -6,12 +6,13 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import quoted_path
 
 GROUP = "parapod.drivers"
 
 
 def load_installed_drivers() -> None:
-    """Imports the modules that installed packages name under the entry point `parapod.drivers`.
+    """Import the modules that installed packages name under the entry point `parapod.drivers`.
 
     Raises:
         ScenarioError: one cannot be imported; names it.
@@ -24,13 +25,13 @@ def load_installed_drivers() -> None:
 
 
 def load_drivers(path: Path) -> None:
-    """Imports a Python file that defines drivers, by its name, as if it lay beside the program.
+    """Import a Python file that defines drivers, by its name, as if it lay beside the program.
 
     Raises:
         ScenarioError: it is not there, or cannot be imported.
     """
     if not path.is_file() or path.suffix != ".py":
-        raise ScenarioError(f"drivers '{path}': there is no such Python file")
+        raise ScenarioError(f"drivers {quoted_path(path)}: there is no such Python file")
     # By name and through the path, so that processes that are started from here find it too.
     folder = str(path.resolve().parent)
     if folder not in sys.path:
@@ -38,9 +39,8 @@ def load_drivers(path: Path) -> None:
     try:
         importlib.import_module(path.stem)
     except Exception as error:
-        raise _failed(f"the drivers '{path}'", error) from error
+        raise _failed(f"the drivers {quoted_path(path)}", error) from error
 
 
 def _failed(what: str, error: Exception) -> ScenarioError:
-    text = " ".join(f"{type(error).__name__}: {error}".split())
-    return ScenarioError(f"{what} cannot be imported: {text}")
+    return ScenarioError(f"{what} cannot be imported: {type(error).__name__}: {error}")

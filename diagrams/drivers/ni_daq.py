@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
-from parapod.diagrams.scenario import quantity
+from parapod.systems.core.schema import quantity
 from parapod.systems.hardware.device import Device, Signals
 from parapod.systems.hardware.emulators.directory import resolved
 from parapod.systems.hardware.emulators.harness import Harness, MutedHarness
@@ -22,21 +22,20 @@ class NiDaqLegs(Driver):
     """Analog motor drivers, encoders and limit switches on an NI PXIe-6363: see `NiDaq`.
 
     Attributes:
-        part: of the machine.
-        target: "" for a card in this computer; else the NI gRPC Device Server of another one,
-            "host:port" or "unix:/path".
+        target: NI gRPC Device Server of another computer, "host:port" or "unix:/path"; "" for a
+            card in this one.
         outputs: analog outputs to the motor drivers.
-        counters: of the encoders, one a leg.
-        inputs: digital inputs of the limit switches: extended, retracted, contact, by leg.
+        counters: counters of the encoders, one a leg.
+        inputs: digital inputs of the limit switches: extended, retracted, contact, each by leg.
         relay: digital output of the relay in the motor drivers' supply.
-        product: the card's type, as it must answer.
+        product: type of the card, as it must answer.
         um_per_count: one count of an encoder [um].
-        extension_at_start_mm: what the extensions are when the program starts, as somebody has
-            measured them [mm]; None: nobody has, and the file must know them.
-        extension_file: where the extensions are kept from one program to the next, in the folder
-            in which the program is started if it has no other; while there is none, and with ""
-            for nowhere, a program begins with `extension_at_start_mm`.
-        supply_voltage: of the motor drivers [V].
+        extension_at_start_mm: measured extensions at the start of the program [mm]; null: not
+            measured, and the file must know them.
+        extension_file: file that keeps the extensions from one program to the next, in the folder
+            in which the program is started if it has no other, or "" for none; while there is
+            none, a program begins with `extension_at_start_mm`.
+        supply_voltage: supply of the motor drivers [V].
         timeout_ms: longest time for one call [ms].
     """
 

@@ -4,8 +4,8 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
-from parapod.diagrams.scenario import choice, quantity
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import choice, quantity
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulators.directory import resolved
 from parapod.systems.hardware.emulators.harness import Harness, MutedHarness
@@ -23,12 +23,12 @@ class SabertoothLegs(Driver):
     The encoders need another driver, such as `NiDaqEncoders`.
 
     Attributes:
-        part: of the machine.
-        port: the serial port.
+        port: serial port.
         baud: speed of the line [bit/s].
-        addresses: of the drivers, in the order of the legs: two legs each, motors 1 and 2.
-        supply_voltage: of the drivers [V].
-        serial_timeout_ms: silence after which the drivers stop by themselves [ms].
+        addresses: addresses of the motor drivers, in the order of the legs: two legs each, motors
+            1 and 2.
+        supply_voltage: supply of the motor drivers [V].
+        serial_timeout_ms: silence after which the motor drivers stop by themselves [ms].
     """
 
     part: str = "legs"

@@ -10,21 +10,21 @@ from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.faults import FaultScenario, targets_of
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.ports import PORTS
-from parapod.diagrams.scenario import choice, quantity
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
+from parapod.systems.core.schema import Schema, choice, quantity
 
 SIMULATED = ("multibody", "kinematic")
 BACKENDS = (*SIMULATED, "mock", "hardware")
 
 
 @dataclass
-class GroundScenario:
-    """The ground that nobody has told the controller about.
+class GroundScenario(Schema):
+    """The ground, which the controller does not know.
 
     Attributes:
         roll_deg: roll of the ground [deg].
-        pitch_deg: pitch of the ground [deg].
-        foot_heights_mm: how far the ground under each foot is above the ground's plane [mm].
+        pitch_deg: pitch of the ground [deg]; the legs' stroke of 30 mm levels about 5 deg.
+        foot_heights_mm: height of the ground under each foot above the ground's plane [mm].
     """
 
     roll_deg: float = quantity(2.0, -15.0, 15.0)
@@ -43,20 +43,22 @@ class GroundScenario:
 
 
 @dataclass
-class PlantScenario:
+class PlantScenario(Schema):
     """The simulated machine.
 
     Attributes:
-        leg_model: "full" has the actuators as bodies in closed loops, "reduced" their exact
-            transmission (multibody backend).
-        time_step: of the multibody plant and of the actuators [s]; the kinematic backend steps
-            its actuators with the controller's period.
-        length_error_mm: each length of each leg as built is off by up to this, drawn from the
-            seed; the controller knows the drawing only [mm].
-        angle_error_deg: likewise each angle [deg].
-        wheels: "braked" makes them part of the base, "rolling" gives them joints that the wheel
-            drives turn (multibody backend).
-        contact_approximation: Drake's discrete contact approximation.
+        leg_model: legs of the multibody backend: "full" has the actuators as bodies in closed
+            loops, "reduced" their exact transmission.
+        wheels: wheels of the multibody backend: "braked" makes them part of the base, "rolling"
+            gives them joints that the wheel drives turn.
+        time_step: step of the multibody plant and of the actuators [s]; the kinematic backend
+            steps its actuators with the controller's period.
+        length_error_mm: largest error of each length of each leg as built, drawn from the seed
+            [mm]; the controller knows the drawing only.
+        angle_error_deg: largest error of each angle of each leg as built, drawn from the seed
+            [deg].
+        contact_approximation: Drake's discrete contact approximation: "lagged", "similar" or
+            "sap".
     """
 
     leg_model: str = choice("full", ("full", "reduced"))
@@ -68,14 +70,15 @@ class PlantScenario:
 
 
 @dataclass
-class ActuatorScenario:
+class ActuatorScenario(Schema):
     """The four linear actuators.
 
     Attributes:
-        model: "dynamic" (Eq. 15) or "integrator" (Eq. 17).
-        gain_error: each actuator's gain is off by up to this share, drawn from the seed [-].
-        coulomb_friction: [N].
-        supply_voltage: [V].
+        model: law of their motion: "dynamic" is Eq. (15), "integrator" Eq. (17).
+        gain_error: largest error of each actuator's gain as a share of it, drawn from the seed
+            [-].
+        coulomb_friction: Coulomb friction of an actuator [N].
+        supply_voltage: voltage at which the motors saturate [V].
     """
 
     model: str = choice("dynamic", ("dynamic", "integrator"))
@@ -85,7 +88,7 @@ class ActuatorScenario:
 
     @property
     def params(self) -> LinearActuatorParams:
-        """Of an actuator with the nominal gain."""
+        """Parameters of an actuator with the nominal gain."""
         return LinearActuatorParams(
             model=self.model,  # type: ignore[arg-type]
             coulomb_friction=self.coulomb_friction,
@@ -94,17 +97,18 @@ class ActuatorScenario:
 
 
 @dataclass
-class SensorScenario:
+class SensorScenario(Schema):
     """Encoders and inertial sensor.
 
     Attributes:
-        encoder_resolution_mm: one count of the actuators' encoders; 0 for a perfect one [mm].
+        encoder_resolution_mm: one count of the actuators' encoders [mm]; 0 for perfect ones.
         imu_noise: noise, bias instability and quantisation of the ADIS16448.
-        accel_bias_mg: accelerometer bias left after levelling calibration; each axis has this
-            size, with a sign drawn from the seed [mg].
-        gyro_bias_deg_s: turn-on bias of the gyro, likewise [deg/s].
-        imu_delay_ms: age of the inertial sensor's samples when they are shown, in whole samples
-            of 9.77 ms [ms].
+        accel_bias_mg: accelerometer bias left after calibration, of this size on each axis with a
+            sign drawn from the seed [mg]; 1 mg tilts by 0.06 deg.
+        gyro_bias_deg_s: turn-on bias of the gyro, of this size on each axis with a sign drawn from
+            the seed [deg/s].
+        imu_delay_ms: age of the inertial sensor's samples when they are shown, in whole samples of
+            9.77 ms [ms].
     """
 
     encoder_resolution_mm: float = quantity(0.01, 0.0, 1.0)
@@ -115,19 +119,20 @@ class SensorScenario:
 
 
 @dataclass
-class ControlScenario:
+class ControlScenario(Schema):
     """The controller.
 
     Attributes:
-        period: of all controllers and estimators [s].
-        pole: p of the position controllers [rad/s].
-        voltage_limit: of the commands [V].
-        rate_feedforward: share of the desired rate fed forward to the voltages [-].
-        friction_feedforward: voltages that overcome friction and the platform's weight when a leg
-            extends and when it retracts [V, V].
-        feedforward: "exact" inverse kinematics, or the paper's "differential" law (Eq. 26).
-        outer_loop: whether the estimated attitude corrects the inclination.
-        outer_loop_gain: integral gain of that loop [1/s].
+        period: period of all controllers and estimators [s].
+        pole: p of the position controllers, Eq. (21) [rad/s].
+        voltage_limit: largest voltage that is commanded [V].
+        rate_feedforward: share of the desired rate that is fed forward to the voltages [-].
+        friction_feedforward: voltages against friction and the platform's weight, for a leg that
+            extends and for one that retracts [V, V].
+        feedforward: law of the legs' feedforward: "exact" is inverse kinematics, "differential"
+            the paper's Eq. (26).
+        outer_loop: correction of the inclination by the estimated attitude.
+        outer_loop_gain: integral gain of that correction [1/s].
     """
 
     period: float = quantity(0.01, 0.001, 0.05)
@@ -141,14 +146,14 @@ class ControlScenario:
 
 
 @dataclass
-class WaypointScenario:
-    """A posture about the level one.
+class WaypointScenario(Schema):
+    """A posture relative to the level one.
 
     Attributes:
-        time: when it is commanded, from the start of the levelling [s].
-        roll_deg: [deg].
-        pitch_deg: [deg].
-        height_mm: relative to the level posture [mm].
+        time: time of the command, from the start of the levelling [s].
+        roll_deg: roll against the level posture [deg].
+        pitch_deg: pitch against the level posture [deg].
+        height_mm: height above the level posture [mm].
     """
 
     time: float = quantity(0.0, 0.0, 3600.0)
@@ -158,13 +163,13 @@ class WaypointScenario:
 
 
 @dataclass
-class ArmScenario:
+class ArmScenario(Schema):
     """The arm's swing while the platform holds.
 
     Attributes:
-        start: when it begins, from the start of the levelling [s].
-        angle_deg: forward from upright [deg].
-        duration: of the swing [s].
+        start: beginning of the swing, from the start of the levelling [s].
+        angle_deg: angle forward from upright [deg].
+        duration: duration of the swing [s].
     """
 
     start: float = quantity(26.0, 0.0, 3600.0)
@@ -173,21 +178,24 @@ class ArmScenario:
 
 
 @dataclass
-class JobScenario:
-    """What the platform is asked to do.
+class JobScenario(Schema):
+    """The job; times but `estimate_at` are counted from the start of the levelling.
 
     Attributes:
-        start: "feet", or "wheels" with the legs raised and feet above their places.
-        start_x_m: on wheels, how far the platform is from there along its x axis (multibody
+        start: stance at the beginning: on its "feet", or on its "wheels" with the legs raised and
+            the feet above their places.
+        start_x_m: distance on wheels from those places, along the platform's x axis (multibody
             backend) [m].
-        initial_extension_mm: on feet, of legs 1 to 3; leg 4 is lowered until its foot touches,
-            which on a plane is the same [mm].
-        estimate_at: when the ground is estimated and the levelling begins [s].
-        height_mm: of the level posture above the ground's plane [mm].
-        settled_after: when the level posture is taken, from the start of the levelling [s].
-        waypoints: postures to take after that; shrunk together where the stroke is too short.
-        arm: the arm's swing.
-        end: end of the job, from the start of the levelling [s].
+        initial_extension_mm: extension of legs 1 to 3 on feet [mm]; leg 4 is lowered until its
+            foot touches, which on a plane makes it equal.
+        estimate_at: time at which the ground is estimated and the levelling begins [s]; until then
+            the attitude filter settles.
+        height_mm: height of the level posture above the ground's plane [mm]; 477 is the middle of
+            what the stroke allows.
+        settled_after: time at which the level posture is taken [s]; errors count from here on.
+        waypoints: postures that follow, shrunk together where the stroke is too short.
+        arm: see `ArmScenario`.
+        end: end of the job [s].
     """
 
     start: str = choice("feet", ("feet", "wheels"))
@@ -232,21 +240,26 @@ def emulated_hardware() -> HardwareScenario:
 
 
 @dataclass
-class LevellingScenario:
+class LevellingScenario(Schema):
     """One run of the levelling platform.
 
+    Angles are roll and pitch against gravity: positive roll lowers the right side (-y), positive
+    pitch lowers the front (+x). Heights are those of the platform's centre above the ground's
+    plane. Legs are numbered 1 to 4; leg 4 is the passive one. Equations are those of the paper on
+    the platform.
+
     Attributes:
-        backend: what is behind the station's ports: one of two simulated plants, "mock" (commands
-            are mirrored) or "hardware".
-        seed: of everything random: gains, biases, noise.
+        backend: plant behind the station's ports: "multibody" (rigid bodies and contact),
+            "kinematic" (quasi-static), "mock" (commands are mirrored) or "hardware" (devices).
+        seed: seed of everything random: gains, biases, noise.
         ground: see `GroundScenario`.
         plant: see `PlantScenario`.
         actuators: see `ActuatorScenario`.
         sensors: see `SensorScenario`.
         control: see `ControlScenario`.
         job: see `JobScenario`.
-        faults: see `PlatformFault`.
-        hardware: see `HardwareScenario`; by default what is emulated.
+        faults: faults of the machine's signals; see `PlatformFault`.
+        hardware: see `HardwareScenario`; the defaults are the emulated devices.
     """
 
     backend: str = choice("multibody", BACKENDS)

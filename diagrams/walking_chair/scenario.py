@@ -1,14 +1,14 @@
-"""Typed scenario of the walking chair; what each key means is said in the YAML files too."""
+"""Typed scenario of the walking chair; `parapod scenario chair-walk` shows its explanations."""
 
 from dataclasses import dataclass, field
 
 from parapod.diagrams.drivers.epos2 import Epos2Legs
 from parapod.diagrams.hardware_scenario import HardwareScenario
-from parapod.diagrams.scenario import choice, quantity
 from parapod.systems.actuators.compound_position_controller import (
     MODES,
     CompoundPositionControllerParams,
 )
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.gait import ORDERS, TrotGait, Walk, there_and_back
 from parapod.systems.walking_chair.masses import Passenger
 from parapod.systems.walking_chair.trajectories import MOTION_LAWS
@@ -19,14 +19,14 @@ WAYS = ("forward", "back", "forward and back")
 
 
 @dataclass
-class PassengerScenario:
-    """Who sits on the chair.
+class PassengerScenario(Schema):
+    """The passenger on the chair.
 
     Attributes:
-        mass_kg: 0 for nobody [kg].
-        x_mm: of the centre of mass, to the right of the seat's middle [mm].
-        y_mm: ahead of it [mm].
-        height_mm: above the plane of the legs' upper faces [mm].
+        mass_kg: mass [kg]; 57 is the paper's largest, 0 an empty seat.
+        x_mm: centre of mass, to the right of the seat's middle [mm].
+        y_mm: centre of mass, ahead of the seat's middle [mm].
+        height_mm: centre of mass, above the plane of the legs' upper faces [mm].
     """
 
     mass_kg: float = quantity(57.0, 0.0, 250.0)
@@ -41,18 +41,19 @@ class PassengerScenario:
 
 
 @dataclass
-class GaitScenario:
+class GaitScenario(Schema):
     """The trotting gait, section "Trotting gait simulation".
 
     Attributes:
-        order: legs 1 and 3 first, or 2 and 4.
+        order: legs that step first: "13-24" begins with legs 1 and 3, "24-13" with legs 2 and 4.
         cycles: steps of each foot, one way.
-        way: where the chair walks.
-        body_law: of the body within a phase; "linear" is Eq. (45), with steps of the velocity.
-        lift_mm: z_s, how far the body is lifted first [mm].
-        step_mm: S_0 [mm].
-        swing_height_mm: H of the feet's swing [mm].
-        phase_duration: T_m [s].
+        way: direction of the walk: "forward", "back" or "forward and back".
+        body_law: motion of the body within a phase: "linear" is Eq. (45), with steps of the
+            velocity; "ramped", "cycloid" and "quintic" have none.
+        lift_mm: z_s, height by which the body is lifted before the first step [mm].
+        step_mm: S_0, length of a step [mm].
+        swing_height_mm: H, height of the feet's swing [mm].
+        phase_duration: T_m, duration of each phase: lift, swing, shift, swing, lowering [s].
     """
 
     order: str = choice("13-24", tuple(ORDERS))
@@ -81,12 +82,13 @@ class GaitScenario:
 
 
 @dataclass
-class ChairPlantScenario:
+class ChairPlantScenario(Schema):
     """The simulated machine.
 
     Attributes:
-        time_step: of the multibody plant and of the drives [s].
-        contact_approximation: Drake's discrete contact approximation.
+        time_step: step of the multibody plant and of the drives [s].
+        contact_approximation: Drake's discrete contact approximation: "lagged", "similar" or
+            "sap".
     """
 
     time_step: float = quantity(1e-3, 1e-4, 1e-2)
@@ -94,15 +96,16 @@ class ChairPlantScenario:
 
 
 @dataclass
-class DriveScenario:
+class DriveScenario(Schema):
     """The twelve velocity-controlled drives; all values are assumptions.
 
     Attributes:
-        time_constant_ms: of a drive's velocity loop [ms].
+        time_constant_ms: time constant of a drive's velocity loop [ms].
         max_velocity_mm_s: largest velocity of a branch [mm/s].
-        gain_error: each drive's velocity is off by up to this share, drawn from the seed [-].
-        offset_mm_s: each drive creeps by up to this, drawn from the seed [mm/s].
-        encoder_resolution_mm: one count of the encoders; 0 for a perfect one [mm].
+        gain_error: largest error of each drive's velocity as a share of it, drawn from the seed
+            [-].
+        offset_mm_s: largest velocity with which each drive creeps, drawn from the seed [mm/s].
+        encoder_resolution_mm: one count of the encoders [mm]; 0 for perfect ones.
     """
 
     time_constant_ms: float = quantity(40.0, 1.0, 500.0)
@@ -113,17 +116,19 @@ class DriveScenario:
 
 
 @dataclass
-class ChairControlScenario:
+class ChairControlScenario(Schema):
     """The controller.
 
     Attributes:
-        period: of planner and position controllers [s].
-        mode: compound corrects velocities by the positions' errors (Eq. 47), velocity does not.
+        period: period of planner and position controllers [s].
+        mode: control of the drives, Eqs. (46) to (48): "compound" corrects velocities by the
+            positions' errors, "velocity" does not, "position" runs at full speed until the node is
+            reached.
         proportional: P of Eq. (47) [1/s].
-        k_p: of the velocity PI, Eq. (48) [-].
-        k_i: likewise, per sample [-].
-        support_margin_mm: with less between centre of mass and the edge of the support polygon
-            no step is begun [mm].
+        k_p: proportional gain of the velocity PI, Eq. (48) [-].
+        k_i: integral gain of the velocity PI per sample, Eq. (48) [-].
+        support_margin_mm: smallest distance of the centre of mass from the edge of the support
+            polygon with which a step is begun [mm].
     """
 
     period: float = quantity(0.01, 0.001, 0.1)
@@ -134,7 +139,7 @@ class ChairControlScenario:
     support_margin_mm: float = quantity(10.0, 0.0, 200.0)
 
     def params(self, drives: DriveScenario) -> CompoundPositionControllerParams:
-        """Of the position controllers."""
+        """Parameters of the position controllers."""
         return CompoundPositionControllerParams(
             mode=self.mode,
             proportional=self.proportional,
@@ -151,21 +156,24 @@ def emulated_hardware() -> HardwareScenario:
 
 
 @dataclass
-class ChairScenario:
+class ChairScenario(Schema):
     """One walk of the chair.
 
+    x is to the right of the seat, y ahead. Legs are numbered 1 to 4 from the rear left, against
+    the clock seen from above: 1 and 2 are the rear ones. Branches are 11, 12, 13, 21, ... 43.
+
     Attributes:
-        backend: what is behind the station's ports: one of two simulated plants, "mock" (commands
-            are mirrored) or "hardware".
-        seed: of everything random: the drives' imperfections.
-        begin: when the gait begins; until then the chair stands [s].
-        end: how long it stands afterwards [s].
+        backend: plant behind the station's ports: "multibody" (rigid bodies and contact),
+            "kinematic" (quasi-static), "mock" (commands are mirrored) or "hardware" (devices).
+        seed: seed of everything random: the drives' imperfections.
+        begin: beginning of the gait; until then the chair settles on its feet [s].
+        end: time for which it stands afterwards [s].
         passenger: see `PassengerScenario`.
         gait: see `GaitScenario`.
         plant: see `ChairPlantScenario`.
         drives: see `DriveScenario`.
         control: see `ChairControlScenario`.
-        hardware: see `HardwareScenario`; by default what is emulated.
+        hardware: see `HardwareScenario`; the defaults are the emulated devices.
     """
 
     backend: str = choice("multibody", BACKENDS)

@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from parapod.sims.lab.discovery import Entry, find_entry, list_entries
 from parapod.systems.core.errors import OutputError, ParapodError
+from parapod.systems.core.quoting import escaped, quoted, quoted_path
 
 if TYPE_CHECKING:
     from parapod.diagrams.machine import Machine
     from parapod.sims.lab.experiment import Experiment
 
+# Longest text of argparse, which repeats what was typed [characters].
+_LONGEST = 300
 HELD, BROKEN, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 # The experiment whose machine is meant unless another one is named.
 _USUAL = "level"
@@ -37,7 +40,7 @@ class UsageError(ParapodError):
 
 
 class Parser(argparse.ArgumentParser):
-    """Reports a mistake as every other mistake is reported, in one line."""
+    """Parser that reports a mistake like every other mistake, in one line."""
 
     def __init__(self, **options: Any):
         super().__init__(
@@ -49,18 +52,20 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Instead of printing the usage and ending the process."""
-        raise UsageError(f"{message} (see {self.prog} --help)")
+        raise UsageError(f"{escaped(message, _LONGEST)} (see {self.prog} --help)")
 
 
 def count(text: str) -> int:
     """A whole number of 1 or more, for `type=`."""
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be a whole number of 1 or more, not '{text}'")
+        raise argparse.ArgumentTypeError(
+            f"must be a whole number of 1 or more, not {quoted(text)}"
+        )
     return int(text)
 
 
 def check_outputs(paths: Mapping[str, Path | None]) -> None:
-    """Refuses, before anything slow, files that could not be written after it.
+    """Refuse, before anything slow, files that could not be written after it.
 
     Args:
         paths: option -> file, or None if it was not given.
@@ -77,17 +82,19 @@ def check_outputs(paths: Mapping[str, Path | None]) -> None:
         check_writable(path)
         other = taken.setdefault(os.path.realpath(path), option)
         if other != option:
-            raise OutputError(f"--{other} and --{option} would both write '{path}'", path)
+            raise OutputError(
+                f"--{other} and --{option} would both write {quoted_path(path)}", path
+            )
 
 
 def add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
-    """Everything that says what is to be run; see `load`."""
+    """Add the arguments that say what is to be run; see `load`."""
     parser.add_argument("name", metavar="NAME", help="an experiment; see `parapod list`")
     add_scenario_options(parser)
 
 
 def add_machine_option(parser: argparse.ArgumentParser) -> None:
-    """Which machine is meant, for commands that run no experiment."""
+    """Add the choice of a machine, for commands that run no experiment."""
     parser.add_argument(
         "--of",
         dest="name",
@@ -98,7 +105,7 @@ def add_machine_option(parser: argparse.ArgumentParser) -> None:
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
-    """What `add_scenario_arguments` adds beside the experiment's name."""
+    """Add the options of a scenario, without the experiment's name."""
     parser.add_argument(
         "--scenario", type=Path, metavar="FILE", help="YAML with the keys to change"
     )
@@ -142,7 +149,7 @@ def load(arguments: argparse.Namespace) -> "tuple[Experiment[Any, Any], Any]":
     entry = find_entry(arguments.name)
 
     from parapod.diagrams.drivers.external import load_drivers, load_installed_drivers
-    from parapod.diagrams.scenario import load_scenario
+    from parapod.systems.core.scenario_file import load_scenario
 
     load_installed_drivers()
     if arguments.drivers is not None:

@@ -26,6 +26,7 @@ from parapod.sims.cli.arguments import (
 from parapod.sims.lab.results import Metric
 from parapod.sims.real_machine.real_time import ended_by_signals
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import quoted
 from parapod.systems.hardware.io_thread import DeviceThread
 from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
@@ -152,7 +153,7 @@ def check_part(
     drivers: list[Driver] = scenario.hardware.drivers
     parts = make_parts(drivers, machine.inputs, machine.measured, scenario.control.period)
     if part not in parts.threads:
-        raise ScenarioError(f"part '{part}' is not one of {', '.join(parts.threads)}")
+        raise ScenarioError(f"part {quoted(part)} is not one of {', '.join(parts.threads)}")
     refuse_without_emulator([d for d in drivers if d.part == part], machine.experiment)
     threads = parts.threads[part]
     checked = None if move is None else _checked(machine, part, move, threads)
@@ -188,7 +189,8 @@ def _checked(
     machine: Machine[Any], part: str, move: Move, threads: Sequence[DeviceThread]
 ) -> _CheckedMove:
     if part not in machine.self_tests:
-        raise ScenarioError(f"part '{part}' cannot be moved; {', '.join(machine.self_tests)} can")
+        able = ", ".join(machine.self_tests)
+        raise ScenarioError(f"part {quoted(part)} cannot be moved; {able} can")
     motion = machine.self_tests[part]
     command = motion.usual if move.command is None else move.command
     sizes = [

@@ -24,6 +24,7 @@ from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.lab.files import atomic_output
 from parapod.sims.lab.progress import progress
 from parapod.systems.core.errors import OutputError
+from parapod.systems.core.quoting import quoted_path
 
 if TYPE_CHECKING:
     from parapod.sims.lab.experiment import LoopExperiment
@@ -139,12 +140,12 @@ def write_graphviz(path: Path, diagram: Diagram) -> None:
     if suffix not in _RENDERED:
         known = ", ".join((*_AS_TEXT, *_RENDERED))
         raise OutputError(
-            f"cannot write '{path}': a diagram's suffix must be one of {known}", path
+            f"cannot write {quoted_path(path)}: a diagram's suffix must be one of {known}", path
         )
     dot = shutil.which("dot")
     if dot is None:
         raise OutputError(
-            f"cannot write '{path}': pictures need the program 'dot' of Graphviz; "
+            f"cannot write {quoted_path(path)}: pictures need the program 'dot' of Graphviz; "
             "without it write a .dot file",
             path,
         )
@@ -153,7 +154,7 @@ def write_graphviz(path: Path, diagram: Diagram) -> None:
         done = subprocess.run(command, input=text, text=True, capture_output=True, check=False)
         if done.returncode != 0:
             reason = " ".join(done.stderr.split()) or f"exit code {done.returncode}"
-            raise OutputError(f"cannot write '{path}': dot: {reason}", path)
+            raise OutputError(f"cannot write {quoted_path(path)}: dot: {reason}", path)
 
 
 @dataclass(frozen=True)

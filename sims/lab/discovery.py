@@ -5,7 +5,6 @@ module's docstring. A package that cannot be read or loaded is named, and the ot
 """
 
 import ast
-import difflib
 import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.quoting import did_you_mean, quoted
 
 if TYPE_CHECKING:  # Listing must not wait for Drake.
     from parapod.sims.lab.experiment import Experiment
@@ -147,10 +147,8 @@ def find_entry(name: str) -> Entry:
     """
     by_name = {entry.name: entry for entry in list_entries()}
     if name not in by_name:
-        close = difflib.get_close_matches(name, by_name, n=1)
-        hint = f" (did you mean {close[0]}?)" if close else ""
-        known = ", ".join(by_name)
-        raise UnknownExperiment(f"there is no experiment '{name}'; there are: {known}{hint}")
+        known, hint = ", ".join(by_name), did_you_mean(name, by_name)
+        raise UnknownExperiment(f"there is no experiment {quoted(name)}; there are: {known}{hint}")
     return by_name[name]
 
 

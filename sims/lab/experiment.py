@@ -25,11 +25,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from rich.console import Console
 
-from parapod.diagrams.scenario import check as check_scenario
 from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.files import write_experiment_log
 from parapod.sims.lab.results import Metric, Result
 from parapod.systems.core.errors import OutputError, ScenarioError
+from parapod.systems.core.schema import check as check_scenario
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat

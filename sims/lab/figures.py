@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from parapod.sims.lab.files import atomic_output
 from parapod.systems.core.errors import OutputError
+from parapod.systems.core.quoting import quoted_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,7 +80,9 @@ def write_figures(folder: Path, figures: Sequence[Figure], suffix: str = "svg") 
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise OutputError(f"cannot make the folder '{folder}': {reason}", folder) from error
+        raise OutputError(
+            f"cannot make the folder {quoted_path(folder)}: {reason}", folder
+        ) from error
     paths = []
     for figure in figures:
         path = folder / f"{figure.name}.{suffix}"

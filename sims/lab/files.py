@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from parapod.diagrams.scenario import dump_scenario
 from parapod.systems.core.errors import OutputError
+from parapod.systems.core.quoting import quoted_path
+from parapod.systems.core.scenario_file import dump_scenario
 
 if TYPE_CHECKING:
     import numpy as np
@@ -50,7 +51,7 @@ def check_writable(path: Path) -> None:
     if os.path.isdir(target):
         raise _cannot_write(path, "it is a directory")
     if os.path.isfile(folder):
-        raise _cannot_write(path, f"'{folder}' is not a directory")
+        raise _cannot_write(path, f"{quoted_path(folder)} is not a directory")
     try:
         os.stat(target)
     except FileNotFoundError:
@@ -58,9 +59,9 @@ def check_writable(path: Path) -> None:
     except OSError as error:
         raise _cannot_write(path, error.strerror or str(error)) from None
     if not os.path.isdir(folder):
-        raise _cannot_write(path, f"the folder '{folder}' does not exist")
+        raise _cannot_write(path, f"the folder {quoted_path(folder)} does not exist")
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise _cannot_write(path, f"no permission to write in '{folder}'")
+        raise _cannot_write(path, f"no permission to write in {quoted_path(folder)}")
     if os.path.exists(target):
         if not os.path.isfile(target):
             raise _cannot_write(path, "it is not a regular file")
@@ -180,7 +181,7 @@ def read_log(path: Path) -> Log:
         return Log(arrays.pop("t"), arrays, metadata)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise OutputError(f"cannot read log '{path}': {reason}", path) from error
+        raise OutputError(f"cannot read log {quoted_path(path)}: {reason}", path) from error
     except (
         KeyError,
         ValueError,
@@ -189,11 +190,13 @@ def read_log(path: Path) -> Log:
         EOFError,
         zipfile.BadZipFile,
     ) as error:
-        raise OutputError(f"cannot read log '{path}': it is not a log of parapod", path) from error
+        raise OutputError(
+            f"cannot read log {quoted_path(path)}: it is not a log of parapod", path
+        ) from error
 
 
 def _cannot_write(path: Path, reason: str) -> OutputError:
-    return OutputError(f"cannot write '{path}': {reason}", path)
+    return OutputError(f"cannot write {quoted_path(path)}: {reason}", path)
 
 
 def write_experiment_log(

@@ -14,6 +14,7 @@ import numpy as np
 
 from parapod.sims.lab.files import Log, check_writable
 from parapod.systems.core.errors import OutputError
+from parapod.systems.core.quoting import quoted_path
 from parapod.systems.hardware.extras import need
 
 # Longest time for which what has happened is not in the file [s].
@@ -119,7 +120,7 @@ class McapLog:
         self._thread.join()
         if self._error is not None and error is None:
             reason = self._error.strerror or str(self._error)
-            raise OutputError(f"cannot write '{self._path}': {reason}", self._path)
+            raise OutputError(f"cannot write {quoted_path(self._path)}: {reason}", self._path)
 
 
 def _encoded(t: float, value: Any) -> bytes:
@@ -147,11 +148,11 @@ def read_mcap(path: Path) -> Log:
             contents.add(record)
     except OSError as error:
         reason = error.strerror or error
-        raise OutputError(f"cannot read '{path}': {reason}", path) from error
+        raise OutputError(f"cannot read {quoted_path(path)}: {reason}", path) from error
     except (KeyError, TypeError, ValueError) as error:
-        raise OutputError(f"'{path}' is no log of parapod: {error}", path) from error
+        raise OutputError(f"{quoted_path(path)} is no log of parapod: {error}", path) from error
     if not contents.has_begun:
-        raise OutputError(f"'{path}' holds nothing of an MCAP file", path)
+        raise OutputError(f"{quoted_path(path)} holds nothing of an MCAP file", path)
     return contents.as_log()
 
 
@@ -200,4 +201,4 @@ def _records(path: Path) -> Any:
         except (exceptions.EndOfFile, struct.error):
             return  # in the middle of a record, or of its length
         except exceptions.McapError as error:
-            raise OutputError(f"'{path}' is not an MCAP file: {error}", path) from None
+            raise OutputError(f"{quoted_path(path)} is not an MCAP file: {error}", path) from None

@@ -16,7 +16,7 @@ _LINE_PERIOD = 5.0
 def progress(
     console: Console, what: str, total_seconds: float, line_period: float = _LINE_PERIOD
 ) -> Iterator[Callable[[float], None]]:
-    """Shows how far a simulation is; yields the function that is told the simulated time.
+    """Show the progress of a simulation; yields the function that takes the simulated time.
 
     A terminal gets a bar. A file or pipe gets a line from time to time, and nothing at all from
     a run that is over before the first.

@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from parapod.diagrams.scenario_tree import plain
 from parapod.sims.lab.figures import Figure
+from parapod.systems.core.schema import plain
 
 # Keys of `Result.as_json` that no metric may take.
 _RESERVED = ("experiment", "backend", "seed", "passed", "parapod", "bounds", "scenario")

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.diagrams.scenario import choice, quantity
 from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment, Logged
 from parapod.sims.lab.figures import COLOURS, Figure
@@ -35,6 +34,7 @@ from parapod.sims.levelling_platform.predictions import (
     cross_validate,
 )
 from parapod.systems.core.errors import OutputError
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.calibration.equations import (
     BIAS,
     GROUND,
@@ -52,8 +52,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
 
-# Nothing is taken to be measured better than this, whatever the scenario says [m, rad]: beyond it
-# the squares of errors, which least squares leaves out, are larger than the errors.
+# Floor of the measurements' standard deviations [m, rad]: below it the squares of errors, which
+# least squares leaves out, are larger than the errors.
 _FINEST = 1e-6
 type Floats = NDArray[np.float64]
 # How much better the calibrated machine must predict its posture than the drawing does.
@@ -67,14 +67,16 @@ _CHI2_SPREAD = 5.0
 
 
 @dataclass
-class PosesScenario:
-    """The poses that are recorded.
+class PosesScenario(Schema):
+    """The poses that are simulated.
 
     Attributes:
-        count: how many there are to calibrate with.
-        validation: how many others there are to find out what the calibration is worth.
-        tracked: the optical tracker that measures the height measures the inclination too.
-        turns_deg: the platform's headings, taken in turn from pose to pose [deg].
+        count: number of poses to calibrate with.
+        validation: number of other poses, which show the worth of the calibration.
+        tracked: inclination from the optical tracker that measures the height; the inertial sensor
+            alone cannot tell its bias from legs that lean.
+        turns_deg: headings of the platform, taken in turn from pose to pose [deg]; [0, 180] finds
+            unknown ground.
     """
 
     count: int = quantity(30, 1, 300)
@@ -84,14 +86,14 @@ class PosesScenario:
 
 
 @dataclass
-class ToleranceScenario:
-    """How far the machine may be from its drawing, either way.
+class ToleranceScenario(Schema):
+    """Tolerances of the machine to its drawing, either way.
 
     Attributes:
-        length_error_mm: each length of each leg [mm].
-        angle_error_deg: each angle of each leg [deg].
-        offset_error_mm: each actuator's encoder, a constant [mm].
-        accel_bias_mg: the accelerometer on each axis; 1 mg tilts by 1 mrad [mg].
+        length_error_mm: error of each length of each leg [mm].
+        angle_error_deg: error of each angle of each leg [deg].
+        offset_error_mm: constant error of each actuator's encoder [mm].
+        accel_bias_mg: bias of the accelerometer on each axis [mg]; 1 mg tilts by 0.057 deg.
     """
 
     length_error_mm: float = quantity(0.5, 1e-3, 5.0)
@@ -101,7 +103,7 @@ class ToleranceScenario:
 
     @property
     def tolerances(self) -> Tolerances:
-        """In SI units."""
+        """Tolerances in SI units."""
         return Tolerances(
             length=1e-3 * self.length_error_mm,
             angle=math.radians(self.angle_error_deg),
@@ -111,14 +113,14 @@ class ToleranceScenario:
 
 
 @dataclass
-class NoiseScenario:
-    """How exact measurements are.
+class NoiseScenario(Schema):
+    """Standard deviations of the measurements.
 
     Attributes:
-        encoder_resolution_mm: one count of the encoders; 0 for perfect ones [mm].
-        inclination_deg: standard deviation of the inertial sensor at rest, beside its bias [deg].
-        height_mm: of the height [mm], Appendix B.
-        tracked_inclination_deg: of the tracker's inclination [deg], Appendix B.
+        encoder_resolution_mm: one count of the encoders [mm]; 0 for perfect ones.
+        inclination_deg: inclination by the inertial sensor at rest, beside its bias [deg].
+        height_mm: height by the tracker, Appendix B [mm].
+        tracked_inclination_deg: inclination by the tracker, Appendix B [deg].
     """
 
     encoder_resolution_mm: float = quantity(0.01, 0.0, 1.0)
@@ -138,13 +140,14 @@ class NoiseScenario:
 
 
 @dataclass
-class KnownGroundScenario:
+class KnownGroundScenario(Schema):
     """The ground during the recording.
 
     Attributes:
-        known: whether the calibration is told how it is inclined.
-        roll_deg: at heading 0 [deg].
-        pitch_deg: [deg].
+        known: inclination that the calibration is told, as in the paper's experiment; false: it is
+            identified too.
+        roll_deg: roll of the ground at heading 0 [deg].
+        pitch_deg: pitch of the ground at heading 0 [deg].
     """
 
     known: bool = True
@@ -158,18 +161,28 @@ class KnownGroundScenario:
 
 
 @dataclass
-class CalibrateScenario:
+class CalibrateScenario(Schema):
     """One calibration.
 
+    The recording is simulated, or is a file, from a real machine too. `parapod run calibrate --log
+    poses.npz` writes one, and `--set recording=poses.npz` calibrates with it. It holds
+
+        t (n) [s], legs.extension (n,4) [m],
+        attitude_estimated (n,2) [rad], height_measured (n,1) [m]
+
+    and, if there are any, attitude_reference (n,2) [rad], the inclination by the tracker, NaN
+    where it was not measured; legs.contact (n,4), the feet that stand; ground_measured (n,2)
+    [rad], roll and pitch of the ground in the platform's heading; heading_measured (n,1) [rad],
+    the angle by which the platform was turned about the vertical.
+
     Attributes:
-        backend: "kinematic": the closed forms stand in for the machine.
-        seed: of the machine, the poses and the noise.
-        recording: a file with recorded poses; empty for simulated ones.
-        poses: see `PosesScenario`; of a recording nothing is simulated.
+        backend: stand-in for the machine: "kinematic", the closed forms.
+        seed: seed of the machine, the poses and the noise.
+        recording: file with recorded poses; empty for simulated ones.
+        poses: see `PosesScenario`.
         tolerances: see `ToleranceScenario`.
         noise: see `NoiseScenario`.
-        ground: see `KnownGroundScenario`; where a recording says how the ground is inclined,
-            that holds.
+        ground: see `KnownGroundScenario`; a recording's own ground_measured takes its place.
     """
 
     backend: str = choice("kinematic", ("kinematic",))

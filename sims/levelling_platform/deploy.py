@@ -33,7 +33,6 @@ from parapod.diagrams.levelling_platform.scenario import (
     PlatformFault,
     SensorScenario,
 )
-from parapod.diagrams.scenario import choice, quantity
 from parapod.sims.lab.bench import (
     Bench,
     Monitor,
@@ -49,6 +48,7 @@ from parapod.sims.levelling_platform.levelling import (
     make_scene,
 )
 from parapod.systems.core.errors import RefusedRequest, UnreachablePosture
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.fault_detection import Finding
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
@@ -92,12 +92,12 @@ def uneven_ground() -> GroundScenario:
 
 
 @dataclass
-class DriveScenario:
+class DriveScenario(Schema):
     """The ways there and back, straight ahead.
 
     Attributes:
-        distance_m: each way [m].
-        speed_m_s: [m/s].
+        distance_m: distance of each way [m].
+        speed_m_s: speed [m/s].
     """
 
     distance_m: float = quantity(0.6, 0.0, 100.0)
@@ -105,21 +105,21 @@ class DriveScenario:
 
     @property
     def duration(self) -> float:
-        """Of one way [s]."""
+        """Duration of one way [s]."""
         return self.distance_m / self.speed_m_s
 
 
 @dataclass
-class WorkScenario:
-    """What is done while the platform stands.
+class WorkScenario(Schema):
+    """The work of the platform while it stands.
 
     Attributes:
-        roll_deg: of the posture [deg].
-        pitch_deg: [deg].
-        height_mm: above the mean of the ground under the feet [mm].
+        roll_deg: roll of the posture [deg].
+        pitch_deg: pitch of the posture [deg].
+        height_mm: height of the posture above the mean of the ground under the feet [mm].
         arm_deg: angle to which the arm swings and from which it comes back [deg].
         turn_deg: angle of the turntable meanwhile [deg].
-        hold_s: at rest before, between and after the arm's moves [s].
+        hold_s: time at rest before, between and after the arm's moves [s].
     """
 
     roll_deg: float = quantity(0.0, -10.0, 10.0)
@@ -141,21 +141,22 @@ class WorkScenario:
 
 
 @dataclass
-class DeployScenario:
-    """One operation.
+class DeployScenario(Schema):
+    """One operation: drive there, stand up, work, leave.
 
     Attributes:
-        backend: "multibody" or "kinematic".
-        seed: of everything random: gains, biases, noise.
-        ground: where the platform works; the wheels need `foot_heights_mm` of 0 or more.
+        backend: plant behind the station's ports: "multibody" (rigid bodies and contact) or
+            "kinematic" (quasi-static).
+        seed: seed of everything random: gains, biases, noise.
+        ground: see `GroundScenario`; the wheels need foot heights of 0 or more.
         drive: see `DriveScenario`.
         work: see `WorkScenario`.
         plant: see `PlantScenario`; the wheels roll.
         actuators: see `ActuatorScenario`.
         sensors: see `SensorScenario`.
         control: see `ControlScenario`.
-        faults: see `PlatformFault`.
-        longest: end of an operation that does not come to its end [s].
+        faults: faults of the machine's signals; see `PlatformFault`.
+        longest: time after which an operation that has not come to its end is ended [s].
     """
 
     backend: str = choice("multibody", SIMULATED)
@@ -186,7 +187,7 @@ class DeployScenario:
         )
 
     def steps(self) -> tuple[Step, ...]:
-        """What the operator does."""
+        """Steps of the operator."""
         transport, hold = Phase.TRANSPORT, Phase.HOLD
         ahead, stop = (self.drive.speed_m_s, 0.0), (0.0, 0.0)
         return (

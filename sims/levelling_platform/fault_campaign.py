@@ -22,7 +22,6 @@ from pydrake.systems.framework import Context, EventStatus
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.scenario import GroundScenario, PlatformFault
-from parapod.diagrams.scenario import choice, quantity
 from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment
 from parapod.sims.lab.progress import counted
@@ -33,6 +32,7 @@ from parapod.sims.levelling_platform.deploy import (
     WorkScenario,
     uneven_ground,
 )
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.fault_detection import RULES, Finding
 from parapod.systems.levelling_platform.supervisor import Phase
 from parapod.systems.safety.faults import FaultKind, Severity
@@ -111,16 +111,16 @@ _ALL = "all"
 
 
 @dataclass
-class FaultCampaignScenario:
-    """One campaign.
+class FaultCampaignScenario(Schema):
+    """One campaign: every kind of fault of every device in every phase of the operation.
 
     Attributes:
-        backend: "kinematic".
-        seed: of the machine, its noise and the garbage.
-        ground: where the platform works.
-        device: one of those that can fail, or all.
-        phase: in which the faults begin, or all.
-        window: for which each fault is watched [s].
+        backend: plant behind the station's ports: "kinematic" (quasi-static).
+        seed: seed of the machine, its noise and the garbage.
+        ground: see `GroundScenario`.
+        device: device that fails; "all" for each in turn.
+        phase: phase in which the faults begin; "all" for each in turn.
+        window: time for which each fault is watched [s].
     """
 
     backend: str = choice("kinematic", ("kinematic",))
@@ -464,7 +464,7 @@ def _metrics(cells: Sequence[Cell]) -> tuple[Metric, ...]:
             "largest_stray_mm",
             max((cell.stray_mm for cell in caught), default=0.0),
             "mm",
-            meaning="likewise of the height",
+            meaning="of the height from the faultless path, commands apart",
         ),
     )
 

@@ -26,7 +26,6 @@ from parapod.diagrams.levelling_platform.scenario import (
     PlantScenario,
     SensorScenario,
 )
-from parapod.diagrams.scenario import choice, quantity
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.sims.lab.bench import Bench
@@ -36,6 +35,7 @@ from parapod.sims.lab.results import Metric
 from parapod.sims.levelling_platform.driven import make_simulator, on_level_ground
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.sensors.encoder import Encoder
 
@@ -56,18 +56,17 @@ _ASIDE = (-0.1, 0.1)
 
 
 @dataclass
-class StepsScenario:
+class StepsScenario(Schema):
     """The voltage steps.
 
     Attributes:
-        voltages: of the ten steps; positive extends the actuators, which lowers the platform
-            [V].
-        travel_mm: way of a nominal actuator in each step, so that small voltages last longer
-            [mm].
-        rest_s: at 0 V before, between and after the steps [s].
+        voltages: voltages of the ten steps; positive ones extend the actuators, which lowers the
+            platform [V].
+        travel_mm: way of a nominal actuator in each step, so that small voltages last longer [mm].
+        rest_s: time at 0 V before, between and after the steps [s].
         transient_s: beginning of each step that does not count for its slope [s].
-        initial_extension_mm: of all legs [mm].
-        period: of the log [s].
+        initial_extension_mm: extension of all legs at the beginning [mm].
+        period: period of the log [s].
     """
 
     voltages: list[float] = quantity(
@@ -85,21 +84,23 @@ def _similar_actuators() -> ActuatorScenario:
 
 
 @dataclass
-class IdentifyActuatorsScenario:
+class IdentifyActuatorsScenario(Schema):
     """One identification of the four actuators.
 
-    The paper finds each step's K within 15 % of 0.01: friction, load and the legs' differences
-    together. Friction and load alone take 11.2 % of the smallest step that lifts, and unequal legs
-    share the load unequally. With gains that are off by up to 3 % the largest deviation of 200
-    seeds is 14.9 %, with 4 % one seed in twelve exceeds 15 %: `actuators.gain_error` is 0.025.
+    The steps move the actuators first with the legs lifted, then under the platform's weight:
+    section 5.2, Figs. 13 to 15. The paper finds each step's K within 15 % of 0.01: friction, load
+    and the legs' differences together. Friction and load alone take 11.2 % of the smallest step
+    that lifts, and unequal legs share the load unequally. With gains that are off by up to 3 % the
+    largest deviation of 200 seeds is 14.9 %, with 4 % one seed in twelve exceeds 15 %:
+    `actuators.gain_error` is 0.025.
 
     Attributes:
-        backend: "multibody".
-        seed: of the errors of gains and dimensions.
+        backend: plant that carries the load: "multibody".
+        seed: seed of the errors of gains and dimensions.
         steps: see `StepsScenario`.
-        plant: carries the load; see `PlantScenario`.
+        plant: see `PlantScenario`; it carries the load.
         actuators: see `ActuatorScenario`.
-        encoder_resolution_mm: one count of the actuators' encoders; 0 for a perfect one [mm].
+        encoder_resolution_mm: one count of the actuators' encoders [mm]; 0 for perfect ones.
     """
 
     backend: str = choice("multibody", ("multibody",))
@@ -262,7 +263,7 @@ def schedule(steps: StepsScenario) -> PiecewisePolynomial:
 
 
 def check_steps(scenario: IdentifyActuatorsScenario) -> None:
-    """Refuses steps that leave the stroke, have no ramp, or leave friction and K together.
+    """Refuse steps that leave the stroke, have no ramp, or leave friction and K together.
 
     Raises:
         ScenarioError: names the key.
@@ -285,14 +286,14 @@ def check_steps(scenario: IdentifyActuatorsScenario) -> None:
             low, high = (1e3 * limit for limit in STROKE)
             why = f"would bring the legs to {1e3 * extension:.1f} mm, outside {low:g}..{high:g} mm"
             raise ScenarioError(f"{key} = {voltage:g} V {why}", key)
-    # In each direction K and what friction takes are one line: two points in one of them.
+    # K and friction are separable only if one direction has two voltages.
     if len(set(steps.voltages)) == len(set(np.sign(steps.voltages))):
         why = "has one voltage a direction, which does not tell K from friction"
         raise ScenarioError(f"steps.voltages {why}", "steps.voltages")
 
 
 def _duration(steps: StepsScenario, voltage: float) -> float:
-    """How long a step lasts, in whole samples of the log [s]."""
+    """Duration of a step, in whole samples of the log [s]."""
     exact = 1e-3 * steps.travel_mm / (NOMINAL * abs(voltage))
     return max(1, round(exact / steps.period)) * steps.period
 

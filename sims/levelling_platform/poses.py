@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from parapod.sims.lab.experiment import Logged
 from parapod.sims.lab.files import read_log
 from parapod.systems.core.errors import OutputError
+from parapod.systems.core.quoting import quoted_path
 from parapod.systems.levelling_platform.calibration.equations import ground_in_heading
 from parapod.systems.levelling_platform.calibration.poses import PoseRecording
 from parapod.systems.levelling_platform.geometry import (
@@ -262,4 +263,4 @@ def _quoted(names: list[str]) -> str:
 
 
 def _unusable(path: Path, reason: str) -> OutputError:
-    return OutputError(f"cannot calibrate with '{path}': {reason}", path)
+    return OutputError(f"cannot calibrate with {quoted_path(path)}: {reason}", path)

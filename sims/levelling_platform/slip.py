@@ -25,7 +25,6 @@ from parapod.diagrams.levelling_platform.scenario import (
     PlantScenario,
     SensorScenario,
 )
-from parapod.diagrams.scenario import choice, quantity
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.sims.lab.bench import Bench
@@ -34,6 +33,7 @@ from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.results import Metric
 from parapod.sims.levelling_platform.driven import make_simulator, on_level_ground
 from parapod.systems.actuators.pi_controller import PiController
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
@@ -61,15 +61,16 @@ _NOTES = (
 
 
 @dataclass
-class LiftScenario:
+class LiftScenario(Schema):
     """The lift, at level attitude.
 
     Attributes:
-        initial_extension_mm: of all legs [mm].
-        height_mm: at the end, above the ground's plane [mm].
-        duration: [s].
-        settle: from its end until the actuators are braked, so that they arrive first [s].
-        rest: with braked actuators, until the arm swings [s].
+        initial_extension_mm: extension of all legs at the beginning [mm].
+        height_mm: height at the end, above the ground's plane [mm].
+        duration: duration of the lift [s].
+        settle: time from the end of the lift until the actuators are braked, so that they arrive
+            first [s].
+        rest: time with braked actuators until the arm swings [s].
     """
 
     initial_extension_mm: float = quantity(410.0, 390.0, 420.0)
@@ -80,13 +81,13 @@ class LiftScenario:
 
 
 @dataclass
-class SwingScenario:
+class SwingScenario(Schema):
     """The arm's swing.
 
     Attributes:
-        angle_deg: forward from upright [deg].
-        duration: [s].
-        rest: after it [s].
+        angle_deg: angle forward from upright [deg].
+        duration: duration of the swing [s].
+        rest: time at rest after the swing [s].
     """
 
     angle_deg: float = quantity(45.0, -90.0, 90.0)
@@ -95,12 +96,12 @@ class SwingScenario:
 
 
 @dataclass
-class CreepScenario:
-    """The platform stands still on inclined ground.
+class CreepScenario(Schema):
+    """The solver's creep on inclined ground, at time steps of 1, 2 and 4 ms.
 
     Attributes:
-        pitch_deg: of the ground [deg].
-        duration: over which the creep is measured [s].
+        pitch_deg: pitch of the ground [deg].
+        duration: time over which the creep is measured [s].
     """
 
     pitch_deg: float = quantity(5.0, 0.5, 10.0)
@@ -108,12 +109,15 @@ class CreepScenario:
 
 
 @dataclass
-class SlipScenario:
+class SlipScenario(Schema):
     """One study of slip.
 
+    The legs lift the level platform; once it has settled the actuators are braked and the arm
+    swings: section 7, Fig. 23.
+
     Attributes:
-        backend: "multibody".
-        seed: of the errors of gains and dimensions.
+        backend: plant: "multibody".
+        seed: seed of the errors of gains and dimensions.
         lift: see `LiftScenario`.
         arm: see `SwingScenario`.
         creep: see `CreepScenario`.
@@ -147,7 +151,7 @@ class SlipScenario:
 
     @property
     def end(self) -> float:
-        """[s]."""
+        """End of the study [s]."""
         return self.swing_at + self.arm.duration + self.arm.rest
 
 

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from scipy.optimize import minimize  # type: ignore[import-untyped]
 
-from parapod.diagrams.scenario import choice, quantity
 from parapod.sims.lab.bench import Bench, say_where
 from parapod.sims.lab.experiment import Experiment, RunOptions
 from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.files import atomic_output
 from parapod.sims.lab.results import Metric
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import ARM_BASE, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
@@ -54,12 +54,12 @@ _TURNS = 36
 
 
 @dataclass
-class SlopeScenario:
-    """The ground on which Eq. (14) is checked.
+class SlopeScenario(Schema):
+    """The ground on which Eq. (14) is checked; everything else is on level ground.
 
     Attributes:
-        roll_deg: [deg].
-        pitch_deg: [deg].
+        roll_deg: roll of the ground [deg].
+        pitch_deg: pitch of the ground [deg].
     """
 
     roll_deg: float = quantity(3.0, -30.0, 30.0)
@@ -72,13 +72,14 @@ class SlopeScenario:
 
 
 @dataclass
-class ReachScenario:
-    """The arm whose tip is looked at.
+class ReachScenario(Schema):
+    """The arm whose tip is followed.
 
     Attributes:
-        offset_mm: its base, from the platform's centre F [mm].
-        length_mm: [mm].
-        lean_deg: from upright while the turntable turns; otherwise it is upright [deg].
+        offset_mm: base of the arm from the platform's centre F [mm]; assumed, because Eq. (13) is
+            lost.
+        length_mm: length of the arm [mm].
+        lean_deg: angle from upright while the turntable turns; otherwise the arm is upright [deg].
     """
 
     offset_mm: list[float] = quantity([1e3 * x for x in ARM_BASE], -500.0, 500.0, length=3)
@@ -93,21 +94,24 @@ class ReachScenario:
 
     @property
     def lean(self) -> float:
-        """[rad]."""
+        """Angle of the leaning arm from upright [rad]."""
         return math.radians(self.lean_deg)
 
 
 @dataclass
-class WorkspaceScenario:
-    """What is asked about the workspace.
+class WorkspaceScenario(Schema):
+    """Questions about the workspace of the arm's tip.
+
+    It is computed exactly, beside the eight surfaces that the paper prints for it: section 4 and
+    Fig. 12. Frame {B} has its origin at the support point of leg 2, the right back one; z is up.
 
     Attributes:
-        backend: "exact".
-        seed: of the points of the round trip and of the roundings that are tried.
-        resolution: cells in each of three dimensions of a volume.
-        ground: on which Eq. (14) is checked; everything else is on level ground.
+        backend: method: "exact", closed forms.
+        seed: seed of the points of the round trip and of the roundings that are tried.
+        resolution: number of cells in each of three dimensions of a volume.
+        ground: see `SlopeScenario`.
         arm: see `ReachScenario`.
-        turntable: whether the motor in the arm's base may turn it.
+        turntable: turning of the arm by the motor in its base.
     """
 
     backend: str = choice("exact", ("exact",))

@@ -26,7 +26,6 @@ from rich.console import Console
 from parapod.diagrams.drivers.driver import Driver
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.machine import Machine, Port
-from parapod.diagrams.scenario import dump_scenario
 from parapod.diagrams.station import Station
 from parapod.sims.lab.mcap import McapLog
 from parapod.sims.real_machine.real_time import (
@@ -38,6 +37,8 @@ from parapod.sims.real_machine.real_time import (
 )
 from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError
 from parapod.systems.core.ports import read_array
+from parapod.systems.core.quoting import quoted, quoted_path
+from parapod.systems.core.scenario_file import dump_scenario
 from parapod.systems.hardware.emulators.directory import WIRES, emulator_directory
 from parapod.systems.hardware.emulators.misbehaviour import KINDS, Misbehaviour
 from parapod.systems.hardware.emulators.shared_harness import SharedHarness
@@ -256,8 +257,8 @@ def _locked(directory: Path) -> IO[str]:
     except OSError:
         lock.close()
         raise ScenarioError(
-            f"an emulator runs in '{directory}' already; end it, or name another folder in the "
-            "environment's PARAPOD_EMULATOR"
+            f"an emulator runs in {quoted_path(directory)} already; end it, or name another "
+            "folder in the environment's PARAPOD_EMULATOR"
         ) from None
     return lock
 
@@ -299,10 +300,10 @@ def parsed_fault(text: str, parts: Sequence[str], at: float | None = None) -> De
         try:
             at = float(words.pop(0))
         except ValueError:
-            raise ScenarioError(f"'{text}' does not begin with a time in seconds") from None
+            raise ScenarioError(f"{quoted(text)} does not begin with a time in seconds") from None
     if at is None or len(words) != 2 or words[0] not in parts or words[1] not in (*KINDS, WELL):
         raise ScenarioError(
-            f"'{text}' is not PART KIND, with a part of {', '.join(parts)} and a kind of "
+            f"{quoted(text)} is not PART KIND, with a part of {', '.join(parts)} and a kind of "
             f"{', '.join((*KINDS, WELL))}"
         )
     return DeviceFaultRequest(at, words[0], words[1])

@@ -16,7 +16,6 @@ from rich.console import Console
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.devices import Parts
 from parapod.diagrams.drivers.driver import refuse_without_emulator
-from parapod.diagrams.scenario import dump_scenario
 from parapod.diagrams.station import Station
 from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.lab.mcap import McapLog
@@ -29,6 +28,8 @@ from parapod.sims.real_machine.real_time import (
     undisturbed,
 )
 from parapod.systems.core.errors import OutputError
+from parapod.systems.core.quoting import quoted_path
+from parapod.systems.core.scenario_file import dump_scenario
 from parapod.systems.hardware.io_thread import DeviceThread
 
 # A device that has been wrong for so long does not come back by itself [s].
@@ -136,7 +137,9 @@ def _log(
         yield lambda _: None
         return
     if path.suffix != ".mcap":
-        raise OutputError(f"--log '{path}': a log of hardware is an MCAP file, NAME.mcap", path)
+        raise OutputError(
+            f"--log {quoted_path(path)}: a log of hardware is an MCAP file, NAME.mcap", path
+        )
     metadata = {
         "experiment": what,
         "parapod": version("parapod"),

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
-from parapod.diagrams.scenario import choice, quantity
 from parapod.diagrams.walking_chair.leg_loop import LegLoopParams, make_leg_loop
 from parapod.sims.lab.bench import Bench, write_graphviz
 from parapod.sims.lab.experiment import Experiment, Logged
@@ -28,6 +27,7 @@ from parapod.systems.actuators.compound_position_controller import (
 )
 from parapod.systems.actuators.velocity_servo import VelocityServoParams
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.checks import check_speeds, check_strokes, stroke_excess
 from parapod.systems.walking_chair.geometry import LegGeometry, branch_names
 from parapod.systems.walking_chair.leg import leg_forward
@@ -63,16 +63,17 @@ _PANEL = 9  # font size of a panel's title
 
 
 @dataclass
-class CircleScenario:
+class CircleScenario(Schema):
     """The circle of the foot's corner E1, Eq. (49).
 
     Attributes:
-        radius_mm: [mm].
-        centre_y_mm: of its centre, ahead of the leg's UP hinge [mm].
-        z_mm: of its plane, from that hinge [mm].
-        lap_duration: of a lap at full speed [s].
-        laps: how many.
-        ramp: duration of the sines that lead up to full speed and down from it; 0 for steps [s].
+        radius_mm: radius of the circle [mm].
+        centre_y_mm: centre of the circle, ahead of the leg's UP hinge [mm].
+        z_mm: plane of the circle, above that hinge [mm].
+        lap_duration: duration of one lap at full speed [s].
+        laps: number of laps; the second one shows whether errors accumulate.
+        ramp: duration of the sines that lead up to full speed and down from it [s]; 0 for the
+            paper's steps.
     """
 
     radius_mm: float = quantity(100.0, 1.0, 300.0)
@@ -84,7 +85,7 @@ class CircleScenario:
 
     @property
     def circle(self) -> FootCircle:
-        """In SI units.
+        """Circle in SI units.
 
         Raises:
             ScenarioError: the ramps leave no time at full speed.
@@ -106,14 +107,14 @@ class CircleScenario:
 
 
 @dataclass
-class CircleControlScenario:
+class CircleControlScenario(Schema):
     """The position controllers; all gains are assumptions.
 
     Attributes:
-        period: between two nodes [s].
+        period: time between two nodes [s].
         proportional: P of Eq. (47) [1/s].
-        k_p: of the velocity PI, Eq. (48) [-].
-        k_i: likewise, per sample [-].
+        k_p: proportional gain of the velocity PI, Eq. (48) [-].
+        k_i: integral gain of the velocity PI per sample, Eq. (48) [-].
     """
 
     period: float = quantity(0.01, 0.001, 0.1)
@@ -123,17 +124,18 @@ class CircleControlScenario:
 
 
 @dataclass
-class CircleDriveScenario:
+class CircleDriveScenario(Schema):
     """The three drives; all values but the largest velocity are assumptions.
 
     Attributes:
-        time_constant_ms: of a drive's velocity loop [ms].
-        max_velocity_mm_s: largest command that a drive follows [mm/s].
-        encoder_resolution_mm: one count of the encoders; 0 for a perfect one [mm].
+        time_constant_ms: time constant of a drive's velocity loop [ms].
+        max_velocity_mm_s: largest command that a drive follows, as in the paper [mm/s].
+        encoder_resolution_mm: one count of the encoders [mm]; 0 for perfect ones.
         gain: velocity of each drive by its command [-].
         offset_mm_s: velocity of each drive at a command of zero [mm/s].
-        gain_error: each gain is off from that by up to this, drawn from the seed [-].
-        offset_error_mm_s: likewise each offset [mm/s].
+        gain_error: largest deviation of each gain from `gain`, drawn from the seed [-].
+        offset_error_mm_s: largest deviation of each offset from `offset_mm_s`, drawn from the seed
+            [mm/s].
     """
 
     time_constant_ms: float = quantity(40.0, 1.0, 500.0)
@@ -146,14 +148,18 @@ class CircleDriveScenario:
 
 
 @dataclass
-class ChairCircleScenario:
+class ChairCircleScenario(Schema):
     """One foot on its circle, in every mode of its drives' control.
 
+    Leg 1 leads its foot round the circle in each of the control modes that the paper compares:
+    section "Experiment research of PLM 1", Figs. 10, 11 and 14. The paper prints no gains and
+    nothing of the drives.
+
     Attributes:
-        backend: "kinematic".
-        seed: of the drives' errors, where any are drawn.
+        backend: plant: "kinematic", the leg in closed form and its drives as lags.
+        seed: seed of the drives' errors, where any are drawn.
         circle: see `CircleScenario`.
-        rest: how long the foot is watched after the circle [s].
+        rest: time for which the foot is watched after the circle [s].
         control: see `CircleControlScenario`.
         drives: see `CircleDriveScenario`.
     """

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.diagrams.scenario import choice, quantity
 from parapod.diagrams.walking_chair.scenario import GaitScenario
 from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import (
@@ -24,6 +23,7 @@ from parapod.sims.lab.experiment import (
 from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.results import Metric
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.chair import foot_corners
 from parapod.systems.walking_chair.checks import SPEED_LIMIT, check_gait
 from parapod.systems.walking_chair.gait import (
@@ -46,7 +46,7 @@ from parapod.systems.walking_chair.trajectories import BranchMotion
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-# Cycles are all alike; so many are drawn and written to a log.
+# Cycles are all alike; these are enough to be drawn and written to a log.
 _MOST_CYCLES = 10
 type Floats = NDArray[np.float64]
 # Samples of a phase, both of its ends among them: what is between them exceeds them by 0.3 um.
@@ -82,13 +82,17 @@ PRINTED = "linear"  # the law of Eq. (45)
 
 
 @dataclass
-class ChairGaitScenario:
-    """The gait that is looked at.
+class ChairGaitScenario(Schema):
+    """A gait that is compared with the paper's.
+
+    The body is moved by Eq. (45) and by a law without steps of the speed: section "Trotting gait
+    simulation", Figs. 7 and 8. A gait that takes a branch out of its stroke or is too fast for it
+    is refused.
 
     Attributes:
-        backend: "exact".
-        seed: nothing is random.
-        gait: see `GaitScenario`; its body law is compared with Eq. (45).
+        backend: method: "exact", closed forms.
+        seed: seed, which changes nothing: nothing is random.
+        gait: see `GaitScenario`; its body law is the one that is compared with Eq. (45).
     """
 
     backend: str = choice("exact", ("exact",))
@@ -196,7 +200,7 @@ class ChairGait(Experiment[ChairGaitScenario, Walks]):
 
 
 def check_walks(scenario: ChairGaitScenario, geometry: ChairGeometry) -> None:
-    """Refuses a gait that is too long to be looked at, or that the actuators cannot do.
+    """Refuse a gait that is too long to be drawn, or that the actuators cannot do.
 
     Raises:
         ScenarioError: too many cycles.

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from parapod.diagrams.scenario import choice, quantity
 from parapod.diagrams.walking_chair.scenario import GaitScenario
 from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import (
@@ -26,6 +25,7 @@ from parapod.sims.lab.experiment import (
 from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.progress import progress
 from parapod.sims.lab.results import Metric
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.checks import check_gait
 from parapod.systems.walking_chair.gait import FIRST_SWING, SECOND_SWING, Walk
@@ -70,13 +70,13 @@ _PANEL = 9  # font size of a panel's title
 
 
 @dataclass
-class PayloadScenario:
-    """What is on the seat.
+class PayloadScenario(Schema):
+    """The payload on the seat.
 
     Attributes:
-        mass_kg: whose margin and forces are looked at [kg].
-        x_mm: of its centre of mass, to the right of the seat's middle [mm].
-        y_mm: ahead of it [mm].
+        mass_kg: mass whose margin and forces are computed [kg]; 57 is the paper's largest.
+        x_mm: centre of mass, to the right of the seat's middle [mm].
+        y_mm: centre of mass, ahead of the seat's middle [mm].
     """
 
     mass_kg: float = quantity(57.0, 0.0, 250.0)
@@ -85,7 +85,7 @@ class PayloadScenario:
 
     @property
     def passenger(self) -> Passenger:
-        """In SI units; its height does not matter to a level chair at rest."""
+        """Payload in SI units; its height does not matter to a level chair at rest."""
         return Passenger(self.mass_kg, 1e-3 * self.x_mm, 1e-3 * self.y_mm)
 
 
@@ -94,20 +94,24 @@ def _printed_gait() -> GaitScenario:
 
 
 @dataclass
-class ChairPayloadScenario:
+class ChairPayloadScenario(Schema):
     """The chair's payload through a step.
 
+    Section "Walking experiment research", Eqs. (50) to (54). Forces are spread over the feet's
+    corners in the best possible way, by linear programming. A payload that leaves too small a
+    margin to the edge of the support polygon is refused.
+
     Attributes:
-        backend: "exact".
-        seed: nothing is random.
-        gait: see `GaitScenario`; of its cycles, which are alike, one is looked at. The body's law
-            says only when it is where.
+        backend: method: "exact", statics of closed forms.
+        seed: seed, which changes nothing: nothing is random.
+        gait: see `GaitScenario`; one of its equal cycles is computed, and the body's law says only
+            when the body is where.
         payload: see `PayloadScenario`.
-        friction: coefficient between feet and ground, beside none at all [-].
-        force_limit: of each branch, either way [N].
+        friction: coefficient between feet and ground, which is compared with none at all [-].
+        force_limit: F_N of Eq. (53): largest force of each branch, either way [N].
         support_margin_mm: smallest admissible distance of the centre of mass from the edge of the
             support polygon [mm].
-        instants: at which forces are spread, in each phase.
+        instants: number of instants in each phase at which forces are spread.
     """
 
     backend: str = choice("exact", ("exact",))

@@ -3,9 +3,14 @@
 from collections.abc import Sequence
 from typing import Any
 
+from parapod.systems.core.quoting import printable
+
 
 class ParapodError(Exception):
     """Base of every error that parapod raises on purpose; its text is one readable line."""
+
+    def __init__(self, message: object = ""):
+        super().__init__(printable(message))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Errors cross from one process to another, whatever their constructors take.

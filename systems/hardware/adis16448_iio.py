@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from parapod.systems.core.quoting import show
 from parapod.systems.hardware.adis16448 import (
     MEASURES,
     SCALES,
@@ -76,7 +77,7 @@ class Adis16448IioParams:
     def __post_init__(self) -> None:
         object.__setattr__(self, "mounting", tuple(self.mounting))
         if not re.match(r"[a-z]+:", self.uri):
-            raise ValueError(f'uri must be as "local:" or "ip:host", not {self.uri!r}')
+            raise ValueError(f'uri must be as "local:" or "ip:host", not {show(self.uri)}')
         if self.decimation is not None:
             sample_rate(self.decimation)
         mounting_axes(self.mounting)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from parapod.systems.core.quoting import show
 from parapod.systems.hardware.adis16448 import (
     BURST_CRC,
     BURST_WORDS,
@@ -69,7 +70,8 @@ class Adis16448SpiParams:
         object.__setattr__(self, "mounting", tuple(self.mounting))
         if not (self.address.startswith(_SOCKET) or _DEVICE.fullmatch(self.address)):
             raise ValueError(
-                f'address must be as "/dev/spidev0.0", "0.0" or "unix:/path", not {self.address!r}'
+                'address must be as "/dev/spidev0.0", "0.0" or "unix:/path", '
+                f"not {show(self.address)}"
             )
         if not 0.0 < self.clock <= MAX_BURST_CLOCK:
             raise ValueError(

@@ -7,8 +7,12 @@ from types import TracebackType
 from typing import Self
 
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.quoting import printable
 
 type Signals = Mapping[str, Sequence[float]]
+
+
+_LONGEST_NAME = 240  # of a device with its address, in messages [characters]
 
 
 class DeviceFault(IntEnum):
@@ -43,8 +47,8 @@ class DeviceError(ParapodError):
     """
 
     def __init__(self, device: str, message: str, fault: DeviceFault = DeviceFault.FAILED):
-        self.device, self.fault, self.words = device, fault, " ".join(message.split())
-        super().__init__(f"{device}: {self.words}")
+        self.device, self.fault, self.words = device, fault, printable(message)
+        super().__init__(f"{printable(device, _LONGEST_NAME)}: {self.words}")
 
 
 class Device(ABC):

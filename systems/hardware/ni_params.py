@@ -5,6 +5,8 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from parapod.systems.core.quoting import show
+
 
 @dataclass(frozen=True)
 class NiDaqParams:
@@ -109,7 +111,7 @@ def expand_channels(text: str) -> tuple[str, ...]:
 def _expand_range(part: str, text: str) -> Iterator[str]:
     found = re.fullmatch(r"([^:/\s]+/[^:\s]*?)(\d+)(?::(\d+))?", part)
     if found is None:
-        raise ValueError(f'{text!r} does not name channels, as "Dev1/ao0:3" does')
+        raise ValueError(f'{show(text)} does not name channels, as "Dev1/ao0:3" does')
     first = int(found[2])
     last = first if found[3] is None else int(found[3])
     step = 1 if last >= first else -1

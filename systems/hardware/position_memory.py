@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from parapod.systems.core.quoting import quoted_path, show
 from parapod.systems.hardware.device import DeviceError
 
 
@@ -53,7 +54,7 @@ class PositionMemory:
             )
         is_list = isinstance(known, list) and len(known) == self._size
         if not is_list or not all(isinstance(x, float) and math.isfinite(x) for x in known):
-            raise self._refused(f"must have {self._size} {self.signal}s, not {known}")
+            raise self._refused(f"must have {self._size} {self.signal}s, not {show(known)}")
         return tuple(known)
 
     def forget(self) -> None:
@@ -85,4 +86,4 @@ class PositionMemory:
             raise self._refused(f"cannot be written: {error.strerror or error}") from None
 
     def _refused(self, why: str) -> DeviceError:
-        return DeviceError(f"{self.signal}s' file '{self.path}'", why)
+        return DeviceError(f"{self.signal}s' file {quoted_path(self.path)}", why)

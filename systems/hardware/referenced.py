@@ -4,6 +4,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from parapod.systems.core.quoting import quoted_path
 from parapod.systems.hardware.device import Device, DeviceError, Signals
 from parapod.systems.hardware.incremental_device import IncrementalDevice
 from parapod.systems.hardware.position_memory import PositionMemory
@@ -59,7 +60,8 @@ class Referenced(Device):
                 raise DeviceError(
                     self.name,
                     f"nobody knows the {self._part}' {signal}s: measure them and give "
-                    f"{signal}_at_start_mm (there is no '{self._memory.path}' that knows them)",
+                    f"{signal}_at_start_mm (there is no {quoted_path(self._memory.path)} that "
+                    "knows them)",
                 )
         except BaseException:
             self.close()

@@ -7,11 +7,11 @@ import pytest
 
 from parapod.diagrams.drivers.driver import PartPorts
 from parapod.diagrams.drivers.epos2 import Epos2Legs, Epos2Wheels
-from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.diagrams.station import Station
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.scenario_file import dump_scenario, load_scenario
 from parapod.systems.hardware.emulators.harness import Harness
 from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
 from parapod.systems.walking_chair.geometry import LEG_COUNT

@@ -9,12 +9,12 @@ from rich.console import Console
 
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.scenario import load_scenario
 from parapod.diagrams.station import Station
 from parapod.sims.lab.discovery import find_entry
 from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.levelling_platform.level import Level, measured_posture
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
+from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import to_platform

@@ -4,15 +4,12 @@ import io
 import json
 import re
 from dataclasses import replace
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from rich.console import Console
 
-from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.cli.main import main
 from parapod.sims.lab.experiment import ENTRIES, RunOptions
 from parapod.sims.lab.figures import render
@@ -24,8 +21,8 @@ from parapod.sims.levelling_platform.poses import (
     spread_commands,
 )
 from parapod.systems.core.errors import OutputError, UndeterminedCalibration
+from parapod.systems.core.scenario_file import load_scenario
 
-DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "calibrate.yaml"
 KEYS = {
     "improvement_factor",
     "foot_error_mm",
@@ -50,7 +47,7 @@ UNKNOWN_GROUND = ("ground={known: false, roll_deg: 2, pitch_deg: 3}", "poses.tur
 
 
 def scenario_with(*overrides):
-    return load_scenario(CalibrateScenario, DEFAULT, None, overrides)
+    return load_scenario(CalibrateScenario, overrides=overrides)
 
 
 @pytest.fixture
@@ -74,12 +71,6 @@ def test_the_experiment_is_listed_as_it_describes_itself():
     (entry,) = [entry for entry in ENTRIES if entry.name == EXPERIMENT.name]
     assert entry.load() is EXPERIMENT
     assert entry.summary == EXPERIMENT.summary
-
-
-def test_the_default_scenario_names_every_key_and_is_the_schema_s():
-    assert yaml.safe_load(DEFAULT.read_text()) == yaml.safe_load(
-        dump_scenario(CalibrateScenario())
-    )
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -12,7 +12,6 @@ from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.scenario import load_scenario
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.ports import OUTPUTS, TRUTH_OUTPUTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
@@ -22,6 +21,7 @@ from parapod.sims.lab.figures import render
 from parapod.sims.lab.files import read_log
 from parapod.sims.walking_chair.walk import EXPERIMENT, LiveChair, check_walk, measure, run
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.walking_chair.checks import ForceExceeded, SpeedExceeded, StrokeExceeded
 from parapod.systems.walking_chair.support import SupportLost
 
@@ -50,13 +50,6 @@ def options():
 @pytest.fixture(scope="module")
 def result():
     return run(scenario_with(*FORWARD), RunOptions(console=Console(file=io.StringIO())))
-
-
-def test_the_default_scenario_is_the_schemas(options):
-    assert scenario_with() == ChairScenario(
-        gait=scenario_with().gait, hardware=ChairScenario().hardware
-    )
-    assert scenario_with().gait.way == "forward and back"
 
 
 def test_a_walk_with_the_papers_passenger_holds_all_bounds(result):

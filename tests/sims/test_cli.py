@@ -11,21 +11,21 @@ from importlib.metadata import version
 import pytest
 from rich.console import Console
 
-from parapod.diagrams.scenario import choice, quantity
 from parapod.sims.cli.main import main
 from parapod.sims.lab.experiment import ENTRIES, Entry, Experiment, experiments, progress
 from parapod.sims.lab.files import atomic_output
 from parapod.sims.lab.results import Metric, Result
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.schema import Schema, choice, quantity
 
 
 @dataclass
-class Ground:
+class Ground(Schema):
     pitch_deg: float = quantity(5.0, -15.0, 15.0)
 
 
 @dataclass
-class Scenario:
+class Scenario(Schema):
     backend: str = choice("kinematic", ("kinematic", "multibody", "mock"))
     seed: int = quantity(0, 0, 1000)
     ground: Ground = field(default_factory=Ground)
@@ -141,7 +141,9 @@ def test_the_same_arguments_give_the_same_json(parapod, tmp_path):
 def test_scenario_prints_what_run_would_use_and_run_accepts_it(parapod, capsys, runs):
     assert parapod("scenario", "tilt", "--set", "ground.pitch_deg=2") == 0
     text = capsys.readouterr().out
-    assert text == "backend: kinematic\nseed: 7\nground:\n  pitch_deg: 2.0\n"
+    assert text.startswith("# parapod run tilt: Tilts. ")
+    assert "seed: 7             # (0..1000)\n" in text
+    assert "\nground:\n  pitch_deg: 2.0  # (-15..15)\n" in text
     with open("mine.yaml", "w") as stream:
         stream.write(text)
     parapod("run", "tilt", "--scenario", "mine.yaml")
@@ -203,6 +205,43 @@ def test_one_path_for_two_outputs_is_refused(refused):
 )
 def test_a_wrong_command_line_is_one_line(refused, arguments, text):
     assert refused(*arguments.split()).startswith(text)
+
+
+_LONG = "x" * 10_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["list", "\n"], "unrecognized arguments: \\n (see parapod --help)"),
+        (["list", _LONG], "unrecognized arguments: xxx"),
+        (["wa\nlk"], "argument COMMAND: invalid choice: 'wa\\nlk'"),
+        ([_LONG], "argument COMMAND: invalid choice: 'xxx"),
+        (["run", "a\nb"], "there is no experiment 'a\\nb'; there are: tilt"),
+        (["run", "\x1b[31m"], "there is no experiment '\\x1b[31m'; there are: tilt"),
+        (["run", _LONG], "there is no experiment 'xxx"),
+        (["run", "tilt", "--set", "x\ny=1"], "unknown key 'x\\ny'; allowed: backend, "),
+        (["run", "tilt", "--set", f"{_LONG}=1"], "unknown key 'xxx"),
+        (["run", "tilt", "--set", f"ground.{_LONG}=1"], "unknown key 'ground.xxx"),
+        (["run", "tilt", "--set", "a\tb"], "override 'a\\tb' is not of the form key=value"),
+        (["run", "tilt", "--backend", "a\nb"], "backend = 'a b' is not one of kinematic, "),
+        (["run", "tilt", "--seeds", "1\n2"], "argument --seeds: must be a whole number of 1 or"),
+        (["run", "tilt", "--seeds", "9" * 10_000], "argument --seeds: "),
+        (["run", "tilt", "--scenario", "a\nb"], "scenario file 'a\\nb' does not exist"),
+        (["run", "tilt", "--scenario", _LONG], "scenario file 'xxx"),
+        (["run", "tilt", "--json", "a\n/b"], "cannot write 'a\\n/b': the folder 'a\\n' does not"),
+        (["run", "tilt", "--json", _LONG], "cannot write 'xxx"),
+        (["run", "tilt", "--drivers", "a\nb"], "drivers 'a\\nb': there is no such Python file"),
+        (["bench-rt", "--of", "a\nb"], "there is no experiment 'a\\nb'; there are: tilt"),
+        (["check", "le\ngs", "--of", _LONG], "there is no experiment 'xxx"),
+    ],
+    ids=lambda value: " ".join(value)[:30] if isinstance(value, list) else "",
+)
+def test_whatever_is_typed_an_error_is_one_line_of_reasonable_length(refused, arguments, text):
+    said = refused(*arguments)
+    assert said.startswith(text)
+    assert said.isprintable()
+    assert len(said) < 500
 
 
 # Runs that fail
@@ -283,7 +322,7 @@ def test_help_has_examples(arguments, capsys):
 def test_an_entry_tells_what_its_experiment_tells(entry):
     experiment = experiments([entry])[entry.name]
     assert (experiment.name, experiment.summary) == (entry.name, entry.summary)
-    assert entry.default_scenario.is_file()
+    assert entry.default_scenario is None or entry.default_scenario.is_file()
 
 
 # Progress

@@ -9,11 +9,11 @@ import pytest
 import umsgpack
 from pydrake.geometry import Meshcat
 
-from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.cli.main import main
 from parapod.sims.lab.experiment import ENTRIES
 from parapod.sims.levelling_platform.deploy import EXPERIMENT, DeployScenario, PhaseLabel
 from parapod.sims.signal_units import unit_of
+from parapod.systems.core.scenario_file import dump_scenario, load_scenario
 from parapod.systems.levelling_platform.supervisor import Phase
 
 # As little as is an operation: hardly any way there and back, and work without pauses.
@@ -171,10 +171,9 @@ def test_a_fault_leaves_nothing_that_acts_without_a_number(faulty):
 def test_the_log_says_what_was_run(faulty, tmp_path):
     _, signals, _ = faulty
     metadata = json.loads(str(signals["metadata"]))
-    path, empty = tmp_path / "again.yaml", tmp_path / "empty.yaml"
+    path = tmp_path / "again.yaml"
     path.write_text(metadata["scenario"])
-    empty.write_text("")
-    again = load_scenario(DeployScenario, empty, path)
+    again = load_scenario(DeployScenario, None, path)
     assert dump_scenario(again) == metadata["scenario"]
     (fault,) = again.faults
     assert (fault.at, fault.target, fault.index, fault.kind) == (20.0, "legs.extension", 2, "off")

@@ -2,15 +2,11 @@
 
 import io
 from dataclasses import replace
-from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from rich.console import Console
 
-from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.lab.experiment import ENTRIES, RunOptions
 from parapod.sims.lab.figures import render
 from parapod.sims.lab.files import read_log
@@ -26,12 +22,11 @@ from parapod.sims.levelling_platform.identify_actuators import (
     separate_friction,
 )
 from parapod.systems.core.errors import OutputError, ScenarioError
-
-DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "identify-actuators.yaml"
+from parapod.systems.core.scenario_file import load_scenario
 
 
 def scenario_with(*overrides):
-    return load_scenario(IdentifyActuatorsScenario, DEFAULT, None, overrides)
+    return load_scenario(IdentifyActuatorsScenario, overrides=overrides)
 
 
 def options(**changes):
@@ -53,12 +48,10 @@ def values(result):
     return {metric.key: metric.value for metric in result.metrics}
 
 
-def test_the_experiment_is_listed_and_its_default_scenario_is_the_schema_s():
+def test_the_experiment_is_listed_as_it_describes_itself():
     (entry,) = [entry for entry in ENTRIES if entry.name == EXPERIMENT.name]
     assert entry.load() is EXPERIMENT
     assert entry.summary == EXPERIMENT.summary
-    written = yaml.safe_load(DEFAULT.read_text())
-    assert written == yaml.safe_load(dump_scenario(IdentifyActuatorsScenario()))
 
 
 def test_the_estimator_finds_the_slope_of_each_ramp_behind_its_transient():

@@ -39,7 +39,7 @@ import sys, time
 from pathlib import Path
 from parapod.diagrams.hardware_parts import make_parts
 from parapod.diagrams.levelling_platform.machine import LEVELLING_PLATFORM as PLATFORM
-from parapod.diagrams.scenario import load_scenario
+from parapod.systems.core.scenario_file import load_scenario
 
 COMMANDS = {{
     "legs.voltage": [1.0, -1.0, 1.0, 0.0],

@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import umsgpack
-from pydrake.common.yaml import yaml_load_data
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
@@ -26,7 +25,6 @@ from tornado.websocket import websocket_connect
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario, WaypointScenario
-from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.sims.cli.main import main
 from parapod.sims.lab.bench import RESTART, STOP
 from parapod.sims.lab.experiment import ENTRIES, RunOptions
@@ -34,6 +32,7 @@ from parapod.sims.lab.files import read_log
 from parapod.sims.levelling_platform.level import EXPERIMENT, run
 from parapod.sims.levelling_platform.levelling import LivePlatform, check_job, stay_live
 from parapod.systems.core.errors import OutputError, ScenarioError, UnreachablePosture
+from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.kinematics import height_range
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.sliders import PostureSliders
@@ -98,16 +97,6 @@ def test_the_experiment_is_listed_as_it_describes_itself():
     (entry,) = [entry for entry in ENTRIES if entry.name == EXPERIMENT.name]
     assert entry.load() is EXPERIMENT
     assert entry.summary == EXPERIMENT.summary
-
-
-def test_the_default_scenario_names_every_key():
-    def keys(node):
-        return {k: keys(v) for k, v in node.items()} if isinstance(node, dict) else None
-
-    whole = yaml_load_data(dump_scenario(LevellingScenario()))
-    named = yaml_load_data(DEFAULT.read_text())
-    assert keys(named) == keys(whole)
-    assert named["hardware"] == whole["hardware"]
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -9,11 +9,11 @@ import pytest
 from rich.console import Console
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.scenario import load_scenario
 from parapod.sims.cli.main import main
 from parapod.sims.lab.experiment import ENTRIES, RunOptions
 from parapod.sims.lab.results import Metric, Result
 from parapod.sims.lab.sweep import as_json, print_spread, run_seeds
+from parapod.systems.core.scenario_file import load_scenario
 
 # As little as passes for a job, with a gain error that differs from seed to seed.
 BRIEF = (

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from parapod.systems.core.quoting import show
 from parapod.systems.safety.faults import FaultKind
 
 UNPLUGGED = "unplugged"
@@ -49,7 +50,7 @@ class Misbehaviour:
             ValueError: an unknown kind.
         """
         if kind not in KINDS:
-            raise ValueError(f"{kind!r} is not one of {', '.join(KINDS)}")
+            raise ValueError(f"{show(kind)} is not one of {', '.join(KINDS)}")
         with self._lock:
             self._held = None
             self._store(State(kind, now))

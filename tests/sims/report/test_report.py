@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from parapod.diagrams.scenario import choice, quantity
 from parapod.sims.cli.main import main
 from parapod.sims.lab.experiment import Entry, Experiment
 from parapod.sims.lab.figures import Figure
@@ -28,6 +27,7 @@ from parapod.sims.report.chapter import (
 from parapod.sims.report.page import counts, make_page
 from parapod.sims.report.run import run_chapter
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.schema import choice, quantity
 
 QUIET = Console(quiet=True)
 
