@@ -40,6 +40,7 @@ lint: setup
 types: setup
 	@mkdir -p build/types/parapod
 	@for room in systems diagrams urdf sims; do ln -sfn ../../../$$room build/types/parapod/$$room; done
+	@ln -sfn ../../../sims/public/__init__.py build/types/parapod/__init__.py
 	MYPYPATH=build/types $(BIN)/mypy -p parapod
 
 pytest: setup

@@ -87,6 +87,9 @@ class ClosedLoop[S](Diagram):
         builder.BuildInto(self)
         self.set_name(machine.name)
 
+    def __repr__(self) -> str:
+        return f"<closed loop of {self.machine.title}, {getattr(self.scenario, 'backend', '')}>"
+
     def reset(self, context: Context, scenario: S | None = None) -> None:
         """Puts everything at its beginning.
 

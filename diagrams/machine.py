@@ -109,7 +109,7 @@ class SelfTest:
 type Plant[S] = Callable[[DiagramBuilder, S, Meshcat | None], Behind]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Machine[S]:
     """One machine: its ports, and how the parts of its diagrams are made.
 
@@ -148,6 +148,9 @@ class Machine[S]:
     emulated: Callable[[S, float], S] | None = None
     exchange: Mapping[str, float] = field(default_factory=dict)
     log_every: int = 1
+
+    def __repr__(self) -> str:
+        return f"<machine {self.name}: {len(self.inputs)} inputs, {len(self.outputs)} outputs>"
 
     @cached_property
     def table(self) -> dict[str, Port]:

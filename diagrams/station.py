@@ -69,6 +69,9 @@ class Station[S](Diagram):
         builder.BuildInto(self)
         self.set_name("station")
 
+    def __repr__(self) -> str:
+        return f"<station of {self.machine.title}, {getattr(self.scenario, 'backend', '')}>"
+
     def reset(self, root_context: Context, scenario: S | None = None) -> None:
         """Puts the station at its beginning.
 

@@ -1,6 +1,7 @@
 """Drivers that are not parapod's own: from installed packages and from files."""
 
 import importlib
+import os
 import sys
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -30,7 +31,7 @@ def load_drivers(path: Path) -> None:
     Raises:
         ScenarioError: it is not there, or cannot be imported.
     """
-    if not path.is_file() or path.suffix != ".py":
+    if not os.path.isfile(path) or path.suffix != ".py":
         raise ScenarioError(f"drivers {quoted_path(path)}: there is no such Python file")
     # By name and through the path, so that processes that are started from here find it too.
     folder = str(path.resolve().parent)

@@ -3,8 +3,6 @@
 import gc
 import logging
 import math
-import shutil
-import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
@@ -18,12 +16,13 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 from rich.console import Console
 
+from parapod.diagrams.block_diagram import BlockDiagram
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.recording import Recording
 from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.lab.files import atomic_output
 from parapod.sims.lab.progress import progress
-from parapod.systems.core.errors import OutputError
+from parapod.systems.core.errors import OutputError, ParapodError
 from parapod.systems.core.quoting import quoted_path
 
 if TYPE_CHECKING:
@@ -125,36 +124,25 @@ def recording(meshcat: Meshcat, path: Path) -> Iterator[None]:
 
 
 def write_graphviz(path: Path, diagram: Diagram) -> None:
-    """Writes a diagram as Graphviz text (.dot, .gv) or as a picture (.svg, .png, .pdf).
+    """Writes one level of a diagram as Graphviz text (.dot, .gv) or picture (.svg, .png, .pdf).
 
     Raises:
         OutputError: the file cannot be written, its suffix says no format, or a picture is asked
             for where Graphviz is missing.
     """
-    suffix = path.suffix.lower()
-    text = diagram.GetGraphvizString()
-    if suffix in _AS_TEXT:
-        with atomic_output(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-        return
-    if suffix not in _RENDERED:
+    suffix, drawn = path.suffix.lower(), BlockDiagram(diagram)
+    if suffix not in (*_AS_TEXT, *_RENDERED):
         known = ", ".join((*_AS_TEXT, *_RENDERED))
         raise OutputError(
             f"cannot write {quoted_path(path)}: a diagram's suffix must be one of {known}", path
         )
-    dot = shutil.which("dot")
-    if dot is None:
-        raise OutputError(
-            f"cannot write {quoted_path(path)}: pictures need the program 'dot' of Graphviz; "
-            "without it write a .dot file",
-            path,
-        )
+    try:
+        content = drawn.text.encode() if suffix in _AS_TEXT else drawn.render(suffix[1:])
+    except ParapodError as error:
+        why = f"{error}; a .dot file needs nothing"
+        raise OutputError(f"cannot write {quoted_path(path)}: {why}", path) from None
     with atomic_output(path) as temporary:
-        command = [dot, f"-T{suffix[1:]}", "-o", str(temporary)]
-        done = subprocess.run(command, input=text, text=True, capture_output=True, check=False)
-        if done.returncode != 0:
-            reason = " ".join(done.stderr.split()) or f"exit code {done.returncode}"
-            raise OutputError(f"cannot write {quoted_path(path)}: dot: {reason}", path)
+        temporary.write_bytes(content)
 
 
 @dataclass(frozen=True)

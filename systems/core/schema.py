@@ -27,7 +27,7 @@ import types
 import typing
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import did_you_mean, printable, quoted, show
@@ -94,6 +94,9 @@ class Schema:
         ScenarioError: an attribute that the dataclass does not have, or an inadmissible value;
             names the key within this dataclass.
     """
+
+    # Name of the experiment that a scenario was made for; no key of its own.
+    _experiment: ClassVar[str] = ""
 
     if not TYPE_CHECKING:  # for which any attribute would exist then
 

@@ -232,6 +232,7 @@ _LONG = "x" * 10_000
         (["run", "tilt", "--json", "a\n/b"], "cannot write 'a\\n/b': the folder 'a\\n' does not"),
         (["run", "tilt", "--json", _LONG], "cannot write 'xxx"),
         (["run", "tilt", "--drivers", "a\nb"], "drivers 'a\\nb': there is no such Python file"),
+        (["run", "tilt", "--drivers", f"{_LONG}.py"], "drivers 'xxx"),
         (["bench-rt", "--of", "a\nb"], "there is no experiment 'a\\nb'; there are: tilt"),
         (["check", "le\ngs", "--of", _LONG], "there is no experiment 'xxx"),
     ],

@@ -1,0 +1,105 @@
+"""Leg-supported parallel machines as Drake system diagrams: the names for scripts and notebooks.
+
+    import parapod
+    from pydrake.systems.analysis import Simulator
+
+    scenario = parapod.scenario("level", seed=3)  # settings, checked whenever they change
+    scenario.ground.pitch_deg = 4.0
+    loop = parapod.closed_loop(scenario)  # a Diagram
+    simulator = Simulator(loop)
+    simulator.AdvanceTo(10.0)
+    recording = loop.recording(simulator.get_context())  # signals by port name, with units
+    recording.plot("truth.posture", "posture_desired_state")
+    parapod.run("level", seed=3, backend="kinematic")  # metrics, bounds and figures
+    parapod.draw(loop)  # the diagram as a picture
+
+`parapod list` names the experiments, `parapod.experiments()` too. A package with a machine or an
+experiment of its own finds what it needs here as well (`Machine`, `In`, `Out`, `Experiment`, ...).
+Everything is loaded when it is first used.
+"""
+
+import importlib
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from parapod.diagrams.block_diagram import BlockDiagram, draw
+    from parapod.diagrams.closed_loop import ClosedLoop
+    from parapod.diagrams.faults import FaultScenario, Span
+    from parapod.diagrams.machine import In, Inner, Machine, Out, SelfTest, Truth, find_machine
+    from parapod.diagrams.recording import Recording
+    from parapod.diagrams.station import Behind, Station
+    from parapod.diagrams.wiring import add, connect, named_source
+    from parapod.sims.lab.api import closed_loop, experiments, run, scenario
+    from parapod.sims.lab.experiment import Experiment, LoopExperiment, RunOptions
+    from parapod.sims.lab.figures import Figure
+    from parapod.sims.lab.results import Metric, Result
+    from parapod.systems.core.errors import ParapodError, ScenarioError, UnreachablePosture
+    from parapod.systems.core.schema import Schema, choice, quantity
+
+_HOMES = {
+    "diagrams.block_diagram": ("BlockDiagram", "draw"),
+    "diagrams.closed_loop": ("ClosedLoop",),
+    "diagrams.faults": ("FaultScenario", "Span"),
+    "diagrams.machine": ("In", "Inner", "Machine", "Out", "SelfTest", "Truth", "find_machine"),
+    "diagrams.recording": ("Recording",),
+    "diagrams.station": ("Behind", "Station"),
+    "diagrams.wiring": ("add", "connect", "named_source"),
+    "sims.lab.api": ("closed_loop", "experiments", "run", "scenario"),
+    "sims.lab.experiment": ("Experiment", "LoopExperiment", "RunOptions"),
+    "sims.lab.figures": ("Figure",),
+    "sims.lab.results": ("Metric", "Result"),
+    "systems.core.errors": ("ParapodError", "ScenarioError", "UnreachablePosture"),
+    "systems.core.schema": ("Schema", "choice", "quantity"),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+__version__ = version("parapod")
+__all__ = [
+    "Behind",
+    "BlockDiagram",
+    "ClosedLoop",
+    "Experiment",
+    "FaultScenario",
+    "Figure",
+    "In",
+    "Inner",
+    "LoopExperiment",
+    "Machine",
+    "Metric",
+    "Out",
+    "ParapodError",
+    "Recording",
+    "Result",
+    "RunOptions",
+    "ScenarioError",
+    "Schema",
+    "SelfTest",
+    "Span",
+    "Station",
+    "Truth",
+    "UnreachablePosture",
+    "add",
+    "choice",
+    "closed_loop",
+    "connect",
+    "draw",
+    "experiments",
+    "find_machine",
+    "named_source",
+    "quantity",
+    "run",
+    "scenario",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'parapod' has no attribute '{name}'")
+    value = getattr(importlib.import_module(f"parapod.{_HOME_OF[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
