@@ -17,6 +17,7 @@ from pydrake.systems.framework import DiagramBuilder, System
 from parapod.diagrams.faults import FaultTarget, Span, targets_of
 from parapod.diagrams.station import Behind
 from parapod.systems.core.errors import ParapodError, WiringError
+from parapod.systems.core.schema import Schema, quantity
 
 _STATUS = ("status.age", "status.fault")
 
@@ -104,6 +105,32 @@ class SelfTest:
     measures: str
     gain: float = 1.0
     rest: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass
+class ControlScenario(Schema):
+    """The controller.
+
+    Attributes:
+        period: sampling period of the controller [s].
+    """
+
+    period: float = quantity(0.01, 0.001, 0.1)
+
+
+@dataclass
+class MachineScenario(Schema):
+    """One run of a machine; a base for machines' own scenarios, which need not use it.
+
+    Attributes:
+        backend: plant behind the station's ports.
+        seed: seed of everything random.
+        control: see `ControlScenario`.
+    """
+
+    backend: str = "kinematic"
+    seed: int = quantity(0, 0, 2**31 - 1)
+    control: ControlScenario = field(default_factory=ControlScenario)
 
 
 type Plant[S] = Callable[[DiagramBuilder, S, Meshcat | None], Behind]

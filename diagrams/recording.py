@@ -1,7 +1,7 @@
 """Recorded signals of a run, by the names of their ports and with their units."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -64,7 +64,7 @@ class Recording(Mapping[str, Floats]):
         """The samples from a time [s] on."""
         later = self.time >= time
         signals = {name: samples[later] for name, samples in self.signals.items()}
-        return type(self)(self.time[later], signals, self.units)
+        return replace(self, time=self.time[later], signals=signals)
 
     def plot(self, *names: str) -> Any:
         """Draws signals over time, one below the other; a Matplotlib figure that shows itself.

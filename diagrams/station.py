@@ -5,9 +5,12 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, InputPort, OutputPort
+from pydrake.systems.primitives import ConstantVectorSource
 
+from parapod.diagrams.wiring import add
 from parapod.systems.core.errors import ScenarioError, WiringError
 
 if TYPE_CHECKING:
@@ -24,7 +27,8 @@ class Behind:
 
     Attributes:
         inputs: ports that take the commands, by the names of the machine's table.
-        outputs: ports that give the measurements and, where simulated, `truth.*`.
+        outputs: ports that give the measurements and, where simulated, `truth.*`; `status.*` may
+            be left out of those whose devices are perfect.
         reset: puts it at the beginning of a scenario, in a root context at its defaults.
         active: entered while the machine is to obey; simulated ones always do.
         handle: anything that experiments need to reach beside the ports.
@@ -117,12 +121,18 @@ def _export(builder: DiagramBuilder, machine: "Machine[Any]", behind: Behind) ->
     """
     is_simulated = any(name in behind.outputs for name in (port.name for port in machine.truth))
     outputs = (*machine.outputs, *(machine.truth if is_simulated else ()))
+    found = dict(behind.outputs)
+    for port in machine.outputs:
+        if port.name.startswith("status.") and port.name not in found:
+            # A plant that says nothing about its devices has perfect ones.
+            perfect = add(builder, ConstantVectorSource(np.zeros(port.size)), port.name)
+            found[port.name] = perfect.get_output_port()
     _compare(machine, machine.inputs, behind.inputs, "input")
-    _compare(machine, outputs, behind.outputs, "output")
+    _compare(machine, outputs, found, "output")
     for port in machine.inputs:
         builder.ExportInput(behind.inputs[port.name], port.name)
     for port in outputs:
-        builder.ExportOutput(behind.outputs[port.name], port.name)
+        builder.ExportOutput(found[port.name], port.name)
 
 
 def _compare(

@@ -115,10 +115,16 @@ def idle_inputs(builder: DiagramBuilder, system: System, values: Mapping[str, fl
             connect(builder, source.get_output_port(), port)
 
 
-def named_source(name: str, trajectory: Trajectory) -> Diagram:
-    """A source that follows a trajectory, with an output of this name."""
+def named_source(name: str, trajectory: Trajectory, derivatives: int = 0) -> Diagram:
+    """A source that follows a trajectory, with an output of this name.
+
+    Args:
+        name: name of the output.
+        trajectory: its values, a column.
+        derivatives: number of derivatives that follow the values in the output.
+    """
     builder = DiagramBuilder()
-    source = add(builder, TrajectorySource(trajectory), "trajectory")
+    source = add(builder, TrajectorySource(trajectory, derivatives), "trajectory")
     builder.ExportOutput(source.get_output_port(), name)
     diagram = builder.Build()
     diagram.set_name(name)

@@ -74,15 +74,16 @@ class Experiment[S, D]:
 
     Attributes:
         name: the name of its entry point.
-        schema: class of its scenarios, with `backend` and `seed`.
-        backends: backends on which it runs.
+        schema: class of its scenarios, with `backend` and `seed`; of a machine's experiment, by
+            default, the machine's.
+        backends: backends on which it runs; by default the machine's simulated ones.
         switches: options of its own without a value: name -> override that it is short for, and
             its help.
         takes: usual duration of a run, in words.
     """
 
     schema: ClassVar[type]
-    backends: ClassVar[tuple[str, ...]] = ("multibody", "kinematic")
+    backends: ClassVar[tuple[str, ...]] = ()
     switches: ClassVar[Mapping[str, tuple[str, str]]] = {}
     takes: ClassVar[str] = "seconds"
 
@@ -199,6 +200,13 @@ class LoopExperiment[S, D](Experiment[S, D]):
 
     machine: ClassVar["Machine[Any]"]
     signals: ClassVar[Sequence[str]] = ()
+
+    def __init_subclass__(cls) -> None:
+        """Takes schema and simulated backends of the machine where none are given."""
+        machine = getattr(cls, "machine", None)
+        if machine is not None:
+            cls.schema = cls.__dict__.get("schema", machine.scenario)
+            cls.backends = cls.__dict__.get("backends", tuple(machine.plants))
 
     def duration(self, scenario: S) -> float:
         """End of the run [s]."""

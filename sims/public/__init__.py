@@ -26,7 +26,17 @@ if TYPE_CHECKING:
     from parapod.diagrams.block_diagram import BlockDiagram, draw
     from parapod.diagrams.closed_loop import ClosedLoop
     from parapod.diagrams.faults import FaultScenario, Span
-    from parapod.diagrams.machine import In, Inner, Machine, Out, SelfTest, Truth, find_machine
+    from parapod.diagrams.machine import (
+        ControlScenario,
+        In,
+        Inner,
+        Machine,
+        MachineScenario,
+        Out,
+        SelfTest,
+        Truth,
+        find_machine,
+    )
     from parapod.diagrams.recording import Recording
     from parapod.diagrams.station import Behind, Station
     from parapod.diagrams.wiring import add, connect, named_source
@@ -35,13 +45,24 @@ if TYPE_CHECKING:
     from parapod.sims.lab.figures import Figure
     from parapod.sims.lab.results import Metric, Result
     from parapod.systems.core.errors import ParapodError, ScenarioError, UnreachablePosture
+    from parapod.systems.core.function import FunctionSystem
     from parapod.systems.core.schema import Schema, choice, quantity
 
 _HOMES = {
     "diagrams.block_diagram": ("BlockDiagram", "draw"),
     "diagrams.closed_loop": ("ClosedLoop",),
     "diagrams.faults": ("FaultScenario", "Span"),
-    "diagrams.machine": ("In", "Inner", "Machine", "Out", "SelfTest", "Truth", "find_machine"),
+    "diagrams.machine": (
+        "ControlScenario",
+        "In",
+        "Inner",
+        "Machine",
+        "MachineScenario",
+        "Out",
+        "SelfTest",
+        "Truth",
+        "find_machine",
+    ),
     "diagrams.recording": ("Recording",),
     "diagrams.station": ("Behind", "Station"),
     "diagrams.wiring": ("add", "connect", "named_source"),
@@ -50,6 +71,7 @@ _HOMES = {
     "sims.lab.figures": ("Figure",),
     "sims.lab.results": ("Metric", "Result"),
     "systems.core.errors": ("ParapodError", "ScenarioError", "UnreachablePosture"),
+    "systems.core.function": ("FunctionSystem",),
     "systems.core.schema": ("Schema", "choice", "quantity"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
@@ -59,13 +81,16 @@ __all__ = [
     "Behind",
     "BlockDiagram",
     "ClosedLoop",
+    "ControlScenario",
     "Experiment",
     "FaultScenario",
     "Figure",
+    "FunctionSystem",
     "In",
     "Inner",
     "LoopExperiment",
     "Machine",
+    "MachineScenario",
     "Metric",
     "Out",
     "ParapodError",

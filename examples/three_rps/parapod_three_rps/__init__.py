@@ -1,0 +1,1 @@
+"""The 3-RPS platform: a machine of parapod from a package of its own."""

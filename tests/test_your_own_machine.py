@@ -1,0 +1,112 @@
+"""The machine that the documents build: installed and run as a package of its own."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "examples" / "three_rps"
+PAGE = (ROOT / "docs" / "your_own_machine.md").read_text(encoding="utf-8")
+LONGEST = 300  # lines of the whole package
+
+
+def sources():
+    return [*PACKAGE.glob("*.toml"), *PACKAGE.glob("parapod_three_rps/*.py")]
+
+
+@pytest.fixture(scope="module")
+def command(tmp_path_factory):
+    """Runs the command with the package installed beside parapod; nothing else is changed."""
+    target = tmp_path_factory.mktemp("installed")
+    copy = tmp_path_factory.mktemp("source") / "three_rps"
+    for path in sources():
+        place = copy / path.relative_to(PACKAGE)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+    install = ["install", "--quiet", "--no-deps", "--no-build-isolation", "--target", target, copy]
+    subprocess.run([sys.executable, "-m", "pip", *map(str, install)], check=True)
+
+    def run(*arguments):
+        return subprocess.run(
+            [sys.executable, "-m", "parapod.sims", *map(str, arguments)],
+            capture_output=True,
+            text=True,
+            env=os.environ | {"PYTHONPATH": str(target)},
+            cwd=target,
+            check=False,
+        )
+
+    return run
+
+
+def test_every_listing_of_the_page_is_a_piece_of_the_package():
+    pieces = [path.read_text(encoding="utf-8") for path in sources()]
+    listings = re.findall(r"```(?:python|toml)\n(.*?)\n```", PAGE, re.DOTALL)
+    *shown, notebook = listings
+    assert len(shown) == 9
+    for listing in shown:
+        assert any(listing in piece for piece in pieces), listing[:200]
+    assert "parapod.run" in notebook
+
+
+def test_the_page_leaves_nothing_of_the_package_out():
+    shown = set(PAGE.split("\n"))
+    for path in sources():
+        text = path.read_text(encoding="utf-8").split("\n")
+        left_out = [line for line in text if line.strip() and line not in shown]
+        # What the page can do without: the imports and the constants of machine.py.
+        assert len(left_out) <= 25, left_out
+
+
+def test_the_package_is_brief():
+    assert sum(len(path.read_text().splitlines()) for path in sources()) <= LONGEST
+
+
+def test_it_is_listed_under_its_own_heading(command):
+    done = command("list")
+    assert done.returncode == 0, done.stderr
+    heading = done.stdout.index("The 3-RPS platform")
+    assert done.stdout.index("rps-tilt", heading) > heading > done.stdout.index("chair-walk")
+
+
+def test_its_experiment_holds_its_bounds(command, tmp_path):
+    files = [tmp_path / "tilt.json", tmp_path / "figures", tmp_path / "tilt.npz"]
+    brief = ("--set", "motion.period=4")
+    done = command(
+        "run", "rps-tilt", *brief, "--json", files[0], "--figures", files[1], "--log", files[2]
+    )
+    assert done.returncode == 0, done.stderr
+    assert all(path.exists() for path in files)
+    result = json.loads(files[0].read_text())
+    assert result["passed"]
+    assert 1e-4 < result["tilt_error_deg"] < 0.1
+
+
+def test_the_bound_breaks_where_the_platform_turns_too_fast_for_its_legs(command):
+    done = command("run", "rps-tilt", "--set", "motion.period=1")
+    assert done.returncode == 1, done.stderr
+    assert "broken: tilt_error_deg" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (
+            ("--set", "motion.tilt_deg=28"),
+            "motion.tilt_deg = 28 exceeds the legs' stroke by 9.6 mm",
+        ),
+        (("--set", "motion.tilt=3"), "unknown key 'motion.tilt'; allowed under 'motion': "),
+        (("--backend", "multibody"), "is not one on which 'rps-tilt' runs; there are: kinematic"),
+    ],
+)
+def test_mistakes_are_refused_in_one_line(command, arguments, said):
+    done = command("run", "rps-tilt", *arguments)
+    assert done.returncode == 2
+    assert done.stderr.startswith("parapod: error: ")
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
