@@ -3,14 +3,17 @@
 The posture chain is shared; one controller obeys a trigger, the other a supervisor.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Demultiplexer, MatrixGain
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import add, connect
+from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.actuators.pi_controller import PiController, PiControllerParams
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.fault_detection import FaultDetector
@@ -27,9 +30,8 @@ from parapod.systems.sensors.attitude_estimator import AttitudeEstimator
 
 # Legs follow their references within a millimetre; what is further off is no leg [m].
 _ERROR_LIMIT = 0.02
-# Largest pole of the position controllers times their period: beyond it the actuators' lag and
-# the sampling make the loops ring (0.5 does, at any period) [-].
-_MOST_PER_PERIOD = 0.4
+# Least damping of the position loops: with less they ring [-].
+_LEAST_DAMPING = 0.1
 
 
 @dataclass(frozen=True)
@@ -140,12 +142,11 @@ def pi_params(scenario: LevellingScenario) -> PiControllerParams:
         ScenarioError: a period that is too long for the pole.
     """
     control = scenario.control
-    if control.pole * control.period > _MOST_PER_PERIOD + 1e-9:
-        period, pole = _MOST_PER_PERIOD / control.pole, _MOST_PER_PERIOD / control.period
+    if control.period > (longest := longest_period(control.pole)):
         raise ScenarioError(
             f"control.period = {control.period:g} s is too long for control.pole = "
-            f"{control.pole:g} rad/s, the loops would ring: use a period of {period:.3g} s or "
-            f"less, or a pole of {pole:.3g} rad/s or less",
+            f"{control.pole:g} rad/s, the position loops would ring: it must be "
+            f"{1e-4 * math.floor(1e4 * longest):g} s or less",
             "control.period",
         )
     extending, retracting = control.friction_feedforward
@@ -156,6 +157,38 @@ def pi_params(scenario: LevellingScenario) -> PiControllerParams:
         friction_feedforward=(extending, retracting),
         error_limit=_ERROR_LIMIT,
     )
+
+
+def longest_period(pole: float) -> float:
+    """Longest sampling period with which position loops of a pole [rad/s] do not ring [s]."""
+    low, high = 0.0, 1.0
+    while high - low > 1e-6:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _damping(pole, middle) >= _LEAST_DAMPING else (low, middle)
+    return low
+
+
+def _damping(pole: float, period: float) -> float:
+    """Smallest damping of a sampled position loop, Eqs. (17) and (32).
+
+    The actuator is K / (s (tau s + 1)), and a command takes effect a period after its measurement.
+    """
+    actuator = LinearActuatorParams()
+    tau = actuator.inertia / actuator.viscous_friction
+    decay = math.exp(-period / tau)
+    way = tau * (1.0 - decay)
+    k_v, k_i = 2.0 * pole, pole**2 * period  # of u = K times the voltage
+    # Position, velocity, integral and the command that takes effect next.
+    step = np.array(
+        [
+            [1.0, way, 0.0, period - way],
+            [0.0, decay, 0.0, 1.0 - decay],
+            [-k_i, 0.0, 1.0, 0.0],
+            [-k_v, 0.0, 1.0, 0.0],
+        ]
+    )
+    poles = np.log(np.linalg.eigvals(step).astype(complex))
+    return float((-poles.real / np.abs(poles)).min())
 
 
 def add_position_control(

@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.levelling_platform.controller import make_controller
+from parapod.diagrams.levelling_platform.controller import longest_period, make_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM, make_job_sources
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
@@ -388,24 +388,23 @@ def test_reset_does_not_ask_the_scenario_it_is_given_for_the_backend():
 # Settings that do not fit together
 
 
-@pytest.mark.parametrize(
-    ("period", "pole", "said"),
-    [
-        (0.05, 10.0, "use a period of 0.04 s or less, or a pole of 8 rad/s or less"),
-        (0.02, 25.0, "use a period of 0.016 s or less, or a pole of 20 rad/s or less"),
-    ],
-)
-def test_a_period_too_long_for_the_pole_is_refused_with_what_would_do(period, pole, said):
+@pytest.mark.parametrize("pole", [5.0, 10.0, 25.0, 50.0])
+def test_a_period_too_long_for_the_pole_is_refused_with_what_would_do(pole):
     scenario = scenario_of()
-    scenario.control.period, scenario.control.pole = period, pole
-    with pytest.raises(ScenarioError, match=said) as refused:
+    scenario.control.pole, scenario.control.period = pole, min(0.05, 1.1 * longest_period(pole))
+    if scenario.control.period < longest_period(pole):
+        ClosedLoop(PLATFORM, scenario, log=())
+        return
+    with pytest.raises(ScenarioError, match=r"must be 0\.\d+ s or less") as refused:
         ClosedLoop(PLATFORM, scenario, log=())
     assert refused.value.key == "control.period"
+    scenario.control.period = float(str(refused.value).split("must be ")[1].split(" s")[0])
+    ClosedLoop(PLATFORM, scenario, log=())
 
 
-@pytest.mark.parametrize(("period", "pole"), [(0.04, 10.0), (0.05, 8.0), (0.016, 25.0)])
-def test_the_longest_period_of_a_pole_levels_without_ringing(period, pole):
+@pytest.mark.parametrize("pole", [8.0, 10.0, 20.0, 25.0])
+def test_with_the_longest_period_of_a_pole_the_platform_levels_without_ringing(pole):
     scenario = scenario_of(ideal=True)
-    scenario.control.period, scenario.control.pole = period, pole
+    scenario.control.pole, scenario.control.period = pole, min(0.05, longest_period(pole))
     signals = simulate(ClosedLoop(PLATFORM, scenario, log=("truth.posture",)), BEGIN + 6.0)[1]
-    assert (level_error(signals["truth.posture"][-1]) < (0.05, 0.05, 0.5)).all()
+    assert (level_error(signals["truth.posture"][-50:]) < (0.05, 0.05, 0.5)).all()
