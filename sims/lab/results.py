@@ -200,12 +200,20 @@ def print_table(result: Result, console: Console) -> None:
     title = f"{result.experiment} ({result.backend}, seed {result.seed})"
     console.print(Text(title, style="bold"))
     table = Table(box=SIMPLE_HEAD)
-    table.add_column("metric", overflow="fold")
-    for column in ("value", "bound", "paper reports"):
-        table.add_column(column, justify="right", overflow="fold")
-    table.add_column("verdict", no_wrap=True, min_width=len("verdict"))
-    for metric in result.metrics:
-        table.add_row(*_row(metric))
+    heads = ("metric", "value", "bound", "paper reports", "verdict")
+    rows = [_row(metric) for metric in result.metrics]
+    widths = [
+        max(_width(cell) for cell in (head, *cells))
+        for head, *cells in zip(heads, *rows, strict=True)
+    ]
+    # Names stay whole where the terminal has room; the meanings below them wrap.
+    room = console.width - sum(widths[1:]) - 2 * (len(heads) + 1)
+    table.add_column(heads[0], overflow="fold", min_width=max(1, min(widths[0], room)))
+    for head in heads[1:-1]:
+        table.add_column(head, justify="right", overflow="fold")
+    table.add_column(heads[-1], no_wrap=True, min_width=widths[-1])
+    for row in rows:
+        table.add_row(*row)
     console.print(table)
     for note in result.notes:
         console.print(Text(note))
@@ -214,6 +222,11 @@ def print_table(result: Result, console: Console) -> None:
         console.print(Text(f"broken: {metric}", style="bold red"))
     if result.passed:
         console.print(Text(f"all bounds held: {bounded} of {bounded}", style="green"))
+
+
+def _width(cell: Text | str) -> int:
+    """Width of the first line of a cell [characters]."""
+    return len(str(cell).split("\n")[0])
 
 
 def _row(metric: Metric) -> tuple[Text, ...]:
