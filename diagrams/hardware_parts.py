@@ -11,9 +11,7 @@ from parapod.diagrams.drivers.driver import Driver, PartPorts
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.device import Device
-from parapod.systems.hardware.io_thread import DeviceThread
-from parapod.systems.hardware.part_reader import PartReader
-from parapod.systems.hardware.part_writer import PartWriter
+from parapod.systems.hardware.io import DeviceThread, PartReader, PartWriter
 
 
 class Port(Protocol):

@@ -16,7 +16,7 @@ from parapod.diagrams.machines import machine_of
 from parapod.sims.real_time import ended_by_signals
 from parapod.sims.results import Metric
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.hardware.io_thread import DeviceThread
+from parapod.systems.hardware.io import DeviceThread
 from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
 _STEP = 0.01  # [s]

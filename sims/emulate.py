@@ -21,8 +21,8 @@ from parapod.sims.emulated_machine import EmulatedMachine
 from parapod.sims.mcap_log import McapLog
 from parapod.sims.real_time import ended_by_signals, undisturbed
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.hardware.emulators.directory import emulator_directory
-from parapod.systems.hardware.emulators.misbehaviour import KINDS, Misbehaviour
+from parapod.systems.hardware.addresses import emulator_directory
+from parapod.systems.hardware.emulation.harness import KINDS, Misbehaviour
 
 _LOG_PERIOD = 0.01  # [s]
 _FOREVER = 1e6  # [s]

@@ -12,7 +12,7 @@ from pathlib import Path
 from parapod.diagrams.drivers.driver import Driver
 from parapod.sims.real_time import SWITCH_INTERVAL, take_priority
 from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError
-from parapod.systems.hardware.emulators.shared_harness import SharedHarness
+from parapod.systems.hardware.emulation.harness import SharedHarness
 
 # How long a process may take until its device answers: Drake is imported in each [s].
 _TIMEOUT = 60.0

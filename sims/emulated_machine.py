@@ -17,8 +17,8 @@ from parapod.sims.emulated_devices import emulated_devices
 from parapod.sims.real_time import RealTimeLoop
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import read_array
-from parapod.systems.hardware.emulators.directory import WIRES, emulator_directory
-from parapod.systems.hardware.emulators.shared_harness import SharedHarness
+from parapod.systems.hardware.addresses import WIRES, emulator_directory
+from parapod.systems.hardware.emulation.harness import SharedHarness
 
 
 class EmulatedMachine:

@@ -30,7 +30,7 @@ from parapod.sims.real_time import (
 )
 from parapod.sims.signal_units import unit_of
 from parapod.systems.core.errors import OutputError
-from parapod.systems.hardware.io_thread import DeviceThread
+from parapod.systems.hardware.io import DeviceThread
 
 # A device that has been wrong for so long does not come back by itself [s].
 _PATIENCE = 0.2

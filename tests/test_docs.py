@@ -21,8 +21,8 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.scenario import load_scenario
 from parapod.sims.experiment import ENTRIES
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.hardware.bus_load import bus_load, frame_bits
 from parapod.systems.hardware.device import DeviceError
+from parapod.systems.hardware.epos2 import objects
 from parapod.systems.levelling_platform.fault_detection import as_markdown
 from parapod.systems.levelling_platform.supervisor import as_mermaid
 
@@ -118,6 +118,27 @@ def test_every_driver_is_in_the_table():
     text = _HARDWARE.read_text()
     for driver in DRIVERS:
         assert f"| `!{driver.__name__}` |" in text
+
+
+def frame_bits(size):
+    """Bits of a data frame in the worst case (ISO 11898-1), with the pause after it.
+
+    Of the 34 + 8 n bits from its start to its checksum every fourth but the first is a stuff bit.
+    """
+    return 47 + 8 * size + (33 + 8 * size) // 4
+
+
+def bus_load(params, period):
+    """Largest share of the bus's time: SYNC, its answers, a command each, and a heartbeat."""
+    of_node = sum(frame_bits(pdo.size) for pdo in (objects.COMMAND, *params.reports))
+    cycle = frame_bits(0) + len(params.node_ids) * of_node
+    heartbeat = frame_bits(1) / max(period, params.heartbeat_period)
+    return (cycle / period + heartbeat) / params.bitrate
+
+
+def test_frames_take_as_many_bits_as_in_the_worst_case():
+    # 8 bytes: 111 bits with the pause, and 24 stuff bits; none: 47 + 8.
+    assert [frame_bits(size) for size in (0, 1, 6, 8)] == [55, 65, 115, 135]
 
 
 def test_the_load_of_the_chairs_bus_is_what_its_driver_makes_of_it():

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
 from parapod.diagrams.scenario import quantity
 from parapod.systems.core.errors import OutputError, ScenarioError
-from parapod.systems.hardware.adis16448_iio import Adis16448Iio, Adis16448IioParams
-from parapod.systems.hardware.adis16448_spi import Adis16448Spi, Adis16448SpiParams
+from parapod.systems.hardware.addresses import resolved
+from parapod.systems.hardware.adis16448.emulator import Adis16448Registers, SpiSocketServer
+from parapod.systems.hardware.adis16448.iio import Adis16448Iio, Adis16448IioParams
+from parapod.systems.hardware.adis16448.iiod import IiodServer, is_available
+from parapod.systems.hardware.adis16448.spi import Adis16448Spi, Adis16448SpiParams
 from parapod.systems.hardware.device import Device
-from parapod.systems.hardware.emulators.adis16448_registers import Adis16448Registers
-from parapod.systems.hardware.emulators.directory import resolved
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.iiod_server import IiodServer, is_available
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.emulators.spi_socket import SpiSocketServer
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 
 @dataclass

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 from parapod.diagrams.scenario_tree import Variant
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.hardware.device import Device
-from parapod.systems.hardware.emulators.directory import (
+from parapod.systems.hardware.addresses import (
     WIRES,
     emulator_directory,
     resolved,
 )
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
+from parapod.systems.hardware.device import Device
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 
 @dataclass(frozen=True)

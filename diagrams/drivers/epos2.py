@@ -8,16 +8,13 @@ from typing import Any
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
 from parapod.diagrams.scenario import choice, quantity
+from parapod.systems.hardware.addresses import resolved
 from parapod.systems.hardware.device import Device
-from parapod.systems.hardware.emulators.directory import resolved
-from parapod.systems.hardware.emulators.epos2_node import EmulatedMotor
-from parapod.systems.hardware.emulators.epos2_nodes import Epos2Nodes
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.epos2 import Epos2
-from parapod.systems.hardware.epos2_setup import Epos2Params
-from parapod.systems.hardware.position_memory import PositionMemory
-from parapod.systems.hardware.referenced import Referenced
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from parapod.systems.hardware.epos2.drives import Epos2
+from parapod.systems.hardware.epos2.emulator import EmulatedMotor, Epos2Nodes
+from parapod.systems.hardware.epos2.settings import Epos2Params
+from parapod.systems.hardware.position_memory import PositionMemory, Referenced
 from parapod.systems.hardware.soft_limits import SoftLimits
 
 _LEGS = 12

@@ -6,15 +6,13 @@ from pathlib import Path
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
 from parapod.diagrams.scenario import quantity
+from parapod.systems.hardware.addresses import resolved
 from parapod.systems.hardware.device import Device, Signals
-from parapod.systems.hardware.emulators.directory import resolved
-from parapod.systems.hardware.emulators.harness import Harness, MutedHarness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.emulators.ni_server import NiServer
-from parapod.systems.hardware.ni_daq import NiDaq
-from parapod.systems.hardware.ni_params import NiDaqParams, expand_channels
-from parapod.systems.hardware.position_memory import PositionMemory
-from parapod.systems.hardware.referenced import Referenced
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour, MutedHarness
+from parapod.systems.hardware.ni.card import NiDaq
+from parapod.systems.hardware.ni.emulator import NiServer
+from parapod.systems.hardware.ni.settings import NiDaqParams, expand_channels
+from parapod.systems.hardware.position_memory import PositionMemory, Referenced
 
 
 @dataclass

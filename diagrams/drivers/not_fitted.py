@@ -5,10 +5,8 @@ from dataclasses import dataclass
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.hardware.device import Device
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.not_fitted import NotFitted
+from parapod.systems.hardware.device import Device, NotFitted
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 
 @dataclass

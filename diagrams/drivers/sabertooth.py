@@ -6,14 +6,13 @@ from dataclasses import dataclass, field
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
 from parapod.diagrams.scenario import choice, quantity
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.hardware.addresses import resolved
 from parapod.systems.hardware.device import Device
-from parapod.systems.hardware.emulators.directory import resolved
-from parapod.systems.hardware.emulators.harness import Harness, MutedHarness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.emulators.sabertooth_pty import SabertoothPty
-from parapod.systems.hardware.sabertooth import BAUDS
-from parapod.systems.hardware.sabertooth_params import SabertoothParams
-from parapod.systems.hardware.sabertooth_serial import SabertoothSerial
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour, MutedHarness
+from parapod.systems.hardware.sabertooth.emulator import SabertoothPty
+from parapod.systems.hardware.sabertooth.protocol import BAUDS
+from parapod.systems.hardware.sabertooth.serial import SabertoothSerial
+from parapod.systems.hardware.sabertooth.settings import SabertoothParams
 
 
 @dataclass

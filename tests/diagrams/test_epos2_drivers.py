@@ -11,8 +11,7 @@ from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.walking_chair.station import make_station
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 from parapod.systems.walking_chair.geometry import LEG_COUNT
 from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 

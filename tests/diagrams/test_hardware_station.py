@@ -28,10 +28,8 @@ from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUT
 from parapod.diagrams.levelling_platform.scenario import BACKENDS, SIMULATED, LevellingScenario
 from parapod.diagrams.levelling_platform.station import STATIONS, make_station
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.extras import EXTRAS
+from parapod.systems.hardware.device import EXTRAS, Device, DeviceError, DeviceFault
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 PARTS = ("arm", "imu", "legs", "turntable", "wheels")
 LIBRARIES = sorted(EXTRAS)
@@ -355,7 +353,7 @@ def test_without_its_library_every_driver_says_what_to_install(tmp_path):
         from parapod.diagrams.levelling_platform.scenario import LevellingScenario
         from parapod.diagrams.levelling_platform.station import make_station
         from parapod.systems.core.errors import MissingExtra
-        from parapod.systems.hardware.not_fitted import NotFitted
+        from parapod.systems.hardware.device import NotFitted
 
         @dataclass
         class _Still(Driver):

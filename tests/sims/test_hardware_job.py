@@ -10,7 +10,7 @@ from parapod.diagrams.levelling_platform.station import make_station
 from parapod.sims.hardware_job import DeviceWatch, show_timing
 from parapod.sims.real_time import Timing
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.io_thread import DeviceThread, Sample
+from parapod.systems.hardware.io import DeviceThread, Sample
 
 
 def said(timing):

@@ -5,11 +5,10 @@ import time
 import pytest
 
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
-from parapod.systems.hardware.emulators.epos2_nodes import Epos2Nodes
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.epos2 import Epos2
-from parapod.systems.hardware.epos2_setup import Epos2Params
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from parapod.systems.hardware.epos2.drives import Epos2
+from parapod.systems.hardware.epos2.emulator import Epos2Nodes
+from parapod.systems.hardware.epos2.settings import Epos2Params
 
 CHANNELS = (f"test_epos2 {k}" for k in itertools.count())
 # Steep ramps, so that a test does not wait for them; a patient guard, for busy machines.

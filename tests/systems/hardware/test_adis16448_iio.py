@@ -9,14 +9,12 @@ from types import SimpleNamespace
 import pytest
 
 from parapod.systems.core.errors import MissingExtra
-from parapod.systems.hardware import adis16448_iio
-from parapod.systems.hardware.adis16448 import SCALES
-from parapod.systems.hardware.adis16448_iio import Adis16448Iio, Adis16448IioParams
-from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.iiod_server import IiodServer, is_available
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.extras import need
+from parapod.systems.hardware.adis16448 import iio as adis16448_iio
+from parapod.systems.hardware.adis16448.iio import Adis16448Iio, Adis16448IioParams
+from parapod.systems.hardware.adis16448.iiod import IiodServer, is_available
+from parapod.systems.hardware.adis16448.registers import SCALES
+from parapod.systems.hardware.device import DeviceError, DeviceFault, need
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 
 def why_not():

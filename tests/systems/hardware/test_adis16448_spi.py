@@ -11,8 +11,12 @@ from types import SimpleNamespace
 import pytest
 
 from parapod.systems.core.errors import MissingExtra
-from parapod.systems.hardware import adis16448_spi
-from parapod.systems.hardware.adis16448 import (
+from parapod.systems.hardware.adis16448 import spi as adis16448_spi
+from parapod.systems.hardware.adis16448.emulator import (
+    Adis16448Registers,
+    SpiSocketServer,
+)
+from parapod.systems.hardware.adis16448.registers import (
     BURST_CRC,
     BURST_WORDS,
     FAILURES,
@@ -22,12 +26,13 @@ from parapod.systems.hardware.adis16448 import (
     Register,
     crc16,
 )
-from parapod.systems.hardware.adis16448_spi import Adis16448Spi, Adis16448SpiParams
+from parapod.systems.hardware.adis16448.spi import (
+    Adis16448Spi,
+    Adis16448SpiParams,
+    SpiSocketClient,
+)
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.emulators.adis16448_registers import Adis16448Registers
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.emulators.spi_socket import SpiSocketClient, SpiSocketServer
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 START_UP = 0.01
 TIMEOUT = 0.2
@@ -384,7 +389,7 @@ def test_single_outputs_can_be_read(sensor, harness):
 
 CLIENT = """
 import json, sys
-from parapod.systems.hardware.adis16448_spi import Adis16448Spi, Adis16448SpiParams
+from parapod.systems.hardware.adis16448.spi import Adis16448Spi, Adis16448SpiParams
 with Adis16448Spi(Adis16448SpiParams(address=sys.argv[1])) as imu:
     print(json.dumps(dict(imu.read())))
 """

@@ -2,7 +2,7 @@
 
 import pytest
 
-from parapod.systems.hardware.buffered_port import BufferedPort
+from parapod.systems.hardware.canopen import BufferedPort
 
 
 class Port:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from parapod.systems.hardware.emulators.directory import emulator_directory, resolved
+from parapod.systems.hardware.addresses import emulator_directory, resolved
 
 
 @pytest.fixture(autouse=True)

@@ -4,12 +4,13 @@ import time
 
 import pytest
 
-from parapod.systems.hardware import epos2_objects as objects
+from parapod.systems.hardware.canopen import Entry
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import DriveState
-from parapod.systems.hardware.emulators.epos2_node import EmulatedMotor
-from parapod.systems.hardware.epos2 import Epos2
-from parapod.systems.hardware.epos2_setup import Epos2Params, settings, unwrapped
+from parapod.systems.hardware.epos2 import objects
+from parapod.systems.hardware.epos2.drives import Epos2
+from parapod.systems.hardware.epos2.emulator import EmulatedMotor
+from parapod.systems.hardware.epos2.settings import Epos2Params, settings, unwrapped
 
 RPM = 2.0 * math.pi / 60.0
 RESOLUTION = RPM / 26.0  # of a velocity at the wheel: whole rpm at the motor
@@ -397,15 +398,15 @@ def test_settings_name_each_entry_and_make_pdos_valid_last():
     assert values[objects.MAX_VELOCITY] == 8000
     assert values[objects.ACCELERATION] == round(20.0 * 26.0 / RPM)
     assert Epos2Params().guard == 127 << 16 | 100
-    assert values[objects.Entry(0x1400, 1, "<I")] == 0x203
-    assert values[objects.Entry(0x1800, 1, "<I")] == 0x183
-    assert values[objects.Entry(0x1801, 1, "<I")] == 0x283
-    assert values[objects.Entry(0x1600, 1, "<I")] == 0x60400010
-    assert values[objects.Entry(0x1600, 2, "<I")] == 0x60FF0020
-    assert values[objects.Entry(0x1A00, 2, "<I")] == 0x60640020
-    assert values[objects.Entry(0x1A01, 1, "<I")] == 0x606C0020
-    first = written.index((objects.Entry(0x1800, 1, "<I"), 0x183 | 1 << 31))
-    assert first < written.index((objects.Entry(0x1800, 1, "<I"), 0x183))
+    assert values[Entry(0x1400, 1, "<I")] == 0x203
+    assert values[Entry(0x1800, 1, "<I")] == 0x183
+    assert values[Entry(0x1801, 1, "<I")] == 0x283
+    assert values[Entry(0x1600, 1, "<I")] == 0x60400010
+    assert values[Entry(0x1600, 2, "<I")] == 0x60FF0020
+    assert values[Entry(0x1A00, 2, "<I")] == 0x60640020
+    assert values[Entry(0x1A01, 1, "<I")] == 0x606C0020
+    first = written.index((Entry(0x1800, 1, "<I"), 0x183 | 1 << 31))
+    assert first < written.index((Entry(0x1800, 1, "<I"), 0x183))
 
 
 def test_command_frame_is_controlword_and_rpm():

@@ -9,12 +9,12 @@ import time
 import numpy as np
 import pytest
 
-from parapod.systems.hardware import epos2_objects as objects
+from parapod.systems.hardware.canopen import Entry
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import DriveState
-from parapod.systems.hardware.emulators.epos2_node import EmulatedMotor
-from parapod.systems.hardware.epos2_setup import Epos2Params, settings
-from parapod.systems.hardware.referenced import Referenced
+from parapod.systems.hardware.epos2.emulator import EmulatedMotor
+from parapod.systems.hardware.epos2.settings import Epos2Params, settings
+from parapod.systems.hardware.position_memory import Referenced
 from parapod.systems.hardware.soft_limits import SoftLimits
 
 AXES = 12
@@ -180,9 +180,9 @@ def test_a_sign_turns_command_position_velocity_and_current_round(make_screws):
 def test_a_current_takes_two_bytes_of_the_frame_of_the_velocity():
     params = Epos2Params(**SCREWS)
     values = dict(settings(params, 3))
-    assert values[objects.Entry(0x1A01, 0, "<B")] == 2
-    assert values[objects.Entry(0x1A01, 1, "<I")] == 0x606C0020
-    assert values[objects.Entry(0x1A01, 2, "<I")] == 0x20270010
+    assert values[Entry(0x1A01, 0, "<B")] == 2
+    assert values[Entry(0x1A01, 1, "<I")] == 0x606C0020
+    assert values[Entry(0x1A01, 2, "<I")] == 0x20270010
     assert [pdo.size for pdo in params.reports] == [6, 6]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from parapod.systems.core.errors import MissingExtra, ParapodError
-from parapod.systems.hardware.extras import EXTRAS, need
+from parapod.systems.hardware.device import EXTRAS, need
 
 PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
 

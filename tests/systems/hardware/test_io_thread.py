@@ -3,7 +3,7 @@ import time
 import pytest
 
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.io_thread import DeviceThread
+from parapod.systems.hardware.io import DeviceThread
 
 COMMAND = {"velocity": (1.0, 2.0), "brake": (0.0,)}
 

@@ -9,10 +9,9 @@ import pytest
 
 from parapod.systems.core.errors import MissingExtra
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.emulators.ni_server import NiServer
-from parapod.systems.hardware.ni_daq import NiDaq, NiDaqParams
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from parapod.systems.hardware.ni.card import NiDaq, NiDaqParams
+from parapod.systems.hardware.ni.emulator import NiServer
 
 COUNT = 1e-5
 TIMEOUT = 0.2

@@ -12,11 +12,9 @@ from nidaqmx.error_codes import DAQmxErrors
 from nidaqmx.errors import DaqError, RpcError
 from nidaqmx.stream_writers import AnalogMultiChannelWriter
 
-from parapod.systems.hardware.emulators import ni_errors
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.emulators.ni_card import FUNCTIONS
-from parapod.systems.hardware.emulators.ni_server import NiServer
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from parapod.systems.hardware.ni import emulator as ni_errors
+from parapod.systems.hardware.ni.emulator import FUNCTIONS, NiServer
 
 
 @pytest.fixture

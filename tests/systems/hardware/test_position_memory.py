@@ -11,10 +11,9 @@ import sys
 import pytest
 
 from parapod.systems.hardware.device import DeviceError
-from parapod.systems.hardware.ni_daq import NiDaq
-from parapod.systems.hardware.ni_params import NiDaqParams
-from parapod.systems.hardware.position_memory import PositionMemory
-from parapod.systems.hardware.referenced import Referenced
+from parapod.systems.hardware.ni.card import NiDaq
+from parapod.systems.hardware.ni.settings import NiDaqParams
+from parapod.systems.hardware.position_memory import PositionMemory, Referenced
 
 EXTENSION = (0.401, 0.402, 0.1 + 0.2, 1.0 / 3.0)
 
@@ -175,7 +174,7 @@ class Tasks:
 @pytest.fixture
 def card(path, monkeypatch):
     """card(start=...): a new one at the same file, as a new program has it."""
-    monkeypatch.setattr("parapod.systems.hardware.ni_daq.NiTasks", Tasks)
+    monkeypatch.setattr("parapod.systems.hardware.ni.card.NiTasks", Tasks)
 
     def make(start=(0.41,) * 4):
         params = NiDaqParams(extension_at_start=start, metres_per_count=1e-5)
@@ -314,7 +313,7 @@ def test_a_file_that_cannot_be_written_keeps_the_drives_without_power(card, path
 
 
 def test_a_card_that_is_not_referenced_is_worth_nothing_and_says_so(monkeypatch):
-    monkeypatch.setattr("parapod.systems.hardware.ni_daq.NiTasks", Tasks)
+    monkeypatch.setattr("parapod.systems.hardware.ni.card.NiTasks", Tasks)
     with NiDaq(NiDaqParams()) as ours:
         assert not ours.is_referenced
         ours.set_reference([0.4, 0.4, 0.4, 0.4])

@@ -13,13 +13,12 @@ import serial
 
 from parapod.systems.core.errors import MissingExtra
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.emulators.pty_port import PtyPort
-from parapod.systems.hardware.emulators.sabertooth_pty import SabertoothPty
-from parapod.systems.hardware.sabertooth import Command, PacketParser, packet
-from parapod.systems.hardware.sabertooth_params import SabertoothParams
-from parapod.systems.hardware.sabertooth_serial import SabertoothSerial
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from parapod.systems.hardware.emulation.pty import PtyPort
+from parapod.systems.hardware.sabertooth.emulator import SabertoothPty
+from parapod.systems.hardware.sabertooth.protocol import Command, PacketParser, packet
+from parapod.systems.hardware.sabertooth.serial import SabertoothSerial
+from parapod.systems.hardware.sabertooth.settings import SabertoothParams
 
 WANTED = (1.0, -2.0, 12.0, -0.5)
 STILL = (0.0,) * 4
@@ -305,7 +304,7 @@ def test_constant_command_keeps_motors_going(active, harness):
 
 CLIENT = """
 import sys, time
-from parapod.systems.hardware.sabertooth_serial import SabertoothParams, SabertoothSerial
+from parapod.systems.hardware.sabertooth.serial import SabertoothParams, SabertoothSerial
 
 device = SabertoothSerial(SabertoothParams(port=sys.argv[1]))
 device.configure()

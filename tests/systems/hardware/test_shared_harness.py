@@ -8,9 +8,13 @@ import time
 
 import pytest
 
-from parapod.systems.hardware.emulators.harness import Harness, MutedHarness
-from parapod.systems.hardware.emulators.misbehaviour import KINDS, UNPLUGGED
-from parapod.systems.hardware.emulators.shared_harness import SharedHarness
+from parapod.systems.hardware.emulation.harness import (
+    KINDS,
+    UNPLUGGED,
+    Harness,
+    MutedHarness,
+    SharedHarness,
+)
 
 SIZES = {"legs.voltage": 4, "legs.stop": 1, "legs.limits": 12, "imu.gyro": 3}
 PARTS = ("legs", "imu")
@@ -18,7 +22,7 @@ PARTS = ("legs", "imu")
 OTHER = f"""
 import sys, time
 from pathlib import Path
-from parapod.systems.hardware.emulators.shared_harness import SharedHarness
+from parapod.systems.hardware.emulation.harness import SharedHarness
 harness = SharedHarness(Path(sys.argv[1]), {SIZES}, {PARTS})
 """
 

@@ -12,13 +12,11 @@ import pytest
 
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import DriveState
-from parapod.systems.hardware.emulators.epos2_nodes import Epos2Nodes
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.emulators.slcan import Frame, decoded, encoded
-from parapod.systems.hardware.emulators.slcan_pty import SlcanPty
-from parapod.systems.hardware.epos2 import Epos2
-from parapod.systems.hardware.epos2_setup import Epos2Params
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from parapod.systems.hardware.emulation.slcan import Frame, SlcanPty, decoded, encoded
+from parapod.systems.hardware.epos2.drives import Epos2
+from parapod.systems.hardware.epos2.emulator import Epos2Nodes
+from parapod.systems.hardware.epos2.settings import Epos2Params
 
 RESOLUTION = 2.0 * 3.141592653589793 / 60.0 / 26.0
 CHANNELS = (f"test_slcan {k}" for k in itertools.count())
@@ -252,8 +250,8 @@ def test_damaged_lines_do_not_end_the_connection(drives, nodes, misbehaviour):
 
 CLIENT = """
 import sys, time
-from parapod.systems.hardware.epos2 import Epos2
-from parapod.systems.hardware.epos2_setup import Epos2Params
+from parapod.systems.hardware.epos2.drives import Epos2
+from parapod.systems.hardware.epos2.settings import Epos2Params
 
 drives = Epos2(Epos2Params(channel=sys.argv[1], acceleration=1e4))
 drives.configure()

@@ -1,0 +1,310 @@
+"""Linear actuators on Sabertooth motor drivers that share one serial line."""
+
+import math
+import termios
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any, NamedTuple
+
+from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals, need
+from parapod.systems.hardware.sabertooth.protocol import (
+    BAUDS,
+    PACKET_BYTES,
+    STOPPED,
+    Command,
+    Power,
+    motor_packet,
+    packet,
+    power,
+    timeout_packet,
+)
+from parapod.systems.hardware.sabertooth.settings import SabertoothParams
+
+# A flag is set above this; NaN counts as set.
+_SET = 0.5
+# A driver restarts after a change of its baud rate, for some 200 ms according to the maker's
+# library for Arduino [s].
+_RESTART = 0.5
+# How often a port that is being emptied is looked at [s].
+_POLL = 0.001
+
+
+class SabertoothSerial(Device):
+    """Motor drivers in packet serial mode; it measures nothing, since they say nothing.
+
+    | signal | size | unit | meaning |
+    |---|---|---|---|
+    | command `voltage` | n | V | at the actuators, within plus and minus the supply voltage |
+    | command `stop` | 1 | - | above 0.5: no voltage at any actuator |
+
+    Voltages are rounded to 1/127 of the supply. The drivers' own dead band and ramps, as they are
+    in their EEPROM, come on top of it.
+
+    **Identity.** The line goes one way. `configure` refuses a port that is not there, is no
+    serial port, or is another program's; whether any driver hears it, at this speed and these
+    addresses, in packet serial mode and with power, only the motors' motion tells. V2 drivers
+    have their baud rate in EEPROM and need no bauding character (170), and none is sent: older
+    drivers, which need it, stay deaf, as they should, because they have no serial timeout.
+
+    **Timeout.** Drivers that hear nothing for `serial_timeout` stop the motors: when this program
+    is killed or hangs, when the computer fails or the cable is pulled. It is off when a driver is
+    switched on, and nobody is told that it was: so it is set by `configure`, by `activate`, and
+    by `write` again and again. A driver that loses its power meanwhile goes without it for little
+    more than `arming_interval`. Only calls of `write` and `neutral` send anything; no
+    thread keeps the drivers going behind the back of a controller that hangs. For an emergency
+    stop that depends on no program, the drivers have inputs S2.
+
+    **Line.** No more is written than the line can carry: never does more than one packet for each
+    motor, and one that sets a timeout, wait in the port. A `write` that cannot send all sends to
+    the motors whose command has changed or is due again, those first that have waited longest. A
+    stop of all motors does not wait for that; the port then has twice as much to send at most. A
+    packet that noise destroys is made good by the next one.
+
+    Bad input: a voltage that is not finite is neutral; a stop that is NaN is one.
+
+    A port that was unplugged needs `configure` again.
+    """
+
+    def __init__(
+        self,
+        params: SabertoothParams = SabertoothParams(),
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """Describes the drivers; nothing is opened.
+
+        Args:
+            params: of drivers, line and actuators.
+            clock: monotonic [s].
+        """
+        self._params, self._clock = params, clock
+        self.name = params.name
+        self._size = len(params.actuators)
+        self.commands = {"voltage": self._size, "stop": 1}
+        self._port: Any = None
+        self._is_active = False
+        self._forget()
+
+    def configure(self) -> None:
+        """Opens the port, sets the drivers' serial timeout and stops the motors.
+
+        Raises:
+            MissingExtra: pyserial is not installed.
+            DeviceError: the port cannot be opened; who listens at it, nobody knows.
+        """
+        self.close()
+        params = self._params
+        try:
+            self._forget()
+            if params.power_on_baud is not None and params.power_on_baud != params.baud:
+                self._change_baud(params.power_on_baud)
+            self._port = self._open(params.baud)
+            self._set_up()
+        except BaseException:
+            self.close()
+            raise
+
+    def activate(self) -> None:
+        """Sets the serial timeout again, stops the motors, and obeys `write` from now on."""
+        self._set_up()
+        self._is_active = True
+
+    def read(self) -> Signals:
+        """Nothing, if the port is there."""
+        self._waiting()
+        return {}
+
+    def write(self, commands: Signals) -> None:
+        """Sends voltages, as many as the line can carry; on a stop, zeros.
+
+        While the device is not active, whatever is asked is neutral.
+        """
+        voltage = commands["voltage"]
+        if len(voltage) != self._size:
+            raise ValueError(f"voltage has {self._size} elements, not {len(voltage)}")
+        (stop,) = commands["stop"]
+        if self._is_active and stop <= _SET:
+            self._send([power(value, self._params.supply_voltage) for value in voltage])
+        else:
+            self.neutral()
+
+    def neutral(self) -> None:
+        """Stops all motors."""
+        self._send([STOPPED] * self._size)
+
+    def deactivate(self) -> None:
+        """Stops all motors and obeys `write` no longer."""
+        self._is_active = False
+        self.neutral()
+
+    def close(self) -> None:
+        """Stops all motors and closes the port; never raises."""
+        self._is_active = False
+        port = self._port
+        if port is None:
+            return
+        with suppress(Exception):
+            self.neutral()
+        self._port = None
+        with suppress(Exception):
+            self._empty(port)
+        with suppress(Exception):
+            port.close()
+
+    def _forget(self) -> None:
+        """Nothing is known of drivers that were not spoken to."""
+        params = self._params
+        self._line = _Line(params.packet_time, params.set_size)
+        self._sent = [_UNKNOWN] * self._size
+        # The actuators, beginning with the one that was told least recently.
+        self._turns = list(range(self._size))
+        self._armed = dict.fromkeys(params.addresses, -math.inf)
+        self._had_room = self._clock()
+
+    def _open(self, baud: int) -> Any:
+        serial = need("serial")
+        with self._port_errors("no port"):
+            return serial.Serial(
+                self._params.port,
+                baud,
+                timeout=0.0,
+                write_timeout=self._params.serial_timeout,
+                exclusive=True,
+            )
+
+    def _change_baud(self, old: int) -> None:
+        """Changes the speed of drivers that still listen at another one."""
+        data = BAUDS[self._params.baud]
+        with self._open(old) as port, self._port_errors("the speed is not changed"):
+            for address in self._params.addresses:
+                port.write(packet(address, Command.BAUD_RATE, data))
+            self._empty(port)
+            time.sleep(_RESTART)
+
+    def _empty(self, port: Any) -> None:
+        """Waits until what was written has left the port; what should have by now is dropped."""
+        deadline = time.monotonic() + self._params.serial_timeout
+        while port.out_waiting:
+            if time.monotonic() > deadline:
+                # Or the operating system would wait for it when the port is closed.
+                port.reset_output_buffer()
+                return
+            time.sleep(_POLL)
+
+    def _set_up(self) -> None:
+        """Sets the timeout of all drivers and stops all motors, whatever they were told before."""
+        now = self._clock()
+        for address in self._params.addresses:
+            self._arm(address, now)
+        self._drive(range(self._size), [STOPPED] * self._size, now)
+        self._had_room = now
+
+    def _send(self, wanted: Sequence[Power]) -> None:
+        """Sends what is most urgent, or all of it if the line can carry it."""
+        waiting, now = self._waiting(), self._clock()
+        room = self._line.room(now, waiting)
+        if all(power == STOPPED for power in wanted):
+            moving = [i for i, sent in enumerate(self._sent) if sent.power != STOPPED]
+            self._drive(moving, wanted, now)
+            room -= len(moving)
+        if room > 0:
+            self._had_room = now
+            oldest = min(self._armed, key=lambda address: self._armed[address])
+            if now - self._armed[oldest] >= self._params.arming_interval:
+                self._arm(oldest, now)
+                room -= 1
+            self._drive(self._due(wanted, room, now), wanted, now)
+        elif now - self._had_room > self._params.serial_timeout:
+            text = f"nothing leaves the port; {waiting} bytes wait"
+            raise DeviceError(self.name, text, DeviceFault.SILENT)
+
+    def _due(self, wanted: Sequence[Power], room: int, now: float) -> list[int]:
+        """The actuators whose turn it is, if there is room for so many packets."""
+        if room >= self._size:
+            return [*self._turns]
+        interval = self._params.refresh_interval
+        due = (
+            i
+            for i in self._turns
+            if self._sent[i].power != wanted[i] or now - self._sent[i].at >= interval
+        )
+        return list(due)[:room]
+
+    def _drive(self, which: Sequence[int], wanted: Sequence[Power], now: float) -> None:
+        """Tells some of the motors what is wanted."""
+        motors = [self._params.actuators[i] for i in which]
+        data = [motor_packet(*motor, wanted[i]) for motor, i in zip(motors, which, strict=True)]
+        for i in which:
+            self._sent[i] = _UNKNOWN
+        self._transmit(data, now)
+        for i in which:
+            self._sent[i] = _Sent(wanted[i], now)
+        self._turns = [i for i in self._turns if i not in which] + [*which]
+
+    def _arm(self, address: int, now: float) -> None:
+        """Sets the serial timeout of a driver."""
+        self._transmit([timeout_packet(address, self._params.serial_timeout)], now)
+        self._armed[address] = now
+
+    def _transmit(self, packets: Sequence[bytes], now: float) -> None:
+        if not packets:
+            return
+        with self._port_errors("the port does not send"):
+            self._opened().write(b"".join(packets))
+        self._line.take(len(packets), now)
+
+    def _waiting(self) -> int:
+        """Number of bytes that the port has not sent yet."""
+        with self._port_errors("the port is gone"):
+            return self._opened().out_waiting
+
+    def _opened(self) -> Any:
+        if self._port is None:
+            raise DeviceError(self.name, "is not configured", DeviceFault.UNPLUGGED)
+        return self._port
+
+    @contextmanager
+    def _port_errors(self, what: str) -> Iterator[None]:
+        """Makes what the operating system says of the port errors of the device."""
+        try:
+            yield
+        # Setting up a port that goes away meanwhile raises termios' own error.
+        except (OSError, termios.error) as error:
+            is_late = isinstance(error, need("serial").SerialTimeoutException)
+            fault = DeviceFault.SILENT if is_late else DeviceFault.UNPLUGGED
+            raise DeviceError(self.name, f"{what}: {error}", fault) from error
+
+
+class _Sent(NamedTuple):
+    """What a motor was told, and when [s]; None: what, nobody knows."""
+
+    power: Power | None
+    at: float
+
+
+_UNKNOWN = _Sent(None, -math.inf)
+
+
+class _Line:
+    """How many packets may be written so that never more than a set of them waits."""
+
+    def __init__(self, packet_time: float, set_size: int):
+        self._packet_time, self._set_size = packet_time, set_size
+        self._idle_from = -math.inf
+
+    def room(self, now: float, waiting: int) -> int:
+        """Number of packets; 0 or less: none.
+
+        Args:
+            now: the time [s].
+            waiting: bytes that the port still has; an adapter's own buffer is not among them,
+                so what the line must have carried since counts, too.
+        """
+        written = (self._idle_from - now) / self._packet_time
+        backlog = max(written, waiting / PACKET_BYTES, 0.0)
+        # Rounding must not cost a packet on a line that has just become idle.
+        return math.floor(self._set_size - backlog + 1e-6)
+
+    def take(self, packets: int, now: float) -> None:
+        """Counts packets that are written."""
+        self._idle_from = max(self._idle_from, now) + packets * self._packet_time
