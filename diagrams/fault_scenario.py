@@ -10,9 +10,9 @@ from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS
 from parapod.diagrams.scenario import choice, quantity
 from parapod.diagrams.scenario_reader import Reader
 from parapod.diagrams.scenario_tree import plain
-from parapod.diagrams.scenario_words import show
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import show
 from parapod.systems.safety.faults import LONGEST_DELAY, Fault, FaultInjector, FaultKind
 from parapod.systems.sensors.imu import ImuParams
 

@@ -21,7 +21,6 @@ key by key; a list replaces the list below it. Root keys that begin with an unde
 for YAML anchors. Whatever is wrong with a scenario is a `ScenarioError` of one line.
 """
 
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -31,37 +30,16 @@ from pydrake.common.yaml import yaml_load_data
 
 from parapod.diagrams.scenario_reader import Reader
 from parapod.diagrams.scenario_tree import (
-    RULE,
     TAG,
-    Options,
-    Range,
     build,
     defaults,
     overlay,
     plain,
 )
-from parapod.diagrams.scenario_words import one_line, show
 from parapod.systems.core.errors import ScenarioError
-
-
-def quantity(default: Any, low: float, high: float, *, length: int | None = None) -> Any:
-    """Field of a schema: a number, or a list of numbers, with an admissible range.
-
-    Args:
-        default: the default; a list is copied; None for an optional number or list.
-        low: smallest admissible value, of every element if it is a list.
-        high: largest admissible value.
-        length: how many elements a list must have; None for any number of them.
-    """
-    metadata = {RULE: Range(low, high, length)}
-    if isinstance(default, list):
-        return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
-    return dataclasses.field(default=default, metadata=metadata)
-
-
-def choice(default: Any, options: Sequence[Any]) -> Any:
-    """Field of a schema: one of a few admissible values."""
-    return dataclasses.field(default=default, metadata={RULE: Options(tuple(options))})
+from parapod.systems.core.schema import choice as choice
+from parapod.systems.core.schema import one_line, show
+from parapod.systems.core.schema import quantity as quantity
 
 
 def load_scenario[T](

@@ -8,9 +8,6 @@ from typing import Any, NoReturn
 
 from parapod.diagrams.scenario_tree import (
     TAG,
-    Options,
-    Range,
-    Rule,
     Variant,
     defaults,
     fields_of,
@@ -20,8 +17,8 @@ from parapod.diagrams.scenario_tree import (
     split_optional,
     variant_of,
 )
-from parapod.diagrams.scenario_words import did_you_mean, show
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import Options, Range, Rule, did_you_mean, show
 
 
 class Reader:

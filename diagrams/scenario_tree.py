@@ -5,37 +5,13 @@ import functools
 import types
 import typing
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
-from parapod.diagrams.scenario_words import show
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import RULE, Rule
 
-RULE = "parapod.rule"
 # Key under which Drake's YAML reader keeps a mapping's tag.
 TAG = "_tag"
-
-
-@dataclass(frozen=True)
-class Range:
-    """Admissible range of a number, or of every number of a list with `length` elements."""
-
-    low: float
-    high: float
-    length: int | None = None
-
-    def __str__(self) -> str:
-        return f"{show(self.low)}..{show(self.high)}"
-
-
-@dataclass(frozen=True)
-class Options:
-    """Admissible values of a choice."""
-
-    options: tuple[Any, ...]
-
-
-type Rule = Range | Options | None
 
 
 class Variant:

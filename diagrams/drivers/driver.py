@@ -1,8 +1,13 @@
-"""What all drivers are."""
+"""The root of all drivers, and the refusals that they share.
+
+A driver's device and emulator are imported when they are made: a scenario that names drivers
+needs none of their libraries, and loads none of their code.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from parapod.diagrams.scenario_tree import Variant
 from parapod.systems.core.errors import ScenarioError
@@ -11,8 +16,10 @@ from parapod.systems.hardware.addresses import (
     emulator_directory,
     resolved,
 )
-from parapod.systems.hardware.device import Device
-from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+
+if TYPE_CHECKING:
+    from parapod.systems.hardware.device import Device
+    from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 
 @dataclass(frozen=True)
@@ -42,7 +49,7 @@ class Driver(Variant):
 
     part: str = ""
 
-    def make(self, ports: PartPorts) -> Device:
+    def make(self, ports: PartPorts) -> "Device":
         """The device, not configured yet.
 
         Args:
@@ -51,7 +58,7 @@ class Driver(Variant):
         raise NotImplementedError(f"{type(self).__name__} does not define make")
 
     def emulate(
-        self, harness: Harness, misbehaviour: Misbehaviour
+        self, harness: "Harness", misbehaviour: "Misbehaviour"
     ) -> AbstractContextManager[object]:
         """What answers in the device's place, at the same address, while the context lasts.
 

@@ -7,14 +7,14 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 
-from parapod.diagrams.levelling_platform.ports import INPUTS
+from parapod.diagrams.levelling_platform.ports import INPUTS, STATUS_PARTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuator
 from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, WHEEL_COUNT
+from parapod.systems.levelling_platform.model import LIMIT_SWITCHES, MODEL_GEOMETRY, WHEEL_COUNT
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE
 from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.sensors.imu import ImuParams
@@ -62,7 +62,7 @@ def make_mock_station(scenario: LevellingScenario, meshcat: Meshcat | None = Non
         if spec.name.endswith(".position_command"):
             builder.ExportInput(_ignored(builder, spec.name, spec.size), spec.name)
 
-    switches = add(builder, LimitSwitches())
+    switches = add(builder, LimitSwitches(params=LIMIT_SWITCHES))
     extension = actuators.GetOutputPort("extension")
     connect(builder, extension, switches.GetInputPort("extension"))
     platform = add(builder, KinematicPlatform(MODEL_GEOMETRY))
@@ -79,7 +79,7 @@ def make_mock_station(scenario: LevellingScenario, meshcat: Meshcat | None = Non
     builder.ExportOutput(field.get_output_port(), "imu.mag")
     for name in ("position", "velocity"):
         builder.ExportOutput(wheels.GetOutputPort(f"{name}_measured"), f"wheels.{name}")
-    status = add(builder, DeviceStatus(periods=(0.0,) * 4))
+    status = add(builder, DeviceStatus(STATUS_PARTS, (0.0,) * len(STATUS_PARTS)))
     for name in ("age", "fault"):
         builder.ExportOutput(status.GetOutputPort(name), f"status.{name}")
     diagram = builder.Build()

@@ -27,7 +27,7 @@ from parapod.systems.actuators.velocity_servo import VelocityServo
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
-from parapod.systems.levelling_platform.model import WHEEL_COUNT, PlatformModel
+from parapod.systems.levelling_platform.model import LIMIT_SWITCHES, WHEEL_COUNT, PlatformModel
 from parapod.systems.levelling_platform.plane import to_platform
 from parapod.systems.levelling_platform.supervisor import SupervisorParams
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
@@ -222,7 +222,7 @@ def _add_sensors(
     builder.ExportOutput(encoder.GetOutputPort("position_measured"), "legs.extension")
     builder.ExportOutput(encoder.GetOutputPort("velocity_measured"), "legs.velocity")
 
-    switches = add(builder, LimitSwitches())
+    switches = add(builder, LimitSwitches(params=LIMIT_SWITCHES))
     connect(builder, actuators.GetOutputPort("extension"), switches.GetInputPort("extension"))
     connect(builder, plant.signals["contact_force"], switches.GetInputPort("contact_force"))
     builder.ExportOutput(switches.GetOutputPort("limits"), "legs.limits")

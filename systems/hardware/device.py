@@ -163,7 +163,9 @@ def need(module: str) -> ModuleType:
     """
     try:
         return importlib.import_module(module)
-    except (ImportError, OSError) as error:
+    # ctypes, given the name of a library that is not there, looks in the program itself and misses
+    # the first symbol: an AttributeError.
+    except (ImportError, OSError, AttributeError) as error:
         top = module.partition(".")[0]
         raise MissingExtra(top, EXTRAS[top], str(error)) from error
 

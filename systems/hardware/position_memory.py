@@ -11,7 +11,12 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
 
-from parapod.systems.hardware.device import Device, DeviceError, Signals
+from parapod.systems.hardware.device import Device, DeviceError
+
+# Without power an actuator stands still after this: ten mechanical time constants and more [s].
+_COASTING = 0.05
+# Largest number of looks whether it stands; an encoder on an edge may never be quiet.
+_LOOKS = 10
 
 
 class PositionMemory:
@@ -96,23 +101,85 @@ class PositionMemory:
 class IncrementalDevice(Device):
     """A device whose encoders count from wherever they are.
 
+    With a memory it begins with the positions with which the last program ended. While there is
+    no such file, a reference that the device has by itself counts, from its settings; without that
+    either, the positions are unknown and nothing begins. From `activate` on the file knows
+    nothing; after `deactivate` it knows where the actuators stand.
+
+    A device defines `_open`, `_energise` and `_release` in place of `configure`, `activate` and
+    `deactivate`.
+
     Attributes:
-        position_signal: the signal whose values mean something once there is a reference.
+        position_signal: signal whose values mean something once there is a reference.
     """
 
     position_signal: str
+
+    def __init__(self, path: str, size: int, part: str):
+        """Prepares the memory; nothing is read or written.
+
+        Args:
+            path: file of the positions; "" for a device without a memory.
+            size: number of actuators.
+            part: part of the machine, as errors call it.
+        """
+        self._part, self._is_moving = part, False
+        self._memory = PositionMemory(Path(path), size, self.position_signal) if path else None
 
     @property
     @abstractmethod
     def is_referenced(self) -> bool:
         """Whether it is known which positions the counts mean."""
 
+    def configure(self) -> None:
+        """Opens the connection, sets up the device and recalls its reference.
+
+        Even if that is refused the outputs are neutral afterwards: after a program that was killed
+        they may hold.
+
+        Raises:
+            MissingExtra: the library is not installed.
+            DeviceError: see `Device` and `PositionMemory.recall`; or there is no file, and the
+                settings do not say the positions either.
+        """
+        self._open()
+        if self._memory is None:
+            return
+        signal = self.position_signal
+        try:
+            known = self._memory.recall()
+            if known is not None:
+                self.set_reference(known)
+            elif not self.is_referenced:
+                raise DeviceError(
+                    self.name,
+                    f"nobody knows the {self._part}' {signal}s: measure them and give "
+                    f"{signal}_at_start_mm (there is no '{self._memory.path}' that knows them)",
+                )
+        except BaseException:
+            self.close()
+            raise
+
+    def activate(self) -> None:
+        """Gives power to neutral outputs; from now on the memory knows nothing."""
+        if self._memory is not None:
+            self._memory.forget()
+            self._is_moving = True
+        self._energise()
+
+    def deactivate(self) -> None:
+        """Takes the power from the outputs; then the memory knows where the actuators stand."""
+        self._release()
+        if self._memory is not None and self._is_moving:
+            self._memory.save(self._at_rest())
+            self._is_moving = False
+
     def set_reference(self, values: Sequence[float]) -> None:
         """Makes the present counts mean these positions.
 
         Args:
-            values: what the positions are now [m or rad], as known from a reference: the ends of
-                the strokes, or a measurement by hand.
+            values: present positions [m or rad], as known from a reference: the ends of the
+                strokes, or a measurement by hand.
 
         Raises:
             DeviceError: the encoders cannot be read.
@@ -124,103 +191,28 @@ class IncrementalDevice(Device):
             raise ValueError(f"{what} are needed, not {tuple(values)}")
         self._set_reference(values)
 
-    @abstractmethod
-    def _set_reference(self, values: Sequence[float]) -> None:
-        """As `set_reference`, with values that are good."""
-
-
-# Without power an actuator stands still after this: ten mechanical time constants and more [s].
-_COASTING = 0.05
-# So many times it is looked whether that is so; an encoder on an edge may never be quiet.
-_LOOKS = 10
-
-
-class Referenced(Device):
-    """A device that begins with the positions with which the last program ended.
-
-    They are kept in a file (see `PositionMemory`). While there is none, a reference that the
-    device has by itself counts, from its parameters; without that either, nobody knows the
-    positions, and nothing begins.
-
-    Attributes:
-        device: that is referenced.
-    """
-
-    def __init__(self, device: IncrementalDevice, path: Path, part: str = "legs"):
-        """Describes the device; nothing is opened.
-
-        Args:
-            device: with incremental encoders.
-            path: of the file.
-            part: of the machine, as errors call it.
-        """
-        self.device, self._part = device, part
-        self.name, self.measures, self.commands = device.name, device.measures, device.commands
-        signal = device.position_signal
-        self._memory = PositionMemory(path, device.measures[signal], signal)
-        self._is_moving = False
-
-    def configure(self) -> None:
-        """As the device; refuses positions that nobody knows.
-
-        Even then the outputs are neutral afterwards: after a program that was killed they may
-        hold.
-
-        Raises:
-            DeviceError: see there, and `PositionMemory.recall`; or there is no file, and the
-                parameters do not say it either.
-        """
-        self.device.configure()
-        signal = self.device.position_signal
-        try:
-            known = self._memory.recall()
-            if known is not None:
-                self.device.set_reference(known)
-            elif not self.device.is_referenced:
-                raise DeviceError(
-                    self.name,
-                    f"nobody knows the {self._part}' {signal}s: measure them and give "
-                    f"{signal}_at_start_mm (there is no '{self._memory.path}' that knows them)",
-                )
-        except BaseException:
-            self.close()
-            raise
-
-    def activate(self) -> None:
-        """As the device; from now on the file knows nothing."""
-        self._memory.forget()
-        self._is_moving = True
-        self.device.activate()
-
-    def read(self) -> Signals:
-        """As the device."""
-        return self.device.read()
-
-    def write(self, commands: Signals) -> None:
-        """As the device."""
-        self.device.write(commands)
-
-    def neutral(self) -> None:
-        """As the device."""
-        self.device.neutral()
-
-    def deactivate(self) -> None:
-        """As the device; then the file knows where the actuators stand."""
-        self.device.deactivate()
-        if self._is_moving:
-            self._memory.save(self._at_rest())
-            self._is_moving = False
-
     def _at_rest(self) -> Sequence[float]:
         """Positions that do not change any more."""
-        signal, positions = self.device.position_signal, None
+        positions = None
         for _ in range(_LOOKS):
             time.sleep(_COASTING)
-            before, positions = positions, self.device.read()[signal]
+            before, positions = positions, self.read()[self.position_signal]
             if positions == before:
                 break
         return positions or ()
 
-    def close(self) -> None:
-        """As the device."""
-        self.device.close()
+    @abstractmethod
+    def _open(self) -> None:
+        """See `Device.configure`."""
+
+    @abstractmethod
+    def _energise(self) -> None:
+        """See `Device.activate`."""
+
+    @abstractmethod
+    def _release(self) -> None:
+        """See `Device.deactivate`."""
+
+    @abstractmethod
+    def _set_reference(self, values: Sequence[float]) -> None:
+        """See `set_reference`; the values are good."""

@@ -6,8 +6,9 @@ import math
 import pytest
 
 from parapod.diagrams.drivers.driver import PartPorts
-from parapod.diagrams.drivers.epos2 import Epos2Legs, Epos2Wheels
+from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
 from parapod.diagrams.scenario import dump_scenario, load_scenario
+from parapod.diagrams.walking_chair.drivers import Epos2Legs
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.walking_chair.station import make_station
 from parapod.systems.core.errors import ScenarioError
@@ -19,26 +20,22 @@ AXES = 12
 PORTS = PartPorts({}, {})
 
 
-def params_of(driver):
-    return driver.make(PORTS).device._params
-
-
 def test_a_screws_motor_turns_by_lead_and_reduction():
-    params = params_of(Epos2Legs(lead_mm=4.0, reduction=3.0))
-    assert params.gear == pytest.approx(2.0 * math.pi * 3.0 / 4e-3, rel=1e-12)
+    driver = Epos2Legs(lead_mm=4.0, reduction=3.0)
+    assert driver.motor_per_unit == pytest.approx(2.0 * math.pi * 3.0 / 4e-3, rel=1e-12)
     # 2000 counts a turn: 4 mm are three turns.
-    assert params.position(6000) == pytest.approx(4e-3, rel=1e-12)
+    assert driver.position(6000) == pytest.approx(4e-3, rel=1e-12)
 
 
 def test_the_default_screws_move_with_80_mm_s_at_most():
-    params = params_of(Epos2Legs())
-    assert params.max_velocity == pytest.approx(0.08, rel=1e-12)
-    assert params.rpm(1.0) == 4800
-    assert params.measures_current
+    driver = Epos2Legs()
+    assert driver.max_velocity == pytest.approx(0.08, rel=1e-12)
+    assert driver.rpm(1.0) == 4800
+    assert driver.measures_current
 
 
 def test_the_default_limits_are_the_strokes_of_the_chair():
-    limits = params_of(Epos2Legs()).limits
+    limits = Epos2Legs().limits
     strokes = CHAIR_GEOMETRY.leg.strokes
     assert limits.lower == pytest.approx(strokes[:, 0].tolist() * LEG_COUNT, abs=1e-12)
     assert limits.upper == pytest.approx(strokes[:, 1].tolist() * LEG_COUNT, abs=1e-12)
@@ -55,27 +52,26 @@ def test_settings_arrive_in_si_units():
         position_at_start_mm=[650.0] * AXES,
         heartbeat_timeout_ms=80.0,
     )
-    params = params_of(driver)
-    assert params.signs == (1, -1) * 6
-    assert (params.acceleration, params.deceleration) == (0.5, 0.5)
-    assert params.quick_stop_deceleration == 1.5
-    assert params.limits.lower == pytest.approx((0.6,) * AXES)
-    assert params.limits.upper == pytest.approx((0.7,) * AXES)
-    assert (params.limits.lead, params.limits.deceleration) == (0.2, 0.5)
-    assert params.position_at_start == pytest.approx((0.65,) * AXES)
-    assert params.heartbeat_timeout == 0.08
+    assert driver.directions == (1, -1) * 6
+    assert driver.acceleration == 0.5
+    assert driver.quick_stop_deceleration == 1.5
+    assert driver.limits.lower == pytest.approx((0.6,) * AXES)
+    assert driver.limits.upper == pytest.approx((0.7,) * AXES)
+    assert (driver.limits.lead, driver.limits.deceleration) == (0.2, 0.5)
+    assert driver.position_at_start == pytest.approx((0.65,) * AXES)
+    assert driver.heartbeat_timeout == 0.08
 
 
 def test_nobody_guesses_the_positions_of_a_machine():
     assert Epos2Legs().position_at_start_mm is None
-    assert params_of(Epos2Legs()).position_at_start is None
+    assert Epos2Legs().position_at_start is None
 
 
 def test_wheels_have_no_file_no_limits_and_no_current():
     wheels = Epos2Wheels().make(PORTS)
     assert set(wheels.measures) == {"position", "velocity"}
-    assert wheels._params.limits is None
-    assert wheels._params.gear == 26.0
+    assert Epos2Wheels().limits is None
+    assert Epos2Wheels().motor_per_unit == 26.0
 
 
 @pytest.mark.parametrize(

@@ -13,10 +13,9 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import InputPortIndex, OutputPortIndex
 
-from parapod.diagrams.drivers.driver import Driver, PartPorts
+from parapod.diagrams.drivers.driver import Driver
 from parapod.diagrams.hardware_scenario import (
     Adis16448SpiImu,
-    Epos2Wheels,
     HardwareScenario,
     NiDaqEncoders,
     NiDaqLegs,
@@ -24,6 +23,7 @@ from parapod.diagrams.hardware_scenario import (
     SabertoothLegs,
 )
 from parapod.diagrams.levelling_platform.closed_loop import make_closed_loop
+from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
 from parapod.diagrams.levelling_platform.ports import INPUTS, OUTPUTS, TRUTH_OUTPUTS
 from parapod.diagrams.levelling_platform.scenario import BACKENDS, SIMULATED, LevellingScenario
 from parapod.diagrams.levelling_platform.station import STATIONS, make_station
@@ -274,7 +274,8 @@ def python(code, *arguments, **options):
 def test_building_opens_nothing_and_imports_no_drivers_library(tmp_path):
     code = """
         import sys
-        from parapod.diagrams.hardware_scenario import DRIVERS, HardwareScenario
+        from parapod.diagrams.drivers.driver import Driver
+        from parapod.diagrams.hardware_scenario import HardwareScenario
         from parapod.diagrams.levelling_platform.scenario import LevellingScenario
         from parapod.diagrams.levelling_platform.station import make_station
 
@@ -288,7 +289,7 @@ def test_building_opens_nothing_and_imports_no_drivers_library(tmp_path):
             ):
                 opened.append((event, arguments[0]))
 
-        tags = {driver.__name__: driver for driver in DRIVERS}
+        tags = Driver.variants()
         rest = [tags["Epos2Wheels"](), *map(tags["NotFittedPart"], ("arm", "turntable"))]
         machines = [
             [tags["NiDaqLegs"](), tags["Adis16448SpiImu"](), *rest],
@@ -350,6 +351,7 @@ def test_without_its_library_every_driver_says_what_to_install(tmp_path):
         from dataclasses import dataclass
         from parapod.diagrams.drivers.driver import Driver
         from parapod.diagrams.hardware_scenario import *
+        from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
         from parapod.diagrams.levelling_platform.scenario import LevellingScenario
         from parapod.diagrams.levelling_platform.station import make_station
         from parapod.systems.core.errors import MissingExtra
@@ -588,11 +590,9 @@ def test_an_emulated_card_leaves_the_file_of_another_machine_alone(emulated_card
 
 def test_nobody_guesses_the_extensions_of_a_machine():
     assert NiDaqLegs().extension_at_start_mm is None
-    card = NiDaqLegs().make(PartPorts({}, {}))
-    assert card.device.params.extension_at_start is None
+    assert NiDaqLegs().extension_at_start is None
     measured = NiDaqLegs(extension_at_start_mm=[400.0, 401.0, 402.0, 403.0])
-    card = measured.make(PartPorts({}, {}))
-    assert card.device.params.extension_at_start == pytest.approx((0.4, 0.401, 0.402, 0.403))
+    assert measured.extension_at_start == pytest.approx((0.4, 0.401, 0.402, 0.403))
 
 
 def test_default_drivers_are_those_of_the_emulator():

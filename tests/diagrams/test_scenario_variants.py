@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from parapod.diagrams.hardware_scenario import DRIVERS, HardwareScenario
+from parapod.diagrams.drivers.driver import Driver
+from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.machines import MACHINES
 from parapod.diagrams.scenario import check, dump_scenario, load_scenario, quantity
@@ -290,7 +291,11 @@ def test_the_default_drivers_survive_the_round_trip(write, machine):
     assert load_scenario(machine.scenario, write("", "default.yaml"), file) == scenario
 
 
-@pytest.mark.parametrize("driver", DRIVERS, ids=lambda driver: driver.__name__)
+@pytest.mark.parametrize(
+    "driver",
+    [kind for kind in Driver.variants().values() if kind.__module__.startswith("parapod.")],
+    ids=lambda driver: driver.__name__,
+)
 def test_every_driver_can_be_chosen_by_its_tag(write, driver):
     file = write(f"drivers: [!{driver.__name__} {{}}]\n")
     scenario = load_scenario(HardwareScenario, write("", "default.yaml"), file)

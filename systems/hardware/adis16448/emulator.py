@@ -70,16 +70,18 @@ class Adis16448Registers:
         harness: Harness,
         misbehaviour: Misbehaviour | None = None,
         start_up_time: float = START_UP_TIME,
+        part: str = "imu",
     ):
         """Creates a sensor that has started long ago.
 
         Args:
-            harness: wires to the simulated machine; with signals `imu.gyro`, `imu.accel` and
-                `imu.mag`.
+            harness: wires to the simulated machine; with signals `gyro`, `accel` and `mag` of the
+                part.
             misbehaviour: what it does wrong.
-            start_up_time: after a reset [s].
+            start_up_time: time after a reset [s].
+            part: part of the machine.
         """
-        self._harness = harness
+        self._harness, self._part = harness, part
         self._misbehaviour = misbehaviour or Misbehaviour()
         self._start_up_time = start_up_time
         self._ready = 0.0
@@ -154,7 +156,10 @@ class Adis16448Registers:
         return words
 
     def _outputs(self, now: float) -> list[int]:
-        return [count & 0xFFFF for count in imu_counts(self._harness, self._misbehaviour, now)]
+        return [
+            count & 0xFFFF
+            for count in imu_counts(self._harness, self._misbehaviour, now, self._part)
+        ]
 
     def _diagnosis(self) -> int:
         told, self._transient = self.failed | self._transient, 0
@@ -196,9 +201,11 @@ class Adis16448Registers:
         self._ready = time.monotonic() + self._start_up_time
 
 
-def imu_counts(harness: Harness, misbehaviour: Misbehaviour, now: float) -> list[int]:
+def imu_counts(
+    harness: Harness, misbehaviour: Misbehaviour, now: float, part: str = "imu"
+) -> list[int]:
     """What the nine outputs of the sensors show at that time [s], in counts."""
-    truth = [value for name in SCALES for value in harness.get(f"imu.{name}")]
+    truth = [value for name in SCALES for value in harness.get(f"{part}.{name}")]
     shown = misbehaviour.shown(truth, now)
     return [
         scale.counts(value)
@@ -219,7 +226,7 @@ class SpiSocketServer:
     is up to the chip.
 
     Attributes:
-        address: of the chip, for `Adis16448SpiParams.address`.
+        address: of the chip, for `SpiSettings.address`.
     """
 
     def __init__(self, path: str | Path, bus: SpiBus, misbehaviour: Misbehaviour | None = None):

@@ -7,7 +7,6 @@ import socket
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 from parapod.systems.hardware.adis16448.registers import (
@@ -18,12 +17,19 @@ from parapod.systems.hardware.adis16448.registers import (
     mounting_axes,
     sample_rate,
 )
+from parapod.systems.hardware.adis16448.settings import IioSettings
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals, need
 
 # What IIO's units are in ours (Linux, Documentation/ABI/testing/sysfs-bus-iio): the driver's
 # channels of rad/s, m/s^2, gauss, and thousandths of a degree Celsius.
 _CHANNELS = {"gyro": ("anglvel", 1.0), "accel": ("accel", 1.0), "mag": ("magn", 1e-4)}
 _TEMPERATURE, _MILLI = "temp0", 1e-3
+
+# The driver's name for the sensor.
+_DRIVER = "adis16448"
+# One count of the magnetometer [T]: 1/7 mgauss (data sheet). The driver says 0.5 mgauss, the value
+# of the ADIS16400 (Linux 6.14, drivers/iio/imu/adis16400.c), 3.5 times too much.
+_MAG_RESOLUTION = SCALES["mag"].resolution
 
 # Where iiod listens unless it is told otherwise.
 _PORT = 30431
@@ -46,45 +52,6 @@ _GONE = (
 )
 
 
-@dataclass(frozen=True)
-class Adis16448IioParams:
-    """Where the driver is, and how it samples.
-
-    Attributes:
-        uri: of libiio's context: "local:" for this computer's kernel, "ip:host" or "ip:host:port"
-            for a computer that runs iiod, or what else libiio has.
-        device: the driver's name for the sensor.
-        decimation: D, for samples at 819.2 Hz / 2^D (data sheet); 3, as in simulation. None leaves
-            it as it is, for users who may not write the driver's attributes.
-        mag_resolution: one count of the magnetometer [T]; 1/7 mgauss (data sheet). None: what the
-            driver says, which is 0.5 mgauss, the value of the ADIS16400 (Linux 6.14,
-            drivers/iio/imu/adis16400.c), 3.5 times too much.
-        mounting: roll, pitch and yaw of the sensor in the platform's frame [rad],
-            R = R_z R_y R_x.
-        timeout: longest time for one call [s]; ten periods of 20 Hz. libiio gives a computer that
-            stops answering in the middle of a connection's beginning 5 s.
-    """
-
-    uri: str = "local:"
-    device: str = "adis16448"
-    decimation: int | None = 3
-    mag_resolution: float | None = SCALES["mag"].resolution
-    mounting: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    timeout: float = 0.5
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "mounting", tuple(self.mounting))
-        if not re.match(r"[a-z]+:", self.uri):
-            raise ValueError(f'uri must be as "local:" or "ip:host", not {self.uri!r}')
-        if self.decimation is not None:
-            sample_rate(self.decimation)
-        mounting_axes(self.mounting)
-        for name in ("timeout", "mag_resolution"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < math.inf:
-                raise ValueError(f"{name} must be above 0 and finite, not {value}")
-
-
 class Adis16448Iio(Device):
     """Angular velocity, specific force, magnetic field and temperature, from Linux IIO.
 
@@ -95,7 +62,7 @@ class Adis16448Iio(Device):
     | measure `mag` | 3 | T | magnetic field |
     | measure `temperature` | 1 | degC | of the sensor |
 
-    Vectors are in the platform's frame, see `Adis16448IioParams.mounting`. Scales and offsets are
+    Vectors are in the platform's frame, see the settings' `mounting_deg`. Scales and offsets are
     the driver's, but for the magnetometer's. The driver rounds them to six decimals, which makes
     `accel` 0.04 % and `gyro` 0.02 % too small, and its offset makes `temperature` 0.05 degC too
     small.
@@ -107,17 +74,23 @@ class Adis16448Iio(Device):
     The driver checks no CRC: a sensor that is off shows in all values being the same, -1 or 0,
     which is `SILENT`; damaged values cannot be told from others. A connection that is lost is
     made again by the next `read`.
-
-    Attributes:
-        params: the settings.
     """
 
     measures: Mapping[str, int] = MEASURES
 
-    def __init__(self, params: Adis16448IioParams = Adis16448IioParams()):
-        self.params = params
-        self.name = f"{params.device} at {params.uri.rstrip(':')}"
-        self._axes = mounting_axes(params.mounting)
+    def __init__(self, settings: IioSettings):
+        """Creates a device that is not configured.
+
+        Args:
+            settings: place of the driver, and how the sensor samples.
+
+        Raises:
+            ValueError: settings that it does not have.
+        """
+        _check(settings)
+        self._settings = settings
+        self.name = f"{_DRIVER} at {settings.uri.rstrip(':')}"
+        self._axes = mounting_axes(settings.mounting)
         self._context: Any = None
         self._raw: list[Any] = []
         self._scales: list[float] = []
@@ -134,7 +107,7 @@ class Adis16448Iio(Device):
         """The newest values."""
         if not self._is_configured:
             raise DeviceError(self.name, "is not configured", DeviceFault.UNPLUGGED)
-        deadline = time.monotonic() + 0.5 * self.params.timeout
+        deadline = time.monotonic() + 0.5 * self._settings.timeout
         if self._context is None:
             self._connect()
         with self._faults():
@@ -167,37 +140,34 @@ class Adis16448Iio(Device):
     def _connect(self) -> None:
         try:
             with self._faults():
-                _probe(self.params.uri, 0.25 * self.params.timeout)
+                _probe(self._settings.uri, 0.25 * self._settings.timeout)
                 iio = need("iio")
-                self._context = iio.Context(self.params.uri)
-                self._context.set_timeout(round(1e3 * 0.5 * self.params.timeout))
+                self._context = iio.Context(self._settings.uri)
+                self._context.set_timeout(round(1e3 * 0.5 * self._settings.timeout))
                 self._set_up(self._find())
         except BaseException:
             self._hang_up()
             raise
 
     def _find(self) -> Any:
-        device = self._context.find_device(self.params.device)
+        device = self._context.find_device(_DRIVER)
         if device is None:
             names = [other.name or other.id for other in self._context.devices]
             there = f"there are: {', '.join(names)}" if names else "there are no devices at all"
-            raise DeviceError(
-                self.name, f"there is no {self.params.device}; {there}", DeviceFault.CORRUPT
-            )
+            raise DeviceError(self.name, f"there is no {_DRIVER}; {there}", DeviceFault.CORRUPT)
         return device
 
     def _set_up(self, device: Any) -> None:
-        rate = self.params.decimation
-        if rate is not None:
-            device.attrs["sampling_frequency"].value = f"{sample_rate(rate):.6f}"
+        rate = sample_rate(self._settings.decimation)
+        device.attrs["sampling_frequency"].value = f"{rate:.6f}"
         self._raw, self._scales = [], []
         for name, (kind, unit) in _CHANNELS.items():
             for axis in "xyz":
                 attributes = self._attributes(device, f"{kind}_{axis}")
                 self._raw.append(attributes["raw"])
                 scale = unit * _number(attributes["scale"])
-                if name == "mag" and self.params.mag_resolution is not None:
-                    scale = self.params.mag_resolution
+                if name == "mag":
+                    scale = _MAG_RESOLUTION
                 self._scales.append(scale)
         attributes = self._attributes(device, _TEMPERATURE)
         self._raw.append(attributes["raw"])
@@ -225,7 +195,7 @@ class Adis16448Iio(Device):
         except TimeoutError as error:
             # What comes later would be taken for the answer to the next question.
             self._hang_up()
-            text = f"no answer within {self.params.timeout:g} s"
+            text = f"no answer within {self._settings.timeout:g} s"
             raise DeviceError(self.name, text, DeviceFault.SILENT) from error
         except KeyError as error:
             raise DeviceError(
@@ -268,3 +238,12 @@ def _probe(uri: str, timeout: float) -> None:
         connection.sendall(b"VERSION\r\n")
         if not connection.recv(64):
             raise ConnectionResetError("the other end has hung up")
+
+
+def _check(settings: IioSettings) -> None:
+    """Refuses settings that the sensor does not have."""
+    if not re.match(r"[a-z]+:", settings.uri):
+        raise ValueError(f'uri must be as "local:" or "ip:host", not {settings.uri!r}')
+    sample_rate(settings.decimation)
+    if not 0.0 < settings.timeout < math.inf:
+        raise ValueError(f"timeout must be above 0 and finite, not {settings.timeout}")

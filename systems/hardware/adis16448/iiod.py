@@ -77,17 +77,19 @@ class IiodServer:
         misbehaviour: Misbehaviour | None = None,
         port: int | None = None,
         device: str = "adis16448",
+        part: str = "imu",
     ):
         """Creates a server that does not run yet.
 
         Args:
-            harness: wires to the simulated machine; with signals `imu.gyro`, `imu.accel` and
-                `imu.mag`.
+            harness: wires to the simulated machine; with signals `gyro`, `accel` and `mag` of the
+                part.
             misbehaviour: what it does wrong.
             port: to listen at, on all of the computer's addresses; None: one that is free.
             device: the name that the driver gives to the sensor.
+            part: part of the machine.
         """
-        self._harness = harness
+        self._harness, self._part = harness, part
         self._misbehaviour = misbehaviour or Misbehaviour()
         self._device = device
         self._port = _free_port() if port is None else port
@@ -142,7 +144,7 @@ class IiodServer:
     def _follow(self) -> None:
         """Puts the newest counts into the files."""
         now = time.monotonic()
-        counts = imu_counts(self._harness, self._misbehaviour, now)
+        counts = imu_counts(self._harness, self._misbehaviour, now, self._part)
         # The driver takes the lower 12 bits of TEMP_OUT for a signed number.
         shown = dict(zip(_RAW, counts, strict=True))
         shown["in_temp0_raw"] = signed(temperature_word(self.temperature), 12)

@@ -6,11 +6,9 @@ import socket
 import struct
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from parapod.systems.hardware.addresses import resolved
 from parapod.systems.hardware.adis16448.registers import (
     BURST_CRC,
     BURST_WORDS,
@@ -31,6 +29,7 @@ from parapod.systems.hardware.adis16448.registers import (
     mounting_axes,
     sample_rate,
 )
+from parapod.systems.hardware.adis16448.settings import SpiSettings
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals, need
 
 _SOCKET = "unix:"
@@ -43,50 +42,6 @@ _BURST = [Register.GLOB_CMD, 0] + [0, 0] * BURST_WORDS
 LENGTH = struct.Struct(">H")
 # What is read from a line that nobody drives, by what that means.
 _STUCK = {0xFFFF: "high", 0x0000: "low"}
-
-
-@dataclass(frozen=True)
-class Adis16448SpiParams:
-    """Where the sensor is, and how it samples. "Data sheet" is that of the ADIS16448.
-
-    Attributes:
-        address: "/dev/spidev0.0", or "0.0" for short: bus and chip; "unix:/path" for the socket
-            of an emulated one.
-        clock: of the bus [Hz]; bursts allow 1 MHz at most (data sheet).
-        decimation: D, for samples at 819.2 Hz / 2^D that each are the mean of 2^D (data sheet);
-            3, as in simulation.
-        mounting: roll, pitch and yaw of the sensor in the platform's frame [rad],
-            R = R_z R_y R_x.
-        start_up_time: from power on or a reset to the first measurement [s]; 0.205 (data sheet).
-        timeout: longest time for one call [s], but for `configure`, which waits up to two
-            start-up times more; ten periods of 100 Hz.
-    """
-
-    address: str = "/dev/spidev0.0"
-    clock: float = MAX_BURST_CLOCK
-    decimation: int = 3
-    mounting: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    start_up_time: float = START_UP_TIME
-    timeout: float = 0.1
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "mounting", tuple(self.mounting))
-        if not (self.address.startswith(_SOCKET) or _DEVICE.fullmatch(self.address)):
-            raise ValueError(
-                f'address must be as "/dev/spidev0.0", "0.0" or "unix:/path", not {self.address!r}'
-            )
-        if not 0.0 < self.clock <= MAX_BURST_CLOCK:
-            raise ValueError(
-                f"clock must be above 0 and at most {MAX_BURST_CLOCK:g} Hz, not {self.clock}"
-            )
-        sample_rate(self.decimation)
-        mounting_axes(self.mounting)
-        if not 0.0 <= self.start_up_time < math.inf:
-            raise ValueError(
-                f"start_up_time must be 0 or more and finite, not {self.start_up_time}"
-            )
-        if not 0.0 < self.timeout < math.inf:
-            raise ValueError(f"timeout must be above 0 and finite, not {self.timeout}")
 
 
 class SpiBus(Protocol):
@@ -113,7 +68,7 @@ class Adis16448Spi(Device):
     | measure `mag` | 3 | T | magnetic field |
     | measure `temperature` | 1 | degC | of the sensor |
 
-    Vectors are in the platform's frame, see `Adis16448SpiParams.mounting`. Check it before use:
+    Vectors are in the platform's frame, see the settings' `mounting_deg`. Check it before use:
     with the platform level and at rest, `accel` must be (0, 0, g).
 
     `configure` identifies the sensor, resets it, which ends whatever it was set to, and sets its
@@ -124,25 +79,30 @@ class Adis16448Spi(Device):
     `read` tells faults apart: a line that is stuck or a bus that does not answer is `SILENT`; a
     wrong CRC, twice, is `CORRUPT`; flags of DIAG_STAT are `FAILED`, and named (the CRC does not
     cover them); a bus that is gone is `UNPLUGGED`.
-
-    Attributes:
-        params: the settings.
     """
 
     measures: Mapping[str, int] = MEASURES
 
     def __init__(
-        self, params: Adis16448SpiParams = Adis16448SpiParams(), bus: SpiBus | None = None
+        self,
+        settings: SpiSettings,
+        bus: SpiBus | None = None,
+        start_up_time: float = START_UP_TIME,
     ):
         """Creates a device that is not configured.
 
         Args:
-            params: the settings.
-            bus: what to transfer through in place of `params.address`.
+            settings: place of the sensor, and how it samples.
+            bus: bus to transfer through in place of the settings' address.
+            start_up_time: time from power on or a reset to the first measurement [s].
+
+        Raises:
+            ValueError: settings that it does not have.
         """
-        self.params, self._given = params, bus
-        self.name = f"ADIS16448 at {params.address if bus is None else type(bus).__name__}"
-        self._axes = mounting_axes(params.mounting)
+        _check(settings)
+        self._settings, self._given, self._start_up_time = settings, bus, start_up_time
+        self.name = f"ADIS16448 at {settings.place if bus is None else type(bus).__name__}"
+        self._axes = mounting_axes(settings.mounting)
         self._bus: SpiBus | None = None
         self._is_configured = self._is_set_up = False
         self._deadline = math.inf
@@ -153,10 +113,10 @@ class Adis16448Spi(Device):
         self._deadline = math.inf
         try:
             self._open()
-            self._identify(self.params.start_up_time)
+            self._identify(self._start_up_time)
             self._write_byte(Register.GLOB_CMD, SOFTWARE_RESET)
-            time.sleep(self.params.start_up_time)
-            self._identify(self.params.timeout)
+            time.sleep(self._start_up_time)
+            self._identify(self._settings.timeout)
             self._set_up()
         except BaseException:
             self.close()
@@ -168,7 +128,7 @@ class Adis16448Spi(Device):
         if not self._is_configured:
             raise DeviceError(self.name, "is not configured", DeviceFault.UNPLUGGED)
         # The last transfer begins before the deadline and takes the other half at most.
-        self._deadline = time.monotonic() + 0.5 * self.params.timeout
+        self._deadline = time.monotonic() + 0.5 * self._settings.timeout
         try:
             if not self._is_set_up:
                 self._open()
@@ -192,7 +152,7 @@ class Adis16448Spi(Device):
         if self._bus is not None:
             return
         try:
-            self._bus = _open_bus(self.params) if self._given is None else self._given
+            self._bus = _open_bus(self._settings) if self._given is None else self._given
         except OSError as error:
             raise DeviceError(
                 self.name, f"cannot be reached: {error}", DeviceFault.UNPLUGGED
@@ -220,7 +180,7 @@ class Adis16448Spi(Device):
         """Sets range, decimation and CRC, and asks whether the sensor is well."""
         # No Bartlett filter: the mean of the decimation alone, as in simulation.
         self._write_register(Register.SENS_AVG, RANGE_1000)
-        decimation = self.params.decimation << DECIMATION_SHIFT
+        decimation = self._settings.decimation << DECIMATION_SHIFT
         self._write_register(Register.SMPL_PRD, decimation | INTERNAL_CLOCK)
         self._write_register(Register.MSC_CTRL, DATA_READY | BURST_CRC)
         # Reading clears flags of the past; what is still wrong is set again.
@@ -290,7 +250,7 @@ class Adis16448Spi(Device):
     def _exchange(self, values: list[int]) -> list[int]:
         """The words received in one transfer."""
         assert self._bus is not None
-        late = f"no answer within {self.params.timeout:g} s"
+        late = f"no answer within {self._settings.timeout:g} s"
         if time.monotonic() > self._deadline:
             raise DeviceError(self.name, late, DeviceFault.SILENT)
         try:
@@ -306,23 +266,23 @@ class Adis16448Spi(Device):
         return [answer[i] << 8 | answer[i + 1] for i in range(0, len(answer), 2)]
 
 
-def _open_bus(params: Adis16448SpiParams) -> SpiBus:
+def _open_bus(settings: SpiSettings) -> SpiBus:
     """The bus at an address.
 
     Raises:
         MissingExtra: spidev is not installed.
         OSError: it cannot be opened.
     """
-    address = resolved(params.address)
+    address = settings.place
     if address.startswith(_SOCKET):
-        return SpiSocketClient(address.removeprefix(_SOCKET), 0.5 * params.timeout)
+        return SpiSocketClient(address.removeprefix(_SOCKET), 0.5 * settings.timeout)
     bus = need("spidev").SpiDev()
     try:
         bus.open_path(address if address.startswith("/") else f"/dev/spidev{address}")
         # The clock idles high and the second edge counts (data sheet).
         bus.mode = 0b11
         bus.bits_per_word = 8
-        bus.max_speed_hz = round(params.clock)
+        bus.max_speed_hz = round(settings.clock)
     except BaseException:
         bus.close()
         raise
@@ -405,3 +365,18 @@ def _received(connection: socket.socket, size: int, deadline: float) -> bytes:
             raise ConnectionResetError("the other end has hung up")
         data += chunk
     return data
+
+
+def _check(settings: SpiSettings) -> None:
+    """Refuses settings that the sensor does not have."""
+    if not (settings.address.startswith(_SOCKET) or _DEVICE.fullmatch(settings.address)):
+        raise ValueError(
+            f'address must be as "/dev/spidev0.0", "0.0" or "unix:/path", not {settings.address!r}'
+        )
+    if not 0.0 < settings.clock <= MAX_BURST_CLOCK:
+        raise ValueError(
+            f"clock must be above 0 and at most {MAX_BURST_CLOCK:g} Hz, not {settings.clock}"
+        )
+    sample_rate(settings.decimation)
+    if not 0.0 < settings.timeout < math.inf:
+        raise ValueError(f"timeout must be above 0 and finite, not {settings.timeout}")

@@ -5,12 +5,19 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
 from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
-from parapod.systems.hardware.ni.settings import NiDaqParams, expand_channels
-from parapod.systems.hardware.ni.tasks import NiTasks
+from parapod.systems.hardware.ni.settings import NiDaqSettings, expand_channels
+from parapod.systems.hardware.ni.tasks import OUTPUT_MAX, OUTPUT_MIN, NiTasks
 from parapod.systems.hardware.position_memory import IncrementalDevice
 
 # The counters have 32 bits (X Series User Manual, "Counters").
 _COUNTS = 2**32
+
+# Output voltage at which an actuator stands still, and its change to full supply voltage [V]: of a
+# Sabertooth 2x25 in analog mode (its manual, "Mode 1: analog input").
+_NEUTRAL, _SPAN = 2.5, 2.5
+
+# Longest time to configure [s]; a driver that has to be loaded first takes seconds.
+_CONFIGURE_TIMEOUT = 10.0
 
 # A flag is set above this; NaN counts as set.
 _SET = 0.5
@@ -33,7 +40,7 @@ class NiDaq(IncrementalDevice):
 
     **Reference.** Incremental encoders know no absolute position: the counters begin at zero when
     the device is configured, and lose everything when it is closed. `extension` is the way since
-    then, plus `extension_at_start` if the machine is known to stand there (all actuators
+    then, plus `extension_at_start_mm` if the machine is known to stand there (all actuators
     retracted, say); else it is worth nothing until `set_reference` has told what the present
     counts mean: see `is_referenced`. Counts are followed through the wrap of the counters, if
     less than half of their range lies between two reads. The resolution of `velocity` is one
@@ -52,25 +59,35 @@ class NiDaq(IncrementalDevice):
     must not drive one machine.
 
     Bad input: a voltage that is not finite is neutral; a stop that is NaN is one.
-
-    Attributes:
-        params: the settings.
     """
 
     position_signal = "extension"
 
-    def __init__(self, params: NiDaqParams = NiDaqParams()):
-        self.params = params
-        place = f" at {params.target}" if params.target else ""
-        self.name = f"{params.product} {params.device}{place}"
-        self._size = len(params.counters)
-        inputs = len(expand_channels(params.inputs))
+    def __init__(self, settings: NiDaqSettings, drives_motors: bool = True):
+        """Describes the card; nothing is opened.
+
+        Args:
+            settings: channels of the card, and its place.
+            drives_motors: whether it takes voltages; otherwise its outputs stay neutral, and
+                nothing should be connected to them.
+
+        Raises:
+            ValueError: settings that do not fit together.
+        """
+        _check(settings)
+        self._settings, self._drives_motors = settings, drives_motors
+        place = f" at {settings.address}" if settings.target else ""
+        self.name = f"{settings.product} {settings.device}{place}"
+        self._size = len(settings.counter_names)
+        super().__init__(settings.extensions_path, self._size, settings.part)
+        inputs = len(expand_channels(settings.inputs))
         self.measures: Mapping[str, int] = {
             "extension": self._size,
             "velocity": self._size,
             "limits": inputs,
         }
-        self.commands: Mapping[str, int] = {"voltage": self._size, "stop": 1}
+        motors = {"voltage": self._size} if drives_motors else {}
+        self.commands: Mapping[str, int] = {**motors, "stop": 1}
         self._tasks: NiTasks | None = None
         self._is_active = False
         self._last: tuple[list[int], list[float]] | None = None
@@ -81,29 +98,29 @@ class NiDaq(IncrementalDevice):
         """Whether it is known which extensions the counts mean."""
         return self._is_referenced
 
-    def configure(self) -> None:
+    def _open(self) -> None:
         """Opens the connection, identifies the card, and leaves outputs neutral and relay open."""
         self.close()
-        tasks = NiTasks(self.params, self.name)
+        tasks = NiTasks(self._settings, self.name)
         try:
-            tasks.begin(self.params.configure_timeout)
+            tasks.begin(_CONFIGURE_TIMEOUT)
             tasks.open()
             self._tasks = tasks
             self._forget()
             self._set_relay(tasks, False)
             self._write_neutral(tasks)
-            if self.params.extension_at_start is not None:
-                self._reference(tasks, self.params.extension_at_start)
+            if self._settings.extension_at_start is not None:
+                self._reference(tasks, self._settings.extension_at_start)
         except BaseException:
             self._tasks = None
-            tasks.begin(self.params.timeout)
+            tasks.begin(self._settings.timeout)
             tasks.close()
             raise
 
     def _set_reference(self, values: Sequence[float]) -> None:
         self._reference(self._begin(), values)
 
-    def activate(self) -> None:
+    def _energise(self) -> None:
         """Closes the relay, with neutral outputs."""
         tasks = self._begin()
         self._write_neutral(tasks)
@@ -115,7 +132,7 @@ class NiDaq(IncrementalDevice):
         tasks = self._begin()
         stamps = self._count(tasks)
         limits = tasks.read_inputs()
-        scale = self.params.metres_per_count
+        scale = self._settings.metres_per_count
         velocity = (0.0,) * self._size
         if self._last is not None:
             velocity = tuple(
@@ -138,7 +155,7 @@ class NiDaq(IncrementalDevice):
         While the device is not active, whatever is asked is neutral.
         """
         tasks = self._begin()
-        voltage = commands["voltage"]
+        voltage = commands["voltage"] if self._drives_motors else (0.0,) * self._size
         if len(voltage) != self._size:
             raise ValueError(f"voltage has {self._size} elements, not {len(voltage)}")
         (stop,) = commands["stop"]
@@ -152,7 +169,7 @@ class NiDaq(IncrementalDevice):
         """Makes the outputs neutral."""
         self._write_neutral(self._begin())
 
-    def deactivate(self) -> None:
+    def _release(self) -> None:
         """Makes the outputs neutral and opens the relay."""
         self._is_active = False
         tasks = self._begin()
@@ -166,7 +183,7 @@ class NiDaq(IncrementalDevice):
         tasks, self._tasks, self._is_active = self._tasks, None, False
         if tasks is None:
             return
-        tasks.begin(self.params.timeout)
+        tasks.begin(self._settings.timeout)
         with suppress(Exception):
             self._cut(tasks)
         tasks.close()
@@ -175,7 +192,7 @@ class NiDaq(IncrementalDevice):
         """The tasks, with the time of one call before them."""
         if self._tasks is None:
             raise DeviceError(self.name, "is not configured", DeviceFault.UNPLUGGED)
-        self._tasks.begin(self.params.timeout)
+        self._tasks.begin(self._settings.timeout)
         return self._tasks
 
     def _forget(self) -> None:
@@ -188,15 +205,13 @@ class NiDaq(IncrementalDevice):
 
     def _output(self, voltage: float) -> float:
         """The output voltage for one at the actuator [V]."""
-        params = self.params
         if not math.isfinite(voltage):
-            return params.neutral
-        output = params.neutral + params.span * voltage / params.supply_voltage
-        low, high = params.neutral - params.span, params.neutral + params.span
-        return min(max(output, low, params.output_min), high, params.output_max)
+            return _NEUTRAL
+        output = _NEUTRAL + _SPAN * voltage / self._settings.supply_voltage
+        return min(max(output, OUTPUT_MIN), OUTPUT_MAX)
 
     def _write_neutral(self, tasks: NiTasks) -> None:
-        tasks.write_outputs([self.params.neutral] * self._size)
+        tasks.write_outputs([_NEUTRAL] * self._size)
 
     def _set_relay(self, tasks: NiTasks, is_on: bool) -> None:
         """Sets the relay if it is not known to be so."""
@@ -224,8 +239,24 @@ class NiDaq(IncrementalDevice):
 
     def _reference(self, tasks: NiTasks, values: Sequence[float]) -> None:
         self._count(tasks)
-        scale = self.params.metres_per_count
+        scale = self._settings.metres_per_count
         self._offset = [
             float(value) - scale * count for value, count in zip(values, self._counts, strict=True)
         ]
         self._is_referenced = True
+
+
+def _check(settings: NiDaqSettings) -> None:
+    """Refuses settings that do not fit together."""
+    settings.device  # noqa: B018 (the channels are of one card, or it says which)
+    counters, size = settings.counter_names, len(expand_channels(settings.outputs))
+    if len(counters) != size:
+        raise ValueError(
+            f"each of the {size} outputs needs one counter, not {', '.join(counters)}"
+        )
+    start = settings.extension_at_start
+    if start is not None and not (len(start) == size and all(map(math.isfinite, start))):
+        raise ValueError(f"extension_at_start must be {size} finite values, not {start}")
+    for name in ("metres_per_count", "supply_voltage", "timeout"):
+        if not 0.0 < getattr(settings, name) < math.inf:
+            raise ValueError(f"{name} must be above 0 and finite, not {getattr(settings, name)}")

@@ -70,10 +70,10 @@ _OUTPUTS = 4
 class NiWiring:
     """The terminals of the card and the wires behind them.
 
-    Outputs ao0.. go to motor drivers in analog mode, one for each element of `legs.voltage`;
-    counters ctr0.. count the encoders of `legs.extension`; lines port0/line0.. are `legs.limits`;
-    one line closes the relay in the drivers' supply. With the relay open `legs.voltage` is 0 and
-    `legs.stop` is 1. The outputs hold what was last written.
+    Outputs ao0.. go to motor drivers in analog mode, one for each element of the part's `voltage`;
+    counters ctr0.. count the encoders of its `extension`; lines port0/line0.. are its `limits`;
+    one line closes the relay in the drivers' supply. With the relay open `voltage` is 0 and
+    `stop` is 1. The outputs hold what was last written.
     """
 
     def __init__(
@@ -84,6 +84,7 @@ class NiWiring:
         metres_per_count: float = 1e-5,
         zero_extension: Sequence[float] | None = None,
         relay_line: str = "port0/line12",
+        part: str = "legs",
     ):
         """Switches the card on: outputs at 0 V, relay open.
 
@@ -95,11 +96,13 @@ class NiWiring:
             zero_extension: extensions at which the counters are zero [m]; None: those at which
                 they are started, as it is in truth.
             relay_line: line of the relay.
+            part: part of the machine.
         """
+        self._part = part
         self._harness, self._misbehaviour = harness, misbehaviour
         self._supply, self._metres_per_count = supply_voltage, metres_per_count
         self._is_started_at_zero = zero_extension is None
-        self._zero = self._edges(zero_extension or harness.get("legs.extension"))
+        self._zero = self._edges(zero_extension or harness.get(f"{part}.extension"))
         self._relay_line = relay_line
         self._outputs = {f"ao{index}": 0.0 for index in range(_OUTPUTS)}
         self._lines: dict[str, bool] = {}
@@ -128,29 +131,32 @@ class NiWiring:
     def start_counter(self, counter: int) -> None:
         """Lets a counter begin at zero, if counters do."""
         if self._is_started_at_zero:
-            self._zero[counter] = self._edges(self._harness.get("legs.extension"))[counter]
+            self._zero[counter] = self._edges(self._get("extension"))[counter]
 
     def measure(self) -> tuple[tuple[int, ...], tuple[bool, ...]]:
         """Edges that the counters have counted, and switches, as they are shown."""
-        edges = self._edges(self._harness.get("legs.extension"))
+        edges = self._edges(self._get("extension"))
         counts = [edge - zero for edge, zero in zip(edges, self._zero, strict=True)]
         # Plus and minus one: what is wrong or garbage changes a switch, too.
-        bits = [1.0 if value > 0.5 else -1.0 for value in self._harness.get("legs.limits")]
+        bits = [1.0 if value > 0.5 else -1.0 for value in self._get("limits")]
         shown = self._misbehaviour.shown((*counts, *bits), time.monotonic())
         size = len(counts)
         return tuple(map(round, shown[:size])), tuple(value > 0.0 for value in shown[size:])
+
+    def _get(self, signal: str) -> tuple[float, ...]:
+        return self._harness.get(f"{self._part}.{signal}")
 
     def _edges(self, extension: Sequence[float]) -> list[int]:
         return [round(value / self._metres_per_count) for value in extension]
 
     def _apply(self) -> None:
         """Puts the outputs on the wires, as motor drivers and relay do."""
-        size = len(self._harness.get("legs.voltage"))
+        size = len(self._get("voltage"))
         is_on = self.is_relay_closed
         shares = ((volts - _STILL) / _STILL for volts in self.outputs[:size])
         voltage = [self._supply * min(max(share, -1.0), 1.0) if is_on else 0.0 for share in shares]
-        self._harness.set("legs.voltage", voltage)
-        self._harness.set("legs.stop", (0.0 if is_on else 1.0,))
+        self._harness.set(f"{self._part}.voltage", voltage)
+        self._harness.set(f"{self._part}.stop", (0.0 if is_on else 1.0,))
 
 
 # Of a 6363 (its specifications): analog inputs and outputs, counters, lines of each port.
@@ -470,13 +476,14 @@ class NiServer:
         metres_per_count: float = 1e-5,
         zero_extension: Sequence[float] | None = None,
         relay_line: str = "port0/line12",
+        part: str = "legs",
     ):
         """Creates a server that does not listen yet.
 
         Args:
             path: of the socket; at most some 100 characters.
-            harness: wires to the simulated machine; with signals `legs.voltage`, `legs.stop`,
-                `legs.extension` and `legs.limits`.
+            harness: wires to the simulated machine; with signals `voltage`, `stop`, `extension`
+                and `limits` of the part.
             misbehaviour: what it does wrong.
             device: the card's name.
             product: the card's type.
@@ -485,6 +492,7 @@ class NiServer:
             zero_extension: extensions at which the counters are zero [m]; None: those at which
                 their task starts.
             relay_line: line of the relay.
+            part: part of the machine.
 
         Raises:
             MissingExtra: gRPC or the driver library is not installed.
@@ -499,6 +507,7 @@ class NiServer:
             metres_per_count,
             zero_extension,
             relay_line,
+            part,
         )
         self.card = NiCard(self.wiring, device, product)
         self.calls: Counter[str] = Counter()

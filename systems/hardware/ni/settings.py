@@ -1,97 +1,95 @@
-"""Which channels of an NI card are connected to what, and where the card is."""
+"""Settings of an NI card: its place, and what is connected to its channels."""
 
-import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from parapod.systems.core.schema import quantity
+from parapod.systems.hardware.addresses import resolved
 
-@dataclass(frozen=True)
-class NiDaqParams:
-    """What is connected to the card, and where the card is.
+
+@dataclass
+class NiDaqSettings:
+    """Actuators, encoders and limit switches on a multifunction card, and the card's place.
 
     Attributes:
-        target: "" for a card in this computer; else the NI gRPC Device Server of the computer
-            that has it, "host:port" or "unix:/path". The connection is not encrypted.
-        outputs: analog outputs to the motor drivers, one for each actuator, as a DAQmx channel
-            string.
-        counters: counters that the encoders are connected to, one for each actuator, at their
-            default terminals.
-        inputs: digital inputs of the limit switches.
-        relay: digital output that closes the relay in the supply of the motor drivers.
-        product: the card's type, as NI-DAQmx names it.
-        metres_per_count: one count of an encoder [m]; all four edges of signals A and B count.
-            An assumption, as the encoder's resolution in simulation.
-        extension_at_start: extensions of the actuators when the device is configured [m]; None:
-            not known.
-        supply_voltage: of the motor drivers [V]; the prototype's actuators are for 12 V.
-        neutral: output voltage at which an actuator stands still [V]; 2.5 for a Sabertooth 2x25
-            in analog mode (its manual, "Mode 1: analog input").
-        span: change of the output voltage from neutral to full supply voltage [V]; 2.5, as above.
-        output_min: smallest output voltage [V]; 0, as above.
-        output_max: largest output voltage [V]; 5, as above.
-        timeout: longest time for one call [s]; ten periods at 20 Hz.
-        configure_timeout: longest time to configure [s]; a driver that has to be loaded first
-            takes seconds.
+        part: part of the machine, as in the names of its ports.
+        target: "" for a card in this computer; else the NI gRPC Device Server of another one,
+            "host:port" or "unix:/path". The connection is not encrypted.
+        outputs: analog outputs to the motor drivers, one an actuator, as a DAQmx channel string.
+        counters: counters of the encoders, one an actuator, at their default terminals.
+        inputs: digital inputs of the limit switches: extended, retracted, contact, each by
+            actuator.
+        relay: digital output of the relay in the motor drivers' supply.
+        product: type of the card, as NI-DAQmx names it and as it must answer.
+        um_per_count: one count of an encoder [um]; all four edges of signals A and B count. An
+            assumption, as the encoder's resolution in simulation.
+        extension_at_start_mm: extensions when the program starts, as somebody has measured them
+            [mm]; None: nobody has, and the file must know them.
+        extension_file: file that keeps the extensions from one program to the next, in the folder
+            in which the program is started if it has no other; while there is none, and with ""
+            for nowhere, a program begins with `extension_at_start_mm`.
+        supply_voltage: supply of the motor drivers [V]; the prototype's actuators are for 12 V.
+        timeout_ms: longest time for one call [ms].
     """
 
-    target: str = ""
+    part: str = "legs"
+    target: str = "unix:emulator/ni.sock"
     outputs: str = "PXI1Slot2/ao0:3"
-    counters: tuple[str, ...] = (
-        "PXI1Slot2/ctr0",
-        "PXI1Slot2/ctr1",
-        "PXI1Slot2/ctr2",
-        "PXI1Slot2/ctr3",
-    )
+    counters: str = "PXI1Slot2/ctr0:3"
     inputs: str = "PXI1Slot2/port0/line0:11"
     relay: str = "PXI1Slot2/port0/line12"
     product: str = "PXIe-6363"
-    metres_per_count: float = 1e-5
-    extension_at_start: tuple[float, ...] | None = None
-    supply_voltage: float = 12.0
-    neutral: float = 2.5
-    span: float = 2.5
-    output_min: float = 0.0
-    output_max: float = 5.0
-    timeout: float = 0.5
-    configure_timeout: float = 10.0
+    um_per_count: float = quantity(10.0, 0.01, 1000.0)
+    # No default: a guess would be believed, and the stroke's ends would be where they are not.
+    extension_at_start_mm: list[float] | None = quantity(None, 0.0, 2000.0)
+    extension_file: str = "emulator/extensions.json"
+    supply_voltage: float = quantity(12.0, 1.0, 48.0)
+    timeout_ms: float = quantity(200.0, 5.0, 10000.0)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "counters", tuple(self.counters))
-        devices = {name.partition("/")[0] for name in self._channels}
-        if len(devices) != 1:
-            raise ValueError(f"the channels are of {len(devices)} cards: {', '.join(devices)}")
-        size = len(expand_channels(self.outputs))
-        if len(self.counters) != size or any(len(expand_channels(c)) > 1 for c in self.counters):
-            raise ValueError(
-                f"each of the {size} outputs needs one counter, not {', '.join(self.counters)}"
-            )
-        start = self.extension_at_start
-        if start is not None and not (len(start) == size and all(map(math.isfinite, start))):
-            raise ValueError(f"extension_at_start must be {size} finite values, not {start}")
-        for name in (
-            "metres_per_count",
-            "supply_voltage",
-            "span",
-            "timeout",
-            "configure_timeout",
-        ):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be above 0 and finite, not {getattr(self, name)}")
-        if not -math.inf < self.output_min < self.neutral < self.output_max < math.inf:
-            raise ValueError(
-                f"neutral must lie between output_min and output_max, not {self.neutral} "
-                f"between {self.output_min} and {self.output_max}"
-            )
+    @property
+    def address(self) -> str:
+        """Target of a gRPC channel, an emulator's address resolved; "": none."""
+        return resolved(self.target)
+
+    @property
+    def extensions_path(self) -> str:
+        """File that keeps the extensions; "": none."""
+        return resolved(self.extension_file)
 
     @property
     def device(self) -> str:
-        """The card's name."""
-        return self._channels[0].partition("/")[0]
+        """Name of the card.
+
+        Raises:
+            ValueError: the channels are not of one card.
+        """
+        text = ",".join((self.outputs, self.counters, self.inputs, self.relay))
+        cards = {name.partition("/")[0] for name in expand_channels(text)}
+        if len(cards) != 1:
+            raise ValueError(f"the channels are of {len(cards)} cards: {', '.join(cards)}")
+        return cards.pop()
 
     @property
-    def _channels(self) -> tuple[str, ...]:
-        return expand_channels(",".join((self.outputs, *self.counters, self.inputs, self.relay)))
+    def counter_names(self) -> tuple[str, ...]:
+        """Counters, one by one."""
+        return expand_channels(self.counters)
+
+    @property
+    def metres_per_count(self) -> float:
+        """One count of an encoder [m]."""
+        return 1e-6 * self.um_per_count
+
+    @property
+    def extension_at_start(self) -> tuple[float, ...] | None:
+        """Extensions when the program starts [m]; None: not known."""
+        start = self.extension_at_start_mm
+        return None if start is None else tuple(1e-3 * mm for mm in start)
+
+    @property
+    def timeout(self) -> float:
+        """Longest time for one call [s]."""
+        return 1e-3 * self.timeout_ms
 
 
 def expand_channels(text: str) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from parapod.systems.hardware.device import DeviceError, DeviceFault, need
-from parapod.systems.hardware.ni.settings import NiDaqParams, expand_channels
+from parapod.systems.hardware.ni.settings import NiDaqSettings, expand_channels
 
 # A driver that has lost its server tries again this often [ms], not ever more rarely, and by
 # itself: a connection that others of the same process share would inherit their waiting time.
@@ -20,6 +20,10 @@ _CONNECTION = (
     ("grpc.max_reconnect_backoff_ms", 500),
     ("grpc.use_local_subchannel_pool", 1),
 )
+
+# Range of the outputs [V]: that of a Sabertooth 2x25 in analog mode (its manual, "Mode 1: analog
+# input").
+OUTPUT_MIN, OUTPUT_MAX = 0.0, 5.0
 
 # Edges of signals A and B in one period of A, all counted: X4 decoding.
 _COUNTS_PER_PULSE = 4
@@ -76,17 +80,17 @@ class NiTasks:
     takes its place, so the machine can be stopped without a restart of the server.
     """
 
-    def __init__(self, params: NiDaqParams, name: str):
+    def __init__(self, settings: NiDaqSettings, name: str):
         """Creates what `open` will open.
 
         Args:
-            params: the channels, and how to reach them.
+            settings: the channels, and how to reach them.
             name: what errors call the card.
 
         Raises:
             MissingExtra: the driver library is not installed.
         """
-        self._params, self._name = params, name
+        self._settings, self._name, self._target = settings, name, settings.address
         self._nidaqmx = need("nidaqmx")
         self._errors = need("nidaqmx.errors")
         self._constants = need("nidaqmx.constants")
@@ -94,14 +98,14 @@ class NiTasks:
         self._writers = need("nidaqmx.stream_writers")
         self._tasks: list[Any] = []
         self._counters: list[Any] = []
-        self._bits = np.zeros(len(expand_channels(params.inputs)), dtype=bool)
+        self._bits = np.zeros(len(expand_channels(settings.inputs)), dtype=bool)
         self._waits = 0.0
         self._channel: BoundedChannel | None = None
         self._pool: ThreadPoolExecutor | None = None
-        if params.target:
+        if self._target:
             grpc = need("grpc")
-            self._pool = ThreadPoolExecutor(len(params.counters), name)
-            self._channel = BoundedChannel(grpc.insecure_channel(params.target, _CONNECTION))
+            self._pool = ThreadPoolExecutor(len(settings.counter_names), name)
+            self._channel = BoundedChannel(grpc.insecure_channel(self._target, _CONNECTION))
 
     def begin(self, seconds: float) -> None:
         """Begins a call of the device: all that follows is over after so many seconds."""
@@ -155,10 +159,10 @@ class NiTasks:
         if not math.isfinite(position):
             raise DeviceError(
                 self._name,
-                f"{self._params.counters[index]} reads {position} m",
+                f"{self._settings.counter_names[index]} reads {position} m",
                 DeviceFault.CORRUPT,
             )
-        return round(position / self._params.metres_per_count), time.monotonic()
+        return round(position / self._settings.metres_per_count), time.monotonic()
 
     def read_inputs(self) -> tuple[float, ...]:
         """The digital inputs, 0 or 1."""
@@ -180,49 +184,49 @@ class NiTasks:
 
     def _identify(self) -> None:
         system = need("nidaqmx.system")
-        device = system.Device(self._params.device, grpc_options=self._options(""))
-        product, expected = device.product_type, self._params.product
+        device = system.Device(self._settings.device, grpc_options=self._options(""))
+        product, expected = device.product_type, self._settings.product
         if product != expected:
             raise DeviceError(
                 self._name,
-                f"{self._params.device} is a {product}, not a {expected}",
+                f"{self._settings.device} is a {product}, not a {expected}",
                 DeviceFault.CORRUPT,
             )
 
     def _create_outputs(self) -> None:
-        params = self._params
+        settings = self._settings
         relay = self._task("relay")
-        relay.do_channels.add_do_chan(params.relay)
+        relay.do_channels.add_do_chan(settings.relay)
         self._relay = self._writers.DigitalSingleChannelWriter(relay.out_stream, auto_start=False)
         outputs = self._task("outputs")
         outputs.ao_channels.add_ao_voltage_chan(
-            params.outputs, min_val=params.output_min, max_val=params.output_max
+            settings.outputs, min_val=OUTPUT_MIN, max_val=OUTPUT_MAX
         )
         self._outputs = self._writers.AnalogMultiChannelWriter(
             outputs.out_stream, auto_start=False
         )
 
     def _create_inputs(self) -> None:
-        params = self._params
+        settings = self._settings
         # A task takes one counter only.
-        for number, channel in enumerate(params.counters):
+        for number, channel in enumerate(settings.counter_names):
             task = self._task(f"counter{number}")
             task.ci_channels.add_ci_lin_encoder_chan(
                 channel,
                 decoding_type=self._constants.EncoderType.X_4,
                 units=self._constants.LengthUnits.METERS,
-                dist_per_pulse=_COUNTS_PER_PULSE * params.metres_per_count,
+                dist_per_pulse=_COUNTS_PER_PULSE * settings.metres_per_count,
             )
             self._counters.append(self._readers.CounterReader(task.in_stream))
         inputs = self._task("inputs")
         inputs.di_channels.add_di_chan(
-            params.inputs, line_grouping=self._constants.LineGrouping.CHAN_FOR_ALL_LINES
+            settings.inputs, line_grouping=self._constants.LineGrouping.CHAN_FOR_ALL_LINES
         )
         self._inputs = self._readers.DigitalSingleChannelReader(inputs.in_stream)
 
     def _task(self, role: str) -> Any:
         """A new task, without channels."""
-        name = f"parapod_{self._params.device}_{role}"
+        name = f"parapod_{self._settings.device}_{role}"
         self._tasks.append(self._nidaqmx.Task(name, grpc_options=self._options(name)))
         if self._channel is not None and self._tasks[-1].number_of_channels:
             self._tasks[-1].close()
@@ -246,7 +250,7 @@ class NiTasks:
             raise DeviceError(self._name, str(error), fault) from error
 
     def _lost(self, error: Any) -> DeviceError:
-        target = self._params.target
+        target = self._target
         match getattr(error.rpc_code, "name", ""):
             case "UNAVAILABLE" | "CANCELLED":
                 return DeviceError(

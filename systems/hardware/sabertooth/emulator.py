@@ -9,7 +9,6 @@ from typing import Self
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 from parapod.systems.hardware.emulation.pty import PtyPort
 from parapod.systems.hardware.sabertooth.protocol import (
-    BAUDS,
     MOTORS,
     STOPPED,
     TIMEOUT_UNIT,
@@ -20,8 +19,7 @@ from parapod.systems.hardware.sabertooth.protocol import (
     motor_of,
     voltage,
 )
-
-VOLTAGE, STOP = "legs.voltage", "legs.stop"
+from parapod.systems.hardware.sabertooth.settings import BAUDS
 
 # Longest time between two looks at timeouts and misbehaviour [s].
 _CYCLE = 0.002
@@ -36,8 +34,8 @@ class SabertoothPty:
 
     | wire | size | unit | meaning |
     |---|---|---|---|
-    | to the machine `legs.voltage` | n | V | motors 1 and 2 of the first address, of the next.. |
-    | to the machine `legs.stop` | 1 | - | 0, if there is such a wire: nothing cuts the supply |
+    | to the machine `<part>.voltage` | n | V | motors 1, 2 of each address in turn |
+    | to the machine `<part>.stop` | 1 | - | 0, if there is such a wire: nothing cuts the supply |
 
     As the real ones, the drivers never answer, ignore what is for others, has a wrong checksum or
     comes at another speed, and stop both motors when their serial timeout, off at power-on, has
@@ -48,7 +46,7 @@ class SabertoothPty:
     motors get, whatever they are told: `stuck` ones do not stop.
 
     Attributes:
-        link: the symbolic link to the port, for `SabertoothParams.port`.
+        link: the symbolic link to the port, for `SabertoothSettings.port`.
     """
 
     def __init__(
@@ -59,6 +57,7 @@ class SabertoothPty:
         addresses: Sequence[int] = (128, 129),
         supply_voltage: float = 12.0,
         baud: int = 38400,
+        part: str = "legs",
         clock: Callable[[], float] = time.monotonic,
     ):
         """Switches the drivers on; the port is there within a `with` block.
@@ -70,6 +69,7 @@ class SabertoothPty:
             addresses: of the drivers.
             supply_voltage: of the drivers [V].
             baud: speed at which they listen [bit/s].
+            part: part of the machine.
             clock: monotonic [s].
 
         Raises:
@@ -77,11 +77,12 @@ class SabertoothPty:
         """
         self._harness, self._misbehaviour = harness, misbehaviour or Misbehaviour()
         self._supply, self._clock = supply_voltage, clock
+        self._voltage, self._stop = f"{part}.voltage", f"{part}.stop"
         self._drivers = [_Driver(address, baud) for address in addresses]
-        self._size, motors = len(harness.get(VOLTAGE)), MOTORS * len(self._drivers)
+        self._size, motors = len(harness.get(self._voltage)), MOTORS * len(self._drivers)
         if self._size > motors:
-            raise ValueError(f"{VOLTAGE} has {self._size} elements for {motors} motors")
-        self._has_stop = _has(harness, STOP)
+            raise ValueError(f"{self._voltage} has {self._size} elements for {motors} motors")
+        self._has_stop = _has(harness, self._stop)
         self._port = PtyPort(link)
         self.link = self._port.link
         self._bytes = 0
@@ -153,9 +154,9 @@ class SabertoothPty:
         # Garbage is on the line here, not at the motors.
         if not self._misbehaviour.is_garbled:
             volts = self._misbehaviour.shown(volts, now)
-        self._harness.set(VOLTAGE, volts)
+        self._harness.set(self._voltage, volts)
         if self._has_stop:
-            self._harness.set(STOP, (0.0,))
+            self._harness.set(self._stop, (0.0,))
 
 
 def _has(harness: Harness, name: str) -> bool:

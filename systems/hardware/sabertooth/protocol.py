@@ -7,9 +7,7 @@ Up to eight drivers hear the same line and none answers.
 """
 
 import math
-from collections.abc import Mapping
 from enum import IntEnum
-from types import MappingProxyType
 from typing import NamedTuple
 
 ADDRESSES = range(128, 136)
@@ -27,9 +25,6 @@ FULL = 127
 
 TIMEOUT_UNIT = 0.1
 """Of the serial timeout [s]."""
-
-BAUDS: Mapping[int, int] = MappingProxyType({2400: 1, 9600: 2, 19200: 3, 38400: 4})
-"""Speeds [bit/s] and the data of `Command.BAUD_RATE` that select them."""
 
 _MASK = 0x7F
 _REFUSED = {16: "ramping", 17: "deadband"}
@@ -59,7 +54,7 @@ class Command(IntEnum):
     what the driver does after power-on."""
 
     BAUD_RATE = 15
-    """One of `BAUDS`; kept in the driver's EEPROM."""
+    """One of the settings' `BAUDS`; kept in the driver's EEPROM."""
 
 
 class Packet(NamedTuple):

@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals, need
 from parapod.systems.hardware.sabertooth.protocol import (
-    BAUDS,
+    ADDRESSES,
+    BITS_PER_BYTE,
+    MOTORS,
     PACKET_BYTES,
     STOPPED,
     Command,
@@ -19,8 +21,13 @@ from parapod.systems.hardware.sabertooth.protocol import (
     power,
     timeout_packet,
 )
-from parapod.systems.hardware.sabertooth.settings import SabertoothParams
+from parapod.systems.hardware.sabertooth.settings import BAUDS, SabertoothSettings
 
+# Longest time between two packets to a motor, if `write` is called that often, and between two
+# settings of a driver's serial timeout [s].
+_REFRESH_INTERVAL, _ARMING_INTERVAL = 0.05, 1.0
+# Longest serial timeout: so long actuators go on without a controller [s].
+_LONGEST_TIMEOUT = 0.2
 # A flag is set above this; NaN counts as set.
 _SET = 0.5
 # A driver restarts after a change of its baud rate, for some 200 ms according to the maker's
@@ -47,11 +54,11 @@ class SabertoothSerial(Device):
     have their baud rate in EEPROM and need no bauding character (170), and none is sent: older
     drivers, which need it, stay deaf, as they should, because they have no serial timeout.
 
-    **Timeout.** Drivers that hear nothing for `serial_timeout` stop the motors: when this program
-    is killed or hangs, when the computer fails or the cable is pulled. It is off when a driver is
-    switched on, and nobody is told that it was: so it is set by `configure`, by `activate`, and
-    by `write` again and again. A driver that loses its power meanwhile goes without it for little
-    more than `arming_interval`. Only calls of `write` and `neutral` send anything; no
+    **Timeout.** Drivers that hear nothing for `serial_timeout_ms` stop the motors: when this
+    program is killed or hangs, when the computer fails or the cable is pulled. It is off when a
+    driver is switched on, and nobody is told that it was: so it is set by `configure`, by
+    `activate`, and by `write` again and again. A driver that loses its power meanwhile goes
+    without it for little more than a second. Only calls of `write` and `neutral` send anything; no
     thread keeps the drivers going behind the back of a controller that hangs. For an emergency
     stop that depends on no program, the drivers have inputs S2.
 
@@ -68,18 +75,29 @@ class SabertoothSerial(Device):
 
     def __init__(
         self,
-        params: SabertoothParams = SabertoothParams(),
+        settings: SabertoothSettings,
+        actuators: int | None = None,
+        power_on_baud: int | None = None,
         clock: Callable[[], float] = time.monotonic,
     ):
         """Describes the drivers; nothing is opened.
 
         Args:
-            params: of drivers, line and actuators.
+            settings: settings of drivers and line.
+            actuators: number of actuators; None: two for each driver.
+            power_on_baud: speed at which the drivers still listen [bit/s], if it is another one
+                (9600 for new ones): `configure` changes it to the settings' `baud`, which the
+                drivers keep without power (EEPROM), so this is for the first start only.
             clock: monotonic [s].
+
+        Raises:
+            ValueError: settings that do not fit together.
         """
-        self._params, self._clock = params, clock
-        self.name = params.name
-        self._size = len(params.actuators)
+        self._settings, self._power_on_baud, self._clock = settings, power_on_baud, clock
+        self.name = f"Sabertooth on {settings.path}"
+        self._motors = settings.motors[:actuators]
+        self._size = len(self._motors)
+        _check(settings, self._size, power_on_baud)
         self.commands = {"voltage": self._size, "stop": 1}
         self._port: Any = None
         self._is_active = False
@@ -93,12 +111,12 @@ class SabertoothSerial(Device):
             DeviceError: the port cannot be opened; who listens at it, nobody knows.
         """
         self.close()
-        params = self._params
+        baud, old_baud = self._settings.baud, self._power_on_baud
         try:
             self._forget()
-            if params.power_on_baud is not None and params.power_on_baud != params.baud:
-                self._change_baud(params.power_on_baud)
-            self._port = self._open(params.baud)
+            if old_baud is not None and old_baud != baud:
+                self._change_baud(old_baud)
+            self._port = self._open(baud)
             self._set_up()
         except BaseException:
             self.close()
@@ -124,7 +142,7 @@ class SabertoothSerial(Device):
             raise ValueError(f"voltage has {self._size} elements, not {len(voltage)}")
         (stop,) = commands["stop"]
         if self._is_active and stop <= _SET:
-            self._send([power(value, self._params.supply_voltage) for value in voltage])
+            self._send([power(value, self._settings.supply_voltage) for value in voltage])
         else:
             self.neutral()
 
@@ -153,37 +171,37 @@ class SabertoothSerial(Device):
 
     def _forget(self) -> None:
         """Nothing is known of drivers that were not spoken to."""
-        params = self._params
-        self._line = _Line(params.packet_time, params.set_size)
+        # A full set: one packet for each motor, and one that arms a timeout.
+        self._line = _Line(_packet_time(self._settings), self._size + 1)
         self._sent = [_UNKNOWN] * self._size
         # The actuators, beginning with the one that was told least recently.
         self._turns = list(range(self._size))
-        self._armed = dict.fromkeys(params.addresses, -math.inf)
+        self._armed = dict.fromkeys(self._settings.addresses, -math.inf)
         self._had_room = self._clock()
 
     def _open(self, baud: int) -> Any:
         serial = need("serial")
         with self._port_errors("no port"):
             return serial.Serial(
-                self._params.port,
+                self._settings.path,
                 baud,
                 timeout=0.0,
-                write_timeout=self._params.serial_timeout,
+                write_timeout=self._settings.serial_timeout,
                 exclusive=True,
             )
 
     def _change_baud(self, old: int) -> None:
         """Changes the speed of drivers that still listen at another one."""
-        data = BAUDS[self._params.baud]
+        data = BAUDS[self._settings.baud]
         with self._open(old) as port, self._port_errors("the speed is not changed"):
-            for address in self._params.addresses:
+            for address in self._settings.addresses:
                 port.write(packet(address, Command.BAUD_RATE, data))
             self._empty(port)
             time.sleep(_RESTART)
 
     def _empty(self, port: Any) -> None:
         """Waits until what was written has left the port; what should have by now is dropped."""
-        deadline = time.monotonic() + self._params.serial_timeout
+        deadline = time.monotonic() + self._settings.serial_timeout
         while port.out_waiting:
             if time.monotonic() > deadline:
                 # Or the operating system would wait for it when the port is closed.
@@ -194,7 +212,7 @@ class SabertoothSerial(Device):
     def _set_up(self) -> None:
         """Sets the timeout of all drivers and stops all motors, whatever they were told before."""
         now = self._clock()
-        for address in self._params.addresses:
+        for address in self._settings.addresses:
             self._arm(address, now)
         self._drive(range(self._size), [STOPPED] * self._size, now)
         self._had_room = now
@@ -210,11 +228,11 @@ class SabertoothSerial(Device):
         if room > 0:
             self._had_room = now
             oldest = min(self._armed, key=lambda address: self._armed[address])
-            if now - self._armed[oldest] >= self._params.arming_interval:
+            if now - self._armed[oldest] >= _ARMING_INTERVAL:
                 self._arm(oldest, now)
                 room -= 1
             self._drive(self._due(wanted, room, now), wanted, now)
-        elif now - self._had_room > self._params.serial_timeout:
+        elif now - self._had_room > self._settings.serial_timeout:
             text = f"nothing leaves the port; {waiting} bytes wait"
             raise DeviceError(self.name, text, DeviceFault.SILENT)
 
@@ -222,7 +240,7 @@ class SabertoothSerial(Device):
         """The actuators whose turn it is, if there is room for so many packets."""
         if room >= self._size:
             return [*self._turns]
-        interval = self._params.refresh_interval
+        interval = _REFRESH_INTERVAL
         due = (
             i
             for i in self._turns
@@ -232,7 +250,7 @@ class SabertoothSerial(Device):
 
     def _drive(self, which: Sequence[int], wanted: Sequence[Power], now: float) -> None:
         """Tells some of the motors what is wanted."""
-        motors = [self._params.actuators[i] for i in which]
+        motors = [self._motors[i] for i in which]
         data = [motor_packet(*motor, wanted[i]) for motor, i in zip(motors, which, strict=True)]
         for i in which:
             self._sent[i] = _UNKNOWN
@@ -243,7 +261,7 @@ class SabertoothSerial(Device):
 
     def _arm(self, address: int, now: float) -> None:
         """Sets the serial timeout of a driver."""
-        self._transmit([timeout_packet(address, self._params.serial_timeout)], now)
+        self._transmit([timeout_packet(address, self._settings.serial_timeout)], now)
         self._armed[address] = now
 
     def _transmit(self, packets: Sequence[bytes], now: float) -> None:
@@ -308,3 +326,41 @@ class _Line:
     def take(self, packets: int, now: float) -> None:
         """Counts packets that are written."""
         self._idle_from = max(self._idle_from, now) + packets * self._packet_time
+
+
+def _packet_time(settings: SabertoothSettings) -> float:
+    """Time that a packet takes on the line [s]."""
+    return PACKET_BYTES * BITS_PER_BYTE / settings.baud
+
+
+def _check(settings: SabertoothSettings, actuators: int, power_on_baud: int | None) -> None:
+    """Refuses settings that do not fit together."""
+    for baud in (settings.baud, power_on_baud):
+        if baud is not None and baud not in BAUDS:
+            raise ValueError(f"baud must be one of {', '.join(map(str, BAUDS))}, not {baud}")
+    if not 0.0 < settings.supply_voltage < math.inf:
+        raise ValueError(
+            f"supply_voltage must be above 0 and finite, not {settings.supply_voltage}"
+        )
+    addresses = tuple(settings.addresses)
+    known = {address for address in addresses if address in ADDRESSES}
+    if not known or len(known) != len(addresses):
+        raise ValueError(
+            f"addresses must be different ones of {ADDRESSES[0]}..{ADDRESSES[-1]}, not {addresses}"
+        )
+    if not actuators:
+        raise ValueError(f"actuators must be 1 to {MOTORS * len(addresses)}, not 0")
+    timeout = settings.serial_timeout
+    timeout_packet(addresses[0], timeout)
+    if timeout > _LONGEST_TIMEOUT:
+        raise ValueError(
+            f"serial_timeout must be {_LONGEST_TIMEOUT} s at most, not {timeout} "
+            "s: so long the actuators would go on when the controller dies"
+        )
+    # So that one lost packet stops nothing.
+    least, most = (actuators + 1) * _packet_time(settings), 0.5 * timeout
+    if not least <= _REFRESH_INTERVAL <= most:
+        raise ValueError(
+            f"refresh_interval must be {least:.4f} s (a set of packets at {settings.baud} bit/s) "
+            f"to {most} s (half of serial_timeout), not {_REFRESH_INTERVAL} s"
+        )

@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import math
 import os
 import signal
 import subprocess
@@ -12,8 +11,8 @@ import pytest
 
 from parapod.systems.hardware.device import DeviceError
 from parapod.systems.hardware.ni.card import NiDaq
-from parapod.systems.hardware.ni.settings import NiDaqParams
-from parapod.systems.hardware.position_memory import PositionMemory, Referenced
+from parapod.systems.hardware.ni.settings import NiDaqSettings
+from parapod.systems.hardware.position_memory import PositionMemory
 
 EXTENSION = (0.401, 0.402, 0.1 + 0.2, 1.0 / 3.0)
 
@@ -144,7 +143,7 @@ opened = []
 class Tasks:
     """Counters, inputs and outputs of a card whose encoders turn when a test says so."""
 
-    def __init__(self, params, name):
+    def __init__(self, settings, name):
         self.counts, self.relay, self.time = [0] * 4, None, 0.0
         self.outputs, self.is_closed = None, False
         opened.append(self)
@@ -177,8 +176,8 @@ def card(path, monkeypatch):
     monkeypatch.setattr("parapod.systems.hardware.ni.card.NiTasks", Tasks)
 
     def make(start=(0.41,) * 4):
-        params = NiDaqParams(extension_at_start=start, metres_per_count=1e-5)
-        return Referenced(NiDaq(params), path)
+        start_mm = None if start is None else [1e3 * value for value in start]
+        return NiDaq(NiDaqSettings(extension_at_start_mm=start_mm, extension_file=str(path)))
 
     return make
 
@@ -188,13 +187,13 @@ def extension(card):
 
 
 def turn(card, counts):
-    card.device._tasks.counts = counts
+    card._tasks.counts = counts
 
 
 def test_without_a_file_a_card_begins_with_its_parameters(card, path):
     with card() as ours:
         assert extension(ours) == pytest.approx((0.41,) * 4)
-        assert ours.device.is_referenced
+        assert ours.is_referenced
     assert not path.exists()
 
 
@@ -215,7 +214,7 @@ def test_a_card_whose_extensions_nobody_knows_is_refused_and_neutral(card, path)
 def test_a_card_whose_extensions_only_the_file_knows_begins_there(card, path):
     PositionMemory(path, 4, "extension").save(EXTENSION)
     with card(start=None) as ours:
-        assert ours.device.is_referenced
+        assert ours.is_referenced
         assert extension(ours) == pytest.approx(EXTENSION)
 
 
@@ -233,23 +232,6 @@ def test_a_card_begins_where_the_last_program_ended(card):
         assert extension(last)[0] == pytest.approx(0.4111)
 
 
-def test_while_the_drives_have_power_the_file_knows_nothing(card, path):
-    with card() as ours:
-        ours.activate()
-        with pytest.raises(DeviceError, match="nobody knows"), card():
-            pass
-        ours.deactivate()
-    with card() as next_one:
-        assert extension(next_one) == pytest.approx((0.41,) * 4)
-
-
-def test_a_program_that_ends_without_deactivating_leaves_the_extensions_unknown(card):
-    with card() as ours:
-        ours.activate()
-    with pytest.raises(DeviceError, match="nobody knows"), card():
-        pass
-
-
 def test_reading_without_power_changes_nothing_in_the_file(card, path):
     PositionMemory(path, 4, "extension").save(EXTENSION)
     before = path.read_bytes()
@@ -263,13 +245,13 @@ def test_what_still_moves_without_power_is_waited_for(card):
     with card() as ours:
         ours.activate()
         left = iter([30, 20, 10, 3, 1])
-        read = ours.device.read
+        read = ours.read
 
         def coasting():
             turn(ours, [100 - next(left, 0)] * 4)
             return read()
 
-        ours.device.read = coasting
+        ours.read = coasting
         ours.deactivate()
     with card() as next_one:
         assert extension(next_one) == pytest.approx((0.411,) * 4)
@@ -279,13 +261,13 @@ def test_an_encoder_that_is_never_quiet_does_not_keep_a_program_from_ending(card
     with card() as ours:
         ours.activate()
         counts = itertools.cycle((100, 101))
-        read = ours.device.read
+        read = ours.read
 
         def restless():
             turn(ours, [next(counts)] * 4)
             return read()
 
-        ours.device.read = restless
+        ours.read = restless
         ours.deactivate()
     with card() as next_one:
         assert extension(next_one) == pytest.approx((0.411,) * 4, abs=1.1e-5)
@@ -309,14 +291,4 @@ def test_a_file_that_cannot_be_written_keeps_the_drives_without_power(card, path
     with card() as ours:
         with pytest.raises(DeviceError, match="cannot be written: Read-only"):
             ours.activate()
-        assert ours.device._tasks.relay is False
-
-
-def test_a_card_that_is_not_referenced_is_worth_nothing_and_says_so(monkeypatch):
-    monkeypatch.setattr("parapod.systems.hardware.ni.card.NiTasks", Tasks)
-    with NiDaq(NiDaqParams()) as ours:
-        assert not ours.is_referenced
-        ours.set_reference([0.4, 0.4, 0.4, 0.4])
-        assert ours.is_referenced
-        with pytest.raises(ValueError, match="4 finite extensions"):
-            ours.set_reference([0.4, 0.4, 0.4, math.nan])
+        assert ours._tasks.relay is False

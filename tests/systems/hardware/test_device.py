@@ -78,6 +78,16 @@ def test_a_library_of_the_system_that_is_missing_is_told(tmp_path, monkeypatch):
     sys.modules.pop("spidev", None)
 
 
+def test_a_library_of_the_system_that_ctypes_does_not_find_is_told(tmp_path, monkeypatch):
+    code = "import ctypes\nctypes.CDLL(None).iio_get_backends_count\n"
+    (tmp_path / "iio.py").write_text(code)
+    monkeypatch.delitem(sys.modules, "iio", raising=False)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(MissingExtra, match=r"undefined symbol: iio_get_backends_count; install"):
+        need("iio")
+    sys.modules.pop("iio", None)
+
+
 def test_a_module_that_is_broken_is_not_called_missing(tmp_path, monkeypatch):
     (tmp_path / "spidev.py").write_text("1 / 0\n")
     monkeypatch.delitem(sys.modules, "spidev", raising=False)
