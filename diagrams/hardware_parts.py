@@ -15,7 +15,7 @@ from parapod.systems.hardware.io import DeviceThread, PartReader, PartWriter
 
 
 class Port(Protocol):
-    """What is known of a port of a station."""
+    """Name and size of a port of a station."""
 
     @property
     def name(self) -> str:
@@ -40,7 +40,7 @@ class Parts:
 
     @property
     def all_threads(self) -> list[DeviceThread]:
-        """Of all parts."""
+        """Threads of all parts."""
         return [thread for threads in self.threads.values() for thread in threads]
 
     def reset(self, root_context: Context) -> None:
@@ -83,7 +83,7 @@ def make_parts(
     Args:
         drivers: of the scenario.
         inputs: of the station; each must be driven.
-        outputs: likewise; each must be measured, once.
+        outputs: outputs of the station; each must be measured, once.
         period: of the loop [s].
 
     Raises:

@@ -60,7 +60,7 @@ class Driver(Variant):
     def emulate(
         self, harness: "Harness", misbehaviour: "Misbehaviour"
     ) -> AbstractContextManager[object]:
-        """What answers in the device's place, at the same address, while the context lasts.
+        """Emulate the device at the same address while the context lasts.
 
         Args:
             harness: wires to the simulated machine.

@@ -1,4 +1,4 @@
-"""Where the emulator of a machine puts the sockets and ports of its devices."""
+"""Addresses of the sockets and ports that the emulator of a machine makes for its devices."""
 
 import getpass
 import os

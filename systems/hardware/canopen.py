@@ -40,7 +40,7 @@ class Entry:
 
     @property
     def mapping(self) -> int:
-        """What maps the entry to a PDO: index, subindex and number of bits (CiA 301)."""
+        """Mapping of the entry to a PDO: index, subindex and number of bits (CiA 301)."""
         return self.index << 16 | self.subindex << 8 | 8 * struct.calcsize(self.kind)
 
     def pack(self, value: int) -> bytes:
@@ -95,7 +95,7 @@ class Pdo(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """How `struct` packs the frame."""
+        """Format with which `struct` packs the frame."""
         return "<" + "".join(entry.kind[-1] for entry in self.entries)
 
     @property
@@ -138,7 +138,7 @@ class BufferedPort:
 
     @property
     def in_waiting(self) -> int:
-        """How many bytes can be read at once."""
+        """Number of bytes that can be read at once."""
         return len(self._buffer) or self._port.in_waiting
 
     @property

@@ -38,7 +38,7 @@ _JOIN_TIMEOUT = 2.0
 
 
 class Sample(NamedTuple):
-    """What a device has said last.
+    """Newest values of a device, and its state.
 
     Attributes:
         values: of its signals; empty before the first.
@@ -112,7 +112,7 @@ class DeviceThread:
 
     @property
     def error(self) -> DeviceError | None:
-        """What is wrong with the device by now, to be raised; None if nothing is."""
+        """Error of the device by now, to be raised; None if there is none."""
         sample = self.sample
         if not sample.fault:
             return None
@@ -120,7 +120,7 @@ class DeviceThread:
 
     @property
     def write_ages(self) -> list[float]:
-        """How old measurements were when the commands made of them had been written [s].
+        """Ages of measurements when the commands made of them had been written [s].
 
         One for each write, of the newest ones.
         """

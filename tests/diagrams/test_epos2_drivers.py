@@ -10,7 +10,6 @@ from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
 from parapod.diagrams.scenario import dump_scenario, load_scenario
 from parapod.diagrams.walking_chair.drivers import Epos2Legs
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.diagrams.walking_chair.station import make_station
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 from parapod.systems.walking_chair.geometry import LEG_COUNT
@@ -74,28 +73,6 @@ def test_wheels_have_no_file_no_limits_and_no_current():
     assert Epos2Wheels().motor_per_unit == 26.0
 
 
-@pytest.mark.parametrize(
-    ("driver", "said"),
-    [
-        (Epos2Legs(node_ids=[1] * AXES), "node ids must be different ones of 1..127"),
-        (Epos2Legs(signs=[0] * AXES), "signs must be 12 times 1 or -1"),
-        (Epos2Legs(position_file=""), "it needs a position_file"),
-        (
-            Epos2Legs(position_min_mm=[900.0] * AXES),
-            "limits of axis 1 must be finite and in order: 0.9, 0.8914",
-        ),
-    ],
-)
-def test_settings_that_do_not_fit_together_are_refused_with_the_driver(driver, said):
-    scenario = ChairScenario(backend="hardware")
-    scenario.hardware.drivers = [driver]
-    with pytest.raises(ScenarioError) as caught:
-        make_station(scenario)
-    text = str(caught.value)
-    assert text.startswith(f"hardware.drivers: !Epos2Legs of legs: {said}")
-    assert "\n" not in text
-
-
 @pytest.mark.parametrize("key", ["signs", "position_min_mm", "position_at_start_mm", "node_ids"])
 def test_lists_of_another_length_are_refused_with_their_key(tmp_path, key):
     file = tmp_path / "lab.yaml"
@@ -156,8 +133,3 @@ def test_emulated_legs_know_where_the_emulated_machine_stands(emulated):
 
 def test_emulated_legs_leave_the_file_of_another_machine_alone(emulated):
     assert set(emulated(Epos2Legs(position_file="mine.json")).values()) == {None}
-
-
-def test_a_real_address_is_not_emulated(emulated):
-    with pytest.raises(ScenarioError, match=r"!Epos2Legs.channel = can0 is not an address of"):
-        emulated(Epos2Legs(channel="can0"))

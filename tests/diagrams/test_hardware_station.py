@@ -346,67 +346,6 @@ def test_without_the_optional_libraries_everything_is_imported_and_simulation_wo
     assert float(out) < 0.2
 
 
-def test_without_its_library_every_driver_says_what_to_install(tmp_path):
-    code = """
-        from dataclasses import dataclass
-        from parapod.diagrams.drivers.driver import Driver
-        from parapod.diagrams.hardware_scenario import *
-        from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
-        from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-        from parapod.diagrams.levelling_platform.station import make_station
-        from parapod.systems.core.errors import MissingExtra
-        from parapod.systems.hardware.device import NotFitted
-
-        @dataclass
-        class _Still(Driver):
-            without: tuple = ()
-            def make(self, ports):
-                commands = {k: n for k, n in ports.commands.items() if k not in self.without}
-                measures = {} if self.without == ("measures",) else ports.measures
-                return NotFitted(self.part, measures, commands)
-
-        def said(*drivers):
-            parts = {"arm", "imu", "legs", "turntable", "wheels"} - {d.part for d in drivers}
-            hardware = HardwareScenario([*drivers, *map(_Still, sorted(parts))])
-            station = make_station(LevellingScenario(backend="hardware", hardware=hardware))
-            try:
-                with station.active():
-                    return "active"
-            except MissingExtra as error:
-                return str(error)
-
-        measured = {"extension_at_start_mm": [410.0] * 4}
-        print(json.dumps({
-            "NiDaqLegs": said(NiDaqLegs()),
-            "NiDaqLegs, here": said(NiDaqLegs(target="", extension_file="", **measured)),
-            "NiDaqEncoders": said(NiDaqEncoders(), _Still("legs", ("measures",))),
-            "SabertoothLegs": said(SabertoothLegs(), _Still("legs")),
-            "Epos2Wheels": said(Epos2Wheels()),
-            "Epos2Wheels, socketcan": said(Epos2Wheels(interface="socketcan", channel="can0")),
-            "Adis16448SpiImu": said(Adis16448SpiImu(address="/dev/spidev0.0")),
-            "Adis16448IioImu": said(Adis16448IioImu()),
-            "NotFittedPart": said(),
-        }))
-    """
-    program = textwrap.dedent(BLOCKED) + textwrap.dedent(code)
-    extras = {
-        "NiDaqLegs": "ni",
-        "NiDaqLegs, here": "ni",
-        "NiDaqEncoders": "ni",
-        "SabertoothLegs": "serial",
-        "Epos2Wheels": "can",
-        "Epos2Wheels, socketcan": "can",
-        "Adis16448SpiImu": "spi",
-        "Adis16448IioImu": "iio",
-    }
-    out = python(program, *LIBRARIES, cwd=tmp_path)
-    said = json.loads(out)
-    assert said.pop("NotFittedPart") == "active"
-    assert said.keys() == extras.keys()
-    for name, extra in extras.items():
-        assert said[name].endswith(f'install it with: pip install "parapod[{extra}]"'), said[name]
-
-
 # The order of events
 
 

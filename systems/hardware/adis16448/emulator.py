@@ -204,7 +204,7 @@ class Adis16448Registers:
 def imu_counts(
     harness: Harness, misbehaviour: Misbehaviour, now: float, part: str = "imu"
 ) -> list[int]:
-    """What the nine outputs of the sensors show at that time [s], in counts."""
+    """Nine outputs of the sensors at that time [s], in counts."""
     truth = [value for name in SCALES for value in harness.get(f"{part}.{name}")]
     shown = misbehaviour.shown(truth, now)
     return [

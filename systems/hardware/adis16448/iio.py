@@ -35,7 +35,7 @@ _MAG_RESOLUTION = SCALES["mag"].resolution
 _PORT = 30431
 _NETWORK = re.compile(r"ip:(\[[^]]+\]|[^:]+)(?::(\d+))?")
 
-# What a register reads of a line that nobody drives: all bits set, or none.
+# A register read from a line that is not driven: all bits set, or none.
 _STUCK = {-1: "high", 0: "low"}
 
 # What libiio answers when the connection or the device behind it is gone, besides the errors of
@@ -228,7 +228,7 @@ def _probe(uri: str, timeout: float) -> None:
         timeout: longest time for the connection, and for the answer [s].
 
     Raises:
-        OSError: nobody answers.
+        OSError: there is no answer.
     """
     found = _NETWORK.fullmatch(uri)
     if found is None:

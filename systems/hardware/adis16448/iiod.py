@@ -156,7 +156,7 @@ class IiodServer:
         self._shown = shown
 
     def _replace(self, name: str, text: str) -> None:
-        """Changes a file at once, so that nobody reads half of it."""
+        """Changes a file at once, so that it is never read half."""
         assert self._folder is not None
         fresh = Path(self._folder.name) / "fresh"
         fresh.write_text(text)

@@ -102,7 +102,7 @@ NEW_MAGNETOMETER_DATA, SPI_FAILURE = 1 << 7, 1 << 3
 
 
 class Scale(NamedTuple):
-    """What the counts of a sensor mean.
+    """Meaning of the counts of a sensor.
 
     Attributes:
         resolution: one count, in the signal's unit.
@@ -113,7 +113,7 @@ class Scale(NamedTuple):
     limit: float
 
     def counts(self, value: float) -> int:
-        """What the register shows for a value; NaN is 0."""
+        """Counts that the register shows for a value; NaN is 0."""
         if value != value:
             return 0
         return round(min(max(value, -self.limit), self.limit) / self.resolution)
@@ -151,18 +151,18 @@ def signed(word: int, bits: int = 16) -> int:
 
 
 def temperature(counts: int) -> float:
-    """What TEMP_OUT means [degC]: 31 degC at 0 (data sheet, "Temperature")."""
+    """Temperature that TEMP_OUT means [degC]: 31 degC at 0 (data sheet, "Temperature")."""
     return _TEMPERATURE_AT_ZERO + TEMPERATURE_RESOLUTION * counts
 
 
 def temperature_word(value: float) -> int:
-    """What TEMP_OUT shows at a temperature [degC]."""
+    """Word that TEMP_OUT shows at a temperature [degC]."""
     counts = round((value - _TEMPERATURE_AT_ZERO) / TEMPERATURE_RESOLUTION)
     return counts & ((1 << _TEMPERATURE_BITS) - 1)
 
 
 def decode_burst(words: Sequence[int]) -> Measured:
-    """What a burst measures, along the sensor's axes.
+    """Measurements of a burst, along the sensor's axes.
 
     Args:
         words: all of the burst, see `BURST_WORDS`.

@@ -40,7 +40,7 @@ _WRITE = 0x80
 _BURST = [Register.GLOB_CMD, 0] + [0, 0] * BURST_WORDS
 # Before the bytes of a transfer through a socket, in both directions: how many they are.
 LENGTH = struct.Struct(">H")
-# What is read from a line that nobody drives, by what that means.
+# Words read from a line that is not driven, and its level.
 _STUCK = {0xFFFF: "high", 0x0000: "low"}
 
 

@@ -1,4 +1,4 @@
-"""What canopen's local nodes lack: process data, SYNC, and the consumer of a heartbeat."""
+"""A CANopen node with process data, SYNC and a heartbeat's consumer, which canopen's own lack."""
 
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -79,14 +79,14 @@ _SLOW_PERIOD, _DELAY, _TURN = 0.2, 0.1, 0.1
 
 
 class State(NamedTuple):
-    """What is done wrong, and since when [s]."""
+    """A misbehaviour, and the time of its beginning [s]."""
 
     kind: str
     since: float
 
 
 class Misbehaviour:
-    """What an emulated device does wrong, told by one thread and done by another.
+    """Misbehaviour of an emulated device, told by one thread and done by another.
 
     A device asks `answers` before it says anything, passes what it measures through `shown`, and
     puts itself out of reach while `is_unplugged`. What garbage is on the wire (a wrong checksum,
@@ -129,7 +129,7 @@ class Misbehaviour:
 
     @property
     def kind(self) -> str | None:
-        """What it does wrong now; None: nothing."""
+        """Its misbehaviour now; None if it behaves."""
         state = self._load()
         return None if state is None else state.kind
 
@@ -153,7 +153,7 @@ class Misbehaviour:
         return state.kind not in (FaultKind.OFF, UNPLUGGED)
 
     def shown(self, values: Sequence[float], now: float) -> tuple[float, ...]:
-        """What the device shows in place of what it measures."""
+        """Values that the device shows in place of those that it measures."""
         true = tuple(values)
         with self._lock:
             self._past.append((now, true))
@@ -250,7 +250,7 @@ class SharedHarness(Harness):
         counts[index] = count + 2
 
     def misbehaviour(self, part: str, seed: int = 0) -> "SharedMisbehaviour":
-        """What the devices of a part do wrong, told by any process and done by another.
+        """Misbehaviour of the devices of a part, told by any process and done by another.
 
         Args:
             part: of the machine.

@@ -61,7 +61,7 @@ class PtyPort:
     def plug_in(self) -> None:
         """Opens a terminal and has the link lead to it."""
         self._terminal = _Terminal()
-        # Renamed into place, so that nobody finds the link missing or leading elsewhere.
+        # Renamed into place, so that the link is never missing or leads elsewhere.
         fresh = self.link.with_name(f"{self.link.name}.new")
         fresh.unlink(missing_ok=True)
         fresh.symlink_to(self._terminal.path)
@@ -75,12 +75,12 @@ class PtyPort:
             terminal.close()
 
     def read(self, timeout: float) -> bytes:
-        """What has come, or nothing if that is so for a time [s]."""
+        """Bytes that have come; none after a time without any [s]."""
         terminal = self._terminal
         return b"" if terminal is None else terminal.read(timeout)
 
     def write(self, data: bytes) -> None:
-        """Writes, unless it is unplugged, or nobody reads and the terminal is full."""
+        """Writes, unless it is unplugged, or the terminal is full because it is not read."""
         terminal = self._terminal
         if terminal is not None:
             terminal.write(data)

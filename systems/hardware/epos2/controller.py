@@ -53,7 +53,7 @@ class Timing(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """What a controller says of its motor.
+    """Sample of a motor, as its controller sends it.
 
     Attributes:
         state: of the drive; None if the statusword has none of CiA 402's patterns.

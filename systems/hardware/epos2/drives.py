@@ -149,7 +149,7 @@ class Epos2(IncrementalDevice):
 
         Raises:
             DeviceError: a node is silent, refuses, or has another fault; or there are limits,
-                and nobody knows the positions.
+                and the positions are not known.
         """
         self._open_bus()
         if self._limits is not None and not self._is_referenced:
@@ -171,7 +171,7 @@ class Epos2(IncrementalDevice):
             raise
 
     def read(self) -> Signals:
-        """What the drives measured at the SYNC that this sends.
+        """Measurements of the drives at the SYNC that this sends.
 
         Raises:
             DeviceError: a node has a fault or has lost its power, is silent, or sends rubbish.

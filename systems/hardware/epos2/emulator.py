@@ -33,13 +33,13 @@ _GENERIC, _COMMUNICATION = 0x01, 0x10
 
 
 class EmulatedMotor(NamedTuple):
-    """What an emulated controller is, and what it drives.
+    """Identity of an emulated controller, and the motor that it drives.
 
     Attributes:
         gear: by how much the motor turns [rad] for one unit of the axis, rad or m.
         pulses: encoder pulses per turn of the motor; four counts each.
         vendor: maxon, unless somebody tests what becomes of another one.
-        hardware: version, the EPOS2 24/5's unless likewise.
+        hardware: version of the hardware, the EPOS2 24/5's unless a test has another.
         position_offset: counts that the controller shows when it is switched on.
         sign: -1 where the motor's positive direction is the axis's negative one.
     """
@@ -53,7 +53,7 @@ class EmulatedMotor(NamedTuple):
 
 
 class MeasuredMotor(NamedTuple):
-    """What a controller's sensors show, in the unit of the axis.
+    """Measurements of a controller's sensors, in the unit of the axis.
 
     Attributes:
         position: of the axis [rad or m].
@@ -98,7 +98,7 @@ class Epos2Node:
 
     @property
     def velocity(self) -> float:
-        """What the axis is to do [rad/s or m/s]; 0 unless operation is enabled."""
+        """Velocity that the axis is to have [rad/s or m/s]; 0 unless operation is enabled."""
         if self.state is not DriveState.OPERATION_ENABLED:
             return 0.0
         return self._motor.sign * self._demand * _RPM / self._motor.gear

@@ -172,7 +172,7 @@ class ScrewSettings(Epos2Settings):
         limit_lead_ms: time for which an axis could go on and still stop in time: it slows down so
             early before these [ms].
         position_at_start_mm: lengths when the program starts, as somebody has measured them [mm];
-            None: nobody has, and the file must know them.
+            None: not measured, so the file must know them.
         position_file: file that keeps the lengths from one program to the next, in the folder in
             which the program is started if it has no other; while there is none, a program
             begins with `position_at_start_mm`.

@@ -216,7 +216,7 @@ class NiDaq(IncrementalDevice):
     def _set_relay(self, tasks: NiTasks, is_on: bool) -> None:
         """Sets the relay if it is not known to be so."""
         if self._relay is not is_on:
-            # Where it is after a write that failed, nobody knows.
+            # After a write that failed its position is not known.
             self._relay = None
             tasks.write_relay(is_on)
             self._relay = is_on

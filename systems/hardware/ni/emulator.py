@@ -46,7 +46,7 @@ _TEXTS = {
 
 
 class NiRefusal(Exception):
-    """What NI-DAQmx refuses.
+    """A refusal of NI-DAQmx.
 
     Attributes:
         code: number of the error.
@@ -397,7 +397,7 @@ class NiCard:
 
     @staticmethod
     def _size(match: re.Match[str]) -> int:
-        """How many of a kind of channel there are."""
+        """Number of channels of a kind."""
         if match[1]:
             return _CHANNELS[match[1]]
         port = int(match[3])
@@ -455,7 +455,7 @@ class NiServer:
     thread of its own, from the beginning of a `with` block to its end.
 
     Misbehaviour: while the device does not answer, calls hang until it does or their deadline is
-    over, and are not carried out in that case; while it is unplugged, nobody listens at the
+    over, and are not carried out in that case; while it is unplugged, none listens at the
     socket; everything else changes what counters and inputs show. Tasks and outputs stay.
 
     Attributes:

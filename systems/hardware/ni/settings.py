@@ -25,7 +25,7 @@ class NiDaqSettings:
         um_per_count: one count of an encoder [um]; all four edges of signals A and B count. An
             assumption, as the encoder's resolution in simulation.
         extension_at_start_mm: extensions when the program starts, as somebody has measured them
-            [mm]; None: nobody has, and the file must know them.
+            [mm]; None: not measured, so the file must know them.
         extension_file: file that keeps the extensions from one program to the next, in the folder
             in which the program is started if it has no other; while there is none, and with ""
             for nowhere, a program begins with `extension_at_start_mm`.

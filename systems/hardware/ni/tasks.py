@@ -51,7 +51,7 @@ class BoundedChannel:
         self.until = math.inf
 
     def unary_unary(self, *args: Any, **kwargs: Any) -> Callable[..., Any]:
-        """As of a gRPC channel; the call has a deadline."""
+        """See a gRPC channel; the call has a deadline."""
         made: list[Any] = []
 
         def call(request: Any, metadata: Any = None) -> Any:
@@ -64,7 +64,7 @@ class BoundedChannel:
         return call
 
     def unary_stream(self, *args: Any, **kwargs: Any) -> Any:
-        """As of a gRPC channel."""
+        """See a gRPC channel."""
         return self._channel.unary_stream(*args, **kwargs)
 
     def close(self) -> None:

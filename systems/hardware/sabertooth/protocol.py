@@ -38,7 +38,7 @@ class Direction(IntEnum):
 
 
 class Command(IntEnum):
-    """What a packet can ask for here.
+    """Commands that a packet can have here.
 
     Ramping (16) and deadband (17) are left out on purpose: see `packet`. Those for mixed drive
     (8 to 13) stop the motors when they alternate with the ones for single motors.
@@ -58,7 +58,7 @@ class Command(IntEnum):
 
 
 class Packet(NamedTuple):
-    """What a packet says.
+    """Contents of a packet.
 
     Attributes:
         address: of the driver.
@@ -72,7 +72,7 @@ class Packet(NamedTuple):
 
 
 class Power(NamedTuple):
-    """What a motor is told.
+    """Command to a motor.
 
     Attributes:
         direction: the way it turns.
@@ -159,7 +159,7 @@ def timeout_packet(address: int, timeout: float) -> bytes:
 
 
 def power(voltage: float, supply: float) -> Power:
-    """What a motor is told for a voltage.
+    """Power of a motor for a voltage.
 
     Args:
         voltage: mean one at the motor [V]; beyond the supply's: all of it; not finite: none.

@@ -56,7 +56,7 @@ class SabertoothSerial(Device):
 
     **Timeout.** Drivers that hear nothing for `serial_timeout_ms` stop the motors: when this
     program is killed or hangs, when the computer fails or the cable is pulled. It is off when a
-    driver is switched on, and nobody is told that it was: so it is set by `configure`, by
+    driver is switched on, and it does not tell that it was: so it is set by `configure`, by
     `activate`, and by `write` again and again. A driver that loses its power meanwhile goes
     without it for little more than a second. Only calls of `write` and `neutral` send anything; no
     thread keeps the drivers going behind the back of a controller that hangs. For an emergency
@@ -108,7 +108,7 @@ class SabertoothSerial(Device):
 
         Raises:
             MissingExtra: pyserial is not installed.
-            DeviceError: the port cannot be opened; who listens at it, nobody knows.
+            DeviceError: the port cannot be opened; who listens at it is not known.
         """
         self.close()
         baud, old_baud = self._settings.baud, self._power_on_baud
@@ -294,7 +294,7 @@ class SabertoothSerial(Device):
 
 
 class _Sent(NamedTuple):
-    """What a motor was told, and when [s]; None: what, nobody knows."""
+    """Last command sent to a motor and its time [s]; None if unknown."""
 
     power: Power | None
     at: float
@@ -304,7 +304,7 @@ _UNKNOWN = _Sent(None, -math.inf)
 
 
 class _Line:
-    """How many packets may be written so that never more than a set of them waits."""
+    """Number of packets that may be written so that never more than a set of them waits."""
 
     def __init__(self, packet_time: float, set_size: int):
         self._packet_time, self._set_size = packet_time, set_size
