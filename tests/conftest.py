@@ -92,6 +92,12 @@ class Judge:
             pytest.skip(f"took {self.took:.3f} s; the machine was late by {self.late:.3f} s")
         assert self.took <= limit
 
+    def check_at_least(self, value, least):
+        """Proves that a value is large enough, or skips where the machine was often late."""
+        if value < least and self.late > 0.1 * self.took:
+            pytest.skip(f"{value:.3g} < {least:.3g}; the machine was late by {self.late:.3f} s")
+        assert value >= least
+
 
 @pytest.fixture
 def judge():

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -277,8 +277,18 @@ def activated(device):
 
 
 def reads(device):
-    until(lambda: device.read() is not None)
-    return device.read()
+    """The first reading that is none of a busy moment."""
+    readings = []
+    until(lambda: readings.append(device.read()) is None)
+    return readings[0]
+
+
+@contextmanager
+def opened(device):
+    """`with device:`, also when the machine is busy for a moment."""
+    with ExitStack() as stack:
+        until(lambda: stack.enter_context(device) is device)
+        yield device
 
 
 # What there is
@@ -504,7 +514,7 @@ def test_command_that_is_not_finite_is_neutral(rig, device, bad):
 @pytest.mark.parametrize("end", ["deactivate", "close", "exit", "bug"])
 def test_every_end_leaves_the_machine_at_rest(rig, device, end):
     def work():
-        with device:
+        with opened(device):
             rig.moves(activated(device))
             if end == "bug":
                 raise KeyError("a bug")
@@ -530,7 +540,7 @@ def test_neutral_stops_what_moves(rig, device):
 def test_device_that_was_deactivated_is_activated_again(rig, device):
     activated(device)
     rig.moves(device)
-    device.deactivate()
+    until(lambda: device.deactivate() is None)
     until(rig.is_at_rest)
     until(lambda: device.activate() is None)
     rig.moves(device)
@@ -626,23 +636,23 @@ def test_file_knows_the_positions_after_a_program_and_nothing_while_it_has_power
 
     signal, values, error = rig.row.truth
     assert known() == pytest.approx(values, abs=1e-12)
-    with rig.device() as first:
+    with opened(rig.device()) as first:
         until(lambda: first.read()[signal] == pytest.approx(values, abs=error))
         until(lambda: first.activate() is None)
         assert known() is None
         moved = [value + 0.005 for value in values]
         rig.set(signal, moved)
         until(lambda: first.read()[signal] == pytest.approx(moved, abs=error))
-        first.deactivate()
+        until(lambda: first.deactivate() is None)
     assert known() == pytest.approx(moved, abs=error)
-    with rig.device() as second:
+    with opened(rig.device()) as second:
         until(lambda: second.read()[signal] == pytest.approx(moved, abs=2.0 * error))
 
 
 @each(REMEMBERING)
 def test_positions_that_are_not_known_are_refused_without_power(rig, place):
     key = f"{rig.row.truth[0]}_at_start_mm"
-    with rig.device() as killed:
+    with opened(rig.device()) as killed:
         until(lambda: killed.activate() is None)  # and never deactivated
     with pytest.raises(DeviceError, match=f"nobody knows the .*, given as {key}") as caught:
         rig.device().configure()
@@ -652,7 +662,7 @@ def test_positions_that_are_not_known_are_refused_without_power(rig, place):
         rig.device().configure()
     until(rig.is_at_rest)
     known = [1e3 * value for value in rig.row.truth[1]]
-    with rig.device(**{key: known}) as measured:
+    with opened(rig.device(**{key: known})) as measured:
         assert measured.is_referenced
 
 

@@ -164,6 +164,13 @@ class Rig:
     def is_braked(self):
         return self.harness.get(f"{self.part}.brake") == (1.0,)
 
+    def wait_for_the_brake(self):
+        """Waits without a call of the drives."""
+        deadline = time.monotonic() + 5.0
+        while not self.is_braked:
+            assert time.monotonic() < deadline, (self.command, self.nodes.states)
+            time.sleep(1e-3)
+
     def wait(self, condition, timeout=5.0):
         """Polls, and goes on reading meanwhile as an owner does."""
         deadline = time.monotonic() + timeout
