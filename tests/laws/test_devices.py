@@ -546,6 +546,19 @@ def test_device_that_was_deactivated_is_activated_again(rig, device):
     rig.moves(device)
 
 
+@pytest.mark.parametrize(
+    ("rig", "signal"), [("SabertoothLegs", "stop"), ("NiDaqEncoders", "voltage")], indirect=["rig"]
+)
+def test_emulated_device_leaves_the_wires_of_another_one_alone(rig, device, signal):
+    mark = (0.25,) * rig.row.commands[signal]
+    rig.set(signal, mark)
+    activated(device)
+    for _ in range(10):
+        device.write(rig.row.order)
+        time.sleep(5e-3)
+    assert rig.wire(signal) == mark
+
+
 # Faults
 
 

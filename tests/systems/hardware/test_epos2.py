@@ -36,6 +36,20 @@ def fault_of(call, *arguments):
 # --- the life of a device
 
 
+@pytest.mark.parametrize("end", ["deactivate", "close"])
+def test_drives_have_power_from_activate_to_every_end(rig, end):
+    rig.drives.configure()
+    rig.drives.write(wheels((1.0, 2.0, 3.0, 4.0)))
+    rig.drives.read()
+    assert set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
+    rig.drives.activate()
+    assert set(rig.nodes.states) == {DriveState.OPERATION_ENABLED}
+    getattr(rig.drives, end)()
+    deadline = time.monotonic() + 5.0
+    while set(rig.nodes.states) != {DriveState.SWITCH_ON_DISABLED}:
+        assert time.monotonic() < deadline
+
+
 def test_pause_before_activate_is_harmless(make_rig):
     with make_rig({"heartbeat_timeout": 0.1}) as rig:
         rig.drives.configure()
