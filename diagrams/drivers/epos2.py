@@ -1,6 +1,6 @@
-"""Drivers of axes on EPOS2 controllers: axes that turn behind a gear, screws that push.
+"""Drivers of axes on EPOS2 controllers: axes that turn behind gears, screws that push.
 
-A machine that names them `Epos2Wheels`, say, derives from them with its own defaults.
+A machine derives its own from them, with its own defaults.
 """
 
 from contextlib import AbstractContextManager
@@ -18,22 +18,43 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class Epos2Axes(GearSettings, Driver):
-    """Axes that turn behind gears, on EPOS2 24/5 controllers: see `Epos2`."""
+class _Epos2(Epos2Settings, Driver):
+    """Axes on EPOS2 24/5 controllers: see `Epos2`."""
 
     def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
-        return _made(self, self)
+        from parapod.systems.hardware.epos2.drives import Epos2
+
+        with named(self):
+            return Epos2(self)
 
     def emulate(
         self, harness: "Harness", misbehaviour: "Misbehaviour"
     ) -> AbstractContextManager[object]:
         """See `Driver`: an SLCAN adapter with all the controllers behind it."""
-        return _emulated(self, self, harness, misbehaviour)
+        from parapod.systems.hardware.epos2.emulator import EmulatedMotor, Epos2Nodes
+
+        link = emulated(self.channel, f"!{type(self).__name__}.channel")
+        pulses = self.counts_per_turn // 4
+        return Epos2Nodes(
+            harness,
+            self.node_ids,
+            link=link,
+            misbehaviour=misbehaviour,
+            motor=EmulatedMotor(gear=self.motor_per_unit, pulses=pulses),
+            part=self.part,
+            signs=self.directions,
+            measures_current=self.measures_current,
+        )
 
 
 @dataclass
-class Epos2Screws(ScrewSettings, Driver):
+class Epos2Axes(GearSettings, _Epos2):
+    """Axes that turn behind gears, on EPOS2 24/5 controllers: see `Epos2`."""
+
+
+@dataclass
+class Epos2Screws(ScrewSettings, _Epos2):
     """Screws on EPOS2 24/5 controllers, with a file that remembers where they stand.
 
     See `Epos2`, `PositionMemory` and `SoftLimits`.
@@ -44,7 +65,7 @@ class Epos2Screws(ScrewSettings, Driver):
         with named(self):
             if not self.position_file:
                 raise ValueError("it needs a position_file")
-        return _made(self, self)
+        return super().make(ports)
 
     def emulate(
         self, harness: "Harness", misbehaviour: "Misbehaviour"
@@ -52,35 +73,9 @@ class Epos2Screws(ScrewSettings, Driver):
         """See `Driver`: as for other axes, and a file that knows the lengths."""
         from parapod.systems.hardware.position_memory import PositionMemory
 
+        emulator = super().emulate(harness, misbehaviour)
         kept = resolved(self.position_file)
         if kept != self.position_file:  # a file elsewhere is of another machine
             memory = PositionMemory(Path(kept), len(self.node_ids))
             memory.save(harness.get(f"{self.part}.position"))
-        return _emulated(self, self, harness, misbehaviour)
-
-
-def _made(driver: Driver, settings: Epos2Settings) -> "Device":
-    from parapod.systems.hardware.epos2.drives import Epos2
-
-    with named(driver):
-        return Epos2(settings)
-
-
-def _emulated(
-    driver: Driver, settings: Epos2Settings, harness: "Harness", misbehaviour: "Misbehaviour"
-) -> AbstractContextManager[object]:
-    from parapod.systems.hardware.epos2.emulator import EmulatedMotor, Epos2Nodes
-
-    link = emulated(settings.channel, f"!{type(driver).__name__}.channel")
-    _made(driver, settings)
-    pulses = settings.counts_per_turn // 4
-    return Epos2Nodes(
-        harness,
-        settings.node_ids,
-        link=link,
-        misbehaviour=misbehaviour,
-        motor=EmulatedMotor(gear=settings.motor_per_unit, pulses=pulses),
-        part=settings.part,
-        signs=settings.directions,
-        measures_current=settings.measures_current,
-    )
+        return emulator

@@ -457,12 +457,9 @@ def test_device_that_is_not_configured_says_so_and_can_be_closed(rig, device):
 def test_signals_are_those_announced_and_ports_of_the_part(rig, device):
     measured = reads(configured(device))
     assert {name: len(values) for name, values in measured.items()} == dict(device.measures)
-    for signals, ports in (
-        (device.measures, rig.row.measures),
-        (device.commands, rig.row.commands),
-    ):
-        shared = {name: size for name, size in signals.items() if name != "temperature"}
-        assert shared.items() <= ports.items()
+    shown = {name: size for name, size in device.measures.items() if name != "temperature"}
+    assert shown.items() <= rig.row.measures.items()
+    assert device.commands == {name: rig.row.commands[name] for name in rig.row.order}
     assert all(math.isfinite(value) for values in measured.values() for value in values)
 
 

@@ -71,19 +71,6 @@ def test_velocities_arrive_in_whole_rpm(rig):
     assert not rig.is_braked
 
 
-@pytest.mark.parametrize("is_synchronous", [True, False])
-def test_measurements_arrive_within_a_count_and_an_rpm(make_rig, is_synchronous):
-    with make_rig({"is_synchronous": is_synchronous}) as rig:
-        rig.drives.configure()
-        position, velocity = (0.5, -1.25, 100.0, 1e-3), (0.25, -3.0, 7.0, 0.0)
-        rig.harness.set("wheels.position", position)
-        rig.harness.set("wheels.velocity", velocity)
-        shown = pytest.approx(position, abs=0.51 * COUNT)
-        rig.wait(lambda: rig.drives.read()["position"] == shown)
-        measured = rig.drives.read()
-        assert measured["velocity"] == pytest.approx(velocity, abs=0.51 * RESOLUTION)
-
-
 def test_one_turn_of_the_wheel_is_52_000_counts():
     assert GearSettings(gear=26.0).position(52_000) == pytest.approx(2.0 * math.pi, rel=1e-15)
 

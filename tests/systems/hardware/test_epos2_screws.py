@@ -147,14 +147,6 @@ def test_position_velocity_and_current_of_every_axis_arrive_with_their_sign(
         assert measured["current"] == pytest.approx(current, abs=0.51e-3)
 
 
-def test_commands_move_every_axis_in_its_direction(screws):
-    screws.activate()
-    wanted = np.linspace(-0.04, 0.05, AXES)
-    screws.drives.write(legs(wanted))
-    expected = pytest.approx(wanted, abs=0.51 * RPM)
-    screws.wait(lambda: screws.command == expected)
-
-
 def test_a_sign_turns_command_position_velocity_and_current_round(make_screws):
     # The motors are all wired alike, and what is said of the axes with -1 is wrong.
     with make_screws(emulated_signs=()) as rig:
@@ -340,19 +332,6 @@ def test_a_node_that_falls_silent_is_named_and_all_screws_stop(make_screws, judg
         until(lambda: not any(rig.command))
         assert rig.nodes.states[6] is not DriveState.OPERATION_ENABLED
         assert DriveState.OPERATION_ENABLED in rig.nodes.states
-
-
-def test_a_drive_that_fails_is_named_and_all_screws_stop(make_screws):
-    with make_screws(limits=LIMITS) as rig:
-        rig.activate()
-        driven(rig, 0.1, lambda _: legs(0.02))
-        rig.nodes.trip(9, 0x2310)
-        failed = time.monotonic()
-        assert "node 9 is in fault: EMCY 0x2310 (overcurrent)" in str(fault_of(rig.drives.read))
-        while any(rig.command):
-            assert time.monotonic() - failed < 1.0
-            fault_of(rig.drives.read)
-            rig.drives.write(legs(0.02))
 
 
 def test_without_heartbeats_all_screws_stop_within_the_timeout_and_fail(make_screws, judge):

@@ -66,11 +66,6 @@ def process(path, harness):
 # Wires
 
 
-def test_new_wires_are_at_zero(harness):
-    for name, size in SIZES.items():
-        assert harness.get(name) == (0.0,) * size
-
-
 @pytest.mark.parametrize("reader", ["harness", "other"])
 def test_what_is_set_is_read_to_the_last_bit(request, harness, reader):
     reader = request.getfixturevalue(reader)
@@ -210,20 +205,6 @@ for line in sys.stdin:
     for line, kind in (("garbage", "garbage"), (UNPLUGGED, UNPLUGGED), ("well", None)):
         print(line, file=program.stdin, flush=True)
         assert until(lambda kind=kind: ours.kind == kind, timeout=20.0)
-
-
-def test_who_comes_later_sees_what_was_told_before(path, harness):
-    harness.misbehaviour("legs").begin("off", 3.0)
-    late = SharedHarness(path, SIZES, PARTS).misbehaviour("legs")
-    assert late.kind == "off"
-    assert not late.answers(3.0)
-
-
-def test_times_are_shared_too(harness, other):
-    harness.misbehaviour("imu").begin("intermittent", 100.0)
-    done = other.misbehaviour("imu")
-    assert not done.answers(100.05)
-    assert done.answers(100.15)
 
 
 def test_a_stuck_value_is_that_of_each_beginning(harness, other):

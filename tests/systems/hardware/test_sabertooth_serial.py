@@ -217,18 +217,6 @@ def test_timeout_comes_back_to_a_driver_that_lost_its_power(drivers, harness, mo
         assert drivers.timeouts == pytest.approx((0.2, 0.2))
 
 
-def test_constant_command_keeps_motors_going(active, harness):
-    drive(active, harness)
-    end, last, longest = time.monotonic() + 0.5, time.monotonic(), 0.0
-    while time.monotonic() < end:
-        active.write(command(WANTED))
-        longest, last = max(longest, time.monotonic() - last), time.monotonic()
-        if longest > 0.1:
-            pytest.skip(f"the machine let {longest:.3f} s pass between two commands")
-        assert 0.0 not in harness.get("legs.voltage")
-        time.sleep(0.02)
-
-
 CLIENT = """
 import sys, time
 from parapod.systems.hardware.sabertooth.serial import SabertoothSerial
@@ -494,22 +482,6 @@ def test_damaged_packets_do_nothing_wrong(active, drivers, harness, misbehaviour
         time.sleep(0.01)
     assert drivers.rejected > 10
     drive(active, harness, STILL)  # some packets get through
-
-
-def test_stuck_motors_do_not_stop(active, harness, misbehaviour):
-    drive(active, harness)
-    misbehaviour.begin("stuck", time.monotonic())
-    until(lambda: misbehaviour._held is not None)
-    active.neutral()
-    time.sleep(0.02)
-    assert 0.0 not in harness.get("legs.voltage")
-    misbehaviour.end()
-    until(lambda: harness.get("legs.voltage") == STILL)
-
-
-def test_wrong_motors_turn_the_other_way(active, harness, misbehaviour):
-    misbehaviour.begin("wrong", time.monotonic())
-    drive(active, harness, expected=tuple(-value for value in WANTED))
 
 
 # --- the emulator by itself
