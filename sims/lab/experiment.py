@@ -203,6 +203,7 @@ class LoopExperiment[S, D](Experiment[S, D]):
 
     def __init_subclass__(cls) -> None:
         """Takes schema and simulated backends of the machine where none are given."""
+        super().__init_subclass__()
         machine = getattr(cls, "machine", None)
         if machine is not None:
             cls.schema = cls.__dict__.get("schema", machine.scenario)

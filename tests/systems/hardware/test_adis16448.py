@@ -4,7 +4,7 @@ import random
 import pytest
 from pydrake.math import RollPitchYaw
 
-from parapod.systems.hardware.adis16448 import (
+from parapod.systems.hardware.adis16448.registers import (
     BURST_WORDS,
     FAILURES,
     MEASURES,

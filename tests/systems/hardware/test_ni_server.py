@@ -1,5 +1,4 @@
 import tempfile
-import threading
 import time
 
 import grpc
@@ -7,16 +6,14 @@ import nidaqmx
 import numpy as np
 import pytest
 from nidaqmx._stubs import nidaqmx_pb2, nidaqmx_pb2_grpc
-from nidaqmx.constants import EncoderType, LengthUnits
+from nidaqmx.constants import EncoderType
 from nidaqmx.error_codes import DAQmxErrors
-from nidaqmx.errors import DaqError, RpcError
+from nidaqmx.errors import DaqError
 from nidaqmx.stream_writers import AnalogMultiChannelWriter
 
-from parapod.systems.hardware.emulators import ni_errors
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.emulators.ni_card import FUNCTIONS
-from parapod.systems.hardware.emulators.ni_server import NiServer
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from parapod.systems.hardware.ni import emulator as ni_errors
+from parapod.systems.hardware.ni.emulator import NiServer
 
 
 @pytest.fixture
@@ -69,19 +66,8 @@ def write(made, volts, auto_start=True):
     writer.write_one_sample(np.array(volts))
 
 
-def test_functions_are_those_of_the_driver():
-    assert len(FUNCTIONS) > 10
-    assert all(hasattr(nidaqmx_pb2_grpc.NiDAQmxServicer, name) for name in FUNCTIONS)
-
-
 def test_errors_are_those_of_the_driver():
     assert set(ni_errors._TEXTS) <= {error.value for error in DAQmxErrors}
-
-
-def test_other_functions_are_not_implemented(task, server):
-    with pytest.raises(RpcError, match="not supported by the NI gRPC Device Server"):
-        task().ai_channels.add_ai_voltage_chan("PXI1Slot2/ai0")
-    assert server.calls["CreateAIVoltageChan"] == 1
 
 
 def test_voltage_outside_the_range_of_the_task_is_refused(task, server):
@@ -91,57 +77,6 @@ def test_voltage_outside_the_range_of_the_task_is_refused(task, server):
     for volts in (5.1, -0.1, float("nan")):
         assert code(write, made, [3.0, volts]) is DAQmxErrors.INVALID_AO_DATA_WRITE
     assert server.wiring.outputs == (1.0, 2.0, 0.0, 0.0)
-
-
-def test_ranges_that_cannot_be_are_refused(task):
-    error = code(outputs, task, min_val=-11.0, max_val=5.0)
-    assert error is DAQmxErrors.INVALID_ATTRIBUTE_VALUE
-    error = code(outputs, task, min_val=5.0, max_val=5.0)
-    assert error is DAQmxErrors.MIN_NOT_LESS_THAN_MAX
-
-
-@pytest.mark.parametrize(
-    ("channels", "error"),
-    [
-        ("PXI1Slot3/ao0", DAQmxErrors.INVALID_DEVICE_ID),
-        ("PXI1Slot2/ao4", DAQmxErrors.PHYSICAL_CHAN_DOES_NOT_EXIST),
-        ("PXI1Slot2", DAQmxErrors.PHYSICAL_CHAN_DOES_NOT_EXIST),
-        ("PXI1Slot2/ctr0", DAQmxErrors.INVALID_PHYS_CHAN_TYPE),
-        ("PXI1Slot2/ao0:x", DAQmxErrors.INVALID_RANGE_OF_OBJECTS_SYNTAX_IN_STRING),
-        ("PXI1Slot2/ao0,PXI1Slot2/ao0", DAQmxErrors.CHAN_ALREADY_IN_TASK),
-        ("", DAQmxErrors.PHYSICAL_CHANNEL_NOT_SPECIFIED),
-    ],
-)
-def test_channels_that_are_not_there_are_refused(task, channels, error):
-    assert code(task().ao_channels.add_ao_voltage_chan, channels) is error
-
-
-def test_names_are_told_apart_without_regard_to_case(task):
-    made = task()
-    made.ao_channels.add_ao_voltage_chan("pxi1slot2/AO3")
-    assert made.channel_names == ["PXI1Slot2/ao3"]
-
-
-def test_channels_of_a_running_task_are_reserved(task):
-    first, second = outputs(task), outputs(task)
-    first.start()
-    assert code(second.start) is DAQmxErrors.PAL_RESOURCE_RESERVED
-    first.stop()
-    second.start()
-    lines = task(), task()
-    for made in lines:
-        made.do_channels.add_do_chan("PXI1Slot2/port0/line12")
-    lines[0].start()
-    assert code(lines[1].start) is DAQmxErrors.DIG_LINES_RESERVED_OR_UNAVAILABLE
-    lines[0].close()
-    lines[1].start()
-
-
-def test_write_needs_a_task_that_runs_and_fits(task):
-    made = outputs(task)
-    error = DAQmxErrors.CANNOT_WRITE_WHEN_AUTO_START_FALSE_AND_TASK_NOT_RUNNING
-    assert code(write, made, [0.0, 0.0], auto_start=False) is error
-    assert code(write, made, [0.0] * 3) is DAQmxErrors.WRITE_NUM_CHANS_MISMATCH
 
 
 def encoder(made, counter="PXI1Slot2/ctr1", **settings):
@@ -173,38 +108,6 @@ def test_counters_count_while_their_task_runs(task, harness, decoding, distance)
     assert read(made) == pytest.approx(2.0 - 0.01 * distance / 4e-5)
 
 
-def test_a_task_takes_one_counter(task):
-    made = encoder(task())
-    error = DAQmxErrors.MULTIPLE_COUNTER_INPUT_TASK
-    assert code(encoder, made, "PXI1Slot2/ctr2") is error
-    assert code(encoder, task(), "PXI1Slot2/ctr0:1") is error
-
-
-def test_settings_that_are_not_emulated_are_refused(task):
-    error = DAQmxErrors.INVALID_ATTRIBUTE_VALUE
-    assert code(encoder, task(), units=LengthUnits.INCHES) is error
-    assert code(encoder, task(), decoding_type=EncoderType.TWO_PULSE_COUNTING) is error
-
-
-def test_tasks_and_outputs_stay_when_their_client_goes(server, task):
-    channel = grpc.insecure_channel(server.target)
-    options = nidaqmx.GrpcSessionOptions(channel, "mine")
-    made = nidaqmx.Task("mine", grpc_options=options)
-    made.ao_channels.add_ao_voltage_chan("PXI1Slot2/ao0")
-    write(made, [3.0])
-    channel.close()
-    time.sleep(0.02)
-    assert server.wiring.outputs[0] == 3.0
-    assert task("mine").channel_names == ["PXI1Slot2/ao0"]
-    assert server.card.tasks == ("mine",)
-
-
-def test_a_task_that_is_cleared_is_unknown(task):
-    made, again = task("twice"), task("twice")
-    made.close()
-    assert code(again.start) is DAQmxErrors.INVALID_TASK
-
-
 def test_calls_that_hang_leave_threads_to_those_after_them(misbehaviour, server):
     with grpc.insecure_channel(server.target) as channel:
         create = nidaqmx_pb2_grpc.NiDAQmxStub(channel).CreateTask
@@ -219,26 +122,3 @@ def test_calls_that_hang_leave_threads_to_those_after_them(misbehaviour, server)
         assert create(request, timeout=1.0).task.name
     # None of those that were given up was carried out.
     assert len(server.card.tasks) == 1
-
-
-def test_server_ends_with_calls_that_hang(harness, misbehaviour):
-    with tempfile.TemporaryDirectory(prefix="ni") as folder:
-        with NiServer(f"{folder}/socket", harness, misbehaviour) as server:
-            channel = grpc.insecure_channel(server.target)
-            options = nidaqmx.GrpcSessionOptions(channel, "")
-            made = nidaqmx.Task(grpc_options=options)
-            failures = []
-
-            def hang():
-                try:
-                    made.start()
-                except RpcError as error:
-                    failures.append(error)
-
-            misbehaviour.begin("off", time.monotonic())
-            thread = threading.Thread(target=hang)
-            thread.start()
-            time.sleep(0.05)
-        thread.join(2.0)
-        channel.close()
-    assert len(failures) == 1

@@ -3,7 +3,7 @@ import random
 
 import pytest
 
-from parapod.systems.hardware.sabertooth import (
+from parapod.systems.hardware.sabertooth.protocol import (
     ADDRESSES,
     STOPPED,
     Command,
