@@ -107,5 +107,4 @@ def _simulate(
     simulator.Initialize()
     simulator.AdvanceTo(duration)
     recording = loop.recording(context)
-    time, signals = recording.time, recording
-    return signals | {"t": time}
+    return dict(recording) | {"t": recording.time}

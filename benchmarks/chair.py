@@ -8,7 +8,7 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario
 from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.walking_chair.walk import run as walk
+from parapod.sims.walking_chair.walk import ChairWalk
 
 _CASES = (
     # backend, time step [s], floor, aim
@@ -36,7 +36,11 @@ def run(console: Console) -> list[Measurement]:
 def _ten_cycles(console: Console) -> list[Measurement]:
     """A long way forward and back, with bodies and contact."""
     gait = GaitScenario(cycles=_CYCLES, way="forward and back")
-    found = walk(ChairScenario(gait=gait), RunOptions(console=console)).as_json()
+    found = (
+        ChairWalk("chair-walk")
+        .execute(ChairScenario(gait=gait), RunOptions(console=console))
+        .as_json()
+    )
     bounds = (
         ("drift", "drift_mm", "mm", 5.0),
         ("tilt", "tilt_deg", "deg", 0.1),

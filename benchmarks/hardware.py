@@ -13,7 +13,6 @@ from rich.console import Console
 
 from benchmarks.report import Measurement
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.hardware_station import HardwareStation
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.cli.bench_rt import bench_real_time
@@ -32,12 +31,11 @@ def run(console: Console) -> list[Measurement]:
         timing = run_on_hardware(
             loop, simulator, _DURATION, RunOptions(console=console), "emulated machine"
         )
-    assert isinstance(loop.station, HardwareStation)
     results.append(
         Measurement("ticks missed of 1500, emulated machine", timing.missed, "", 15, 0, True)
     )
     for part in ("legs", "wheels"):
-        ages = 1e3 * np.array(loop.station.parts.threads[part][0].write_ages)
+        ages = 1e3 * np.array(loop.station.behind.handle.threads[part][0].write_ages)
         period = 1e3 * scenario.control.period
         share = 100.0 * float(np.mean(ages < period))
         median = float(np.median(ages))
@@ -53,9 +51,8 @@ def run(console: Console) -> list[Measurement]:
 def _punctuality(console: Console) -> list[Measurement]:
     """Of the loop without devices; the machine's own wake-up beside it."""
     results = []
-    for p in bench_real_time(
-        LevellingScenario(backend="mock"), (100.0, 200.0, 500.0), 5.0, console
-    ):
+    scenario = LevellingScenario(backend="mock")
+    for p in bench_real_time(PLATFORM, scenario, (100.0, 200.0, 500.0), 5.0, console):
         late, alone = 1e3 * p.period_error[1], 1e3 * p.wake_up[1]
         cost = 1e3 * p.cost[1]
         results += [

@@ -12,6 +12,7 @@ from pydrake.systems.primitives import Demultiplexer, MatrixGain
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.pi_controller import PiController, PiControllerParams
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.fault_detection import FaultDetector
 from parapod.systems.levelling_platform.feedforward import KinematicFeedforward, PassiveLegSolver
 from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
@@ -26,6 +27,9 @@ from parapod.systems.sensors.attitude_estimator import AttitudeEstimator
 
 # Legs follow their references within a millimetre; what is further off is no leg [m].
 _ERROR_LIMIT = 0.02
+# Largest pole of the position controllers times their period: beyond it the actuators' lag and
+# the sampling make the loops ring (0.5 does, at any period) [-].
+_MOST_PER_PERIOD = 0.4
 
 
 @dataclass(frozen=True)
@@ -130,8 +134,20 @@ def _export(builder: DiagramBuilder, chain: PostureChain) -> None:
 
 
 def pi_params(scenario: LevellingScenario) -> PiControllerParams:
-    """Design of the actuators' position controllers."""
+    """Design of the actuators' position controllers.
+
+    Raises:
+        ScenarioError: a period that is too long for the pole.
+    """
     control = scenario.control
+    if control.pole * control.period > _MOST_PER_PERIOD + 1e-9:
+        period, pole = _MOST_PER_PERIOD / control.pole, _MOST_PER_PERIOD / control.period
+        raise ScenarioError(
+            f"control.period = {control.period:g} s is too long for control.pole = "
+            f"{control.pole:g} rad/s, the loops would ring: use a period of {period:.3g} s or "
+            f"less, or a pole of {pole:.3g} rad/s or less",
+            "control.period",
+        )
     extending, retracting = control.friction_feedforward
     return PiControllerParams(
         pole=control.pole,

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from rich.console import Console
 
 from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.files import write_experiment_log
+from parapod.sims.lab.files import LOG_SUFFIXES, check_log, write_experiment_log
 from parapod.sims.lab.results import Metric, Result
 from parapod.systems.core.errors import OutputError, ScenarioError
 from parapod.systems.core.schema import check as check_scenario
@@ -143,6 +143,8 @@ class Experiment[S, D]:
         check_scenario(scenario)
         self.check_backend(settings.backend)
         self._check_options(options)
+        if options.log is not None:
+            check_log(options.log, (".mcap",) if settings.backend == "hardware" else LOG_SUFFIXES)
         self.check(scenario)
         data = self.run(scenario, Bench(self.name, scenario, options))
         if options.log is not None and settings.backend != "hardware":
@@ -206,8 +208,8 @@ class LoopExperiment[S, D](Experiment[S, D]):
         super().__init_subclass__()
         machine = getattr(cls, "machine", None)
         if machine is not None:
-            cls.schema = cls.__dict__.get("schema", machine.scenario)
-            cls.backends = cls.__dict__.get("backends", tuple(machine.plants))
+            cls.schema = getattr(cls, "schema", machine.scenario)
+            cls.backends = cls.backends or tuple(machine.plants)
 
     def duration(self, scenario: S) -> float:
         """End of the run [s]."""

@@ -1,9 +1,10 @@
 """Files that a run leaves behind: complete or not there at all, and readable without Drake."""
 
+import csv
 import json
 import os
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
+LOG_SUFFIXES = (".npz", ".mcap", ".csv")
 # Names in a log that are not signals, and parameters of numpy's writer, which signals cannot be.
 _RESERVED = ("t", "metadata", "file", "allow_pickle")
 
@@ -199,6 +201,17 @@ def _cannot_write(path: Path, reason: str) -> OutputError:
     return OutputError(f"cannot write {quoted_path(path)}: {reason}", path)
 
 
+def check_log(path: Path, allowed: Sequence[str] = LOG_SUFFIXES) -> None:
+    """Refuses a log whose suffix says no format, before a run is spent on it.
+
+    Raises:
+        OutputError: names the suffixes that there are.
+    """
+    if path.suffix not in allowed:
+        known = ", ".join(allowed)
+        raise OutputError(f"--log {quoted_path(path)}: its suffix must be one of {known}", path)
+
+
 def write_experiment_log(
     path: Path,
     experiment: str,
@@ -206,22 +219,53 @@ def write_experiment_log(
     time: ArrayLike,
     signals: Mapping[str, tuple[ArrayLike, str]],
 ) -> None:
-    """Writes a log that `read_log` reads.
+    """Writes a log in the format of its suffix; `read_log` reads `.npz` and `.mcap`.
 
     Args:
-        path: the file.
+        path: the file: `.npz` for numpy, `.mcap` for Foxglove, `.csv` for a table.
         experiment: its name.
-        scenario: what was run.
+        scenario: the scenario that was run.
         time: (n) [s].
         signals: by port, the samples (n, ...) and their unit.
 
     Raises:
-        OutputError: the file cannot be written.
+        OutputError: the file cannot be written, or its suffix says no format.
+        MissingExtra: for an MCAP log, mcap is not installed.
     """
+    check_log(path)
+    units = {name: unit for name, (_, unit) in signals.items()}
+    samples = {name: values for name, (values, _) in signals.items()}
     metadata = {
         "experiment": experiment,
         "parapod": version("parapod"),
         "scenario": dump_scenario(scenario),
-        "units": {name: unit for name, (_, unit) in signals.items()},
     }
-    write_log(path, time, {name: samples for name, (samples, _) in signals.items()}, metadata)
+    if path.suffix == ".mcap":
+        from parapod.sims.lab.mcap import write_mcap
+
+        write_mcap(path, time, samples, units, metadata)
+    elif path.suffix == ".csv":
+        _write_csv(path, time, samples, units)
+    else:
+        write_log(path, time, samples, metadata | {"units": units})
+
+
+def _write_csv(
+    path: Path,
+    time: ArrayLike,
+    samples: Mapping[str, ArrayLike],
+    units: Mapping[str, str],
+) -> None:
+    """A column for each element, with its unit in the first line."""
+    import numpy as np
+
+    times = np.asarray(time, dtype=float)
+    columns, titles = [times], ["t [s]"]
+    for name, values in samples.items():
+        elements = np.asarray(values, dtype=float).reshape(len(times), -1).T
+        columns += list(elements)
+        titles += [f"{name}.{i} [{units[name]}]" for i in range(len(elements))]
+    with atomic_output(path) as temporary, temporary.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(titles)
+        writer.writerows(zip(*(column.tolist() for column in columns), strict=True))

@@ -11,8 +11,9 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from parapod.sims.lab.files import Log, check_writable
+from parapod.sims.lab.files import Log, atomic_output, check_writable
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
 from parapod.systems.hardware.device import need
@@ -58,14 +59,15 @@ class McapLog:
         self._thread = threading.Thread(target=self._run, name="log", daemon=True)
         self._error: OSError | None = None
 
-    def write(self, t: float, values: Sequence[Any]) -> None:
+    def write(self, t: float, values: Sequence[Any], stamp: int | None = None) -> None:
         """Hands over the values of all ports at one time.
 
         Args:
             t: time of the loop [s].
-            values: of the ports, arrays that are not changed any more.
+            values: values of the ports, arrays that are not changed any more.
+            stamp: stamp of the messages [ns]; None for the wall clock.
         """
-        self._queue.put((time.time_ns(), t, values))
+        self._queue.put((time.time_ns() if stamp is None else stamp, t, values))
 
     def _run(self) -> None:
         try:
@@ -130,6 +132,33 @@ def _encoded(t: float, value: Any) -> bytes:
     except ValueError:
         known = [x if x - x == 0.0 else None for x in numbers]
         return json.dumps({"t": t, "value": known}).encode()
+
+
+def write_mcap(
+    path: Path,
+    time: ArrayLike,
+    signals: Mapping[str, ArrayLike],
+    units: Mapping[str, str],
+    metadata: Mapping[str, str],
+) -> None:
+    """Writes signals that have been recorded, stamped with their own time.
+
+    Args:
+        path: the file.
+        time: (n) [s].
+        signals: port name -> (n, ...) samples.
+        units: port name -> unit.
+        metadata: texts that say how the run was made.
+
+    Raises:
+        OutputError: the file cannot be written.
+        MissingExtra: mcap is not installed.
+    """
+    times = np.asarray(time, dtype=float)
+    rows = [np.asarray(values, dtype=float).reshape(len(times), -1) for values in signals.values()]
+    with atomic_output(path) as temporary, McapLog(temporary, units, metadata) as log:
+        for k, t in enumerate(times.tolist()):
+            log.write(t, [row[k] for row in rows], stamp=round(1e9 * t))
 
 
 def read_mcap(path: Path) -> Log:

@@ -15,6 +15,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 
 from parapod.systems.core.elementwise import Elementwise, clamp, exp, log
 from parapod.systems.core.ports import elements, is_on, read
+from parapod.systems.core.templates import for_floats
 
 
 @dataclass(frozen=True)
@@ -259,4 +260,4 @@ def LinearActuator_(T: Any) -> Any:
     return Impl
 
 
-LinearActuator = LinearActuator_[None]
+LinearActuator = for_floats(LinearActuator_)

@@ -14,6 +14,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 
 from parapod.systems.core.elementwise import clamp
 from parapod.systems.core.ports import elements, is_on, read
+from parapod.systems.core.templates import for_floats
 
 
 @dataclass(frozen=True)
@@ -142,4 +143,4 @@ def PiController_(T: Any) -> Any:
     return Impl
 
 
-PiController = PiController_[None]
+PiController = for_floats(PiController_)

@@ -16,6 +16,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 
 from parapod.systems.core.elementwise import Elementwise
 from parapod.systems.core.ports import elements, is_on, read, read_array, read_or_zeros
+from parapod.systems.core.templates import for_floats
 from parapod.systems.levelling_platform.geometry import (
     ACTIVE_LEGS,
     LEG_COUNT,
@@ -159,7 +160,7 @@ def KinematicFeedforward_(T: Any) -> Any:
     return Impl
 
 
-KinematicFeedforward = KinematicFeedforward_[None]
+KinematicFeedforward = for_floats(KinematicFeedforward_)
 
 
 @TemplateSystem.define("PassiveLegSolver_")
@@ -231,4 +232,4 @@ def PassiveLegSolver_(T: Any) -> Any:
     return Impl
 
 
-PassiveLegSolver = PassiveLegSolver_[None]
+PassiveLegSolver = for_floats(PassiveLegSolver_)

@@ -17,6 +17,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 
 from parapod.systems.core.elementwise import clamp
 from parapod.systems.core.ports import elements, is_on, read, read_or_zeros
+from parapod.systems.core.templates import for_floats
 from parapod.systems.levelling_platform.geometry import ACTIVE_LEGS, LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.plane import (
@@ -122,7 +123,7 @@ def PostureLoop_(T: Any) -> Any:
     return Impl
 
 
-PostureLoop = PostureLoop_[None]
+PostureLoop = for_floats(PostureLoop_)
 
 
 @TemplateSystem.define("ForwardKinematics_")
@@ -175,4 +176,4 @@ def ForwardKinematics_(T: Any) -> Any:
     return Impl
 
 
-ForwardKinematics = ForwardKinematics_[None]
+ForwardKinematics = for_floats(ForwardKinematics_)

@@ -14,7 +14,7 @@ from parapod.diagrams.levelling_platform.scenario import (
     SensorScenario,
     WaypointScenario,
 )
-from parapod.systems.core.errors import UnreachablePosture
+from parapod.systems.core.errors import ScenarioError, UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
     inverse_kinematics,
@@ -383,3 +383,29 @@ def test_reset_does_not_ask_the_scenario_it_is_given_for_the_backend():
     np.testing.assert_allclose(
         np.degrees(signals["truth.posture"][:, :2]), [[-1.0, 2.0]] * 3, atol=1e-3
     )
+
+
+# Settings that do not fit together
+
+
+@pytest.mark.parametrize(
+    ("period", "pole", "said"),
+    [
+        (0.05, 10.0, "use a period of 0.04 s or less, or a pole of 8 rad/s or less"),
+        (0.02, 25.0, "use a period of 0.016 s or less, or a pole of 20 rad/s or less"),
+    ],
+)
+def test_a_period_too_long_for_the_pole_is_refused_with_what_would_do(period, pole, said):
+    scenario = scenario_of()
+    scenario.control.period, scenario.control.pole = period, pole
+    with pytest.raises(ScenarioError, match=said) as refused:
+        ClosedLoop(PLATFORM, scenario, log=())
+    assert refused.value.key == "control.period"
+
+
+@pytest.mark.parametrize(("period", "pole"), [(0.04, 10.0), (0.05, 8.0), (0.016, 25.0)])
+def test_the_longest_period_of_a_pole_levels_without_ringing(period, pole):
+    scenario = scenario_of(ideal=True)
+    scenario.control.period, scenario.control.pole = period, pole
+    signals = simulate(ClosedLoop(PLATFORM, scenario, log=("truth.posture",)), BEGIN + 6.0)[1]
+    assert (level_error(signals["truth.posture"][-1]) < (0.05, 0.05, 0.5)).all()
