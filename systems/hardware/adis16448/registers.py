@@ -16,8 +16,6 @@ PRODUCT_ID = 0x4040
 # From power on to the first valid output (data sheet, "Specifications") [s]; after a reset by
 # software 90 ms would do.
 START_UP_TIME = 0.205
-# Fastest clock of a burst [Hz] (data sheet, "Timing Specifications").
-MAX_BURST_CLOCK = 1_000_000.0
 # Largest decimation D, for the mean of 2^D samples: one in 5 s. More is of no use to a controller.
 MAX_DECIMATION = 12
 _SAMPLE_RATE = 819.2

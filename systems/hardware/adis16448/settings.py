@@ -6,12 +6,12 @@
 import math
 from dataclasses import dataclass
 
-from parapod.systems.core.schema import quantity
+from parapod.systems.core.schema import Schema, quantity
 from parapod.systems.hardware.addresses import resolved
 
 
 @dataclass
-class SpiSettings:
+class SpiSettings(Schema):
     """Sensor on an SPI bus of this computer, or an emulated one.
 
     Attributes:
@@ -57,7 +57,7 @@ class SpiSettings:
 
 
 @dataclass
-class IioSettings:
+class IioSettings(Schema):
     """Sensor behind Linux's driver, here or on another computer that runs iiod.
 
     Attributes:

@@ -16,7 +16,6 @@ from parapod.systems.hardware.adis16448.registers import (
     DATA_READY,
     DECIMATION_SHIFT,
     INTERNAL_CLOCK,
-    MAX_BURST_CLOCK,
     MEASURES,
     PRODUCT_ID,
     RANGE_1000,
@@ -28,7 +27,6 @@ from parapod.systems.hardware.adis16448.registers import (
     failures,
     mounted,
     mounting_axes,
-    sample_rate,
 )
 from parapod.systems.hardware.adis16448.settings import SpiSettings
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals, need
@@ -375,10 +373,3 @@ def _check(settings: SpiSettings) -> None:
             'address must be as "/dev/spidev0.0", "0.0" or "unix:/path", '
             f"not {show(settings.address)}"
         )
-    if not 0.0 < settings.clock <= MAX_BURST_CLOCK:
-        raise ValueError(
-            f"clock must be above 0 and at most {MAX_BURST_CLOCK:g} Hz, not {settings.clock}"
-        )
-    sample_rate(settings.decimation)
-    if not 0.0 < settings.timeout < math.inf:
-        raise ValueError(f"timeout must be above 0 and finite, not {settings.timeout}")

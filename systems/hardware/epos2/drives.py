@@ -358,7 +358,7 @@ def _check(settings: Epos2Settings, timing: Timing) -> None:
     if len(settings.directions) != axes or set(settings.directions) - {1, -1}:
         raise ValueError(f"signs must be {axes} times 1 or -1, not {settings.directions}")
     start, limits = settings.position_at_start, settings.limits
-    if start is not None and not (len(start) == axes and all(map(math.isfinite, start))):
-        raise ValueError(f"position_at_start must be {axes} finite values, not {start}")
+    if start is not None and len(start) != axes:
+        raise ValueError(f"position_at_start must be {axes} values, not {start}")
     if limits is not None and len(limits.lower) != axes:
         raise ValueError(f"limits must be {axes}, not {len(limits.lower)}")

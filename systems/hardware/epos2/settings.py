@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from parapod.systems.core.schema import choice, quantity
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.hardware.addresses import resolved
 from parapod.systems.hardware.soft_limits import SoftLimits
 
@@ -15,7 +15,7 @@ _RPM = 2.0 * math.pi / 60.0  # [rad/s]
 
 
 @dataclass
-class Epos2Settings:
+class Epos2Settings(Schema):
     """Axes driven by motors on EPOS2 24/5 controllers, and the bus that they are on.
 
     Attributes:

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from parapod.systems.core.quoting import show
-from parapod.systems.core.schema import quantity
+from parapod.systems.core.schema import Schema, quantity
 from parapod.systems.hardware.addresses import resolved
 
 
 @dataclass
-class NiDaqSettings:
+class NiDaqSettings(Schema):
     """Actuators, encoders and limit switches on a multifunction card, and the card's place.
 
     Attributes:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from parapod.systems.core.schema import choice, quantity
+from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.hardware.addresses import resolved
 
 BAUDS: Mapping[int, int] = MappingProxyType({2400: 1, 9600: 2, 19200: 3, 38400: 4})
@@ -14,7 +14,7 @@ _MOTORS = (1, 2)
 
 
 @dataclass
-class SabertoothSettings:
+class SabertoothSettings(Schema):
     """Sabertooth 2x25 V2 motor drivers in packet serial mode, two actuators on each.
 
     Attributes:

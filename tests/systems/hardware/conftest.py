@@ -97,8 +97,6 @@ def split(kind, values):
     values = dict(values)
     is_synchronous = values.pop("is_synchronous", True)
     timing = Timing(**{name: values.pop(name) for name in Timing._fields if name in values})
-    if "heartbeat_timeout" in values:
-        values["heartbeat_timeout_ms"] = 1e3 * values.pop("heartbeat_timeout")
     names = {field.name for field in dataclasses.fields(kind)}
     properties = {name: value for name, value in values.items() if name not in names}
     settings = type(kind.__name__, (kind,), properties)
