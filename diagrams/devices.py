@@ -14,9 +14,7 @@ from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import quoted
 from parapod.systems.hardware.device import Device
-from parapod.systems.hardware.io_thread import DeviceThread
-from parapod.systems.hardware.part_reader import PartReader
-from parapod.systems.hardware.part_writer import PartWriter
+from parapod.systems.hardware.io import DeviceThread, PartReader, PartWriter
 
 if TYPE_CHECKING:
     from parapod.diagrams.machine import Machine, Port

@@ -4,19 +4,19 @@ from dataclasses import dataclass, field
 
 from parapod.diagrams.drivers.adis16448 import Adis16448IioImu, Adis16448SpiImu
 from parapod.diagrams.drivers.driver import Driver
-from parapod.diagrams.drivers.epos2 import Epos2Legs, Epos2Wheels
+from parapod.diagrams.drivers.epos2 import Epos2Axes, Epos2Screws
 from parapod.diagrams.drivers.ni_daq import NiDaqEncoders, NiDaqLegs
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.drivers.sabertooth import SabertoothLegs
 from parapod.systems.core.schema import Schema
 
-# What a scenario can name, beside the drivers of other packages.
+# Drivers that every machine's scenario can name, beside its own and those of other packages.
 DRIVERS = (
     NiDaqLegs,
     NiDaqEncoders,
     SabertoothLegs,
-    Epos2Wheels,
-    Epos2Legs,
+    Epos2Axes,
+    Epos2Screws,
     Adis16448SpiImu,
     Adis16448IioImu,
     NotFittedPart,

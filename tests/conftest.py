@@ -1,3 +1,6 @@
+import threading
+import time
+
 import numpy as np
 import pytest
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
@@ -58,3 +61,45 @@ def assert_gradient_agrees():
         assert np.abs(exact).max() > 0.0
 
     return check
+
+
+class Judge:
+    """Measures how long something takes, and by how much the machine was late meanwhile."""
+
+    TICK = 5e-3
+
+    def __enter__(self):
+        self._ended, self.late = threading.Event(), 0.0
+        self._thread = threading.Thread(target=self._watch)
+        self._thread.start()
+        self._began = time.monotonic()
+        return self
+
+    def _watch(self):
+        while not self._ended.is_set():
+            before = time.monotonic()
+            time.sleep(self.TICK)
+            self.late += max(0.0, time.monotonic() - before - 2.0 * self.TICK)
+
+    def __exit__(self, *_):
+        self.took = time.monotonic() - self._began
+        self._ended.set()
+        self._thread.join()
+
+    def check(self, limit):
+        """Proves that it took no longer [s], or skips with what the machine managed."""
+        if self.took > limit and self.took - self.late <= limit:
+            pytest.skip(f"took {self.took:.3f} s; the machine was late by {self.late:.3f} s")
+        assert self.took <= limit
+
+    def check_at_least(self, value, least):
+        """Proves that a value is large enough, or skips where the machine was often late."""
+        if value < least and self.late > 0.1 * self.took:
+            pytest.skip(f"{value:.3g} < {least:.3g}; the machine was late by {self.late:.3f} s")
+        assert value >= least
+
+
+@pytest.fixture
+def judge():
+    """`with judge() as judged: ...` and then `judged.check(limit)`: see `Judge`."""
+    return Judge

@@ -1,4 +1,5 @@
 """Drivers: what a scenario names to say which device reads and drives which part of a machine.
 
-The defaults of parapod's own are the devices of `parapod emulate`.
+A driver is a device's settings with a tag. Defaults that are a machine's own lie with the machine,
+in drivers derived from these.
 """

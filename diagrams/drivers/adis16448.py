@@ -1,99 +1,61 @@
 """Drivers of the inertial sensor ADIS16448."""
 
-import math
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
 from parapod.systems.core.errors import OutputError, ScenarioError
 from parapod.systems.core.quoting import escaped
-from parapod.systems.core.schema import quantity
-from parapod.systems.hardware.adis16448_iio import Adis16448Iio, Adis16448IioParams
-from parapod.systems.hardware.adis16448_spi import Adis16448Spi, Adis16448SpiParams
-from parapod.systems.hardware.device import Device
-from parapod.systems.hardware.emulators.adis16448_registers import Adis16448Registers
-from parapod.systems.hardware.emulators.directory import resolved
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.iiod_server import IiodServer, is_available
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.emulators.spi_socket import SpiSocketServer
+from parapod.systems.hardware.adis16448.settings import IioSettings, SpiSettings
+
+if TYPE_CHECKING:
+    from parapod.systems.hardware.device import Device
+    from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 
 @dataclass
-class Adis16448SpiImu(Driver):
-    """The inertial sensor on an SPI bus of this computer: see `Adis16448Spi`.
+class Adis16448SpiImu(SpiSettings, Driver):
+    """The inertial sensor on an SPI bus of this computer: see `Adis16448Spi`."""
 
-    Attributes:
-        address: bus and chip, as in "/dev/spidev0.0"; "unix:/path" for an emulated one.
-        clock_khz: clock of the bus [kHz].
-        decimation: D of the sample rate 819.2 Hz / 2^D [-].
-        mounting_deg: roll, pitch and yaw of the sensor in the platform's frame [deg].
-        timeout_ms: longest time for one call [ms].
-    """
-
-    part: str = "imu"
-    address: str = "unix:emulator/spi.sock"
-    clock_khz: float = quantity(1000.0, 10.0, 1000.0)
-    decimation: int = quantity(3, 0, 12)
-    mounting_deg: list[float] = quantity([0.0] * 3, -180.0, 180.0, length=3)
-    timeout_ms: float = quantity(100.0, 1.0, 10000.0)
-
-    def make(self, ports: PartPorts) -> Device:
+    def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
-        roll, pitch, yaw = map(math.radians, self.mounting_deg)
+        from parapod.systems.hardware.adis16448.spi import Adis16448Spi
+
         with named(self):
-            params = Adis16448SpiParams(
-                address=resolved(self.address),
-                clock=1e3 * self.clock_khz,
-                decimation=self.decimation,
-                mounting=(roll, pitch, yaw),
-                timeout=1e-3 * self.timeout_ms,
-            )
-        return Adis16448Spi(params)
+            return Adis16448Spi(self)
 
     def emulate(
-        self, harness: Harness, misbehaviour: Misbehaviour
+        self, harness: "Harness", misbehaviour: "Misbehaviour"
     ) -> AbstractContextManager[object]:
         """See `Driver`: the sensor's registers behind a socket."""
+        from parapod.systems.hardware.adis16448.emulator import (
+            Adis16448Registers,
+            SpiSocketServer,
+        )
+
         address = emulated(self.address, f"!{type(self).__name__}.address")
-        registers = Adis16448Registers(harness, misbehaviour)
+        registers = Adis16448Registers(harness, misbehaviour, part=self.part)
         return SpiSocketServer(address.removeprefix("unix:"), registers, misbehaviour)
 
 
 @dataclass
-class Adis16448IioImu(Driver):
-    """The inertial sensor through Linux IIO, here or on another computer: see `Adis16448Iio`.
+class Adis16448IioImu(IioSettings, Driver):
+    """The inertial sensor through Linux IIO, here or on another computer: see `Adis16448Iio`."""
 
-    Attributes:
-        uri: context of libiio: "local:", "ip:host" or "ip:host:port"; for an emulated one
-            "ip:127.0.0.1:port" with any free port.
-        decimation: D of the sample rate 819.2 Hz / 2^D [-].
-        mounting_deg: roll, pitch and yaw of the sensor in the platform's frame [deg].
-        timeout_ms: longest time for one call [ms].
-    """
-
-    part: str = "imu"
-    uri: str = "local:"
-    decimation: int = quantity(3, 0, 12)
-    mounting_deg: list[float] = quantity([0.0] * 3, -180.0, 180.0, length=3)
-    timeout_ms: float = quantity(500.0, 1.0, 10000.0)
-
-    def make(self, ports: PartPorts) -> Device:
+    def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
-        roll, pitch, yaw = map(math.radians, self.mounting_deg)
+        from parapod.systems.hardware.adis16448.iio import Adis16448Iio
+
         with named(self):
-            params = Adis16448IioParams(
-                uri=self.uri,
-                decimation=self.decimation,
-                mounting=(roll, pitch, yaw),
-                timeout=1e-3 * self.timeout_ms,
-            )
-        return Adis16448Iio(params)
+            return Adis16448Iio(self)
 
     def emulate(
-        self, harness: Harness, misbehaviour: Misbehaviour
+        self, harness: "Harness", misbehaviour: "Misbehaviour"
     ) -> AbstractContextManager[object]:
         """See `Driver`: the kernel's files, made up, behind Debian's own iiod."""
+        from parapod.systems.hardware.adis16448.iiod import IiodServer, is_available
+
         here, _, port = self.uri.rpartition(":")
         if here != "ip:127.0.0.1" or not port.isdecimal():
             key = f"!{type(self).__name__}.uri"
@@ -104,4 +66,4 @@ class Adis16448IioImu(Driver):
         reason = is_available()
         if reason is not None:
             raise OutputError(f"iiod cannot be emulated here: {reason}; use !Adis16448SpiImu")
-        return IiodServer(harness, misbehaviour, int(port))
+        return IiodServer(harness, misbehaviour, int(port), part=self.part)

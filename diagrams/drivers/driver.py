@@ -1,20 +1,26 @@
-"""Base of all drivers, and the refusals that they share."""
+"""The root of all drivers, and the refusals that they share.
+
+A driver's device and emulator are imported when they are made: a scenario that names drivers
+needs none of their libraries, and loads none of their code.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import escaped, quoted_path
 from parapod.systems.core.schema import Variant
-from parapod.systems.hardware.device import Device
-from parapod.systems.hardware.emulators.directory import (
+from parapod.systems.hardware.addresses import (
     WIRES,
     emulator_directory,
     resolved,
 )
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
+
+if TYPE_CHECKING:
+    from parapod.systems.hardware.device import Device
+    from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 
 @dataclass(frozen=True)
@@ -44,7 +50,7 @@ class Driver(Variant):
 
     part: str = ""
 
-    def make(self, ports: PartPorts) -> Device:
+    def make(self, ports: PartPorts) -> "Device":
         """The device, not configured yet.
 
         Args:
@@ -53,9 +59,9 @@ class Driver(Variant):
         raise NotImplementedError(f"{type(self).__name__} does not define make")
 
     def emulate(
-        self, harness: Harness, misbehaviour: Misbehaviour
+        self, harness: "Harness", misbehaviour: "Misbehaviour"
     ) -> AbstractContextManager[object]:
-        """Emulator that answers in the device's place, at its address, while the context lasts.
+        """Emulate the device at the same address while the context lasts.
 
         Args:
             harness: wires to the simulated machine.

@@ -1,199 +1,81 @@
-"""Drivers of axes on EPOS2 controllers: wheels that turn, legs that are pushed by screws."""
+"""Drivers of axes on EPOS2 controllers: axes that turn behind gears, screws that push.
 
-import math
+A machine derives its own from them, with its own defaults.
+"""
+
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
-from parapod.systems.core.schema import choice, quantity
-from parapod.systems.hardware.device import Device
-from parapod.systems.hardware.emulators.directory import resolved
-from parapod.systems.hardware.emulators.epos2_node import EmulatedMotor
-from parapod.systems.hardware.emulators.epos2_nodes import Epos2Nodes
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.epos2 import Epos2
-from parapod.systems.hardware.epos2_setup import Epos2Params
-from parapod.systems.hardware.position_memory import PositionMemory
-from parapod.systems.hardware.referenced import Referenced
-from parapod.systems.hardware.soft_limits import SoftLimits
+from parapod.systems.hardware.addresses import resolved
+from parapod.systems.hardware.epos2.settings import Epos2Settings, GearSettings, ScrewSettings
 
-_LEGS = 12
-# Lengths of the walking chair's branches, retracted and extended: of a UP branch and of the two
-# UPS branches of a leg, four times [mm].
-_RETRACTED, _EXTENDED = [591.4, 574.0, 574.0] * 4, [891.4, 874.0, 874.0] * 4
+if TYPE_CHECKING:
+    from parapod.systems.hardware.device import Device
+    from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 
 @dataclass
-class _Epos2Axes(Driver):
-    """Settings of all axes on EPOS2 24/5 controllers: see `Epos2`.
+class _Epos2(Epos2Settings, Driver):
+    """Axes on EPOS2 24/5 controllers: see `Epos2`."""
 
-    Attributes:
-        interface: interface of python-can: "slcan" (a serial adapter), "socketcan" (a network
-            interface) or "virtual".
-        channel: serial port of the adapter for slcan, network interface for socketcan.
-        bitrate: speed of the bus [bit/s].
-        node_ids: node ids of the controllers, in the order of the axes.
-        counts_per_turn: encoder counts per turn of the motor, all four edges [-].
-        max_velocity_rpm: largest velocity of a motor [rpm].
-        heartbeat_timeout_ms: silence after which the controllers stop by themselves [ms].
-        opening_pause_ms: pause after the port is opened, for SLCAN adapters that this resets [ms].
-    """
-
-    interface: str = choice("slcan", ("slcan", "socketcan", "virtual"))
-    channel: str = "emulator/can"
-    bitrate: int = quantity(1_000_000, 10_000, 1_000_000)
-    node_ids: list[int] = quantity([1, 2, 3, 4], 1, 127)
-    counts_per_turn: int = quantity(2000, 4, 10_000_000)
-    max_velocity_rpm: float = quantity(8000.0, 1.0, 100_000.0)
-    heartbeat_timeout_ms: float = quantity(100.0, 40.0, 1000.0)
-    opening_pause_ms: float = quantity(0.0, 0.0, 5000.0)
-
-    @property
-    def motor_per_unit(self) -> float:
-        """Angle of a motor for one unit of its axis [rad per rad or m]."""
-        raise NotImplementedError(f"{type(self).__name__} does not define motor_per_unit")
-
-    def make(self, ports: PartPorts) -> Device:
+    def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
-        return Epos2(self._params())
+        from parapod.systems.hardware.epos2.drives import Epos2
+
+        with named(self):
+            return Epos2(self)
 
     def emulate(
-        self, harness: Harness, misbehaviour: Misbehaviour
+        self, harness: "Harness", misbehaviour: "Misbehaviour"
     ) -> AbstractContextManager[object]:
         """See `Driver`: an SLCAN adapter with all the controllers behind it."""
+        from parapod.systems.hardware.epos2.emulator import EmulatedMotor, Epos2Nodes
+
         link = emulated(self.channel, f"!{type(self).__name__}.channel")
-        params = self._params()
-        motor = EmulatedMotor(gear=params.gear, pulses=self.counts_per_turn // 4)
+        pulses = self.counts_per_turn // 4
         return Epos2Nodes(
             harness,
-            params.node_ids,
+            self.node_ids,
             link=link,
             misbehaviour=misbehaviour,
-            motor=motor,
+            motor=EmulatedMotor(gear=self.motor_per_unit, pulses=pulses),
             part=self.part,
-            signs=params.signs,
-            measures_current=params.measures_current,
+            signs=self.directions,
+            measures_current=self.measures_current,
         )
 
-    def _params(self) -> Epos2Params:
-        with named(self):
-            return Epos2Params(
-                interface=self.interface,
-                channel=resolved(self.channel),
-                bitrate=self.bitrate,
-                node_ids=tuple(self.node_ids),
-                gear=self.motor_per_unit,
-                counts_per_turn=self.counts_per_turn,
-                max_velocity=math.radians(6.0 * self.max_velocity_rpm) / self.motor_per_unit,
-                heartbeat_timeout=1e-3 * self.heartbeat_timeout_ms,
-                opening_pause=1e-3 * self.opening_pause_ms,
-                **self._more_params(),
-            )
 
-    def _more_params(self) -> dict[str, Any]:
-        """Parameters of the kind of axis."""
-        return {}
+@dataclass
+class Epos2Axes(GearSettings, _Epos2):
+    """Axes that turn behind gears, on EPOS2 24/5 controllers: see `Epos2`."""
 
 
 @dataclass
-class Epos2Wheels(_Epos2Axes):
-    """Wheel motors on EPOS2 24/5 controllers: see `Epos2`.
-
-    Attributes:
-        gear: reduction between motor and wheel [-].
-    """
-
-    part: str = "wheels"
-    gear: float = quantity(26.0, 0.1, 10000.0)
-
-    @property
-    def motor_per_unit(self) -> float:
-        """Turns of the motor by turns of the wheel."""
-        return self.gear
-
-
-@dataclass
-class Epos2Legs(_Epos2Axes):
+class Epos2Screws(ScrewSettings, _Epos2):
     """Screws on EPOS2 24/5 controllers, with a file that remembers where they stand.
 
-    See `Epos2`, `Referenced` and `SoftLimits`. The defaults are those of the walking chair; its
-    motors, gears and screws are not printed anywhere, so theirs are assumptions.
-
-    Attributes:
-        node_ids: node ids of the controllers, in the order of the branches 11, 12, 13, 21, ... 43.
-        max_velocity_rpm: largest velocity of a motor [rpm]; 4800 are 80 mm/s.
-        lead_mm: way of a screw's nut per turn of the screw [mm].
-        reduction: turns of the motor per turn of the screw [-].
-        signs: 1, or -1 where the motor's positive direction retracts.
-        acceleration_mm_s2: acceleration with which the drives follow a command, up and down
-            [mm/s^2].
-        quick_stop_mm_s2: deceleration with which they stop for want of heartbeats, and to brake
-            [mm/s^2].
-        position_min_mm: lengths below which nothing retracts [mm].
-        position_max_mm: lengths above which nothing extends [mm].
-        limit_lead_ms: time by which an axis slows down early before these lengths: it could go on
-            for so long and still stop in time [ms].
-        position_at_start_mm: measured lengths at the start of the program [mm]; null: not
-            measured, and the file must know them.
-        position_file: file that keeps the lengths from one program to the next, in the folder in
-            which the program is started if it has no other; while there is none, a program begins
-            with `position_at_start_mm`.
+    See `Epos2`, `PositionMemory` and `SoftLimits`.
     """
 
-    part: str = "legs"
-    node_ids: list[int] = quantity(list(range(1, _LEGS + 1)), 1, 127, length=_LEGS)
-    max_velocity_rpm: float = quantity(4800.0, 1.0, 100_000.0)
-    lead_mm: float = quantity(5.0, 0.01, 100.0)
-    reduction: float = quantity(5.0, 0.01, 10000.0)
-    signs: list[int] = quantity([1] * _LEGS, -1, 1, length=_LEGS)
-    acceleration_mm_s2: float = quantity(2000.0, 1.0, 1e6)
-    quick_stop_mm_s2: float = quantity(4000.0, 1.0, 1e6)
-    position_min_mm: list[float] = quantity(_RETRACTED, 0.0, 5000.0, length=_LEGS)
-    position_max_mm: list[float] = quantity(_EXTENDED, 0.0, 5000.0, length=_LEGS)
-    limit_lead_ms: float = quantity(150.0, 10.0, 1000.0)
-    # No default: a guess would be believed, and the limits would be where they are not.
-    position_at_start_mm: list[float] | None = quantity(None, 0.0, 5000.0, length=_LEGS)
-    position_file: str = "emulator/positions.json"
-
-    @property
-    def motor_per_unit(self) -> float:
-        """Angle of the motor by the way of the nut [rad/m]."""
-        return 2.0 * math.pi * self.reduction / (1e-3 * self.lead_mm)
-
-    def make(self, ports: PartPorts) -> Device:
+    def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
         with named(self):
             if not self.position_file:
                 raise ValueError("it needs a position_file")
-        device = Epos2(self._params())
-        return Referenced(device, Path(resolved(self.position_file)), self.part)
+        return super().make(ports)
 
     def emulate(
-        self, harness: Harness, misbehaviour: Misbehaviour
+        self, harness: "Harness", misbehaviour: "Misbehaviour"
     ) -> AbstractContextManager[object]:
-        """See `Driver`: as for wheels, and a file that knows the lengths."""
+        """See `Driver`: as for other axes, and a file that knows the lengths."""
+        from parapod.systems.hardware.position_memory import PositionMemory
+
+        emulator = super().emulate(harness, misbehaviour)
         kept = resolved(self.position_file)
         if kept != self.position_file:  # a file elsewhere is of another machine
             memory = PositionMemory(Path(kept), len(self.node_ids))
             memory.save(harness.get(f"{self.part}.position"))
-        return super().emulate(harness, misbehaviour)
-
-    def _more_params(self) -> dict[str, Any]:
-        start, acceleration = self.position_at_start_mm, 1e-3 * self.acceleration_mm_s2
-        return {
-            "signs": tuple(self.signs),
-            "acceleration": acceleration,
-            "deceleration": acceleration,
-            "quick_stop_deceleration": 1e-3 * self.quick_stop_mm_s2,
-            "measures_current": True,
-            "position_at_start": None if start is None else tuple(1e-3 * mm for mm in start),
-            "limits": SoftLimits(
-                lower=tuple(1e-3 * mm for mm in self.position_min_mm),
-                upper=tuple(1e-3 * mm for mm in self.position_max_mm),
-                lead=1e-3 * self.limit_lead_ms,
-                deceleration=acceleration,
-            ),
-        }
+        return emulator

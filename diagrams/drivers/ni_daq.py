@@ -3,105 +3,58 @@
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
-from parapod.systems.core.schema import quantity
-from parapod.systems.hardware.device import Device, Signals
-from parapod.systems.hardware.emulators.directory import resolved
-from parapod.systems.hardware.emulators.harness import Harness, MutedHarness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.emulators.ni_server import NiServer
-from parapod.systems.hardware.ni_daq import NiDaq
-from parapod.systems.hardware.ni_params import NiDaqParams, expand_channels
-from parapod.systems.hardware.position_memory import PositionMemory
-from parapod.systems.hardware.referenced import Referenced
+from parapod.systems.hardware.addresses import resolved
+from parapod.systems.hardware.ni.settings import NiDaqSettings
+
+if TYPE_CHECKING:
+    from parapod.systems.hardware.device import Device
+    from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 
 @dataclass
-class NiDaqLegs(Driver):
-    """Analog motor drivers, encoders and limit switches on an NI PXIe-6363: see `NiDaq`.
+class NiDaqLegs(NiDaqSettings, Driver):
+    """Analog motor drivers, encoders and limit switches on an NI PXIe-6363: see `NiDaq`."""
 
-    Attributes:
-        target: NI gRPC Device Server of another computer, "host:port" or "unix:/path"; "" for a
-            card in this one.
-        outputs: analog outputs to the motor drivers.
-        counters: counters of the encoders, one a leg.
-        inputs: digital inputs of the limit switches: extended, retracted, contact, each by leg.
-        relay: digital output of the relay in the motor drivers' supply.
-        product: type of the card, as it must answer.
-        um_per_count: one count of an encoder [um].
-        extension_at_start_mm: measured extensions at the start of the program [mm]; null: not
-            measured, and the file must know them.
-        extension_file: file that keeps the extensions from one program to the next, in the folder
-            in which the program is started if it has no other, or "" for none; while there is
-            none, a program begins with `extension_at_start_mm`.
-        supply_voltage: supply of the motor drivers [V].
-        timeout_ms: longest time for one call [ms].
-    """
-
-    part: str = "legs"
-    target: str = "unix:emulator/ni.sock"
-    outputs: str = "PXI1Slot2/ao0:3"
-    counters: str = "PXI1Slot2/ctr0:3"
-    inputs: str = "PXI1Slot2/port0/line0:11"
-    relay: str = "PXI1Slot2/port0/line12"
-    product: str = "PXIe-6363"
-    um_per_count: float = quantity(10.0, 0.01, 1000.0)
-    # No default: a guess would be believed, and the stroke's ends would be where they are not.
-    extension_at_start_mm: list[float] | None = quantity(None, 0.0, 2000.0, length=4)
-    extension_file: str = "emulator/extensions.json"
-    supply_voltage: float = quantity(12.0, 1.0, 48.0)
-    timeout_ms: float = quantity(200.0, 5.0, 10000.0)
-
-    def make(self, ports: PartPorts) -> Device:
+    def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
-        return self._card()
+        return self._card(drives_motors=True)
 
-    def _card(self) -> Device:
-        if self.extension_file:
-            card = NiDaq(self._params())
-            return Referenced(card, Path(resolved(self.extension_file)), self.part)
+    def _card(self, drives_motors: bool) -> "Device":
+        from parapod.systems.hardware.ni.card import NiDaq
+
         with named(self):
-            if self.extension_at_start_mm is None:
+            if not self.extension_file and self.extension_at_start_mm is None:
                 raise ValueError("without extension_file it needs extension_at_start_mm")
-        return NiDaq(self._params())
+            return NiDaq(self, drives_motors)
 
     def emulate(
-        self, harness: Harness, misbehaviour: Misbehaviour
+        self, harness: "Harness", misbehaviour: "Misbehaviour"
     ) -> AbstractContextManager[object]:
         """See `Driver`: an NI gRPC Device Server, and a file that knows the extensions."""
-        params = self._params()
+        from parapod.systems.hardware.ni.emulator import NiServer
+        from parapod.systems.hardware.position_memory import PositionMemory
+
         path = emulated(self.target, f"!{type(self).__name__}.target").removeprefix("unix:")
         kept = resolved(self.extension_file)
         if kept != self.extension_file:  # a file elsewhere is of another machine
-            memory = PositionMemory(Path(kept), len(params.counters), NiDaq.position_signal)
-            memory.save(harness.get("legs.extension"))
+            memory = PositionMemory(Path(kept), len(self.counter_names), "extension")
+            memory.save(harness.get(f"{self.part}.extension"))
+        with named(self):
+            device = self.device
         return NiServer(
             path,
             harness,
             misbehaviour,
-            device=params.device,
+            device=device,
             product=self.product,
             supply_voltage=self.supply_voltage,
-            metres_per_count=params.metres_per_count,
+            metres_per_count=self.metres_per_count,
             relay_line=self.relay.partition("/")[2],
+            part=self.part,
         )
-
-    def _params(self) -> NiDaqParams:
-        start = self.extension_at_start_mm
-        with named(self):
-            return NiDaqParams(
-                target=resolved(self.target),
-                outputs=self.outputs,
-                counters=expand_channels(self.counters),
-                inputs=self.inputs,
-                relay=self.relay,
-                product=self.product,
-                metres_per_count=1e-6 * self.um_per_count,
-                extension_at_start=None if start is None else tuple(1e-3 * mm for mm in start),
-                supply_voltage=self.supply_voltage,
-                timeout=1e-3 * self.timeout_ms,
-            )
 
 
 @dataclass
@@ -111,43 +64,14 @@ class NiDaqEncoders(NiDaqLegs):
     Its analog outputs are kept neutral, and nothing should be connected to them.
     """
 
-    def make(self, ports: PartPorts) -> Device:
+    def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
-        return _WithoutVoltage(self._card())
+        return self._card(drives_motors=False)
 
     def emulate(
-        self, harness: Harness, misbehaviour: Misbehaviour
+        self, harness: "Harness", misbehaviour: "Misbehaviour"
     ) -> AbstractContextManager[object]:
         """See `Driver`: as for `NiDaqLegs`, without wires to the motors."""
-        return super().emulate(MutedHarness(harness, ["legs.voltage"]), misbehaviour)
+        from parapod.systems.hardware.emulation.harness import MutedHarness
 
-
-class _WithoutVoltage(Device):
-    """A card that is not asked for voltages."""
-
-    def __init__(self, card: Device):
-        self._card = card
-        self.name, self.measures = card.name, card.measures
-        self.commands = {"stop": 1}
-        self._neutral = (0.0,) * card.commands["voltage"]
-
-    def configure(self) -> None:
-        self._card.configure()
-
-    def activate(self) -> None:
-        self._card.activate()
-
-    def read(self) -> Signals:
-        return self._card.read()
-
-    def write(self, commands: Signals) -> None:
-        self._card.write({"voltage": self._neutral, **commands})
-
-    def neutral(self) -> None:
-        self._card.neutral()
-
-    def deactivate(self) -> None:
-        self._card.deactivate()
-
-    def close(self) -> None:
-        self._card.close()
+        return super().emulate(MutedHarness(harness, [f"{self.part}.voltage"]), misbehaviour)

@@ -1,14 +1,15 @@
-"""The driver of a part that there is not."""
+"""The driver of a part that the machine does not have."""
 
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.hardware.device import Device
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.not_fitted import NotFitted
+
+if TYPE_CHECKING:
+    from parapod.systems.hardware.device import Device
+    from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 
 @dataclass
@@ -20,8 +21,10 @@ class NotFittedPart(Driver):
 
     part: str = "arm"
 
-    def make(self, ports: PartPorts) -> Device:
+    def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
+        from parapod.systems.hardware.device import NotFitted
+
         if self.part in ("legs", "imu"):
             raise ScenarioError(
                 f"hardware.drivers: the machine does not work without its {self.part}",
@@ -30,7 +33,7 @@ class NotFittedPart(Driver):
         return NotFitted(self.part, ports.measures, ports.commands)
 
     def emulate(
-        self, harness: Harness, misbehaviour: Misbehaviour
+        self, harness: "Harness", misbehaviour: "Misbehaviour"
     ) -> AbstractContextManager[object]:
         """See `Driver`: nothing."""
         return nullcontext()

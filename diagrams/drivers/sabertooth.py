@@ -1,48 +1,31 @@
 """The driver of actuators on Sabertooth motor drivers with a serial line."""
 
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.core.schema import choice, quantity
-from parapod.systems.hardware.device import Device
-from parapod.systems.hardware.emulators.directory import resolved
-from parapod.systems.hardware.emulators.harness import Harness, MutedHarness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.emulators.sabertooth_pty import SabertoothPty
-from parapod.systems.hardware.sabertooth import BAUDS
-from parapod.systems.hardware.sabertooth_params import SabertoothParams
-from parapod.systems.hardware.sabertooth_serial import SabertoothSerial
+from parapod.systems.hardware.sabertooth.settings import SabertoothSettings
+
+if TYPE_CHECKING:
+    from parapod.systems.hardware.device import Device
+    from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 
 @dataclass
-class SabertoothLegs(Driver):
+class SabertoothLegs(SabertoothSettings, Driver):
     """Actuators on Sabertooth 2x25 V2 in packet serial mode: see `SabertoothSerial`.
 
     The encoders need another driver, such as `NiDaqEncoders`.
-
-    Attributes:
-        port: serial port.
-        baud: speed of the line [bit/s].
-        addresses: addresses of the motor drivers, in the order of the legs: two legs each, motors
-            1 and 2.
-        supply_voltage: supply of the motor drivers [V].
-        serial_timeout_ms: silence after which the motor drivers stop by themselves [ms].
     """
 
-    part: str = "legs"
-    port: str = "emulator/sabertooth"
-    baud: int = choice(38400, tuple(BAUDS))
-    addresses: list[int] = field(default_factory=lambda: [128, 129])
-    supply_voltage: float = quantity(12.0, 1.0, 48.0)
-    serial_timeout_ms: float = quantity(100.0, 100.0, 200.0)
-
-    def make(self, ports: PartPorts) -> Device:
+    def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
+        from parapod.systems.hardware.sabertooth.serial import SabertoothSerial
+
         legs = ports.commands.get("voltage", 0)
-        motors = [(address, motor) for address in self.addresses for motor in (1, 2)]
-        if len(motors) < legs:
+        if len(self.motors) < legs:
             key = "hardware.drivers"
             raise ScenarioError(
                 f"{key}: !SabertoothLegs: {legs} legs need {(legs + 1) // 2} addresses, "
@@ -50,21 +33,17 @@ class SabertoothLegs(Driver):
                 key,
             )
         with named(self):
-            params = SabertoothParams(
-                port=resolved(self.port),
-                baud=self.baud,
-                addresses=tuple(self.addresses),
-                actuators=tuple(motors[:legs]),
-                supply_voltage=self.supply_voltage,
-                serial_timeout=1e-3 * self.serial_timeout_ms,
-            )
-        return SabertoothSerial(params)
+            return SabertoothSerial(self, legs)
 
     def emulate(
-        self, harness: Harness, misbehaviour: Misbehaviour
+        self, harness: "Harness", misbehaviour: "Misbehaviour"
     ) -> AbstractContextManager[object]:
         """See `Driver`: the drivers behind a pseudo terminal; the relay is another device's."""
+        from parapod.systems.hardware.emulation.harness import MutedHarness
+        from parapod.systems.hardware.sabertooth.emulator import SabertoothPty
+
         link = emulated(self.port, f"!{type(self).__name__}.port")
-        wires = MutedHarness(harness, ["legs.stop"])
-        supply, addresses = self.supply_voltage, self.addresses
-        return SabertoothPty(link, wires, misbehaviour, addresses, supply, self.baud)
+        wires = MutedHarness(harness, [f"{self.part}.stop"])
+        return SabertoothPty(
+            link, wires, misbehaviour, self.addresses, self.supply_voltage, self.baud, self.part
+        )

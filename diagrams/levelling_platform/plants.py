@@ -40,6 +40,7 @@ from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 from parapod.systems.levelling_platform.model import (
+    LIMIT_SWITCHES,
     MODEL_GEOMETRY,
     WHEEL_COUNT,
     FootTruth,
@@ -476,7 +477,7 @@ def _add_sensors(
     outputs["legs.extension"] = encoder.GetOutputPort("position_measured")
     outputs["legs.velocity"] = encoder.GetOutputPort("velocity_measured")
 
-    switches = add(builder, LimitSwitches())
+    switches = add(builder, LimitSwitches(params=LIMIT_SWITCHES))
     connect(builder, actuators.GetOutputPort("extension"), switches.GetInputPort("extension"))
     connect(builder, plant.signals["contact_force"], switches.GetInputPort("contact_force"))
     outputs["legs.limits"] = switches.GetOutputPort("limits")
@@ -531,7 +532,7 @@ def add_mock(
     for name in ("arm.position_command", "turntable.position_command"):
         inputs[name] = add(builder, PassThrough(1), name).get_input_port()  # leads nowhere
 
-    switches = add(builder, LimitSwitches())
+    switches = add(builder, LimitSwitches(params=LIMIT_SWITCHES))
     extension = actuators.GetOutputPort("extension")
     connect(builder, extension, switches.GetInputPort("extension"))
     platform = add(builder, KinematicPlatform(MODEL_GEOMETRY))

@@ -4,11 +4,11 @@ import math
 from dataclasses import dataclass, field
 
 from parapod.diagrams.drivers.adis16448 import Adis16448SpiImu
-from parapod.diagrams.drivers.epos2 import Epos2Wheels
 from parapod.diagrams.drivers.ni_daq import NiDaqLegs
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.faults import FaultScenario, targets_of
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
 from parapod.diagrams.levelling_platform.ports import PORTS
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.core.schema import Schema, choice, quantity

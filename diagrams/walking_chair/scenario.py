@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from parapod.diagrams.drivers.epos2 import Epos2Legs
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.walking_chair.drivers import Epos2Legs
 from parapod.systems.actuators.compound_position_controller import (
     MODES,
     CompoundPositionControllerParams,

@@ -27,7 +27,7 @@ from parapod.sims.lab.results import Metric
 from parapod.sims.real_machine.real_time import ended_by_signals
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import quoted
-from parapod.systems.hardware.io_thread import DeviceThread
+from parapod.systems.hardware.io import DeviceThread
 from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
 HELP = "test the devices of one part of the machine"

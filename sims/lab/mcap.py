@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from parapod.sims.lab.files import Log, atomic_output, check_writable
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
-from parapod.systems.hardware.extras import need
+from parapod.systems.hardware.device import need
 
 # Longest time for which what has happened is not in the file [s].
 _FLUSH_PERIOD = 0.2

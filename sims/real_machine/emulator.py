@@ -39,9 +39,8 @@ from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.quoting import quoted, quoted_path
 from parapod.systems.core.scenario_file import dump_scenario
-from parapod.systems.hardware.emulators.directory import WIRES, emulator_directory
-from parapod.systems.hardware.emulators.misbehaviour import KINDS, Misbehaviour
-from parapod.systems.hardware.emulators.shared_harness import SharedHarness
+from parapod.systems.hardware.addresses import WIRES, emulator_directory
+from parapod.systems.hardware.emulation.harness import KINDS, Misbehaviour, SharedHarness
 
 # How long a process may take until its device answers: Drake is imported in each [s].
 _TIMEOUT = 60.0

@@ -30,7 +30,7 @@ from parapod.sims.real_machine.real_time import (
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
 from parapod.systems.core.scenario_file import dump_scenario
-from parapod.systems.hardware.io_thread import DeviceThread
+from parapod.systems.hardware.io import DeviceThread
 
 # A device that has been wrong for so long does not come back by itself [s].
 _PATIENCE = 0.2

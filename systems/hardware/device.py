@@ -1,12 +1,17 @@
-"""What all devices have in common: the order of their life, their signals, how they fail."""
+"""Life cycle, signals and failures that all devices have in common, and their libraries.
 
+A library that only one part needs is imported when its device is configured, by `need`, which
+names the extra that brings it. A part that the machine does not have is `NotFitted`.
+"""
+
+import importlib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
-from types import TracebackType
+from types import ModuleType, TracebackType
 from typing import Self
 
-from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.errors import MissingExtra, ParapodError
 from parapod.systems.core.quoting import printable
 
 type Signals = Mapping[str, Sequence[float]]
@@ -136,3 +141,59 @@ class Device(ABC):
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+
+# The extra of `pip install "parapod[extra]"` that brings each module.
+EXTRAS = {
+    "can": "can",
+    "canopen": "can",
+    "grpc": "ni",
+    "iio": "iio",
+    "mcap": "log",
+    "nidaqmx": "ni",
+    "serial": "serial",
+    "spidev": "spi",
+}
+
+
+def need(module: str) -> ModuleType:
+    """A module of an optional library.
+
+    Args:
+        module: its dotted name.
+
+    Raises:
+        MissingExtra: it is not installed, or a library of the system that it needs is not.
+    """
+    try:
+        return importlib.import_module(module)
+    # ctypes, given the name of a library that is not there, looks in the program itself and misses
+    # the first symbol: an AttributeError.
+    except (ImportError, OSError, AttributeError) as error:
+        top = module.partition(".")[0]
+        raise MissingExtra(top, EXTRAS[top], str(error)) from error
+
+
+class NotFitted(Device):
+    """Takes commands and does nothing; shows zeros."""
+
+    def __init__(self, name: str, measures: Mapping[str, int], commands: Mapping[str, int]):
+        """Creates it.
+
+        Args:
+            name: of the part.
+            measures: signals that are shown as zeros, and their sizes.
+            commands: signals that are ignored, and their sizes.
+        """
+        self.name = f"{name} (not fitted)"
+        self.measures, self.commands = dict(measures), dict(commands)
+
+    def configure(self) -> None:
+        """Does nothing."""
+
+    def read(self) -> Signals:
+        """Zeros."""
+        return {name: (0.0,) * size for name, size in self.measures.items()}
+
+    def close(self) -> None:
+        """Does nothing."""

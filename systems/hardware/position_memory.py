@@ -1,13 +1,23 @@
-"""Where self-locking actuators stood when a program ended, for the next one."""
+"""Positions of self-locking actuators, from the end of one program to the next.
+
+Incremental encoders forget where they are; self-locking screws stay there.
+"""
 
 import json
 import math
 import os
+import time
+from abc import abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
 
 from parapod.systems.core.quoting import quoted_path, show
-from parapod.systems.hardware.device import DeviceError
+from parapod.systems.hardware.device import Device, DeviceError
+
+# Without power an actuator stands still after this: ten mechanical time constants and more [s].
+_COASTING = 0.05
+# Largest number of looks whether it stands; an encoder on an edge may never be quiet.
+_LOOKS = 10
 
 
 class PositionMemory:
@@ -87,3 +97,124 @@ class PositionMemory:
 
     def _refused(self, why: str) -> DeviceError:
         return DeviceError(f"{self.signal}s' file {quoted_path(self.path)}", why)
+
+
+class IncrementalDevice(Device):
+    """A device whose encoders count from wherever they are.
+
+    With a memory it begins with the positions with which the last program ended. While there is
+    no such file, a reference that the device has by itself counts, from its settings; without that
+    either, the positions are unknown and nothing begins. From `activate` on the file knows
+    nothing; after `deactivate` it knows where the actuators stand.
+
+    A device defines `_open`, `_energise` and `_release` in place of `configure`, `activate` and
+    `deactivate`.
+
+    Attributes:
+        position_signal: signal whose values mean something once there is a reference.
+    """
+
+    position_signal: str
+
+    def __init__(self, path: str, size: int, part: str):
+        """Prepares the memory; nothing is read or written.
+
+        Args:
+            path: file of the positions; "" for a device without a memory.
+            size: number of actuators.
+            part: part of the machine, as errors call it.
+        """
+        self._part, self._is_moving = part, False
+        self._memory = PositionMemory(Path(path), size, self.position_signal) if path else None
+
+    @property
+    @abstractmethod
+    def is_referenced(self) -> bool:
+        """Whether it is known which positions the counts mean."""
+
+    def configure(self) -> None:
+        """Opens the connection, sets up the device and recalls its reference.
+
+        Even if that is refused the outputs are neutral afterwards: after a program that was killed
+        they may hold.
+
+        Raises:
+            MissingExtra: the library is not installed.
+            DeviceError: see `Device` and `PositionMemory.recall`; or there is no file, and the
+                settings do not say the positions either.
+        """
+        self._open()
+        if self._memory is None:
+            return
+        signal = self.position_signal
+        try:
+            known = self._memory.recall()
+            if known is not None:
+                self.set_reference(known)
+            elif not self.is_referenced:
+                raise DeviceError(
+                    self.name,
+                    f"nobody knows the {self._part}' {signal}s: measure them and give "
+                    f"{signal}_at_start_mm (there is no {quoted_path(self._memory.path)} that "
+                    "knows them)",
+                )
+        except BaseException:
+            self.close()
+            raise
+
+    def activate(self) -> None:
+        """Gives power to neutral outputs; from now on the memory knows nothing."""
+        if self._memory is not None:
+            self._memory.forget()
+            self._is_moving = True
+        self._energise()
+
+    def deactivate(self) -> None:
+        """Takes the power from the outputs; then the memory knows where the actuators stand."""
+        self._release()
+        if self._memory is not None and self._is_moving:
+            self._memory.save(self._at_rest())
+            self._is_moving = False
+
+    def set_reference(self, values: Sequence[float]) -> None:
+        """Makes the present counts mean these positions.
+
+        Args:
+            values: present positions [m or rad], as known from a reference: the ends of the
+                strokes, or a measurement by hand.
+
+        Raises:
+            DeviceError: the encoders cannot be read.
+            ValueError: not as many finite values as there are axes.
+        """
+        size = self.measures[self.position_signal]
+        if len(values) != size or not all(map(math.isfinite, values)):
+            what = f"{size} finite {self.position_signal}s"
+            raise ValueError(f"{what} are needed, not {tuple(values)}")
+        self._set_reference(values)
+
+    def _at_rest(self) -> Sequence[float]:
+        """Positions that do not change any more."""
+        positions = None
+        for _ in range(_LOOKS):
+            time.sleep(_COASTING)
+            before, positions = positions, self.read()[self.position_signal]
+            if positions == before:
+                break
+        return positions or ()
+
+    @abstractmethod
+    def _open(self) -> None:
+        """See `Device.configure`."""
+
+    @abstractmethod
+    def _energise(self) -> None:
+        """See `Device.activate`."""
+
+    @abstractmethod
+    def _release(self) -> None:
+        """See `Device.deactivate`."""
+
+    @abstractmethod
+    def _set_reference(self, values: Sequence[float]) -> None:
+        """See `set_reference`; the values are good."""

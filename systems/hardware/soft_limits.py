@@ -54,7 +54,7 @@ class SoftLimits:
         return max(velocity, -self._fastest(below))
 
     def _fastest(self, distance: float) -> float:
-        """With which the limit is reached and not passed; 0 at it and beyond it."""
+        """Largest velocity from which the axis stops at the limit; 0 at it and beyond it."""
         if not distance > 0.0:  # NaN as well
             return 0.0
         a, lead = self.deceleration, self.lead

@@ -42,9 +42,13 @@ from parapod.systems.levelling_platform.leg import (
 )
 from parapod.systems.levelling_platform.plane import dot, normal_of
 from parapod.systems.levelling_platform.statics import resting_posture
+from parapod.systems.sensors.limit_switches import LimitSwitchesParams
 
 # What the files in `parapod.urdf.levelling_platform` are drawn to: Tables 1 and 2, with rollers.
 MODEL_GEOMETRY = PlatformGeometry(foot_radius=0.025)
+# Assumptions: half a millimetre inside the actuators' end stops at 0.380 m and 0.460 m; well below
+# a leg's share of the platform's weight, above the foot's own.
+LIMIT_SWITCHES = LimitSwitchesParams(extended=0.4595, retracted=0.3805, contact_force=5.0)
 
 WHEEL_COUNT = 4
 

@@ -5,8 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from parapod.systems.sensors.imu import sample_period
-
 # Two instants closer than this are the same one: sample times are sums and products of periods.
 _SAME_INSTANT = 1e-9
 
@@ -26,15 +24,14 @@ class DeviceStatus(LeafSystem):
 
     Args:
         devices: names of the devices, in the ports' order.
-        periods: their sampling periods [s]; 0 for one that is always up to date. By default
-            that of the ADIS16448 averaging 8 samples at 819.2 Hz for the IMU.
+        periods: their sampling periods [s]; 0 for one that is always up to date.
         delays: how old a sample is already when it is shown [s]; empty for fresh ones.
     """
 
     def __init__(
         self,
-        devices: Sequence[str] = ("legs", "imu", "wheels", "arm"),
-        periods: Sequence[float] = (0.0, sample_period(), 0.0, 0.0),
+        devices: Sequence[str] = ("device",),
+        periods: Sequence[float] = (0.0,),
         delays: Sequence[float] = (),
     ) -> None:
         super().__init__()

@@ -14,16 +14,13 @@ class LimitSwitchesParams:
     """Points at which the switches close.
 
     Attributes:
-        extended: a leg at or beyond this extension is fully extended [m]; half a millimetre
-            inside the actuator's end stop at 0.460 m (assumption).
-        retracted: a leg at or below this extension is fully retracted [m]; half a millimetre
-            inside the end stop at 0.380 m (assumption).
-        contact_force: a foot at or above this force stands on the ground [N] (assumption: well
-            below a leg's share of the platform's weight, above the foot's own).
+        extended: extension at and beyond which a leg is fully extended [m].
+        retracted: extension at and below which a leg is fully retracted [m].
+        contact_force: force at and above which a foot stands on the ground [N].
     """
 
-    extended: float = 0.4595
-    retracted: float = 0.3805
+    extended: float = 1.0
+    retracted: float = 0.0
     contact_force: float = 5.0
 
 

@@ -6,14 +6,13 @@ import math
 import pytest
 
 from parapod.diagrams.drivers.driver import PartPorts
-from parapod.diagrams.drivers.epos2 import Epos2Legs, Epos2Wheels
-from parapod.diagrams.station import Station
-from parapod.diagrams.walking_chair.machine import CHAIR
+from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.walking_chair.drivers import Epos2Legs
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import dump_scenario, load_scenario
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 from parapod.systems.walking_chair.geometry import LEG_COUNT
 from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 
@@ -21,26 +20,22 @@ AXES = 12
 PORTS = PartPorts({}, {})
 
 
-def params_of(driver):
-    return driver.make(PORTS).device._params
-
-
 def test_a_screws_motor_turns_by_lead_and_reduction():
-    params = params_of(Epos2Legs(lead_mm=4.0, reduction=3.0))
-    assert params.gear == pytest.approx(2.0 * math.pi * 3.0 / 4e-3, rel=1e-12)
+    driver = Epos2Legs(lead_mm=4.0, reduction=3.0)
+    assert driver.motor_per_unit == pytest.approx(2.0 * math.pi * 3.0 / 4e-3, rel=1e-12)
     # 2000 counts a turn: 4 mm are three turns.
-    assert params.position(6000) == pytest.approx(4e-3, rel=1e-12)
+    assert driver.position(6000) == pytest.approx(4e-3, rel=1e-12)
 
 
 def test_the_default_screws_move_with_80_mm_s_at_most():
-    params = params_of(Epos2Legs())
-    assert params.max_velocity == pytest.approx(0.08, rel=1e-12)
-    assert params.rpm(1.0) == 4800
-    assert params.measures_current
+    driver = Epos2Legs()
+    assert driver.max_velocity == pytest.approx(0.08, rel=1e-12)
+    assert driver.rpm(1.0) == 4800
+    assert driver.measures_current
 
 
 def test_the_default_limits_are_the_strokes_of_the_chair():
-    limits = params_of(Epos2Legs()).limits
+    limits = Epos2Legs().limits
     strokes = CHAIR_GEOMETRY.leg.strokes
     assert limits.lower == pytest.approx(strokes[:, 0].tolist() * LEG_COUNT, abs=1e-12)
     assert limits.upper == pytest.approx(strokes[:, 1].tolist() * LEG_COUNT, abs=1e-12)
@@ -57,49 +52,26 @@ def test_settings_arrive_in_si_units():
         position_at_start_mm=[650.0] * AXES,
         heartbeat_timeout_ms=80.0,
     )
-    params = params_of(driver)
-    assert params.signs == (1, -1) * 6
-    assert (params.acceleration, params.deceleration) == (0.5, 0.5)
-    assert params.quick_stop_deceleration == 1.5
-    assert params.limits.lower == pytest.approx((0.6,) * AXES)
-    assert params.limits.upper == pytest.approx((0.7,) * AXES)
-    assert (params.limits.lead, params.limits.deceleration) == (0.2, 0.5)
-    assert params.position_at_start == pytest.approx((0.65,) * AXES)
-    assert params.heartbeat_timeout == 0.08
+    assert driver.directions == (1, -1) * 6
+    assert driver.acceleration == 0.5
+    assert driver.quick_stop_deceleration == 1.5
+    assert driver.limits.lower == pytest.approx((0.6,) * AXES)
+    assert driver.limits.upper == pytest.approx((0.7,) * AXES)
+    assert (driver.limits.lead, driver.limits.deceleration) == (0.2, 0.5)
+    assert driver.position_at_start == pytest.approx((0.65,) * AXES)
+    assert driver.heartbeat_timeout == 0.08
 
 
 def test_nobody_guesses_the_positions_of_a_machine():
     assert Epos2Legs().position_at_start_mm is None
-    assert params_of(Epos2Legs()).position_at_start is None
+    assert Epos2Legs().position_at_start is None
 
 
 def test_wheels_have_no_file_no_limits_and_no_current():
     wheels = Epos2Wheels().make(PORTS)
     assert set(wheels.measures) == {"position", "velocity"}
-    assert wheels._params.limits is None
-    assert wheels._params.gear == 26.0
-
-
-@pytest.mark.parametrize(
-    ("driver", "said"),
-    [
-        (Epos2Legs(node_ids=[1] * AXES), "node ids must be different ones of 1..127"),
-        (Epos2Legs(signs=[0] * AXES), "signs must be 12 times 1 or -1"),
-        (Epos2Legs(position_file=""), "it needs a position_file"),
-        (
-            Epos2Legs(position_min_mm=[900.0] * AXES),
-            "limits of axis 1 must be finite and in order: 0.9, 0.8914",
-        ),
-    ],
-)
-def test_settings_that_do_not_fit_together_are_refused_with_the_driver(driver, said):
-    scenario = ChairScenario(backend="hardware")
-    scenario.hardware.drivers = [driver]
-    with pytest.raises(ScenarioError) as caught:
-        Station(CHAIR, scenario)
-    text = str(caught.value)
-    assert text.startswith(f"hardware.drivers: !Epos2Legs of legs: {said}")
-    assert "\n" not in text
+    assert Epos2Wheels().limits is None
+    assert Epos2Wheels().motor_per_unit == 26.0
 
 
 @pytest.mark.parametrize("key", ["signs", "position_min_mm", "position_at_start_mm", "node_ids"])
@@ -108,6 +80,17 @@ def test_lists_of_another_length_are_refused_with_their_key(tmp_path, key):
     file.write_text(f"hardware: {{drivers: [!Epos2Legs {{{key}: [1, 1]}}]}}\n")
     with pytest.raises(ScenarioError, match=rf"drivers\.0\.{key} must be a list of 12 "):
         load_scenario(ChairScenario, file)
+
+
+@pytest.mark.parametrize(
+    ("schema", "tag", "number"),
+    [(ChairScenario, "Epos2Legs", 0), (LevellingScenario, "Epos2Wheels", 2)],
+)
+def test_a_tag_alone_is_the_machines_own_driver(tmp_path, schema, tag, number):
+    file = tmp_path / "lab.yaml"
+    file.write_text(f"hardware: {{drivers: [!{tag} {{}}]}}\n")
+    (driver,) = load_scenario(schema, file).hardware.drivers
+    assert driver == schema().hardware.drivers[number]
 
 
 def test_a_dumped_driver_loads_as_an_equal_one(tmp_path):
@@ -162,8 +145,3 @@ def test_emulated_legs_know_where_the_emulated_machine_stands(emulated):
 
 def test_emulated_legs_leave_the_file_of_another_machine_alone(emulated):
     assert set(emulated(Epos2Legs(position_file="mine.json")).values()) == {None}
-
-
-def test_a_real_address_is_not_emulated(emulated):
-    with pytest.raises(ScenarioError, match=r"!Epos2Legs.channel = can0 is not an address of"):
-        emulated(Epos2Legs(channel="can0"))

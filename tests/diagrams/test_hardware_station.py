@@ -14,24 +14,22 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import InputPortIndex, OutputPortIndex
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.drivers.driver import Driver, PartPorts
+from parapod.diagrams.drivers.driver import Driver
 from parapod.diagrams.hardware_scenario import (
     Adis16448SpiImu,
-    Epos2Wheels,
     HardwareScenario,
     NiDaqEncoders,
     NiDaqLegs,
     NotFittedPart,
     SabertoothLegs,
 )
+from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.station import Station
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.extras import EXTRAS
+from parapod.systems.hardware.device import EXTRAS, Device, DeviceError, DeviceFault
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 PARTS = ("arm", "imu", "legs", "turntable", "wheels")
 LIBRARIES = sorted(EXTRAS)
@@ -246,7 +244,8 @@ def python(code, *arguments, **options):
 def test_building_opens_nothing_and_imports_no_drivers_library(tmp_path):
     code = """
         import sys
-        from parapod.diagrams.hardware_scenario import DRIVERS, HardwareScenario
+        from parapod.diagrams.drivers.driver import Driver
+        from parapod.diagrams.hardware_scenario import HardwareScenario
         from parapod.diagrams.levelling_platform.scenario import LevellingScenario
         from parapod.diagrams.levelling_platform.machine import PLATFORM
         from parapod.diagrams.station import Station
@@ -261,7 +260,7 @@ def test_building_opens_nothing_and_imports_no_drivers_library(tmp_path):
             ):
                 opened.append((event, arguments[0]))
 
-        tags = {driver.__name__: driver for driver in DRIVERS}
+        tags = Driver.variants()
         rest = [tags["Epos2Wheels"](), *map(tags["NotFittedPart"], ("arm", "turntable"))]
         machines = [
             [tags["NiDaqLegs"](), tags["Adis16448SpiImu"](), *rest],
@@ -316,67 +315,6 @@ def test_without_the_optional_libraries_everything_is_imported_and_simulation_wo
     """
     out = python(textwrap.dedent(BLOCKED) + textwrap.dedent(code), *LIBRARIES)
     assert float(out) < 0.2
-
-
-def test_without_its_library_every_driver_says_what_to_install(tmp_path):
-    code = """
-        from dataclasses import dataclass
-        from parapod.diagrams.drivers.driver import Driver
-        from parapod.diagrams.hardware_scenario import *
-        from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-        from parapod.diagrams.levelling_platform.machine import PLATFORM
-        from parapod.diagrams.station import Station
-        from parapod.systems.core.errors import MissingExtra
-        from parapod.systems.hardware.not_fitted import NotFitted
-
-        @dataclass
-        class _Still(Driver):
-            without: tuple = ()
-            def make(self, ports):
-                commands = {k: n for k, n in ports.commands.items() if k not in self.without}
-                measures = {} if self.without == ("measures",) else ports.measures
-                return NotFitted(self.part, measures, commands)
-
-        def said(*drivers):
-            parts = {"arm", "imu", "legs", "turntable", "wheels"} - {d.part for d in drivers}
-            hardware = HardwareScenario([*drivers, *map(_Still, sorted(parts))])
-            station = Station(PLATFORM, LevellingScenario(backend="hardware", hardware=hardware))
-            try:
-                with station.active():
-                    return "active"
-            except MissingExtra as error:
-                return str(error)
-
-        measured = {"extension_at_start_mm": [410.0] * 4}
-        print(json.dumps({
-            "NiDaqLegs": said(NiDaqLegs()),
-            "NiDaqLegs, here": said(NiDaqLegs(target="", extension_file="", **measured)),
-            "NiDaqEncoders": said(NiDaqEncoders(), _Still("legs", ("measures",))),
-            "SabertoothLegs": said(SabertoothLegs(), _Still("legs")),
-            "Epos2Wheels": said(Epos2Wheels()),
-            "Epos2Wheels, socketcan": said(Epos2Wheels(interface="socketcan", channel="can0")),
-            "Adis16448SpiImu": said(Adis16448SpiImu(address="/dev/spidev0.0")),
-            "Adis16448IioImu": said(Adis16448IioImu()),
-            "NotFittedPart": said(),
-        }))
-    """
-    program = textwrap.dedent(BLOCKED) + textwrap.dedent(code)
-    extras = {
-        "NiDaqLegs": "ni",
-        "NiDaqLegs, here": "ni",
-        "NiDaqEncoders": "ni",
-        "SabertoothLegs": "serial",
-        "Epos2Wheels": "can",
-        "Epos2Wheels, socketcan": "can",
-        "Adis16448SpiImu": "spi",
-        "Adis16448IioImu": "iio",
-    }
-    out = python(program, *LIBRARIES, cwd=tmp_path)
-    said = json.loads(out)
-    assert said.pop("NotFittedPart") == "active"
-    assert said.keys() == extras.keys()
-    for name, extra in extras.items():
-        assert said[name].endswith(f'install it with: pip install "parapod[{extra}]"'), said[name]
 
 
 # The order of events
@@ -562,11 +500,9 @@ def test_an_emulated_card_leaves_the_file_of_another_machine_alone(emulated_card
 
 def test_nobody_guesses_the_extensions_of_a_machine():
     assert NiDaqLegs().extension_at_start_mm is None
-    card = NiDaqLegs().make(PartPorts({}, {}))
-    assert card.device.params.extension_at_start is None
+    assert NiDaqLegs().extension_at_start is None
     measured = NiDaqLegs(extension_at_start_mm=[400.0, 401.0, 402.0, 403.0])
-    card = measured.make(PartPorts({}, {}))
-    assert card.device.params.extension_at_start == pytest.approx((0.4, 0.401, 0.402, 0.403))
+    assert measured.extension_at_start == pytest.approx((0.4, 0.401, 0.402, 0.403))
 
 
 def test_default_drivers_are_those_of_the_emulator():

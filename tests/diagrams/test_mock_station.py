@@ -16,9 +16,8 @@ from parapod.sims.levelling_platform.level import Level, measured_posture
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.model import LIMIT_SWITCHES, MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import to_platform
-from parapod.systems.sensors.limit_switches import LimitSwitchesParams
 
 PERIOD = LevellingScenario().control.period
 GAIN = LinearActuatorParams().gain
@@ -145,7 +144,7 @@ def test_all_feet_stand_and_no_stroke_is_at_its_end_at_the_beginning(mock):
 def test_switches_close_at_the_ends_of_the_stroke(mock):
     mock.set("legs.voltage", [12.0, -12.0, 0.0, 0.0])
     for _ in range(100):
-        is_there = mock.read("legs.extension")[0] >= LimitSwitchesParams().extended
+        is_there = mock.read("legs.extension")[0] >= LIMIT_SWITCHES.extended
         assert switches(mock)[0].tolist() == [is_there, 0.0, 0.0, 0.0]
         mock.run(1)
     assert is_there

@@ -254,6 +254,12 @@ def test_importing_a_machine_loads_no_other_and_no_device_library(machine):
     assert not [name for name in loaded if name.split(".")[2:3] and name.split(".")[2] in others]
     assert not loaded & {"can", "canopen", "nidaqmx", "iio", "spidev", "serial", "mcap", "grpc"}
     assert not [name for name in loaded if name.startswith("matplotlib")]
+    devices = {name for name in loaded if name.startswith("parapod.systems.hardware.")}
+    settings = {name for name in devices if name.endswith(".settings")}
+    assert settings
+    packages = {name.rpartition(".")[0] for name in settings}
+    beside = {f"parapod.systems.hardware.{name}" for name in ("addresses", "soft_limits")}
+    assert devices <= settings | packages | beside
 
 
 def test_shared_code_names_no_machine_and_imports_none():

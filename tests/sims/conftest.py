@@ -19,7 +19,7 @@ import pytest
 
 from parapod.diagrams.levelling_platform.machine import LEVELLING_PLATFORM
 from parapod.diagrams.walking_chair.machine import WALKING_CHAIR
-from parapod.systems.hardware.emulators.shared_harness import SharedHarness
+from parapod.systems.hardware.emulation.harness import SharedHarness
 from parapod.systems.hardware.position_memory import PositionMemory
 
 # SIGINT is ignored by children of shells without job control, hence the default handler.

@@ -32,7 +32,7 @@ from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.lab.mcap import read_mcap
 from parapod.sims.real_machine.job import run_on_hardware
 from parapod.systems.hardware.device import Device
-from parapod.systems.hardware.emulators.misbehaviour import KINDS
+from parapod.systems.hardware.emulation.harness import KINDS
 from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
 for library in ("nidaqmx", "grpc", "canopen", "can", "serial", "mcap"):

@@ -11,7 +11,7 @@ from parapod.diagrams.station import Station
 from parapod.sims.real_machine.job import DeviceWatch, show_timing
 from parapod.sims.real_machine.real_time import Timing
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.io_thread import DeviceThread, Sample
+from parapod.systems.hardware.io import DeviceThread, Sample
 
 
 def said(timing):

@@ -1,3 +1,4 @@
+import dataclasses
 import itertools
 import threading
 import time
@@ -5,15 +6,20 @@ import time
 import pytest
 
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
-from parapod.systems.hardware.emulators.epos2_nodes import Epos2Nodes
-from parapod.systems.hardware.emulators.harness import Harness
-from parapod.systems.hardware.emulators.misbehaviour import Misbehaviour
-from parapod.systems.hardware.epos2 import Epos2
-from parapod.systems.hardware.epos2_setup import Epos2Params
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from parapod.systems.hardware.epos2.controller import Timing
+from parapod.systems.hardware.epos2.drives import Epos2
+from parapod.systems.hardware.epos2.emulator import Epos2Nodes
+from parapod.systems.hardware.epos2.settings import GearSettings
 
 CHANNELS = (f"test_epos2 {k}" for k in itertools.count())
 # Steep ramps, so that a test does not wait for them; a patient guard, for busy machines.
-QUICK = {"acceleration": 1e4, "deceleration": 1e4, "quick_stop_deceleration": 1e4}
+QUICK = {
+    "acceleration": 1e4,
+    "quick_stop_deceleration": 1e4,
+    "gear": 26.0,
+    "node_ids": [1, 2, 3, 4],
+}
 PATIENT = {"heartbeat_timeout": 2.0, "timeout": 0.5, "sdo_timeout": 0.5}
 
 
@@ -86,10 +92,34 @@ def until():
     return wait
 
 
+def split(kind, values):
+    """Settings of a kind, times, and whether to read synchronously; see `Rig`."""
+    values = dict(values)
+    is_synchronous = values.pop("is_synchronous", True)
+    timing = Timing(**{name: values.pop(name) for name in Timing._fields if name in values})
+    names = {field.name for field in dataclasses.fields(kind)}
+    properties = {name: value for name, value in values.items() if name not in names}
+    settings = type(kind.__name__, (kind,), properties)
+    fields = {name: value for name, value in values.items() if name in names}
+    return settings(**fields), timing, is_synchronous
+
+
 class Rig:
     """Drives, the emulated nodes that they are on, and the wires behind these."""
 
-    def __init__(self, params=None, part="wheels", axes=4, position=0.0, **emulated):
+    def __init__(
+        self, changes=None, kind=GearSettings, part="wheels", axes=4, position=0.0, **node
+    ):
+        """Prepares the rig.
+
+        Args:
+            changes: settings, times, or properties of the settings in SI units.
+            kind: class of the settings.
+            part: part of the machine.
+            axes: number of axes.
+            position: of all axes [rad or m].
+            node: arguments of the emulator.
+        """
         self.part, self.misbehaviour = part, Misbehaviour()
         sizes = {"velocity_command": axes, "brake": 1} | dict.fromkeys(
             ("position", "velocity", "current"), axes
@@ -101,13 +131,16 @@ class Rig:
             channel=next(CHANNELS),
             misbehaviour=self.misbehaviour,
             part=part,
-            **emulated,
+            **node,
         )
-        changes = {**QUICK, **PATIENT, **(params or {})}
-        self.params = Epos2Params(
-            **{"interface": "virtual", "channel": self.nodes.channel, **changes}
+        self.settings, timing, is_synchronous = split(
+            kind,
+            {"interface": "virtual", "channel": self.nodes.channel, "part": part}
+            | QUICK
+            | PATIENT
+            | (changes or {}),
         )
-        self.drives = Epos2(self.params)
+        self.drives = Epos2(self.settings, timing, is_synchronous)
 
     def __enter__(self):
         self.nodes.__enter__()
@@ -128,6 +161,13 @@ class Rig:
     @property
     def is_braked(self):
         return self.harness.get(f"{self.part}.brake") == (1.0,)
+
+    def wait_for_the_brake(self):
+        """Waits without a call of the drives."""
+        deadline = time.monotonic() + 5.0
+        while not self.is_braked:
+            assert time.monotonic() < deadline, (self.command, self.nodes.states)
+            time.sleep(1e-3)
 
     def wait(self, condition, timeout=5.0):
         """Polls, and goes on reading meanwhile as an owner does."""

@@ -9,9 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import DiscreteTimeIntegrator, Gain
 
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.io_thread import DeviceThread, Sample
-from parapod.systems.hardware.part_reader import PartReader
-from parapod.systems.hardware.part_writer import PartWriter
+from parapod.systems.hardware.io import DeviceThread, PartReader, PartWriter, Sample
 
 
 class Clock:

@@ -3,13 +3,14 @@ import math
 import numpy as np
 import pytest
 
+from parapod.systems.levelling_platform.model import LIMIT_SWITCHES
 from parapod.systems.sensors.limit_switches import LimitSwitches, LimitSwitchesParams
 
 STANDING = (20.0,) * 4
 
 
 def limits(extension, force=STANDING, switches=None):
-    switches = switches or LimitSwitches(len(extension))
+    switches = switches or LimitSwitches(len(extension), LIMIT_SWITCHES)
     context = switches.CreateDefaultContext()
     switches.GetInputPort("extension").FixValue(context, extension)
     if force is not None:
@@ -59,7 +60,7 @@ def test_nan_closes_no_switch_and_infinity_counts_as_large():
     ("name", "value", "row"), [("extension", (0.46,) * 4, 0), ("contact_force", STANDING, 2)]
 )
 def test_each_input_moves_the_output(name, value, row):
-    switches = LimitSwitches()
+    switches = LimitSwitches(4, LIMIT_SWITCHES)
     context = switches.CreateDefaultContext()
     switches.GetInputPort("extension").FixValue(context, (0.42,) * 4)
     switches.GetInputPort("contact_force").FixValue(context, (0.0,) * 4)

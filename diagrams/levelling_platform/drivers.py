@@ -1,0 +1,23 @@
+"""Drivers with the levelling platform's own defaults."""
+
+from dataclasses import dataclass
+
+from parapod.diagrams.drivers.epos2 import Epos2Axes
+from parapod.systems.core.schema import quantity
+from parapod.systems.levelling_platform.wheels import WHEEL_GEAR
+
+
+@dataclass
+class Epos2Wheels(Epos2Axes):
+    """The platform's four wheel motors on EPOS2 24/5 controllers: see `Epos2`.
+
+    Motors and encoders are not printed anywhere, so theirs are assumptions.
+
+    Attributes:
+        node_ids: addresses of the controllers, in the order of the wheels.
+        gear: reduction between motor and wheel [-] (section 2.1 of the paper).
+    """
+
+    part: str = "wheels"
+    node_ids: list[int] = quantity([1, 2, 3, 4], 1, 127)
+    gear: float = quantity(WHEEL_GEAR, 0.1, 10000.0)

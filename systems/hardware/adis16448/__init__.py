@@ -1,0 +1,1 @@
+"""The inertial sensor ADIS16448: settings, devices, and emulators of it."""

@@ -1,0 +1,364 @@
+"""Velocity-controlled axes: Maxon motors on EPOS2 24/5 controllers on a CANopen bus."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+from parapod.systems.hardware.canopen import (
+    HEARTBEAT_BASE,
+    CanopenBus,
+)
+from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
+from parapod.systems.hardware.ds402 import (
+    Controlword,
+)
+from parapod.systems.hardware.epos2.controller import (
+    MASTER_ID,
+    POLL,
+    Epos2Controller,
+    Sample,
+    Timing,
+    stopping_time,
+)
+from parapod.systems.hardware.epos2.settings import Epos2Settings
+from parapod.systems.hardware.position_memory import IncrementalDevice
+
+# A motor that is slower stands still [rpm]: two counts per millisecond of a 500-pulse encoder.
+_STANDSTILL = 60
+
+
+class Epos2(IncrementalDevice):
+    """Velocity-controlled axes, one controller (node) each, in profile velocity mode.
+
+    | signal | size | unit | meaning |
+    |---|---|---|---|
+    | measure `position` | n | rad or m | of the axes, as the controllers count since power-on |
+    | measure `velocity` | n | rad/s or m/s | of the axes |
+    | measure `current` | n | A | of the motors, positive where they push; if it is asked for |
+    | command `velocity_command` | n | rad/s or m/s | of the axes |
+    | command `brake` | 1 | - | above 0.5: stop and hold |
+
+    The brake is the drives' quick stop: they stop on a steeper ramp than a command of zero has,
+    hold the axes with power, and ignore velocities until `brake` falls, whatever goes wrong on
+    this side. The position goes on counting, so a release needs no homing. Without power, after
+    `deactivate` or a fault, nothing holds the axes but the friction of gear and screw.
+
+    **Reference.** The controllers count from zero since their power-on. `position` is absolute
+    when the settings say where the axes are at `configure`, or after `set_reference`.
+
+    **Limits.** With limits nothing moves before there is a reference, and no command, however
+    wild, drives an axis out of them: see `SoftLimits`. They are kept at every command and at
+    every reading, so also between two commands of a controller that hangs. Axes whose position
+    has not been measured for the limits' `lead` are commanded zero, all of them if one node is
+    silent or has a fault.
+
+    **Guard.** This computer's heartbeat guards the axes from `activate` to `deactivate`:
+    controllers that miss it for the settings' `heartbeat_timeout_ms` stop the axes by a quick stop
+    and go to a fault. With the time for the quick stop that should be less than 0.2 s. The calls
+    of this class send the heartbeat, no thread of its own: it must not outlive a thread that
+    hangs. Without power there is nothing to guard, and pauses of any length are harmless.
+    """
+
+    position_signal = "position"
+
+    def __init__(
+        self,
+        settings: Epos2Settings,
+        timing: Timing = Timing(),
+        is_synchronous: bool = True,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """Describes the axes; nothing is opened.
+
+        Args:
+            settings: settings of the drives and of the bus.
+            timing: times of bus and drives.
+            is_synchronous: reads by SYNC and process data, 2 frames per node; otherwise by
+                service data, 6 frames per node one after another and 2 more for the current, for
+                buses on which others send SYNC.
+            clock: monotonic [s].
+
+        Raises:
+            ValueError: settings that do not fit together.
+        """
+        _check(settings, timing)
+        self._settings, self._timing, self._clock = settings, timing, clock
+        self._is_synchronous = is_synchronous
+        self._limits, self._directions = settings.limits, settings.directions
+        self.name = settings.name
+        axes = len(settings.node_ids)
+        super().__init__(settings.positions_path, axes, settings.part)
+        self.measures = {"position": axes, "velocity": axes}
+        if settings.measures_current:
+            self.measures["current"] = axes
+        self.commands = {"velocity_command": axes, "brake": 1}
+        self._bus: CanopenBus | None = None
+        self._controllers: list[Epos2Controller] = []
+        self._is_active = self._is_braked = self._is_referenced = False
+        self._beaten = self._measured = -math.inf
+        self._counts: list[int | None] = []
+        self._offset, self._position = [0.0] * axes, [0.0] * axes
+        self._wanted: Sequence[float] = (0.0,) * axes
+        # Velocities of the motors that have been sent; None: another controlword has.
+        self._sent: list[int | None] | None = None
+
+    @property
+    def is_referenced(self) -> bool:
+        """Whether it is known which positions the counts mean."""
+        return self._is_referenced
+
+    def _open(self) -> None:
+        """Opens the bus, makes sure of every controller and sets it up, without power.
+
+        A fault from before is reset.
+
+        Raises:
+            MissingExtra: a library is not installed.
+            DeviceError: a node is silent, not an EPOS2 24/5 with that encoder, or refuses.
+        """
+        self.close()
+        settings = self._settings
+        bus = CanopenBus(self.name, settings.node_ids, self._timing.sdo_timeout)
+        self._bus = bus
+        self._controllers = [
+            Epos2Controller(bus, i, settings, self._timing, self._beat, self._clock)
+            for i in settings.node_ids
+        ]
+        self._counts = [None] * len(settings.node_ids)
+        self._offset, self._is_referenced = [0.0] * len(settings.node_ids), False
+        try:
+            bus.open(settings.bus_options)
+            bus.listen(self._report_ids)
+            for controller in self._controllers:
+                controller.identify()
+            for controller in self._controllers:
+                controller.set_up()
+            self.read()
+            if settings.position_at_start is not None:
+                self.set_reference(settings.position_at_start)
+        except BaseException:
+            self.close()
+            raise
+
+    def _energise(self) -> None:
+        """Enables the drives at zero velocity; the axes are held from here on.
+
+        A fault for want of heartbeats is reset, since it tells of this computer's past and not
+        of the drive's health.
+
+        Raises:
+            DeviceError: a node is silent, refuses, or has another fault; or there are limits,
+                and the positions are not known.
+        """
+        self._open_bus()
+        if self._limits is not None and not self._is_referenced:
+            raise DeviceError(self.name, "nobody knows the positions, and there are limits")
+        for controller in self._controllers:
+            controller.recover()
+        self._is_active, self._is_braked = True, False
+        try:
+            for controller in self._controllers:
+                controller.guard(True)
+            # A heartbeat is missed only after a first one (CiA 301): no power before that.
+            self._beaten = -math.inf
+            self._beat()
+            for controller in self._controllers:
+                controller.enable()
+        except BaseException:
+            with suppress(DeviceError):
+                self._release()
+            raise
+
+    def read(self) -> Signals:
+        """Measurements of the drives at the SYNC that this sends.
+
+        Raises:
+            DeviceError: a node has a fault or has lost its power, is silent, or sends rubbish.
+        """
+        self._beat()
+        began = self._clock()
+        try:
+            samples = self._samples()
+            for controller, sample in zip(self._controllers, samples, strict=True):
+                controller.check(sample, self._is_active)
+        except DeviceError:
+            with suppress(DeviceError):
+                self._restrain()
+            raise
+        self._position = self._counted(samples)
+        self._measured = began
+        self._restrain()
+        settings = self._settings
+        directed = list(zip(samples, self._directions, strict=True))
+        signals = {
+            "position": self._position,
+            "velocity": [sign * settings.velocity(sample.rpm) for sample, sign in directed],
+        }
+        if settings.measures_current:
+            signals["current"] = [1e-3 * sign * sample.milliamperes for sample, sign in directed]
+        return signals
+
+    def write(self, commands: Signals) -> None:
+        """Commands the axes; without power, nothing.
+
+        Raises:
+            DeviceError: the bus is gone.
+        """
+        self._is_braked = commands["brake"][0] > 0.5
+        self._command(commands["velocity_command"])
+
+    def neutral(self) -> None:
+        """Commands zero velocity; the brake stays as it is.
+
+        Raises:
+            DeviceError: the bus is gone.
+        """
+        self._command((0.0,) * len(self._settings.node_ids))
+
+    def _release(self) -> None:
+        """Stops the axes quickly, waits until they stand, and takes the power away.
+
+        It takes as long as the axes take to stop, `stopping_time` at most.
+
+        Raises:
+            DeviceError: a node is silent; the others have obeyed.
+        """
+        if self._bus is None:
+            return
+        was_active = self._is_active
+        try:
+            if was_active:
+                self._send(Controlword.QUICK_STOP)
+                self._wait_for_standstill()
+        finally:
+            self._is_active = False
+            self._send(Controlword.DISABLE_VOLTAGE)
+        if was_active:
+            for controller in self._controllers:
+                controller.guard(False)
+
+    def close(self) -> None:
+        """Stops the axes, takes their power and closes the bus; never raises."""
+        with suppress(Exception):
+            self._release()
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            bus.close()
+
+    def _open_bus(self) -> CanopenBus:
+        if self._bus is None:
+            raise DeviceError(self.name, "not configured", DeviceFault.UNPLUGGED)
+        return self._bus
+
+    @property
+    def _report_ids(self) -> list[int]:
+        return [can_id for controller in self._controllers for can_id in controller.report_ids]
+
+    def _beat(self) -> None:
+        """Sends this computer's heartbeat if the last one is old enough."""
+        bus, now = self._open_bus(), self._clock()
+        if now - self._beaten >= self._timing.heartbeat_period:
+            bus.send(HEARTBEAT_BASE + MASTER_ID, b"\x05")  # operational
+            self._beaten = now
+
+    def _samples(self) -> list[Sample]:
+        if not self._is_synchronous:
+            return [controller.poll() for controller in self._controllers]
+        frames = self._open_bus().synchronise(self._report_ids, self._timing.timeout)
+        return [controller.sample(frames) for controller in self._controllers]
+
+    def _set_reference(self, values: Sequence[float]) -> None:
+        self._offset = [0.0] * len(values)
+        counted = self._counted(self._samples())
+        self._offset = [value - since for value, since in zip(values, counted, strict=True)]
+        self._position = [*values]  # the limits are kept from now on
+        self._is_referenced = True
+
+    def _counted(self, samples: Sequence[Sample]) -> list[float]:
+        """Positions of the axes, with their reference if there is one."""
+        pairs = zip(samples, self._counts, strict=True)
+        counts = [unwrapped(sample.counts, previous) for sample, previous in pairs]
+        self._counts = [*counts]
+        axes = zip(counts, self._directions, self._offset, strict=True)
+        return [offset + sign * self._settings.position(count) for count, sign, offset in axes]
+
+    def _command(self, velocities: Sequence[float]) -> None:
+        """Sends velocities to drives that have power."""
+        self._beat()
+        self._wanted = velocities
+        if not self._is_active:
+            self._send(Controlword.DISABLE_VOLTAGE)
+        elif self._is_braked:
+            self._send(Controlword.QUICK_STOP)
+        else:
+            self._send(Controlword.ENABLE_OPERATION, self._targets())
+
+    def _restrain(self) -> None:
+        """Slows down axes that have come closer to a limit since they were commanded."""
+        if self._limits is None or self._sent is None:
+            return
+        targets = self._targets()
+        for i, (controller, target) in enumerate(zip(self._controllers, targets, strict=True)):
+            if target != self._sent[i]:
+                controller.command(Controlword.ENABLE_OPERATION, target)
+                self._sent[i] = target
+
+    def _targets(self) -> list[int]:
+        """Velocities of the motors [rpm] for those that are wanted of the axes."""
+        velocities = self._wanted
+        if (limits := self._limits) is not None:
+            is_known = self._clock() - self._measured <= limits.lead
+            allowed = limits.allowed(velocities, self._position)
+            velocities = allowed if is_known else [0.0] * len(allowed)
+        pairs = zip(velocities, self._directions, strict=True)
+        return [sign * self._settings.rpm(velocity) for velocity, sign in pairs]
+
+    def _send(self, word: Controlword, rpm: Sequence[int] = ()) -> None:
+        """Sends a controlword to all drives, with velocities if it lets them move."""
+        self._sent = None if not rpm else [None] * len(rpm)
+        for i, controller in enumerate(self._controllers):
+            controller.command(word, rpm[i] if rpm else 0)
+            if self._sent is not None:
+                self._sent[i] = rpm[i]
+
+    def _wait_for_standstill(self) -> None:
+        deadline = self._clock() + stopping_time(self._settings, self._timing)
+        while self._clock() < deadline:
+            self._beat()
+            if all(abs(sample.rpm) <= _STANDSTILL for sample in self._samples()):
+                return
+            time.sleep(POLL)
+
+
+def unwrapped(counts: int, previous: int | None) -> int:
+    """A position without the jumps of a 32-bit counter that overflows [counts].
+
+    Args:
+        counts: as counted in 32 bits.
+        previous: position before; None if this is the first.
+    """
+    if previous is None:
+        return counts
+    half = 1 << 31
+    return previous + (counts - previous + half) % (1 << 32) - half
+
+
+def _check(settings: Epos2Settings, timing: Timing) -> None:
+    """Refuses settings that do not fit together."""
+    ids = (*settings.node_ids, MASTER_ID)
+    if len(set(ids)) != len(ids) or len(ids) < 2 or not all(1 <= i <= 127 for i in ids):
+        raise ValueError(f"node ids must be different ones of 1..127, not {ids}")
+    if settings.heartbeat_timeout < 2.0 * timing.heartbeat_period:
+        raise ValueError(
+            f"heartbeat_timeout must be two periods ({timing.heartbeat_period} s) or more, "
+            f"not {settings.heartbeat_timeout} s"
+        )
+    axes = len(settings.node_ids)
+    if len(settings.directions) != axes or set(settings.directions) - {1, -1}:
+        raise ValueError(f"signs must be {axes} times 1 or -1, not {settings.directions}")
+    start, limits = settings.position_at_start, settings.limits
+    if start is not None and len(start) != axes:
+        raise ValueError(f"position_at_start must be {axes} values, not {start}")
+    if limits is not None and len(limits.lower) != axes:
+        raise ValueError(f"limits must be {axes}, not {len(limits.lower)}")

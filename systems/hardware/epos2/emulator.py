@@ -1,0 +1,374 @@
+"""EPOS2 24/5 controllers, emulated on a bus: `virtual`, or SLCAN for other processes.
+
+Drive state machine, profile velocity mode, faults.
+"""
+
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+from parapod.systems.core.elementwise import clamp
+from parapod.systems.hardware.canopen import HEARTBEAT_CONSUMED, HEARTBEAT_PRODUCED, Entry
+from parapod.systems.hardware.device import need
+from parapod.systems.hardware.ds402 import STATUSWORDS, DriveState, is_energised, obeyed
+from parapod.systems.hardware.emulation.canopen_slave import (
+    CanopenSlave,
+    SlaveLine,
+    process_data_defaults,
+)
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from parapod.systems.hardware.emulation.slcan import SlcanPty
+from parapod.systems.hardware.epos2 import objects
+
+# What an EPOS2 adds to CiA 402's bits: offsets measured, and voltage enabled [EPOS2 firmware
+# specification, states of the drive].
+_OFFSETS_MEASURED, _VOLTAGE_ENABLED = 0x0100, 0x0010
+_RPM = 2.0 * math.pi / 60.0  # [rad/s]
+# Error register: generic, communication (CiA 301).
+_GENERIC, _COMMUNICATION = 0x01, 0x10
+
+
+class EmulatedMotor(NamedTuple):
+    """Identity of an emulated controller, and the motor that it drives.
+
+    Attributes:
+        gear: by how much the motor turns [rad] for one unit of the axis, rad or m.
+        pulses: encoder pulses per turn of the motor; four counts each.
+        vendor: maxon, unless somebody tests what becomes of another one.
+        hardware: version of the hardware, the EPOS2 24/5's unless a test has another.
+        position_offset: counts that the controller shows when it is switched on.
+        sign: -1 where the motor's positive direction is the axis's negative one.
+    """
+
+    gear: float = 26.0
+    pulses: int = 500
+    vendor: int = objects.MAXON
+    hardware: int = objects.EPOS2_24_5
+    position_offset: int = 0
+    sign: int = 1
+
+
+class MeasuredMotor(NamedTuple):
+    """Measurements of a controller's sensors, in the unit of the axis.
+
+    Attributes:
+        position: of the axis [rad or m].
+        velocity: of the axis [rad/s or m/s].
+        current: of the motor, positive where the axis pushes [A].
+    """
+
+    position: float = 0.0
+    velocity: float = 0.0
+    current: float = 0.0
+
+
+class Epos2Node:
+    """One controller; its motor is moved by whoever asks for `velocity` and sets `measured`.
+
+    What is emulated is the controller's firmware: states, ramps of its profile, limits, whole
+    rpm, counts. How fast and how well the motor then follows the ramp is the machine's matter.
+
+    Attributes:
+        state: of the drive.
+        measured: what its sensors show.
+    """
+
+    def __init__(
+        self, node_id: int, line: SlaveLine, motor: EmulatedMotor, switched_on_at: float = 0.0
+    ):
+        """Creates a node, switched on just now, and puts it on the line.
+
+        Args:
+            node_id: its address.
+            line: the bus.
+            motor: that it drives.
+            switched_on_at: position of the axis [rad or m], from which it counts.
+        """
+        self._motor, self._zero = motor, switched_on_at
+        self.state = DriveState.SWITCH_ON_DISABLED
+        self.measured = MeasuredMotor(switched_on_at)
+        self._controlword, self._demand, self._stepped = 0, 0.0, -math.inf
+        self._slave = CanopenSlave(node_id, _defaults(node_id, motor), line, self._miss_heartbeat)
+        self._slave.node.add_read_callback(self._on_read)
+        self._slave.node.add_write_callback(self._on_write)
+
+    @property
+    def velocity(self) -> float:
+        """Velocity that the axis is to have [rad/s or m/s]; 0 unless operation is enabled."""
+        if self.state is not DriveState.OPERATION_ENABLED:
+            return 0.0
+        return self._motor.sign * self._demand * _RPM / self._motor.gear
+
+    def hear(self, can_id: int, now: float) -> None:
+        """Takes note of a frame that may be the master's heartbeat.
+
+        Args:
+            can_id: its identifier.
+            now: the time [s].
+        """
+        self._slave.hear(can_id, now)
+
+    def trip(self, code: int, register: int = _GENERIC) -> None:
+        """Makes the drive fail.
+
+        Args:
+            code: of the error.
+            register: bits of the error register.
+        """
+        if self.state is DriveState.FAULT:
+            return
+        self.state = DriveState.FAULT_REACTION_ACTIVE
+        self._store(objects.ERROR_CODE, code)
+        self._slave.node.emcy.send(code, register)
+
+    def step(self, now: float) -> None:
+        """Moves on to a time [s]."""
+        self._slave.step(now)
+        elapsed = max(0.0, now - self._stepped) if math.isfinite(self._stepped) else 0.0
+        self._stepped = now
+        self._demand = self._ramped(elapsed)
+        if self.state is DriveState.FAULT_REACTION_ACTIVE and self._demand == 0.0:
+            self.state = DriveState.FAULT
+
+    def _ramped(self, elapsed: float) -> float:
+        """Velocity of the motor that is demanded next [rpm]."""
+        if self.state is DriveState.OPERATION_ENABLED:
+            if self._slave.get(objects.MODE) != objects.PROFILE_VELOCITY:
+                return 0.0
+            limit = self._slave.get(objects.MAX_VELOCITY)
+            target = clamp(float(self._slave.get(objects.TARGET_VELOCITY)), -limit, limit)
+            faster = abs(target) > abs(self._demand)
+            rate = self._slave.get(objects.ACCELERATION if faster else objects.DECELERATION)
+        elif is_energised(self.state) or self.state is DriveState.FAULT_REACTION_ACTIVE:
+            target, rate = 0.0, self._slave.get(objects.QUICK_STOP_DECELERATION)
+        else:
+            return 0.0
+        step = rate * elapsed
+        return float(clamp(target, self._demand - step, self._demand + step))
+
+    def _miss_heartbeat(self) -> None:
+        self.trip(objects.HEARTBEAT_LOST, _GENERIC | _COMMUNICATION)
+
+    def _on_read(self, index: int, **_: Any) -> int | None:
+        motor = self._motor
+        if index == objects.STATUSWORD.index:
+            powered = _VOLTAGE_ENABLED if is_energised(self.state) else 0
+            return STATUSWORDS[self.state] | _OFFSETS_MEASURED | powered
+        if index == objects.POSITION.index:
+            turns = (self.measured.position - self._zero) * motor.gear / (2.0 * math.pi)
+            counts = round(motor.sign * 4 * motor.pulses * turns) + motor.position_offset
+            return _wrapped(counts, 32)
+        if index == objects.VELOCITY.index:
+            rpm = motor.sign * self.measured.velocity * motor.gear / _RPM
+            return _wrapped(round(rpm), 32)
+        if index == objects.CURRENT.index:
+            return _wrapped(round(1e3 * motor.sign * self.measured.current), 16)
+        return None
+
+    def _on_write(self, index: int, data: bytes, **_: Any) -> None:
+        if index != objects.CONTROLWORD.index:
+            return
+        word = objects.CONTROLWORD.unpack(data)
+        before, self.state = self.state, obeyed(self.state, self._controlword, word)
+        self._controlword = word
+        if before is DriveState.FAULT and self.state is not before:
+            self._store(objects.ERROR_CODE, 0)
+            self._slave.node.emcy.reset()
+
+    def _store(self, entry: Entry, value: int) -> None:
+        self._slave.node.set_data(entry.index, entry.subindex, entry.pack(value))
+
+
+def _wrapped(value: int, bits: int) -> int:
+    """A number as so many bits show it."""
+    half = 1 << bits - 1
+    return (value + half) % (1 << bits) - half
+
+
+def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
+    """The object dictionary as the maker delivers it."""
+    return {
+        objects.ERROR_CODE: 0,
+        HEARTBEAT_CONSUMED: 0,
+        HEARTBEAT_PRODUCED: 0,
+        objects.VENDOR: motor.vendor,
+        objects.PRODUCT: motor.hardware << 16,
+        objects.CURRENT: 0,
+        objects.ENCODER_PULSES: motor.pulses,
+        objects.ABORT_CONNECTION: objects.ABORT_BY_QUICK_STOP,
+        objects.CONTROLWORD: 0,
+        objects.STATUSWORD: 0,
+        objects.MODE: 1,
+        objects.POSITION: 0,
+        objects.VELOCITY: 0,
+        objects.MAX_VELOCITY: 25000,
+        objects.ACCELERATION: 10000,
+        objects.DECELERATION: 10000,
+        objects.QUICK_STOP_DECELERATION: 10000,
+        objects.PROFILE_TYPE: 0,
+        objects.TARGET_VELOCITY: 0,
+        **process_data_defaults(node_id),
+    }
+
+
+# Longest time between two looks at ramps and heartbeats [s].
+_TICK = 0.002
+
+
+class Epos2Nodes:
+    """EPOS2 controllers between a bus and the wires of one part of a simulated machine.
+
+    | wire | size | unit | meaning |
+    |---|---|---|---|
+    | to the machine `<part>.velocity_command` | n | rad/s or m/s | 0 for an axis without power |
+    | to the machine `<part>.brake` | 1 | - | 1 unless an axis is enabled |
+    | from the machine `<part>.position` | n | rad or m | |
+    | from the machine `<part>.velocity` | n | rad/s or m/s | |
+    | from the machine `<part>.current` | n | A | if the machine has it |
+
+    The nodes are on a bus of python-can's interface `virtual`, which this process shares; with
+    `link`, an emulated serial adapter brings it to other processes. Entering the context switches
+    them on: they count from where the axes are then.
+
+    Nodes that are `off` say nothing but still hear; nodes that are `unplugged` hear nothing
+    either, and stop the axes when they miss the master's heartbeat.
+    """
+
+    def __init__(
+        self,
+        harness: Harness,
+        node_ids: Sequence[int] = (1, 2, 3, 4),
+        channel: str = "epos2",
+        link: Path | str | None = None,
+        misbehaviour: Misbehaviour | None = None,
+        motor: EmulatedMotor = EmulatedMotor(),
+        part: str = "wheels",
+        signs: Sequence[int] = (),
+        measures_current: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """Prepares the nodes; they answer within a `with` block.
+
+        Args:
+            harness: the wires.
+            node_ids: addresses, in the order of the axes.
+            channel: of the interface `virtual`.
+            link: where to put a symbolic link to the adapter's port; None: no adapter.
+            misbehaviour: what they do wrong.
+            motor: that each of them drives.
+            part: of the machine.
+            signs: of the motors, in place of the `motor`'s; empty: none.
+            measures_current: whether the machine has the wire `current`; else it is zero.
+            clock: monotonic [s].
+        """
+        self._harness, self._ids, self.channel = harness, tuple(node_ids), channel
+        self._misbehaviour = misbehaviour or Misbehaviour()
+        self._clock = clock
+        self._motors = [motor._replace(sign=s) for s in signs or (motor.sign,) * len(self._ids)]
+        self._part, self._measures_current = part, measures_current
+        self.adapter = None if link is None else SlcanPty(channel, link, self._misbehaviour)
+        self.nodes: list[Epos2Node] = []
+        self._lines: list[SlaveLine] = []
+        self._lock = threading.Lock()
+        self._stopping = threading.Event()
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        self._stopping.clear()
+        with ExitStack() as stack:
+            bus: Any = need("can").Bus(
+                interface="virtual", channel=self.channel, ignore_config=True
+            )
+            stack.callback(bus.shutdown)
+            self._lines = [SlaveLine(bus, self._misbehaviour, self._clock) for _ in self._ids]
+            made = zip(self._ids, self._lines, self._motors, self._get("position"), strict=True)
+            self.nodes = [Epos2Node(*parts) for parts in made]
+            self._publish()
+            thread = threading.Thread(
+                target=self._run, args=(bus,), name="EPOS2 nodes", daemon=True
+            )
+            thread.start()
+            stack.callback(thread.join)
+            stack.callback(self._stopping.set)
+            if self.adapter is not None:
+                stack.enter_context(self.adapter)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    @property
+    def states(self) -> tuple[DriveState, ...]:
+        """States of the drives."""
+        return tuple(node.state for node in self.nodes)
+
+    def trip(self, node_id: int, code: int) -> None:
+        """Makes a drive fail.
+
+        Args:
+            node_id: its address.
+            code: of the error.
+        """
+        with self._lock:
+            self.nodes[self._ids.index(node_id)].trip(code)
+
+    def disconnect(self, node_id: int) -> None:
+        """Takes a node off the bus: it hears and says nothing any more.
+
+        Args:
+            node_id: its address.
+        """
+        self._lines[self._ids.index(node_id)].is_connected = False
+
+    def _run(self, bus: Any) -> None:
+        while not self._stopping.is_set():
+            message = bus.recv(_TICK)
+            with self._lock:
+                self._measure()
+                # All that has come, before anybody misses a heartbeat among it.
+                while message is not None:
+                    self._receive(message)
+                    message = bus.recv(0.0)
+                now = self._clock()
+                for line, node in zip(self._lines, self.nodes, strict=True):
+                    line.step(now)
+                    node.step(now)
+                self._publish()
+
+    def _receive(self, message: Any) -> None:
+        if self._misbehaviour.is_unplugged:
+            return
+        now = self._clock()
+        for line, node in zip(self._lines, self.nodes, strict=True):
+            if line.is_connected:
+                node.hear(message.arbitration_id, now)
+            # A frame of the wrong length or to an unknown entry: real nodes ignore it, too.
+            with suppress(Exception):
+                line.receive(message)
+
+    def _measure(self) -> None:
+        n = len(self.nodes)
+        true = (*self._get("position"), *self._get("velocity"), *self._current())
+        shown = self._misbehaviour.shown(true, self._clock())
+        shown = tuple(value if math.isfinite(value) else 0.0 for value in shown)
+        for i, node in enumerate(self.nodes):
+            node.measured = MeasuredMotor(*shown[i::n])
+
+    def _current(self) -> tuple[float, ...]:
+        return self._get("current") if self._measures_current else (0.0,) * len(self.nodes)
+
+    def _publish(self) -> None:
+        self._set("velocity_command", [node.velocity for node in self.nodes])
+        is_enabled = any(node.state is DriveState.OPERATION_ENABLED for node in self.nodes)
+        self._set("brake", [0.0 if is_enabled else 1.0])
+
+    def _get(self, signal: str) -> tuple[float, ...]:
+        return self._harness.get(f"{self._part}.{signal}")
+
+    def _set(self, signal: str, values: Sequence[float]) -> None:
+        self._harness.set(f"{self._part}.{signal}", values)

@@ -1,0 +1,78 @@
+"""The objects of an EPOS2 that parapod uses, and where they travel on the bus.
+
+Source: maxon motor, EPOS2 Positioning Controllers, Firmware Specification (object dictionary,
+communication objects, error codes); CiA 301 for the communication profile.
+"""
+
+from parapod.systems.hardware.canopen import ON_ARRIVAL, ON_SYNC, Entry, Pdo
+
+ERROR_CODE = Entry(0x1003, 1, "<I")  # newest error; the code is the low word
+VENDOR = Entry(0x1018, 1, "<I")
+PRODUCT = Entry(0x1018, 2, "<I")  # hardware version << 16 | application
+# Actual current behind a low-pass of 50 Hz [mA]: unlike 0x6078, which is not filtered, it can be
+# sampled at 100 Hz without the ripple of the current controller showing up as something slow.
+CURRENT = Entry(0x2027, 0, "<h")
+ENCODER_PULSES = Entry(0x2210, 1, "<I")  # per turn, of which an edge detector makes four counts
+ABORT_CONNECTION = Entry(0x6007, 0, "<h")  # what a lost heartbeat does
+CONTROLWORD = Entry(0x6040, 0, "<H")
+STATUSWORD = Entry(0x6041, 0, "<H")
+MODE = Entry(0x6060, 0, "<b")
+POSITION = Entry(0x6064, 0, "<i")  # [counts]
+VELOCITY = Entry(0x606C, 0, "<i")  # [rpm] of the motor
+MAX_VELOCITY = Entry(0x607F, 0, "<I")  # [rpm]
+ACCELERATION = Entry(0x6083, 0, "<I")  # [rpm/s]
+DECELERATION = Entry(0x6084, 0, "<I")  # [rpm/s]
+QUICK_STOP_DECELERATION = Entry(0x6085, 0, "<I")  # [rpm/s]
+PROFILE_TYPE = Entry(0x6086, 0, "<h")  # 0: trapezoidal
+TARGET_VELOCITY = Entry(0x60FF, 0, "<i")  # [rpm]
+
+MAXON = 0xFB
+EPOS2_24_5 = 0x6220
+PROFILE_VELOCITY = 3
+ABORT_BY_QUICK_STOP = 3
+
+
+# Statusword, position and velocity are ten bytes, and a frame has eight.
+COMMAND = Pdo(0x200, 0x1400, 0x1600, ON_ARRIVAL, (CONTROLWORD, TARGET_VELOCITY))
+STATUS = Pdo(0x180, 0x1800, 0x1A00, ON_SYNC, (STATUSWORD, POSITION))
+MOTION = Pdo(0x280, 0x1801, 0x1A01, ON_SYNC, (VELOCITY,))
+# In the same frame: two bytes cost less there than a frame of their own.
+MOTION_AND_CURRENT = MOTION._replace(entries=(VELOCITY, CURRENT))
+# What of the others a drive might send or obey on its own.
+UNUSED = (0x1401, 0x1402, 0x1403, 0x1802, 0x1803)
+
+HEARTBEAT_LOST = 0x8130
+ERRORS = {
+    0x1000: "generic error",
+    0x2310: "overcurrent",
+    0x3210: "overvoltage",
+    0x3220: "undervoltage",
+    0x4210: "overtemperature",
+    0x5113: "supply voltage (5 V) too low",
+    0x5114: "supply voltage of the output stage too low",
+    0x6100: "internal software error",
+    0x6320: "software parameter error",
+    0x7320: "position sensor error",
+    0x8110: "CAN overrun (objects lost)",
+    0x8111: "CAN overrun",
+    0x8120: "CAN passive mode",
+    HEARTBEAT_LOST: "CAN heartbeat lost",
+    0x8150: "CAN identifiers collide",
+    0x81FD: "CAN bus off",
+    0x81FE: "CAN receive queue overflow",
+    0x81FF: "CAN transmit queue overflow",
+    0x8210: "CAN process data of wrong length",
+    0x8611: "following error",
+    0xFF01: "Hall sensor error",
+    0xFF02: "index pulse error",
+    0xFF06: "negative limit switch",
+    0xFF07: "positive limit switch",
+    0xFF09: "software position limit",
+    0xFF0A: "position sensor breach",
+    0xFF0B: "system overloaded",
+}
+
+
+def described(code: int) -> str:
+    """An EMCY code and its meaning."""
+    return f"EMCY 0x{code:04X} ({ERRORS.get(code, 'not known')})"

@@ -1,0 +1,237 @@
+"""Settings of axes on EPOS2 24/5 controllers, in the units in which people give them.
+
+An axis turns or is pushed: the unit of its SI properties is rad or m.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from parapod.systems.core.schema import Schema, choice, quantity
+from parapod.systems.hardware.addresses import resolved
+from parapod.systems.hardware.soft_limits import SoftLimits
+
+_RPM = 2.0 * math.pi / 60.0  # [rad/s]
+
+
+@dataclass
+class Epos2Settings(Schema):
+    """Axes driven by motors on EPOS2 24/5 controllers, and the bus that they are on.
+
+    Attributes:
+        part: part of the machine, as in the names of its ports.
+        interface: python-can's name of the bus: "slcan" (serial adapter), "socketcan" (network
+            interface), or "virtual" within this process.
+        channel: serial port of the adapter for slcan, network interface for socketcan, any name
+            for virtual.
+        bitrate: speed of the bus [bit/s]; socketcan has its own.
+        node_ids: addresses of the controllers, in the order of the axes.
+        counts_per_turn: encoder counts per turn of the motor, all four edges [-].
+        max_velocity_rpm: largest velocity of a motor [rpm].
+        heartbeat_timeout_ms: silence after which the controllers stop by themselves [ms]; see
+            `Epos2`, "Guard".
+        opening_pause_ms: pause after the port is opened [ms]; 2000 for SLCAN adapters that this
+            resets.
+    """
+
+    part: str = ""
+    interface: str = choice("slcan", ("slcan", "socketcan", "virtual"))
+    channel: str = "emulator/can"
+    bitrate: int = quantity(1_000_000, 10_000, 1_000_000)
+    node_ids: list[int] = quantity([1], 1, 127)
+    counts_per_turn: int = quantity(2000, 4, 10_000_000)
+    max_velocity_rpm: float = quantity(8000.0, 1.0, 100_000.0)
+    heartbeat_timeout_ms: float = quantity(100.0, 40.0, 1000.0)
+    opening_pause_ms: float = quantity(0.0, 0.0, 5000.0)
+
+    @property
+    def motor_per_unit(self) -> float:
+        """Turn of the motor for one unit of its axis [rad per rad or m]."""
+        raise NotImplementedError(f"{type(self).__name__} does not define motor_per_unit")
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """1 for each axis, -1 where the motor's positive direction is the axis's negative one."""
+        return (1,) * len(self.node_ids)
+
+    @property
+    def acceleration(self) -> float:
+        """Acceleration of an axis that speeds up or slows down [unit/s^2] (assumption)."""
+        return 20.0
+
+    @property
+    def quick_stop_deceleration(self) -> float:
+        """Deceleration of an axis that brakes [unit/s^2] (assumption)."""
+        return 100.0
+
+    @property
+    def measures_current(self) -> bool:
+        """Whether the motors' currents are measured as well."""
+        return False
+
+    @property
+    def position_at_start(self) -> tuple[float, ...] | None:
+        """Positions of the axes when the device is configured [unit]; None: not known."""
+        return None
+
+    @property
+    def positions_path(self) -> str:
+        """File that keeps positions from one program to the next; "": none."""
+        return ""
+
+    @property
+    def limits(self) -> SoftLimits | None:
+        """Limits that no axis leaves; None: none.
+
+        Raises:
+            ValueError: they are not in order.
+        """
+        return None
+
+    @property
+    def name(self) -> str:
+        """Name of the controllers in errors."""
+        return f"EPOS2 on {self.interface} {self.address}"
+
+    @property
+    def address(self) -> str:
+        """Place of the interface, an emulator's address resolved."""
+        return resolved(self.channel)
+
+    @property
+    def bus_options(self) -> dict[str, Any]:
+        """Arguments of `can.Bus`."""
+        options: dict[str, Any] = {"interface": self.interface, "channel": self.address}
+        if self.interface != "virtual":
+            options["bitrate"] = self.bitrate
+        if self.interface == "slcan":
+            options["sleep_after_open"] = 1e-3 * self.opening_pause_ms
+        return options
+
+    @property
+    def max_velocity(self) -> float:
+        """Largest velocity of an axis [unit/s]."""
+        return math.radians(6.0 * self.max_velocity_rpm) / self.motor_per_unit
+
+    @property
+    def heartbeat_timeout(self) -> float:
+        """Silence after which the controllers stop by themselves [s]."""
+        return 1e-3 * self.heartbeat_timeout_ms
+
+    def rpm(self, velocity: float) -> int:
+        """Velocity of the motor [rpm] of that of an axis [unit/s], limited; 0 if not finite."""
+        if not math.isfinite(velocity):
+            return 0
+        largest = self.max_velocity
+        limited = min(max(velocity, -largest), largest)
+        return round(limited * self.motor_per_unit / _RPM)
+
+    def rpm_per_second(self, acceleration: float) -> int:
+        """Acceleration of the motor [rpm/s] of that of an axis [unit/s^2], 1 at least."""
+        return max(1, round(acceleration * self.motor_per_unit / _RPM))
+
+    def velocity(self, rpm: float) -> float:
+        """Velocity of an axis [unit/s] of that of its motor [rpm]."""
+        return rpm * _RPM / self.motor_per_unit
+
+    def position(self, counts: float) -> float:
+        """Position of an axis [unit] of the counts of its motor's encoder."""
+        return counts * 2.0 * math.pi / (self.counts_per_turn * self.motor_per_unit)
+
+
+@dataclass
+class GearSettings(Epos2Settings):
+    """Axes that turn behind a gear, such as wheels.
+
+    Attributes:
+        gear: reduction between motor and axis [-].
+    """
+
+    gear: float = quantity(1.0, 0.1, 10000.0)
+
+    @property
+    def motor_per_unit(self) -> float:
+        """Turns of the motor by turns of the axis."""
+        return self.gear
+
+
+@dataclass
+class ScrewSettings(Epos2Settings):
+    """Screws that push, within limits, and a file that remembers where they stand.
+
+    Attributes:
+        lead_mm: way of a screw's nut per turn of the screw [mm].
+        reduction: turns of the motor per turn of the screw [-].
+        signs: 1, or -1 where the motor's positive direction retracts; one for each axis.
+        acceleration_mm_s2: acceleration with which the drives follow a command, up and down
+            [mm/s^2].
+        quick_stop_mm_s2: deceleration with which they stop for want of heartbeats, and to brake
+            [mm/s^2].
+        position_min_mm: lengths below which nothing retracts, one for each axis [mm].
+        position_max_mm: lengths above which nothing extends, one for each axis [mm].
+        limit_lead_ms: time by which an axis slows down early before these lengths [ms]: it could
+            go on for so long and still stop in time.
+        position_at_start_mm: measured lengths at the start of the program [mm]; null: not
+            measured, so the file must know them.
+        position_file: file that keeps the lengths from one program to the next, in the folder in
+            which the program is started if it has no other; while there is none, a program
+            begins with `position_at_start_mm`.
+    """
+
+    lead_mm: float = quantity(5.0, 0.01, 100.0)
+    reduction: float = quantity(1.0, 0.01, 10000.0)
+    signs: list[int] = quantity([1], -1, 1)
+    acceleration_mm_s2: float = quantity(2000.0, 1.0, 1e6)
+    quick_stop_mm_s2: float = quantity(4000.0, 1.0, 1e6)
+    position_min_mm: list[float] = quantity([0.0], 0.0, 5000.0)
+    position_max_mm: list[float] = quantity([1.0], 0.0, 5000.0)
+    limit_lead_ms: float = quantity(150.0, 10.0, 1000.0)
+    # No default: a guess would be believed, and the limits would be where they are not.
+    position_at_start_mm: list[float] | None = quantity(None, 0.0, 5000.0)
+    position_file: str = "emulator/positions.json"
+
+    @property
+    def motor_per_unit(self) -> float:
+        """Angle of the motor by the way of the nut [rad/m]."""
+        return 2.0 * math.pi * self.reduction / (1e-3 * self.lead_mm)
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """See `Epos2Settings`."""
+        return tuple(self.signs)
+
+    @property
+    def acceleration(self) -> float:
+        """See `Epos2Settings`."""
+        return 1e-3 * self.acceleration_mm_s2
+
+    @property
+    def quick_stop_deceleration(self) -> float:
+        """See `Epos2Settings`."""
+        return 1e-3 * self.quick_stop_mm_s2
+
+    @property
+    def measures_current(self) -> bool:
+        """See `Epos2Settings`."""
+        return True
+
+    @property
+    def position_at_start(self) -> tuple[float, ...] | None:
+        """See `Epos2Settings`."""
+        start = self.position_at_start_mm
+        return None if start is None else tuple(1e-3 * mm for mm in start)
+
+    @property
+    def positions_path(self) -> str:
+        """See `Epos2Settings`."""
+        return resolved(self.position_file)
+
+    @property
+    def limits(self) -> SoftLimits | None:
+        """See `Epos2Settings`."""
+        return SoftLimits(
+            lower=tuple(1e-3 * mm for mm in self.position_min_mm),
+            upper=tuple(1e-3 * mm for mm in self.position_max_mm),
+            lead=1e-3 * self.limit_lead_ms,
+            deceleration=self.acceleration,
+        )

@@ -1,0 +1,388 @@
+"""Devices seen from a loop: a thread for each of them, readers and writers with ports.
+
+Nothing in the loop waits for a bus: a thread talks to each device (`DeviceThread`), and the
+systems `PartReader` and `PartWriter` exchange whole samples and commands with the threads of the
+devices of one part of a machine.
+"""
+
+import logging
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import Context, InputPort, LeafSystem, State
+
+from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.ports import read
+from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
+
+_LOG = logging.getLogger(__name__)
+
+# Commands that are older than this are not the controller's will any more [s].
+COMMAND_TIMEOUT = 0.1
+# A reading is begun so early that this share of all readings has ended, with a margin [s], when
+# its samples are taken; and at most this share of the period before.
+_IN_TIME = 0.98
+_MARGIN = 5e-4
+_LARGEST_LEAD = 0.7
+# By how much the estimate of what a reading takes follows each one [s].
+_LEARNING = 2e-4
+# How many of the newest ages are kept: some minutes.
+_KEPT = 30_000
+# How long a thread may take to end once it is asked to; a device's calls are shorter [s].
+_JOIN_TIMEOUT = 2.0
+
+
+class Sample(NamedTuple):
+    """Newest values of a device, and its state.
+
+    Attributes:
+        values: of its signals; empty before the first.
+        stamp: `time.monotonic` when the reading of them began [s].
+        fault: what is wrong since then.
+        words: what the device says about it, without its name; "" if nothing is wrong.
+    """
+
+    values: Mapping[str, tuple[float, ...]]
+    stamp: float
+    fault: DeviceFault
+    words: str
+
+
+class _Command(NamedTuple):
+    signals: Signals
+    posted: float
+    measured: float
+
+
+class DeviceThread:
+    """Reads a device once a period and writes commands as soon as they come.
+
+    A loop that says when it takes samples (`taken`) gets fresh ones: the next reading is begun so
+    late that it ends just before they are taken again. Without a loop the readings are periodic.
+
+    Samples and commands are tuples that are swapped whole. When no command has come for
+    `command_timeout`, the outputs are made neutral: a controller that hangs moves nothing, unless
+    it hangs in compiled code that keeps Python's lock, and this thread waits for it. What
+    the device raises becomes the sample's fault; the thread goes on and tries again, and a device
+    that answers again has no fault any more.
+
+    The device must be configured; `start` activates it, `stop` deactivates it.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        period: float = 0.01,
+        command_timeout: float = COMMAND_TIMEOUT,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """Prepares the thread.
+
+        Args:
+            device: that is read and written.
+            period: of the loop and of the readings [s].
+            command_timeout: see the class [s].
+            clock: monotonic [s].
+        """
+        self.device, self.period = device, period
+        self._timeout, self._clock = command_timeout, clock
+        self._sample = self._no_sample()
+        self._command: _Command | None = None
+        self._written: _Command | None = None
+        self._is_neutral = True
+        self._write_words: tuple[DeviceFault, str] | None = None
+        self._write_ages: deque[float] = deque(maxlen=_KEPT)
+        self._due, self._reading_time = clock(), 0.0
+        self._wake, self._stopping = threading.Event(), threading.Event()
+        self._has_sample = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def sample(self) -> Sample:
+        """The newest sample, with what is wrong with the device by now."""
+        wrong, sample = self._write_words, self._sample
+        if wrong is None or sample.fault:
+            return sample
+        return sample._replace(fault=wrong[0], words=wrong[1])
+
+    @property
+    def error(self) -> DeviceError | None:
+        """Error of the device by now, to be raised; None if there is none."""
+        sample = self.sample
+        if not sample.fault:
+            return None
+        return DeviceError(self.device.name, sample.words, sample.fault)
+
+    @property
+    def write_ages(self) -> list[float]:
+        """Ages of measurements when the commands made of them had been written [s].
+
+        One for each write, of the newest ones.
+        """
+        return list(self._write_ages)
+
+    def taken(self) -> None:
+        """A loop takes the sample now, and will again in a period."""
+        lead = min(self._reading_time + _MARGIN, _LARGEST_LEAD * self.period)
+        self._due = self._clock() + self.period - lead
+        self._wake.set()
+
+    def post(self, commands: Signals, measured: float) -> None:
+        """Has commands written.
+
+        Args:
+            commands: the device's signals.
+            measured: `time.monotonic` of the measurements that they were made of [s].
+        """
+        self._command = _Command(commands, self._clock(), measured)
+        self._wake.set()
+
+    def start(self, timeout: float = 1.0) -> None:
+        """Activates the device and waits for its first sample.
+
+        Raises:
+            DeviceError: it refuses, or there is no sample in time.
+        """
+        self._stopping.clear()
+        self._has_sample.clear()
+        self._sample = self._no_sample()
+        self._command = self._written = self._write_words = None
+        self._is_neutral = True
+        self.device.activate()
+        name = f"io {self.device.name}"
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+        if not self._has_sample.wait(timeout) and (error := self.error) is not None:
+            self.stop()
+            raise error
+
+    def stop(self) -> None:
+        """Ends the thread and deactivates the device; never raises."""
+        self._stopping.set()
+        self._wake.set()
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            thread.join(_JOIN_TIMEOUT)
+        try:
+            self.device.deactivate()
+        except Exception as error:  # close() is still to come, and other devices too
+            _LOG.warning("%s", error)
+
+    def _no_sample(self) -> Sample:
+        return Sample({}, self._clock(), DeviceFault.SILENT, "no sample yet")
+
+    def _run(self) -> None:
+        self._due = self._clock()
+        while not self._stopping.is_set():
+            command = self._command
+            if command is not None and command is not self._written:
+                self._write(command)
+            now = self._clock()
+            if command is not None and now - command.posted > self._timeout:
+                self._fall_silent()
+            if now >= self._due:
+                self._due = max(self._due + self.period, now)  # unless a loop says otherwise
+                self._read()
+            self._wake.wait(max(0.0, min(self._due - self._clock(), self._timeout)))
+            self._wake.clear()
+
+    def _read(self) -> None:
+        began = self._clock()
+        try:
+            values = {name: tuple(v) for name, v in self.device.read().items()}
+        except Exception as error:
+            fault, words = _described(self.device, error)
+            self._sample = self._sample._replace(fault=fault, words=words)
+            return
+        self._sample = Sample(values, began, DeviceFault.NONE, "")
+        self._learn(self._clock() - began)
+        self._has_sample.set()
+
+    def _learn(self, took: float) -> None:
+        """Follows that quantile of the times, which a rare long one does not move."""
+        if not self._has_sample.is_set():
+            # From nothing it would take ten readings, all of them too late.
+            self._reading_time = min(took, _LARGEST_LEAD * self.period)
+            return
+        longer = took > self._reading_time
+        self._reading_time += _LEARNING * (_IN_TIME if longer else _IN_TIME - 1.0)
+
+    def _write(self, command: _Command) -> None:
+        # Before the write: one that fails half way may have moved something already.
+        self._written, self._is_neutral = command, False
+        try:
+            self.device.write(command.signals)
+        except Exception as error:
+            self._write_words = _described(self.device, error)
+            return
+        self._write_words = None
+        self._write_ages.append(self._clock() - command.measured)
+
+    def _fall_silent(self) -> None:
+        if self._is_neutral:
+            return
+        words = f"no command for {self._timeout:g} s"
+        try:
+            self.device.neutral()
+            self._is_neutral = True
+            words = f"{words}; outputs are neutral"
+        except Exception as error:
+            words = f"{words}, and {_described(self.device, error)[1]}"
+        self._write_words = DeviceFault.NO_COMMAND, words
+
+
+def _described(device: Device, error: Exception) -> tuple[DeviceFault, str]:
+    """Code and words of what a device has raised; another device than itself is named."""
+    if isinstance(error, DeviceError):
+        return error.fault, error.words if error.device == device.name else str(error)
+    if not isinstance(error, ParapodError):
+        _LOG.error("%s", device.name, exc_info=error)
+    text = " ".join(f"{type(error).__name__} {error}".split())
+    return DeviceFault.FAILED, text
+
+
+# Measurements that are older than this are shown as NaN, which no controller follows [s].
+STALE_AFTER = 0.1
+
+
+class PartReader(LeafSystem):
+    """Takes the newest samples of the devices of one part, all at one instant of the loop.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | out `age` | 1 | s | time since the oldest sample of the part was begun |
+    | out `fault` | 1 | code | the first device's `DeviceFault`; 0: none |
+    | out `stamp` | 1 | s | `time.monotonic` when the oldest sample was begun |
+
+    Besides, one output for each signal that a device measures, with its name, size and SI unit.
+
+    State: discrete, every port's value, taken in a periodic unrestricted update at offset 0: the
+    controllers' discrete updates of the same instant see it. Nothing here waits for a device: its
+    thread does.
+
+    Bad input: signals that are older than `stale_after` are NaN until there are newer ones; age
+    and fault tell why.
+    """
+
+    def __init__(
+        self,
+        part: str = "part",
+        threads: Sequence[DeviceThread] = (),
+        period: float = 0.01,
+        stale_after: float = STALE_AFTER,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """Creates the system; its ports follow from what the devices measure.
+
+        Args:
+            part: name of the part.
+            threads: of its devices; none for a part without.
+            period: of the loop [s].
+            stale_after: see the class [s].
+            clock: that of the threads [s].
+        """
+        super().__init__()
+        self.set_name(f"{part}_reader")
+        self._threads, self._clock, self._stale_after = tuple(threads), clock, stale_after
+        self._signals: list[tuple[DeviceThread, str, int]] = []
+        for thread in self._threads:
+            for signal, size in thread.device.measures.items():
+                self._declare(signal, size)
+                self._signals.append((thread, signal, size))
+        for name in ("age", "fault", "stamp"):
+            self._declare(name, 1)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update_samples)
+
+    def _declare(self, name: str, size: int) -> None:
+        self.DeclareStateOutputPort(name, self.DeclareDiscreteState(size))
+
+    def reset(self, context: Context) -> None:
+        """Puts the newest samples into a context, so that a loop begins with measurements.
+
+        Raises:
+            DeviceError: a device has a fault.
+        """
+        for thread in self._threads:
+            if (error := thread.error) is not None:
+                raise error
+        for index, values in enumerate(self._taken()):
+            context.SetDiscreteState(index, values)
+
+    def _update_samples(self, context: Context, state: State) -> None:
+        discrete = state.get_mutable_discrete_state()
+        for index, values in enumerate(self._taken()):
+            discrete.set_value(index, values)
+
+    def _taken(self) -> list[np.ndarray]:
+        """The values of all ports."""
+        samples = {id(thread): thread.sample for thread in self._threads}
+        for thread in self._threads:
+            thread.taken()
+        now = self._clock()
+        values = []
+        for thread, signal, size in self._signals:
+            sample = samples[id(thread)]
+            fresh = now - sample.stamp <= self._stale_after
+            shown = sample.values.get(signal) if fresh else None
+            values.append(np.full(size, math.nan) if shown is None else np.array(shown))
+        measuring = [samples[id(thread)] for thread in self._threads if thread.device.measures]
+        stamp = min((sample.stamp for sample in measuring), default=now)
+        fault = next((s.fault for s in samples.values() if s.fault), DeviceFault.NONE)
+        return [*values, np.array([now - stamp]), np.array([float(fault)]), np.array([stamp])]
+
+
+# After the controllers' updates of the same instant, so that commands are not a period old [s].
+WRITE_OFFSET = 1e-6
+
+
+class PartWriter(LeafSystem):
+    """Hands commands to the threads of a part's devices.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `stamp` | 1 | s | `time.monotonic` of the measurements behind them; unconnected: now |
+
+    Besides, one input for each signal that a device is commanded, with its name, size and SI unit.
+
+    No state. Commands are handed over in a periodic publish event, a microsecond after the loop's
+    instant: they are those that the controllers have made of that instant's measurements. Nothing
+    here waits for a device.
+
+    Bad input: what is not finite is neutral for the device.
+    """
+
+    def __init__(
+        self,
+        part: str = "part",
+        threads: Sequence[DeviceThread] = (),
+        period: float = 0.01,
+    ):
+        """Creates the system; its ports follow from what the devices are commanded.
+
+        Args:
+            part: name of the part.
+            threads: of its devices.
+            period: of the loop [s].
+        """
+        super().__init__()
+        self.set_name(f"{part}_writer")
+        self._threads = [thread for thread in threads if thread.device.commands]
+        self._inputs: dict[str, InputPort] = {}
+        for thread in self._threads:
+            for signal, size in thread.device.commands.items():
+                if signal not in self._inputs:
+                    self._inputs[signal] = self.DeclareVectorInputPort(signal, size)
+        self._stamp = self.DeclareVectorInputPort("stamp", 1)
+        self.DeclarePeriodicPublishEvent(period, WRITE_OFFSET, self._publish_commands)
+
+    def _publish_commands(self, context: Context) -> None:
+        connected = self._stamp.HasValue(context)
+        stamp = read(self._stamp, context)[0] if connected else time.monotonic()
+        values = {name: tuple(read(port, context)) for name, port in self._inputs.items()}
+        for thread in self._threads:
+            thread.post({name: values[name] for name in thread.device.commands}, stamp)

@@ -1,0 +1,1 @@
+"""A multifunction card of National Instruments: settings, device, and an emulator of it."""

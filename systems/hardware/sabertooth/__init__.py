@@ -1,0 +1,1 @@
+"""Sabertooth motor drivers on a serial line: settings, device, and an emulator of them."""

@@ -1,0 +1,691 @@
+"""Laws of all devices, proved for every driver of parapod's own on its emulator.
+
+Emulators run in threads of this process. A law about time is judged from what the machine managed
+meanwhile: see the fixture `judge`.
+"""
+
+import json
+import math
+import os
+import re
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import ExitStack, contextmanager, nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from parapod.diagrams.drivers.driver import Driver, PartPorts
+from parapod.diagrams.machine import list_machines
+from parapod.systems.core.errors import MissingExtra, ScenarioError
+from parapod.systems.core.schema import Range, fields_of
+from parapod.systems.hardware.adis16448.iiod import is_available
+from parapod.systems.hardware.device import EXTRAS, DeviceError, DeviceFault, need
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+
+SILENT, CORRUPT, UNPLUGGED = DeviceFault.SILENT, DeviceFault.CORRUPT, DeviceFault.UNPLUGGED
+MACHINES = list_machines()  # which define drivers of their own
+DRIVERS = {
+    name: kind
+    for name, kind in Driver.variants().items()
+    if kind.__module__.startswith("parapod.")
+}
+# Longest time that a law waits for what must happen [s].
+PATIENCE = 20.0
+LIBRARIES = sorted(EXTRAS)
+
+
+@dataclass
+class Row:
+    """A driver on its emulator.
+
+    Attributes:
+        library: that its device needs where it is real.
+        settings: of the driver.
+        real: settings with which there is no emulator, and no device.
+        measures: signals of the part that the machine shows, and their sizes.
+        commands: signals of the part that the machine takes, and their sizes.
+        truth: a signal that it measures, its value, and how exactly it is shown.
+        order: a command that moves something.
+        rest: what is on the wires to the machine while nothing may move.
+        faults: by misbehaviour, faults that `read` may have.
+        timeout: longest time of one call [s].
+        is_opened_again: whether it must be configured again after it was unplugged.
+        memory: file of its positions.
+    """
+
+    library: str
+    settings: dict = field(default_factory=dict)
+    real: dict = field(default_factory=dict)
+    measures: dict = field(default_factory=dict)
+    commands: dict = field(default_factory=dict)
+    truth: tuple = ()
+    order: dict = field(default_factory=dict)
+    rest: dict = field(default_factory=dict)
+    faults: dict = field(default_factory=dict)
+    timeout: float = 1.0
+    is_opened_again: bool = False
+    memory: str = ""
+
+
+CARD = {
+    "library": "nidaqmx",
+    "real": {"target": "unix:/nowhere/socket"},
+    "measures": {"extension": 4, "velocity": 4, "limits": 12},
+    "commands": {"voltage": 4, "stop": 1},
+    "truth": ("extension", (0.401, 0.412, 0.423, 0.4344), 1e-5),
+    # A server that stalls is not told from one that is slow: each call waits for its timeout.
+    "faults": {"off": {SILENT}, "unplugged": {UNPLUGGED}},
+    "timeout": 0.2,
+    "memory": "extensions.json",
+}
+BUS = {"off": {SILENT}, "garbage": {CORRUPT, SILENT}, "unplugged": {UNPLUGGED}}
+
+
+def axes(size, **row):
+    return {
+        "library": "can",
+        "real": {"channel": "/dev/not-there"},
+        "measures": dict.fromkeys(("position", "velocity", "current"), size),
+        "commands": {"velocity_command": size, "brake": 1},
+        "truth": ("position", tuple(0.7 + 1e-3 * i for i in range(size)), 1e-4),
+        "order": {"velocity_command": (0.02,) * size, "brake": (0.0,)},
+        "rest": {"velocity_command": (0.0,) * size, "brake": (1.0,)},
+        "faults": BUS,
+        # Twelve nodes whose SDO time is over, in the worst case.
+        "timeout": 0.3,
+        "is_opened_again": True,
+    } | row
+
+
+PATIENT = {"heartbeat_timeout_ms": 1000.0}
+TWO_SCREWS = {
+    "part": "legs",
+    "node_ids": [1, 2],
+    "signs": [1, -1],
+    "position_min_mm": [600.0] * 2,
+    "position_max_mm": [800.0] * 2,
+}
+TWO_JOINTS = {"part": "joints", "node_ids": [3, 7], "gear": 100.0}
+IMU = {"gyro": 3, "accel": 3, "mag": 3}
+TURNING = ("gyro", (0.1, -0.2, 0.3), 1e-3)
+ROWS = {
+    "NiDaqLegs": Row(
+        **CARD,
+        order={"voltage": (6.0,) * 4, "stop": (0.0,)},
+        rest={"voltage": (0.0,) * 4, "stop": (1.0,)},
+    ),
+    "NiDaqEncoders": Row(**CARD, order={"stop": (0.0,)}, rest={"stop": (1.0,)}),
+    "SabertoothLegs": Row(
+        library="serial",
+        real={"port": "/dev/not-there"},
+        commands={"voltage": 4, "stop": 1},
+        order={"voltage": (6.0,) * 4, "stop": (0.0,)},
+        rest={"voltage": (0.0,) * 4},
+        faults={"unplugged": {UNPLUGGED}},
+        is_opened_again=True,
+    ),
+    "Epos2Axes": Row(
+        **axes(2, settings=PATIENT | {"part": "joints", "node_ids": [3, 7], "gear": 100.0})
+    ),
+    "Epos2Wheels": Row(**axes(4, settings=PATIENT)),
+    "Epos2Screws": Row(**axes(2, settings=PATIENT | TWO_SCREWS, memory="positions.json")),
+    "Epos2Legs": Row(**axes(12, settings=PATIENT, memory="positions.json")),
+    "Adis16448SpiImu": Row(
+        library="spidev",
+        real={"address": "/dev/spidev77.7"},
+        measures=IMU,
+        truth=TURNING,
+        faults={"off": {SILENT}, "garbage": {CORRUPT}, "unplugged": {UNPLUGGED}},
+        timeout=0.1,
+    ),
+    "Adis16448IioImu": Row(
+        library="iio",
+        real={"uri": "ip:127.0.0.1:1"},
+        measures=IMU,
+        truth=TURNING,
+        faults={"off": {SILENT}, "unplugged": {UNPLUGGED}},
+        timeout=0.5,
+    ),
+    "NotFittedPart": Row(library="", measures={"angle": 1}, commands={"position_command": 1}),
+}
+EMULATED = [name for name in ROWS if name != "NotFittedPart"]
+DRIVING = [name for name in EMULATED if ROWS[name].order]
+MEASURING = [name for name in EMULATED if ROWS[name].truth]
+OBEYING = [name for name in DRIVING if "stop" not in ROWS[name].order or len(ROWS[name].order) > 1]
+FAULTS = [(name, kind) for name in EMULATED for kind in ROWS[name].faults]
+REMEMBERING = [name for name in EMULATED if ROWS[name].memory]
+
+
+def until(condition, timeout=PATIENCE):
+    """Waits for a condition; a device that fails has not fulfilled it.
+
+    Where the machine sleeps twice as long as it is asked to, nothing is proved.
+    """
+    deadline, said = time.monotonic() + timeout, "it is not so"
+    asked = slept = 0.0
+    while True:
+        try:
+            if condition():
+                return
+        except DeviceError as error:
+            said = str(error)
+        began = time.monotonic()
+        if began > deadline:
+            if slept > 2.0 * asked:
+                pytest.skip(f"{said}; the machine slept {slept:.2f} s in place of {asked:.2f} s")
+            raise AssertionError(said)
+        time.sleep(1e-3)
+        asked, slept = asked + 1e-3, slept + time.monotonic() - began
+
+
+class Rig:
+    """A driver, its emulator and the wires behind it."""
+
+    def __init__(self, name, **settings):
+        self.row = row = ROWS[name]
+        self.driver = DRIVERS[name](**row.settings | settings)
+        self.ports = PartPorts(row.measures, row.commands)
+        sizes = {**row.measures, **row.commands}
+        self.misbehaviour = Misbehaviour()
+        self.harness = Harness({f"{self.driver.part}.{s}": n for s, n in sizes.items()})
+        if row.memory:
+            self.set(*row.truth[:2])
+
+    def device(self, **settings):
+        values = {**vars(self.driver), **settings}
+        return type(self.driver)(**values).make(self.ports)
+
+    def set(self, signal, values):
+        self.harness.set(f"{self.driver.part}.{signal}", values)
+
+    def wire(self, signal):
+        return self.harness.get(f"{self.driver.part}.{signal}")
+
+    def begin(self, kind):
+        self.misbehaviour.begin(kind, time.monotonic())
+
+    def is_at_rest(self):
+        return all(self.wire(name) == value for name, value in self.row.rest.items())
+
+    def moves(self, device):
+        """Writes and reads until the order has arrived on the wires."""
+
+        def arrived():
+            device.read()
+            device.write(self.row.order)
+            return all(
+                self.wire(name) == pytest.approx(value, abs=0.1 if name == "voltage" else 2e-3)
+                for name, value in self.row.order.items()
+            )
+
+        until(arrived)
+
+
+@pytest.fixture
+def place(monkeypatch):
+    """The emulator's folder; the path of a Unix socket is short."""
+    with tempfile.TemporaryDirectory(prefix="dev") as folder:
+        monkeypatch.setenv("PARAPOD_EMULATOR", folder)
+        yield folder
+
+
+@pytest.fixture
+def rig(request, place):
+    """The driver named by the parameter, and its emulator at work."""
+    name, settings = request.param, {}
+    if name == "Adis16448IioImu":
+        try:
+            need("iio")
+        except MissingExtra as error:
+            pytest.skip(str(error))
+        if (reason := is_available()) is not None:
+            pytest.skip(f"iiod cannot run here: {reason}")
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            settings["uri"] = f"ip:127.0.0.1:{free.getsockname()[1]}"
+    rig = Rig(name, **settings)
+    with rig.driver.emulate(rig.harness, rig.misbehaviour):
+        yield rig
+
+
+def each(names):
+    return pytest.mark.parametrize("rig", names, indirect=True)
+
+
+@pytest.fixture
+def device(rig):
+    """The rig's device, to be configured; closed in the end."""
+    with ExitStack() as stack:
+        made = rig.device()
+        stack.callback(made.close)
+        yield made
+
+
+def configured(device):
+    """Configures a device, also when the machine is busy for a moment."""
+
+    def done():
+        device.configure()
+        return True
+
+    until(done)
+    return device
+
+
+def activated(device):
+    """Configures a device and gives it power, also when the machine is busy for a moment."""
+    configured(device)
+    until(lambda: device.activate() is None)
+    return device
+
+
+def reads(device):
+    """The first reading that is none of a busy moment."""
+    readings = []
+    until(lambda: readings.append(device.read()) is None)
+    return readings[0]
+
+
+@contextmanager
+def opened(device):
+    """`with device:`, also when the machine is busy for a moment."""
+    with ExitStack() as stack:
+        until(lambda: stack.enter_context(device) is device)
+        yield device
+
+
+# What there is
+
+
+def test_every_driver_has_its_row():
+    assert set(ROWS) == set(DRIVERS)
+
+
+@pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.name)
+def test_drivers_of_a_machine_are_proved_here(machine):
+    assert {type(driver).__name__ for driver in machine.scenario().hardware.drivers} <= set(ROWS)
+
+
+@pytest.mark.parametrize("name", EMULATED)
+def test_part_names_the_wires_of_the_emulator(place, name):
+    if name == "Adis16448IioImu" and (reason := is_available()) is not None:
+        pytest.skip(f"iiod cannot run here: {reason}")
+    row = ROWS[name]
+    settings = row.settings | ({"uri": "ip:127.0.0.1:1"} if "Iio" in name else {})
+    driver = DRIVERS[name](**settings | {"part": "elsewhere"})
+    sizes = {**row.measures, **row.commands}
+    driver.emulate(Harness({f"elsewhere.{s}": n for s, n in sizes.items()}), Misbehaviour())
+
+
+# Nothing is loaded or opened before it is needed
+
+LOADED = """
+import importlib, sys
+importlib.import_module(f"parapod.diagrams.{sys.argv[1]}.scenario")
+print(*(name for name in sys.modules if name.startswith("parapod.systems.hardware.")))
+print(*(name for name in sys.argv[2:] if name in sys.modules))
+"""
+
+
+@pytest.mark.parametrize("machine", ["levelling_platform", "walking_chair"])
+def test_scenario_loads_settings_and_neither_devices_nor_emulators_nor_libraries(machine):
+    run = [sys.executable, "-c", LOADED, machine, *LIBRARIES]
+    ours, theirs = subprocess.run(run, capture_output=True, text=True, check=True).stdout.split(
+        "\n"
+    )[:2]
+    modules = {name.removeprefix("parapod.systems.hardware.") for name in ours.split()}
+    allowed = {"addresses", "soft_limits"}  # of settings
+    packages = {name.partition(".")[0] for name in modules if name.endswith(".settings")}
+    assert len(packages) == 4
+    assert {m for m in modules if not m.endswith(".settings")} <= allowed | packages
+    assert theirs == ""
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_making_a_device_opens_and_loads_nothing(place, name, monkeypatch):
+    for library in LIBRARIES:
+        monkeypatch.setitem(sys.modules, library, None)
+    rig = Rig(name)
+    made = rig.device()
+    assert os.listdir(place) == []
+    made.close()
+    made.close()
+
+
+@pytest.mark.parametrize("name", EMULATED)
+def test_missing_library_is_named_with_the_command_that_installs_it(place, name, monkeypatch):
+    library = ROWS[name].library
+    monkeypatch.setitem(sys.modules, library, None)
+    real = {} if library == "iio" else ROWS[name].real
+    with pytest.raises(MissingExtra) as caught:
+        Rig(name, **real).device().configure()
+    assert str(caught.value).endswith(f'pip install "parapod[{EXTRAS[library]}]"')
+
+
+# Settings
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_number_outside_its_range_is_refused_with_its_key(name):
+    driver = DRIVERS[name]()
+    for key, (kind, rule) in fields_of(DRIVERS[name]).items():
+        if not isinstance(rule, Range):
+            continue
+        is_list = "list" in str(kind)
+        for bad in (rule.low - 1, rule.high + 1, math.nan, math.inf):
+            value = [bad] * (rule.length or 1) if is_list else bad
+            with pytest.raises(ScenarioError, match=rf"^{key}.* {re.escape(str(rule))}"):
+                setattr(driver, key, value)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "words"),
+    [
+        ("NiDaqLegs", {"outputs": "ao0:3"}, "does not name channels"),
+        ("NiDaqLegs", {"inputs": ""}, "does not name channels"),
+        ("NiDaqLegs", {"outputs": "Other/ao0:3"}, "channels are of 2 cards"),
+        ("NiDaqLegs", {"outputs": "PXI1Slot2/ao0:2"}, "3 outputs needs one counter, not"),
+        ("NiDaqLegs", {"extension_at_start_mm": [1.0]}, "extension_at_start must be 4 values"),
+        ("NiDaqLegs", {"extension_file": ""}, "it needs extension_at_start_mm"),
+        ("SabertoothLegs", {"addresses": [128, 128]}, "different ones of 128..135, not"),
+        ("SabertoothLegs", {"addresses": [127, 128]}, "different ones of 128..135, not"),
+        ("SabertoothLegs", {"serial_timeout_ms": 150.0}, "multiple of 0.1 s"),
+        ("SabertoothLegs", {"baud": 2400}, "refresh_interval must be 0.0833 s"),
+        ("Epos2Axes", {"node_ids": [1, 1]}, "node ids must be different ones of 1..127"),
+        ("Epos2Axes", {"node_ids": []}, "node ids must be different ones of 1..127"),
+        ("Epos2Wheels", {"node_ids": [127]}, "node ids must be different ones of 1..127"),
+        ("Epos2Screws", {"signs": [1]}, "signs must be 2 times 1 or -1"),
+        ("Epos2Legs", {"signs": [0] * 12}, "signs must be 12 times 1 or -1"),
+        ("Epos2Legs", {"position_min_mm": [900.0] * 12}, "limits of axis 1 must be finite"),
+        ("Epos2Screws", {"position_at_start_mm": [700.0]}, "must be 2 values, not"),
+        ("Epos2Screws", {"position_max_mm": [800.0]}, "2 lower limits and 1 upper"),
+        ("Epos2Legs", {"position_file": ""}, "it needs a position_file"),
+        ("Adis16448SpiImu", {"address": "spidev"}, "address must be as"),
+        ("Adis16448IioImu", {"uri": "localhost"}, "uri must be as"),
+    ],
+)
+def test_senseless_settings_are_refused_in_one_line_with_the_driver(place, name, settings, words):
+    with pytest.raises(ScenarioError, match=words) as caught:
+        Rig(name, **settings).device()
+    text, part = str(caught.value), Rig(name).driver.part
+    assert text.startswith(f"hardware.drivers: !{name} of {part}: ")
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize("name", EMULATED)
+def test_real_address_is_not_emulated(place, name):
+    real = {"uri": "ip:10.0.0.7"} if "Iio" in name else ROWS[name].real
+    rig = Rig(name, **real)
+    with pytest.raises(ScenarioError, match=rf"^!{name}\.\w+ = .* is not an address of the emul"):
+        rig.driver.emulate(rig.harness, rig.misbehaviour)
+
+
+# Life
+
+
+@pytest.mark.parametrize("name", EMULATED)
+def test_device_that_is_not_there_is_named_in_time_and_not_configured(place, name, judge):
+    row = ROWS[name]
+    try:
+        need(row.library)
+    except MissingExtra as error:
+        pytest.skip(str(error))
+    made = Rig(name, **row.real).device()
+    with judge() as judged, pytest.raises(DeviceError) as caught:
+        made.configure()
+    assert caught.value.fault is UNPLUGGED
+    (address,) = row.real.values()
+    assert address in str(caught.value)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(DeviceError, match="not configured"):
+        made.read()
+    judged.check(2.0)
+
+
+@each(EMULATED)
+def test_device_that_is_not_configured_says_so_and_can_be_closed(rig, device):
+    for again in (False, True):
+        if again:
+            configured(device).close()
+        for call in (device.read, lambda: device.write(rig.row.order)):
+            if call == device.read or rig.row.order:
+                with pytest.raises(DeviceError, match="not configured") as caught:
+                    call()
+                assert caught.value.fault is UNPLUGGED
+        device.close()
+
+
+@each(EMULATED)
+def test_signals_are_those_announced_and_ports_of_the_part(rig, device):
+    measured = reads(configured(device))
+    assert {name: len(values) for name, values in measured.items()} == dict(device.measures)
+    shown = {name: size for name, size in device.measures.items() if name != "temperature"}
+    assert shown.items() <= rig.row.measures.items()
+    assert device.commands == {name: rig.row.commands[name] for name in rig.row.order}
+    assert all(math.isfinite(value) for values in measured.values() for value in values)
+
+
+@each(EMULATED)
+def test_device_can_be_configured_again(rig, device):
+    for _ in range(2):
+        reads(configured(device))
+
+
+@each(MEASURING)
+def test_truth_arrives(rig, device):
+    signal, values, error = rig.row.truth
+    configured(device)
+    rig.set(signal, values)
+    until(lambda: device.read()[signal] == pytest.approx(values, abs=error))
+
+
+# Commands
+
+
+@each(DRIVING)
+def test_nothing_moves_before_the_device_is_active(rig, device):
+    configured(device)
+    for _ in range(20):
+        device.write(rig.row.order)
+        assert rig.is_at_rest()
+        time.sleep(2e-3)
+    rig.moves(activated(device))
+
+
+@each(OBEYING)
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_command_that_is_not_finite_is_neutral(rig, device, bad):
+    activated(device)
+    rig.moves(device)
+    (signal,) = (name for name in rig.row.order if name not in ("stop", "brake"))
+    others = rig.row.order[signal][1:]
+    near = pytest.approx([0.0, *others], abs=0.1 if signal == "voltage" else 2e-3)
+
+    def arrived():
+        device.read()
+        device.write(rig.row.order | {signal: (bad, *others)})
+        return list(rig.wire(signal)) == near
+
+    until(arrived)
+
+
+@each(DRIVING)
+@pytest.mark.parametrize("end", ["deactivate", "close", "exit", "bug"])
+def test_every_end_leaves_the_machine_at_rest(rig, device, end):
+    def work():
+        with opened(device):
+            rig.moves(activated(device))
+            if end == "bug":
+                raise KeyError("a bug")
+            if end != "exit":
+                getattr(device, end)()
+                until(rig.is_at_rest)
+
+    with pytest.raises(KeyError) if end == "bug" else nullcontext():
+        work()
+    until(rig.is_at_rest)
+
+
+@each(OBEYING)
+def test_neutral_stops_what_moves(rig, device):
+    activated(device)
+    rig.moves(device)
+    device.neutral()
+    signal = next(iter(rig.row.rest))
+    until(lambda: rig.wire(signal) == rig.row.rest[signal])
+
+
+@each(DRIVING)
+def test_device_that_was_deactivated_is_activated_again(rig, device):
+    activated(device)
+    rig.moves(device)
+    until(lambda: device.deactivate() is None)
+    until(rig.is_at_rest)
+    until(lambda: device.activate() is None)
+    rig.moves(device)
+
+
+@pytest.mark.parametrize(
+    ("rig", "signal"), [("SabertoothLegs", "stop"), ("NiDaqEncoders", "voltage")], indirect=["rig"]
+)
+def test_emulated_device_leaves_the_wires_of_another_one_alone(rig, device, signal):
+    mark = (0.25,) * rig.row.commands[signal]
+    rig.set(signal, mark)
+    activated(device)
+    for _ in range(10):
+        device.write(rig.row.order)
+        time.sleep(5e-3)
+    assert rig.wire(signal) == mark
+
+
+# Faults
+
+
+def has(device, faults):
+    try:
+        device.read()
+    except DeviceError as error:
+        return error.fault in faults
+    return False
+
+
+@pytest.mark.parametrize(("rig", "kind"), FAULTS, indirect=["rig"])
+def test_faults_are_told_apart_and_the_device_comes_back(rig, device, kind):
+    faults = rig.row.faults[kind]
+    reads(configured(device))
+    rig.begin(kind)
+    until(lambda: has(device, faults))
+    rig.misbehaviour.end()
+    if kind == "unplugged" and rig.row.is_opened_again:
+        configured(device)
+    reads(device)
+
+
+@pytest.mark.parametrize(
+    ("rig", "kind"), [fault for fault in FAULTS if fault[1] != "garbage"], indirect=["rig"]
+)
+def test_fault_is_told_in_time(rig, device, kind, judge):
+    faults = rig.row.faults[kind]
+    reads(configured(device))
+    rig.begin(kind)
+    until(lambda: has(device, faults))
+    with judge() as judged, pytest.raises(DeviceError):
+        device.read()
+    judged.check(rig.row.timeout + 0.1)
+
+
+@each(EMULATED)
+def test_device_is_not_configured_while_it_is_unplugged(rig, device):
+    rig.begin("unplugged")
+    time.sleep(0.05)  # until the emulator has seen it
+    with pytest.raises(DeviceError) as caught:
+        device.configure()
+    assert caught.value.fault in (UNPLUGGED, SILENT)
+    with pytest.raises(DeviceError, match="not configured"):
+        device.read()
+    rig.misbehaviour.end()
+    reads(configured(device))
+
+
+@each(EMULATED)
+def test_close_of_an_unplugged_device_is_quiet_and_in_time(rig, device, judge):
+    configured(device)
+    if rig.row.order:
+        activated(device)
+    rig.begin("unplugged")
+    time.sleep(0.05)
+    with judge() as judged:
+        device.close()
+        device.close()
+    judged.check(1.5)
+
+
+@each(MEASURING)
+def test_stuck_device_shows_the_same_until_it_is_well(rig, device):
+    signal, values, error = rig.row.truth
+    near = pytest.approx(values, abs=error)
+    configured(device)
+    rig.set(signal, values)
+    until(lambda: device.read()[signal] == near)
+    rig.begin("stuck")
+    until(lambda: device.read() and rig.misbehaviour._held is not None)
+    rig.set(signal, [value + 0.01 for value in values])
+    for _ in range(5):
+        assert reads(device)[signal] == near
+    rig.misbehaviour.end()
+    moved = pytest.approx([value + 0.01 for value in values], abs=error)
+    until(lambda: device.read()[signal] == moved)
+
+
+# Positions from one program to the next
+
+
+@each(REMEMBERING)
+def test_file_knows_the_positions_after_a_program_and_nothing_while_it_has_power(rig, place):
+    def known():
+        text = Path(place, rig.row.memory).read_text()
+        return json.loads(text)[f"{rig.row.truth[0]}_m"]
+
+    signal, values, error = rig.row.truth
+    assert known() == pytest.approx(values, abs=1e-12)
+    with opened(rig.device()) as first:
+        until(lambda: first.read()[signal] == pytest.approx(values, abs=error))
+        until(lambda: first.activate() is None)
+        assert known() is None
+        moved = [value + 0.005 for value in values]
+        rig.set(signal, moved)
+        until(lambda: first.read()[signal] == pytest.approx(moved, abs=error))
+        until(lambda: first.deactivate() is None)
+    assert known() == pytest.approx(moved, abs=error)
+    with opened(rig.device()) as second:
+        until(lambda: second.read()[signal] == pytest.approx(moved, abs=2.0 * error))
+
+
+@each(REMEMBERING)
+def test_positions_that_are_not_known_are_refused_without_power(rig, place):
+    key = f"{rig.row.truth[0]}_at_start_mm"
+    with opened(rig.device()) as killed:
+        until(lambda: killed.activate() is None)  # and never deactivated
+    with pytest.raises(DeviceError, match=f"nobody knows the .*, given as {key}") as caught:
+        rig.device().configure()
+    assert rig.row.memory in str(caught.value)
+    os.remove(f"{place}/{rig.row.memory}")
+    with pytest.raises(DeviceError, match=f"nobody knows the legs' .*give {key}"):
+        rig.device().configure()
+    until(rig.is_at_rest)
+    known = [1e3 * value for value in rig.row.truth[1]]
+    with opened(rig.device(**{key: known})) as measured:
+        assert measured.is_referenced
+
+
+@each(REMEMBERING)
+def test_reference_of_another_size_or_not_finite_is_refused(rig, device):
+    configured(device)
+    size = device.measures[device.position_signal]
+    for values in ((0.7,) * (size - 1), (*(0.7,) * (size - 1), math.nan)):
+        with pytest.raises(ValueError, match=f"{size} finite {device.position_signal}s are need"):
+            device.set_reference(values)

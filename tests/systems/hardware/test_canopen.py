@@ -1,0 +1,69 @@
+"""A serial port whose bytes come from a buffer."""
+
+import pytest
+
+from parapod.systems.hardware.canopen import BufferedPort
+
+
+class Port:
+    """A port with bytes that have come, and a count of the calls."""
+
+    def __init__(self, data):
+        self.data, self.calls, self.write_timeout, self.baudrate = data, 0, None, 115200
+        self.written = []
+
+    @property
+    def in_waiting(self):
+        return len(self.data)
+
+    def read(self, size):
+        self.calls += 1
+        taken, self.data = self.data[:size], self.data[size:]
+        return taken
+
+    def reset_input_buffer(self):
+        self.data = b""
+
+    def write(self, data):
+        self.written.append(data)
+
+
+@pytest.fixture
+def port():
+    return Port(b"t1812ABCD\rz\r")
+
+
+def test_bytes_come_one_by_one_and_are_read_at_once(port):
+    buffered = BufferedPort(port)
+    assert b"".join(buffered.read(1) for _ in range(12)) == b"t1812ABCD\rz\r"
+    assert port.calls == 1
+    assert buffered.read(1) == b""
+    assert port.calls == 2
+
+
+def test_what_waits_is_counted_in_the_buffer_and_else_in_the_port(port):
+    buffered = BufferedPort(port)
+    assert buffered.in_waiting == 12
+    buffered.read(1)
+    assert buffered.in_waiting == 11
+    port.data = b"more"
+    assert buffered.read(100) == b"1812ABCD\rz\r"
+    assert buffered.in_waiting == 4
+
+
+def test_a_reset_forgets_both(port):
+    buffered = BufferedPort(port)
+    buffered.read(1)
+    port.data = b"more"
+    buffered.reset_input_buffer()
+    assert buffered.in_waiting == 0
+    assert buffered.read(1) == b""
+
+
+def test_everything_else_is_the_ports(port):
+    buffered = BufferedPort(port)
+    buffered.write(b"S8\r")
+    buffered.write_timeout = 0.05
+    assert port.written == [b"S8\r"]
+    assert port.write_timeout == buffered.write_timeout == 0.05
+    assert buffered.baudrate == 115200

@@ -1,0 +1,251 @@
+import time
+
+import pytest
+
+from parapod.systems.hardware.device import DeviceError, DeviceFault
+from parapod.systems.hardware.io import DeviceThread
+
+COMMAND = {"velocity": (1.0, 2.0), "brake": (0.0,)}
+
+
+@pytest.fixture
+def running(fake):
+    started = []
+
+    def start(device=None, **options):
+        thread = DeviceThread(device or fake(), **options)
+        started.append(thread)
+        thread.start()
+        return thread
+
+    yield start
+    for thread in started:
+        thread.stop()
+
+
+def test_there_is_a_sample_once_the_thread_has_started(running):
+    thread = running()
+    assert thread.sample.fault is DeviceFault.NONE
+    assert thread.sample.values["position"][0] >= 1.0
+
+
+def test_the_device_is_activated_before_it_is_read_and_deactivated_at_the_end(running, fake):
+    device = fake()
+    thread = running(device)
+    assert device.events == ["activate"]
+    thread.stop()
+    assert device.events == ["activate", "neutral"]
+    readings = device.readings
+    time.sleep(0.02)
+    assert device.readings == readings
+
+
+def test_readings_keep_to_the_period(running, judge):
+    thread = running(period=0.005)
+    before = thread.device.readings
+    with judge() as judged:
+        time.sleep(0.3)
+    readings, expected = thread.device.readings - before, judged.took / 0.005
+    assert readings <= expected + 1
+    judged.check_at_least(readings, 0.5 * expected)
+
+
+def test_a_loop_that_takes_samples_gets_fresh_ones(running, fake, judge):
+    device = fake()
+    device.stall = 0.004  # what a reading takes
+    thread = running(device, period=0.02)
+    ages = []
+    before, due = device.readings, time.monotonic()
+    with judge() as judged:
+        for _ in range(80):
+            due += 0.02
+            time.sleep(max(0.0, due - time.monotonic()))
+            ages.append(time.monotonic() - thread.sample.stamp)
+            thread.taken()
+    # Begun a little more than a reading's time before; one reading a period is enough.
+    assert device.readings - before <= 84
+    median = sorted(ages[40:])[20]
+    assert median >= 0.004
+    judged.check_at_least(0.012, median)
+
+
+def test_the_stamp_is_from_before_the_reading(running, fake, until):
+    device = fake()
+    device.stall = 0.03
+    thread = running(device)
+    shown = thread.sample
+    assert until(lambda: thread.sample is not shown)
+    assert time.monotonic() - thread.sample.stamp >= device.stall
+
+
+def test_a_command_is_written_at_once_and_once(running, until, judge):
+    thread = running(period=10.0)  # nothing else wakes it up
+    with judge() as judged:
+        thread.post(COMMAND, time.monotonic())
+        assert until(lambda: thread.device.written)
+    judged.check(0.1)
+    time.sleep(0.02)
+    assert thread.device.written == [COMMAND]
+
+
+def test_the_age_at_the_write_is_that_of_the_measurement(running, until):
+    thread = running()
+    thread.post(COMMAND, time.monotonic() - 0.05)
+    assert until(lambda: len(thread.write_ages) == 1)
+    assert 0.05 <= thread.write_ages[0] < 0.2
+    thread.post(COMMAND, time.monotonic())
+    assert until(lambda: len(thread.write_ages) == 2)
+    assert thread.write_ages[1] < thread.write_ages[0]
+
+
+def test_outputs_become_neutral_when_commands_cease(running, until, judge):
+    thread = running(command_timeout=0.05)
+    assert "neutral" not in thread.device.events  # nothing has been commanded yet
+    thread.post(COMMAND, time.monotonic())
+    with judge() as judged:
+        assert until(lambda: "neutral" in thread.device.events)
+    assert judged.took > 0.04
+    judged.check(0.15)
+    assert until(lambda: thread.sample.fault is DeviceFault.NO_COMMAND)
+    assert "neutral" in thread.sample.words
+    time.sleep(0.1)
+    assert thread.device.events.count("neutral") == 1
+    thread.post(COMMAND, time.monotonic())
+    assert until(lambda: thread.sample.fault is DeviceFault.NONE)
+
+
+def test_a_failing_device_keeps_its_last_values_and_shows_its_words(running, failure, until):
+    thread = running()
+    thread.device.error = failure
+    assert until(lambda: thread.sample.fault is DeviceFault.FAILED)
+    assert "the fuse is blown" in thread.sample.words
+    values, stamp = thread.sample.values, thread.sample.stamp
+    time.sleep(0.02)
+    assert thread.sample.values == values
+    assert thread.sample.stamp == stamp
+    thread.device.error = None
+    assert until(lambda: thread.sample.fault is DeviceFault.NONE)
+    assert thread.sample.stamp > stamp
+
+
+def test_an_error_of_the_program_is_a_fault_and_does_not_end_the_thread(running, until):
+    thread = running()
+    thread.device.error = ZeroDivisionError("a mistake")
+    assert until(lambda: thread.sample.fault is DeviceFault.FAILED)
+    assert "ZeroDivisionError a mistake" in thread.sample.words
+    thread.device.error = None
+    assert until(lambda: thread.sample.fault is DeviceFault.NONE)
+
+
+def test_commands_that_do_not_arrive_are_a_fault(running, failure, until):
+    thread = running(period=10.0)
+    thread.device.error = failure
+    thread.post(COMMAND, time.monotonic())
+    assert until(lambda: thread.sample.fault is DeviceFault.FAILED)
+    assert thread.write_ages == []
+
+
+def test_a_device_that_cannot_be_neutral_says_so(running, failure, until):
+    thread = running(period=10.0, command_timeout=0.05)
+    thread.post(COMMAND, time.monotonic())
+    assert until(lambda: thread.device.written)
+    thread.device.error = failure
+    assert until(lambda: thread.sample.fault is DeviceFault.NO_COMMAND)
+    assert "the fuse is blown" in thread.sample.words
+
+
+def test_a_device_that_shows_nothing_is_refused_and_deactivated(fake):
+    device = fake()
+    device.stall = 0.2
+    thread = DeviceThread(device)
+    with pytest.raises(DeviceError, match=r"fake: no sample yet"):
+        thread.start(timeout=0.05)
+    assert device.events[-1] == "neutral"
+
+
+def test_a_refusal_to_be_activated_is_raised(fake, failure):
+    device = fake()
+    device.error = failure
+    with pytest.raises(DeviceError, match="the fuse is blown"):
+        DeviceThread(device).start()
+
+
+def test_a_stalled_bus_does_not_stall_who_posts_and_looks(running, fake, judge):
+    device = fake()
+    thread = running(device)
+    device.stall = 0.3
+    time.sleep(0.02)
+    with judge() as judged:
+        thread.post(COMMAND, time.monotonic())
+        assert time.monotonic() - thread.sample.stamp > 0.0
+    judged.check(0.05)
+
+
+def test_a_thread_can_be_started_again(running, fake, until):
+    thread = running(fake())
+    thread.post(COMMAND, time.monotonic())
+    assert until(lambda: thread.device.written)
+    thread.stop()
+    readings = thread.device.readings
+    thread.start()
+    assert until(lambda: thread.device.readings > readings)
+    assert len(thread.device.written) == 1
+
+
+def test_a_write_that_fails_half_way_is_made_neutral_all_the_same(running, fake, failure, until):
+    class HalfWay(fake):
+        def write(self, commands):
+            self.written.append(commands)  # the first actuator moves
+            raise failure
+
+    thread = running(HalfWay(), period=10.0, command_timeout=0.05)
+    thread.post(COMMAND, time.monotonic())
+    assert until(lambda: thread.device.written)
+    assert until(lambda: "neutral" in thread.device.events)
+    assert until(lambda: thread.sample.fault is DeviceFault.NO_COMMAND)
+    time.sleep(0.1)
+    assert thread.device.events.count("neutral") == 1
+
+
+# What is wrong
+
+
+def test_a_device_that_is_well_has_no_error(running):
+    thread = running()
+    assert thread.error is None
+    assert thread.sample.words == ""
+
+
+def test_an_error_names_the_device_once(running, failure, until):
+    thread = running()
+    thread.device.error = failure
+    assert until(lambda: thread.error is not None)
+    error = thread.error
+    assert (error.device, error.words, error.fault) == ("fake", "the fuse is blown", failure.fault)
+    assert str(error) == "fake: the fuse is blown"
+    assert thread.sample.words == "the fuse is blown"
+
+
+def test_an_error_of_something_behind_the_device_names_both(running, until):
+    thread = running()
+    thread.device.error = DeviceError("fuse box", "door is open", DeviceFault.CORRUPT)
+    assert until(lambda: thread.error is not None)
+    assert str(thread.error) == "fake: fuse box: door is open"
+    assert thread.error.fault is DeviceFault.CORRUPT
+
+
+def test_a_device_that_is_neither_commanded_nor_neutral_is_named_once(running, failure, until):
+    thread = running(period=10.0, command_timeout=0.05)
+    thread.post(COMMAND, time.monotonic())
+    assert until(lambda: thread.device.written)
+    thread.device.error = failure
+    assert until(lambda: thread.error is not None)
+    assert str(thread.error) == "fake: no command for 0.05 s, and the fuse is blown"
+
+
+def test_a_thread_that_is_started_again_waits_for_a_new_sample(running, fake):
+    thread = running(fake())
+    thread.stop()
+    thread.device.stall = 0.2
+    with pytest.raises(DeviceError, match="no sample yet"):
+        thread.start(timeout=0.05)
