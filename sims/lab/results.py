@@ -207,7 +207,7 @@ def print_table(result: Result, console: Console) -> None:
         for head, *cells in zip(heads, *rows, strict=True)
     ]
     # Names stay whole where the terminal has room; the meanings below them wrap.
-    room = console.width - sum(widths[1:]) - 2 * (len(heads) + 1)
+    room = console.width - sum(widths[1:]) - 2 * (len(heads) + 2)
     table.add_column(heads[0], overflow="fold", min_width=max(1, min(widths[0], room)))
     for head in heads[1:-1]:
         table.add_column(head, justify="right", overflow="fold")
