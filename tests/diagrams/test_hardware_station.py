@@ -167,7 +167,7 @@ CARD = "PXIe-6363 PXI1Slot2 at unix:"
                     extension_at_start_mm=[410.0] * 4,
                 )
             ),
-            r"!NiDaqLegs of legs: extension_at_start must be 3 finite values, not .*",
+            r"!NiDaqLegs of legs: extension_at_start must be 3 values, not .*",
         ),
         (
             with_fakes(NiDaqLegs(extension_file="")),
