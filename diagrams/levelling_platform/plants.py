@@ -15,7 +15,6 @@ from pydrake.systems.primitives import (
     MatrixGain,
     Multiplexer,
     PassThrough,
-    RandomSource,
     StateInterpolatorWithDiscreteDerivative,
     ZeroOrderHold,
 )
@@ -58,10 +57,10 @@ from parapod.systems.sensors.imu import (
     ImuParams,
     add_imu,
     sample_period,
-    seed_noise,
 )
 from parapod.systems.sensors.inertial_motion import InertialMotion
 from parapod.systems.sensors.limit_switches import LimitSwitches
+from parapod.systems.sensors.noise import NoiseSource
 
 
 @dataclass(frozen=True)
@@ -295,7 +294,7 @@ class Simulation:
     plant: Plant
     actuators: LinearActuator
     imu: Imu
-    noise: RandomSource
+    noise: NoiseSource
     built: LevellingScenario
 
     @property
@@ -330,7 +329,8 @@ class Simulation:
             gyro=math.radians(scenario.sensors.gyro_bias_deg_s) * signs[:3],
             accel=1e-3 * STANDARD_GRAVITY * scenario.sensors.accel_bias_mg * signs[3:],
         )
-        seed_noise(self.noise, root_context, int(random.integers(2**31)))
+        noise = self.noise.GetMyMutableContextFromRoot(root_context)
+        self.noise.set_seed(noise, int(random.integers(2**31)))
 
         for system in self.plant.on_ground:
             system.set_ground(
@@ -465,7 +465,7 @@ def _add_sensors(
     actuators: LinearActuator,
     wheels: VelocityServo,
     plant: Plant,
-) -> tuple[dict[str, OutputPort], Imu, RandomSource]:
+) -> tuple[dict[str, OutputPort], Imu, NoiseSource]:
     """Encoders, limit switches, inertial sensor and device status, by the names of the ports."""
     sensors, period = scenario.sensors, scenario.control.period
     outputs: dict[str, OutputPort] = {}
