@@ -22,13 +22,13 @@ def lengths_of(walk, time):
     )
 
 
-def start(fix, passenger=Passenger(), lengths=None, at=(0.0, 0.0, 0.0)):
+def start(fix, passenger=Passenger(), lengths=None, at=(0.0, 0.0)):
     chair = KinematicChair()
     simulator = Simulator(chair)
     context = simulator.get_mutable_context()
     lengths = starting_lengths(GEOMETRY, WALK) if lengths is None else lengths
     fix(chair, context, position=lengths.ravel())
-    chair.stand(context, lengths, at, passenger)
+    chair.stand(context, at, passenger)
     return chair, simulator, context
 
 
@@ -60,7 +60,7 @@ def test_forces_carry_chair_and_passenger(fix, read):
 
 
 def test_the_chair_stands_where_it_is_put(fix, read):
-    chair, simulator, context = start(fix, at=(0.3, -0.2, 0.0))
+    chair, simulator, context = start(fix, at=(0.3, -0.2))
     simulator.AdvanceTo(0.1)
     np.testing.assert_allclose(
         read(chair, context)["body_position"][:2], (0.3, -0.2), rtol=0, atol=1e-12
@@ -116,9 +116,8 @@ def test_position_moves_all_outputs(moved, fix):
 
 def test_passenger_moves_the_forces(moved, fix):
     chair, _, context = start(fix)
-    lengths = starting_lengths(GEOMETRY, WALK)
 
     def change():
-        chair.stand(context, lengths, (0.0, 0.0, 0.0), Passenger(20.0))
+        chair.stand(context, (0.0, 0.0), Passenger(20.0))
 
     assert {"force", "contact_force"} <= moved(chair, context, change)
