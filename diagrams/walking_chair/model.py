@@ -59,7 +59,7 @@ def _weigh(passenger: Passenger, robot: Element) -> None:
     mass, inertia = robot.find("link/inertial/mass"), robot.find("link/inertial/inertia")
     assert mass is not None
     assert inertia is not None
-    mass.set("value", repr(passenger.mass))
+    mass.set("value", repr(float(passenger.mass)))
     for axis in ("ixx", "iyy", "izz"):
         inertia.set(axis, repr(moment_of_inertia(passenger)))
 

@@ -121,3 +121,16 @@ def test_passenger_moves_the_forces(moved, fix):
         chair.stand(context, (0.0, 0.0), Passenger(20.0))
 
     assert {"force", "contact_force"} <= moved(chair, context, change)
+
+
+def test_a_default_context_has_the_passenger_and_the_place_of_the_constructor(fix):
+    passenger, place = Passenger(41.0, 0.02, -0.03, 0.3), (0.3, -0.2)
+    chair, _, standing = start(fix, passenger, at=place)
+    built = KinematicChair(passenger=passenger, place=place)
+    context = built.CreateDefaultContext()
+    fix(built, context, position=starting_lengths(GEOMETRY, WALK).ravel())
+    for name in ("body_position", "force", "contact_force"):
+        np.testing.assert_array_equal(
+            built.GetOutputPort(name).Eval(context), chair.GetOutputPort(name).Eval(standing)
+        )
+    assert built.GetOutputPort("body_position").Eval(context)[:2].tolist() == list(place)
