@@ -1,6 +1,9 @@
 """Multibody plants as all machines simulate them, and the ground that they stand on."""
 
 import logging
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
 
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.parsing import Parser
@@ -42,6 +45,30 @@ def add_ground(parser: Parser) -> ModelInstanceIndex:
     """
     (slab,) = parser.AddModels(url="package://parapod/ground/ground.sdf")
     return slab
+
+
+def add_adapted_model(
+    parser: Parser, url: str, name: str, adapt: Callable[[ElementTree.Element], None]
+) -> ModelInstanceIndex:
+    """Adds a model of a URDF file that is not as the file has it.
+
+    A plant's dimensions and inertias can be changed in a context, but not in its default context:
+    for that they must be other ones from the start.
+
+    Args:
+        parser: parser of the plant, which knows the models of `parapod.urdf`.
+        url: the file.
+        name: name of the model instance.
+        adapt: changes the file's `robot` element in place.
+    """
+    ElementTree.register_namespace("drake", "http://drake.mit.edu")
+    robot = ElementTree.fromstring(
+        Path(parser.package_map().ResolveUrl(url)).read_text(encoding="utf-8")
+    )
+    robot.set("name", name)
+    adapt(robot)
+    (model,) = parser.AddModelsFromString(ElementTree.tostring(robot, encoding="unicode"), "urdf")
+    return model
 
 
 def _concerns_us(record: logging.LogRecord) -> bool:

@@ -1,22 +1,29 @@
 """The levelling platform's bodies, joints and ground in a plant; drawings and pictures."""
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import AddContactMaterial, Box, Meshcat, ProximityProperties, SceneGraph
-from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.parsing import Parser
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import (
+    LoadModelDirectives,
+    ModelDirectives,
+    Parser,
+    ProcessModelDirectives,
+)
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, RevoluteJoint, RigidBody
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from parapod.diagrams.drawing import View, add_renderer, draw, publish, take
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.multibody import add_ground
+from parapod.diagrams.multibody import add_adapted_model, add_ground
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import PlatformGeometry, drawn_deviations
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
@@ -27,6 +34,9 @@ from parapod.systems.levelling_platform.model import (
     ParallelLinks,
     PlatformModel,
     PlatformPose,
+    ground_pose,
+    hip_pose,
+    joint_origins,
     standing_pose,
 )
 from parapod.urdf import configure_parser
@@ -66,14 +76,14 @@ def add_platform(
         plant: a plant with a registered scene graph and a time step above zero.
         leg_model: "full" or "reduced".
         wheels: "braked" makes them part of the base, "rolling" gives them driven joints.
-        ground: roll and pitch of the ground [rad] until `PlatformModel.stand` inclines it.
-        geometry: dimensions that `PlatformModel.stand` gives the legs.
+        ground: roll and pitch of the ground in a default context [rad].
+        geometry: dimensions of the legs as built.
         foot_offsets: heights under the feet above the ground's plane [m]; if any is not zero,
             each foot gets a pad to stand on.
     """
     parser = Parser(plant)
     configure_parser(parser)
-    parser.AddModels(url=f"{_FOLDER}/platform_{leg_model}.dmd.yaml")
+    _add_machine(parser, leg_model, geometry)
     for i in range(1, WHEEL_COUNT + 1):
         axle = plant.GetFrameByName(f"axle_{i}")
         wheel = plant.GetFrameByName("wheel", plant.GetModelInstanceByName(f"wheel_{i}"))
@@ -83,13 +93,50 @@ def add_platform(
             turn = plant.AddJoint(RevoluteJoint(f"wheel_{i}", axle, wheel, np.array([0, 1.0, 0])))
             plant.AddJointActuator(f"wheel_{i}", turn).set_controller_gains(_WHEEL_GAINS)
     slab = add_ground(parser)
-    X_WG = RigidTransform(RollPitchYaw(ground[0], ground[1], 0.0), np.zeros(3))
+    X_WG = ground_pose(ground, foot_offsets)
     mount: Any = plant.AddFrame(FixedOffsetFrame("ground_mount", plant.world_frame(), X_WG))
     plant.WeldFrames(mount, plant.GetFrameByName("ground", slab))
     if any(foot_offsets):
         _add_pads(plant, plant.GetBodyByName("ground", slab), foot_offsets)
     plant.Finalize()
     return PlatformModel(plant, mount, geometry)
+
+
+def _add_machine(parser: Parser, leg_model: str, geometry: PlatformGeometry) -> None:
+    """Adds base, legs, arm and wheels; hips and legs as the geometry has them."""
+    url = f"{_FOLDER}/platform_{leg_model}.dmd.yaml"
+    if geometry == MODEL_GEOMETRY:
+        parser.AddModels(url=url)
+        return
+    directives = LoadModelDirectives(parser.package_map().ResolveUrl(url)).directives
+    of_legs = [k for k, directive in enumerate(directives) if _is_of_leg(directive)]
+    before, after = directives[: of_legs[0]], directives[of_legs[-1] + 1 :]
+    files = [model.file for k in of_legs if (model := directives[k].add_model) is not None]
+    ProcessModelDirectives(ModelDirectives(directives=before), parser)
+    plant = parser.plant()
+    base = plant.GetFrameByName("base")
+    legs = zip(geometry.legs, MODEL_GEOMETRY.legs, files, strict=True)
+    for i, (leg, drawn, file) in enumerate(legs, start=1):
+        mount: Any = plant.AddFrame(FixedOffsetFrame(f"hip_{i}", base, hip_pose(leg)))
+        adapt = functools.partial(_move_joints, joint_origins(leg, drawn, leg_model))
+        instance = add_adapted_model(parser, file, f"leg_{i}", adapt)
+        plant.WeldFrames(mount, plant.GetFrameByName("hip", instance))
+    ProcessModelDirectives(ModelDirectives(directives=after), parser)
+
+
+def _is_of_leg(directive: Any) -> bool:
+    """Whether a directive adds a leg, its mount, or the weld between both."""
+    named = directive.add_model or directive.add_frame
+    name = named.name if named else directive.add_weld.parent
+    return str(name).startswith(("hip_", "leg_"))
+
+
+def _move_joints(origins: Mapping[str, Sequence[float]], robot: Element) -> None:
+    """Gives joints of a URDF model other origins [m]."""
+    for joint, origin in origins.items():
+        element = robot.find(f"joint[@name='{joint}']/origin")
+        assert element is not None
+        element.set("xyz", " ".join(map(repr, origin)))
 
 
 def _add_pads(plant: MultibodyPlant, ground: RigidBody, foot_offsets: Sequence[float]) -> None:

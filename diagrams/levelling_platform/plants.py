@@ -1,11 +1,9 @@
 """Plants behind the levelling platform's station: rigid bodies, statics, mock."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort, LeafSystem, OutputPort
 from pydrake.systems.primitives import (
@@ -15,12 +13,12 @@ from pydrake.systems.primitives import (
     MatrixGain,
     Multiplexer,
     PassThrough,
-    RandomSource,
     StateInterpolatorWithDiscreteDerivative,
     ZeroOrderHold,
 )
 
 from parapod.diagrams.drawing import remove_visuals
+from parapod.diagrams.levelling_platform.beginning import Beginning
 from parapod.diagrams.levelling_platform.model import (
     add_drawing,
     add_platform,
@@ -32,13 +30,11 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.multibody import add_discrete_plant
 from parapod.diagrams.station import Behind
 from parapod.diagrams.wiring import add, connect, split_states
-from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
+from parapod.systems.actuators.linear_actuator import LinearActuator
 from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
-from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
-from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 from parapod.systems.levelling_platform.model import (
     LIMIT_SWITCHES,
     MODEL_GEOMETRY,
@@ -48,21 +44,19 @@ from parapod.systems.levelling_platform.model import (
     PlatformModel,
     PlatformTruth,
 )
-from parapod.systems.levelling_platform.plane import to_platform
-from parapod.systems.levelling_platform.supervisor import SupervisorParams
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
 from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.sensors.encoder import Encoder
+from parapod.systems.sensors.hold import Hold
 from parapod.systems.sensors.imu import (
-    STANDARD_GRAVITY,
     Imu,
     ImuParams,
     add_imu,
     sample_period,
-    seed_noise,
 )
 from parapod.systems.sensors.inertial_motion import InertialMotion
 from parapod.systems.sensors.limit_switches import LimitSwitches
+from parapod.systems.sensors.noise import NoiseSource
 
 
 @dataclass(frozen=True)
@@ -89,21 +83,22 @@ class Plant:
     Attributes:
         signals: ports by name: posture, attitude, angular_velocity, specific_force,
             contact_force, foot_height, load_force, loop_error.
-        on_ground: systems that must be told how the ground is inclined.
-        holds: holds of attitude, angular_velocity or specific_force, by that name, which begin
-            at rest and must be told what that is.
+        on_ground: systems that know how the ground is inclined.
+        holds: holds of attitude, angular_velocity and specific_force, by that name, which begin
+            at rest.
         model: bodies and joints; None where none are simulated.
     """
 
     signals: dict[str, OutputPort]
     on_ground: tuple[OnInclinedGround, ...]
-    holds: dict[str, ZeroOrderHold]
+    holds: dict[str, Hold]
     model: PlatformModel | None
 
 
 def _add_multibody_plant(
     builder: DiagramBuilder,
     scenario: LevellingScenario,
+    begun: Beginning,
     drives: Drives,
     meshcat: Meshcat | None,
 ) -> Plant:
@@ -115,17 +110,19 @@ def _add_multibody_plant(
         plant,
         scenario.plant.leg_model,
         scenario.plant.wheels,
-        geometry=geometry_as_built(scenario),
-        foot_offsets=scenario.ground.foot_offsets,
+        begun.ground,
+        geometry_as_built(scenario),
+        begun.foot_offsets,
     )
+    plant.SetDefaultPositions(begun.positions(model))
     connect(builder, drives.arm, plant.get_desired_state_input_port(model.arm))
     if model.has_rolling_wheels:
         _drive_wheels(builder, model, drives)
     load_force = _drive_legs(builder, model, drives, scenario.plant.time_step)
 
-    truth = add(builder, PlatformTruth(model))
+    truth = add(builder, PlatformTruth(model, begun.ground, begun.foot_offsets))
     connect(builder, plant.get_state_output_port(), truth.GetInputPort("state"))
-    feet = add(builder, FootTruth(model))
+    feet = add(builder, FootTruth(model, begun.ground, begun.foot_offsets))
     connect(builder, plant.get_contact_results_output_port(), feet.GetInputPort("contact_results"))
     connect(builder, plant.get_body_poses_output_port(), feet.GetInputPort("body_poses"))
     attitude, angular_velocity, specific_force = _add_inertial_motion(builder, model)
@@ -231,11 +228,18 @@ def _add_inertial_motion(builder: DiagramBuilder, model: PlatformModel) -> list[
 def _add_kinematic_plant(
     builder: DiagramBuilder,
     scenario: LevellingScenario,
+    begun: Beginning,
     drives: Drives,
     meshcat: Meshcat | None,
 ) -> Plant:
     """Adds the quasi-static plant, and with `meshcat` a drawing of it."""
-    platform = add(builder, KinematicPlatform(geometry_as_built(scenario), wheels=WheelGeometry()))
+    statics = KinematicPlatform(
+        geometry_as_built(scenario),
+        wheels=WheelGeometry(),
+        ground=begun.ground,
+        foot_offsets=begun.foot_offsets,
+    )
+    platform = add(builder, statics)
     connect(builder, drives.rods.GetOutputPort("extension"), platform.GetInputPort("extension"))
     connect(builder, drives.rods.GetOutputPort("velocity"), platform.GetInputPort("velocity"))
     connect(builder, drives.arm_angles, platform.GetInputPort("arm_position"))
@@ -252,8 +256,8 @@ def _add_kinematic_plant(
     # The inertial sensor samples at instants of its own; held, the platform's statics are solved
     # once a period and not again for every sample.
     holds = {}
-    for name in ("attitude", "angular_velocity", "specific_force"):
-        held = add(builder, ZeroOrderHold(scenario.control.period, 3), f"held_{name}")
+    for name, at_rest in begun.at_rest().items():
+        held = add(builder, Hold(scenario.control.period, at_rest), f"held_{name}")
         connect(builder, signals[name], held.get_input_port())
         signals[name] = held.get_output_port()
         holds[name] = held
@@ -277,27 +281,23 @@ def _zeros(builder: DiagramBuilder, name: str) -> OutputPort:
     return source.get_output_port()
 
 
-_GRAVITY = 9.81  # of both plants [m/s^2]
-_STOPS = LinearActuatorParams()
-
-
 @dataclass(frozen=True)
 class Simulation:
-    """A simulated platform and the handles that put it at its beginning.
+    """A simulated platform and the handles that put it at a beginning.
 
     Attributes:
         plant: the plant.
         actuators: the four linear actuators.
         imu: the inertial sensor.
         noise: source of the sensor's noise.
-        built: the scenario that it was built from.
+        geometry: dimensions of the machine as built.
     """
 
     plant: Plant
     actuators: LinearActuator
     imu: Imu
-    noise: RandomSource
-    built: LevellingScenario
+    noise: NoiseSource
+    geometry: PlatformGeometry
 
     @property
     def model(self) -> PlatformModel | None:
@@ -309,88 +309,35 @@ class Simulation:
 
         Args:
             root_context: context, at its defaults, of the diagram that contains the station.
-            scenario: its ground, initial extension, gain error, biases and seed are taken. What is
-                built in, such as the plant with its dimensions, the sensors' resolution and the
-                job's times, stays.
+            scenario: its `Beginning` is taken. What is built in, such as the plant with its
+                dimensions, the sensors' resolution and the job's times, stays.
         """
-        random = np.random.default_rng(scenario.seed)
-        ground, foot_offsets = scenario.ground.inclination, scenario.ground.foot_offsets
-        geometry = geometry_as_built(self.built)
-        on_wheels = scenario.job.start == "wheels"
-        extension, posture = (_raised if on_wheels else _touchdown)(geometry, scenario)
-
+        begun = Beginning.of(scenario, self.geometry)
         actuators = self.actuators.GetMyMutableContextFromRoot(root_context)
-        self.actuators.set_extension(actuators, extension)
-        error = scenario.actuators.gain_error
-        gain_scale = 1.0 + random.uniform(-error, error, LEG_COUNT)
-        self.actuators.set_gain_scale(actuators, gain_scale)
-
-        signs = random.choice([-1.0, 1.0], 6)
-        self.imu.set_turn_on_bias(
-            self.imu.GetMyMutableContextFromRoot(root_context),
-            gyro=math.radians(scenario.sensors.gyro_bias_deg_s) * signs[:3],
-            accel=1e-3 * STANDARD_GRAVITY * scenario.sensors.accel_bias_mg * signs[3:],
-        )
-        seed_noise(self.noise, root_context, int(random.integers(2**31)))
-
+        self.actuators.set_extension(actuators, begun.extension)
+        self.actuators.set_gain_scale(actuators, begun.gain_scale)
+        imu = self.imu.GetMyMutableContextFromRoot(root_context)
+        self.imu.set_turn_on_bias(imu, begun.gyro_bias, begun.accel_bias)
+        noise = self.noise.GetMyMutableContextFromRoot(root_context)
+        self.noise.set_seed(noise, begun.noise_seed)
         for system in self.plant.on_ground:
-            system.set_ground(
-                system.GetMyMutableContextFromRoot(root_context), ground, foot_offsets
-            )
-        at_rest = {
-            "attitude": np.array([*posture[:2], 0.0]),
-            "angular_velocity": np.zeros(3),
-            "specific_force": np.array(to_platform((0.0, 0.0, _GRAVITY), *posture[:2].tolist())),
-        }
+            context = system.GetMyMutableContextFromRoot(root_context)
+            system.set_ground(context, begun.ground, begun.foot_offsets)
+        at_rest = begun.at_rest()
         for name, hold in self.plant.holds.items():
-            context = hold.GetMyMutableContextFromRoot(root_context)
-            hold.SetVectorState(context, at_rest[name])
+            hold.set_value(hold.GetMyMutableContextFromRoot(root_context), at_rest[name])
         if self.model is not None:
-            plant_context = self.model.plant.GetMyMutableContextFromRoot(root_context)
-            if on_wheels:
-                x = scenario.job.start_x_m
-                self.model.stand_on_wheels(plant_context, extension, posture, ground, x)
-            else:
-                self.model.stand(plant_context, extension, ground, foot_offsets)
-
-
-def _raised(
-    geometry: PlatformGeometry, scenario: LevellingScenario
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Extensions (4) with the legs up, and the posture of a platform on its wheels.
-
-    Raises:
-        ScenarioError: ground that is lower under a foot than under the wheels.
-    """
-    if min(scenario.ground.foot_offsets) < 0.0:
-        key = "ground.foot_heights_mm"
-        raise ScenarioError(f"{key} must be 0 or more on wheels, which stand on the plane", key)
-    extension = np.full(LEG_COUNT, SupervisorParams().raised)
-    posture = [*scenario.ground.inclination, WheelGeometry().standing_height]
-    return extension, np.array(posture)
-
-
-def _touchdown(
-    geometry: PlatformGeometry, scenario: LevellingScenario
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Extensions (4) with which all four feet touch, and the posture that follows.
-
-    Raises:
-        UnreachablePosture: the fourth foot does not reach the ground.
-    """
-    ground, foot_offsets = scenario.ground.inclination, scenario.ground.foot_offsets
-    extension = np.full(LEG_COUNT, 1e-3 * scenario.job.initial_extension_mm)
-    if geometry.deviations or any(foot_offsets):
-        posture = forward_kinematics(geometry, extension, ground, (0, 1, 2), foot_offsets)
-        whole = replace(geometry, extension_min=_STOPS.stop_min, extension_max=_STOPS.stop_max)
-        extension = inverse_kinematics(whole, posture, ground, foot_offsets)
-    return extension, forward_kinematics(geometry, extension, ground, (0, 1, 2), foot_offsets)
+            plant = self.model.plant.GetMyMutableContextFromRoot(root_context)
+            positions = begun.positions(self.model)
+            self.model.put(plant, positions, begun.ground, begun.foot_offsets)
 
 
 # Without lag and counts; as fast as the real ones.
 _EXACT_WHEELS = VelocityServoParams(0.0, 1e-9, WHEEL_DRIVE.max_velocity)
 
-type PlantMaker = Callable[[DiagramBuilder, LevellingScenario, Drives, Meshcat | None], Plant]
+type PlantMaker = Callable[
+    [DiagramBuilder, LevellingScenario, Beginning, Drives, Meshcat | None], Plant
+]
 
 
 def _add_simulated(
@@ -409,8 +356,15 @@ def _add_simulated(
         scenario: the scenario to build.
         meshcat: draws the machine there; None for no drawing.
     """
-    actuators = add(builder, LinearActuator(scenario.actuators.params, time_step=time_step))
-    period = scenario.control.period
+    geometry, period = geometry_as_built(scenario), scenario.control.period
+    begun = Beginning.of(scenario, geometry)
+    rods = LinearActuator(
+        scenario.actuators.params,
+        time_step=time_step,
+        extension=begun.extension,
+        gain_scale=begun.gain_scale,
+    )
+    actuators = add(builder, rods)
     wheels = add(builder, VelocityServo(WHEEL_DRIVE, WHEEL_COUNT, period), "wheel_drive")
     arm = add(builder, Multiplexer(2), "arm_command")
     drive = add(builder, StateInterpolatorWithDiscreteDerivative(2, period), "arm_drive")
@@ -421,13 +375,13 @@ def _add_simulated(
         arm=drive.get_output_port(),
         arm_angles=arm.get_output_port(),
     )
-    plant = add_plant(builder, scenario, drives, meshcat)
+    plant = add_plant(builder, scenario, begun, drives, meshcat)
     connect(builder, plant.signals["load_force"], actuators.GetInputPort("load_force"))
-    outputs, imu, noise = _add_sensors(builder, scenario, actuators, wheels, plant)
+    outputs, imu, noise = _add_sensors(builder, scenario, begun, actuators, wheels, plant)
     for name in ("posture", "contact_force", "foot_height", "load_force", "loop_error"):
         outputs[f"truth.{name}"] = plant.signals[name]
     outputs["truth.extension"] = actuators.GetOutputPort("extension")
-    simulation = Simulation(plant, actuators, imu, noise, scenario)
+    simulation = Simulation(plant, actuators, imu, noise, geometry)
     inputs = _drive_inputs(actuators, wheels) | {
         "turntable.position_command": arm.get_input_port(0),
         "arm.position_command": arm.get_input_port(1),
@@ -463,10 +417,11 @@ def _drive_inputs(actuators: LinearActuator, wheels: VelocityServo) -> dict[str,
 def _add_sensors(
     builder: DiagramBuilder,
     scenario: LevellingScenario,
+    begun: Beginning,
     actuators: LinearActuator,
     wheels: VelocityServo,
     plant: Plant,
-) -> tuple[dict[str, OutputPort], Imu, RandomSource]:
+) -> tuple[dict[str, OutputPort], Imu, NoiseSource]:
     """Encoders, limit switches, inertial sensor and device status, by the names of the ports."""
     sensors, period = scenario.sensors, scenario.control.period
     outputs: dict[str, OutputPort] = {}
@@ -482,7 +437,12 @@ def _add_sensors(
     connect(builder, plant.signals["contact_force"], switches.GetInputPort("contact_force"))
     outputs["legs.limits"] = switches.GetOutputPort("limits")
 
-    imu, noise = add_imu(builder, ImuParams() if sensors.imu_noise else ImuParams.ideal())
+    inertial = replace(
+        ImuParams() if sensors.imu_noise else ImuParams.ideal(),
+        gyro_turn_on_bias=begun.gyro_bias,
+        accel_turn_on_bias=begun.accel_bias,
+    )
+    imu, noise = add_imu(builder, inertial, seed=begun.noise_seed)
     for name in ("angular_velocity", "specific_force", "attitude"):
         connect(builder, plant.signals[name], imu.GetInputPort(name))
     late = round(1e-3 * sensors.imu_delay_ms / imu.period)
@@ -526,7 +486,8 @@ def add_mock(
     """
     period = scenario.control.period
     params = replace(scenario.actuators.params, model="integrator", coulomb_friction=0.0)
-    actuators = add(builder, LinearActuator(params, time_step=period))
+    start = _mock_extension(scenario)
+    actuators = add(builder, LinearActuator(params, time_step=period, extension=start))
     wheels = add(builder, VelocityServo(_EXACT_WHEELS, WHEEL_COUNT, period), "wheel_drive")
     inputs = _drive_inputs(actuators, wheels)
     for name in ("arm.position_command", "turntable.position_command"):
@@ -555,6 +516,10 @@ def add_mock(
 
     def reset(root_context: Context, begun: LevellingScenario) -> None:
         context = actuators.GetMyMutableContextFromRoot(root_context)
-        actuators.set_extension(context, 1e-3 * begun.job.initial_extension_mm)
+        actuators.set_extension(context, _mock_extension(begun))
 
     return Behind(inputs, outputs, reset)
+
+
+def _mock_extension(scenario: LevellingScenario) -> float:
+    return 1e-3 * scenario.job.initial_extension_mm

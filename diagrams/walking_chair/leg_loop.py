@@ -72,9 +72,6 @@ class LegLoop:
         """Puts the foot to rest where the circle begins."""
         self.diagram.SetDefaultContext(context)
         context.SetTime(0.0)
-        start = self.params.circle.motion(0.0).position
-        self.drives.set_position(context, leg_inverse(self.params.geometry, start))
-        self.drives.set_imperfection(context, self.params.gain, self.params.offset)
         self.log.FindMutableLog(context).Clear()
 
     def recorded(
@@ -87,7 +84,7 @@ class LegLoop:
 
 
 def make_leg_loop(params: LegLoopParams = LegLoopParams()) -> LegLoop:
-    """Wires the loop; `LegLoop.reset` must be called before it is simulated."""
+    """Wires the loop; the foot is at rest where the circle begins."""
     builder = DiagramBuilder()
     reference = add(builder, CircleReference(params.circle, params.geometry, params.period))
     position = CompoundPositionController(params.controller, _BRANCHES, params.period)
@@ -95,7 +92,15 @@ def make_leg_loop(params: LegLoopParams = LegLoopParams()) -> LegLoop:
     # At full speed to a node the drives' own loops run; otherwise they hold what they are told.
     runs_alone = params.controller.mode == "position"
     sampled = params.drive_step if runs_alone else params.period
-    servo = VelocityServo(_with_stops(params), _BRANCHES, sampled, params.drive_step)
+    servo = VelocityServo(
+        _with_stops(params),
+        _BRANCHES,
+        sampled,
+        params.drive_step,
+        position=leg_inverse(params.geometry, params.circle.motion(0.0).position),
+        gain=params.gain,
+        offset=params.offset,
+    )
     drives = add(builder, servo)
     brake = add(builder, ConstantVectorSource(np.zeros(1)), "brake_released")
     for source, sink in (

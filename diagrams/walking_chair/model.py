@@ -1,22 +1,29 @@
 """The walking chair's bodies, joints and ground in a MultibodyPlant; pictures."""
 
+import functools
 from collections.abc import Sequence
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia, UnitInertia
+from pydrake.multibody.tree import FixedOffsetFrame
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.drawing import View, add_renderer, take
-from parapod.diagrams.multibody import add_ground
+from parapod.diagrams.multibody import add_adapted_model, add_ground
 from parapod.systems.walking_chair.chair import chair_inverse
 from parapod.systems.walking_chair.gait import Walk
 from parapod.systems.walking_chair.masses import Passenger
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY, ChairModel
+from parapod.systems.walking_chair.model import (
+    CHAIR_GEOMETRY,
+    ChairModel,
+    inertia_of,
+    moment_of_inertia,
+)
 from parapod.urdf import configure_parser
 
 _FOLDER = "package://parapod/walking_chair"
@@ -27,8 +34,7 @@ def add_chair(plant: MultibodyPlant, passenger: Passenger = Passenger()) -> Chai
 
     Args:
         plant: a plant with a registered scene graph and a time step above zero.
-        passenger: where the passenger sits until `ChairModel.stand`; one without mass is not
-            drawn.
+        passenger: who sits on it in a default context; one without mass is not drawn.
     """
     parser = Parser(plant)
     configure_parser(parser)
@@ -36,15 +42,26 @@ def add_chair(plant: MultibodyPlant, passenger: Passenger = Passenger()) -> Chai
     X_SP = RigidTransform(passenger.place)
     seat: Any = plant.AddFrame(FixedOffsetFrame("seat", plant.GetFrameByName("body"), X_SP))
     if passenger.mass > 0.0:
-        parser.AddModels(url=f"{_FOLDER}/passenger.urdf")
+        weigh = functools.partial(_weigh, passenger)
+        add_adapted_model(parser, f"{_FOLDER}/passenger.urdf", "passenger", weigh)
     else:
-        nobody = SpatialInertia(0.0, np.zeros(3), UnitInertia.SolidSphere(1.0))
+        nobody = inertia_of(passenger)
         plant.AddRigidBody("passenger", plant.AddModelInstance("passenger"), nobody)
     plant.WeldFrames(seat, plant.GetFrameByName("passenger"))
     slab = add_ground(parser)
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("ground", slab))
     plant.Finalize()
     return ChairModel(plant)
+
+
+def _weigh(passenger: Passenger, robot: Element) -> None:
+    """Gives the model of a passenger its mass and moments of inertia."""
+    mass, inertia = robot.find("link/inertial/mass"), robot.find("link/inertial/inertia")
+    assert mass is not None
+    assert inertia is not None
+    mass.set("value", repr(float(passenger.mass)))
+    for axis in ("ixx", "iyy", "izz"):
+        inertia.set(axis, repr(moment_of_inertia(passenger)))
 
 
 def photograph(

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +20,50 @@ from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect, split_states
 from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
 from parapod.systems.sensors.device_status import DeviceStatus
-from parapod.systems.walking_chair.gait import starting_lengths
+from parapod.systems.walking_chair.gait import Walk, starting_lengths
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
 from parapod.systems.walking_chair.kinematic_chair import KinematicChair
 from parapod.systems.walking_chair.masses import Passenger
 from parapod.systems.walking_chair.model import CHAIR_GEOMETRY, ChairModel, ChairPose, ChairTruth
 from parapod.systems.walking_chair.payload import PayloadEstimatorParams
 
-type Stand = Callable[[Context, NDArray[np.float64], NDArray[np.float64], Passenger], None]
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """Beginning of a scenario, in the quantities that the parts of the machine are set to.
+
+    Attributes:
+        lengths: lengths of the branches (4, 3) [m].
+        body: centre of the body (3) in the world [m].
+        passenger: who sits on it.
+        gain: gains of the drives (12) [-].
+        offset: velocities of the drives at a command of zero (12) [m/s].
+    """
+
+    lengths: NDArray[np.float64]
+    body: NDArray[np.float64]
+    passenger: Passenger
+    gain: NDArray[np.float64]
+    offset: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, scenario: ChairScenario, walk: Walk) -> Self:
+        """Works out the beginning of a scenario.
+
+        Args:
+            scenario: its passenger, drives' errors and seed are taken.
+            walk: the walk that begins.
+        """
+        # One stream for both: their order is part of what a seed means.
+        random = np.random.default_rng(scenario.seed)
+        error, offset = scenario.drives.gain_error, 1e-3 * scenario.drives.offset_mm_s
+        return cls(
+            lengths=starting_lengths(CHAIR_GEOMETRY, walk),
+            body=np.asarray(walk.motion(CHAIR_GEOMETRY, 0.0).body.position),
+            passenger=scenario.passenger.passenger,
+            gain=1.0 + random.uniform(-error, error, len(BRANCHES)),
+            offset=random.uniform(-offset, offset, len(BRANCHES)),
+        )
 
 
 @dataclass(frozen=True)
@@ -36,19 +73,19 @@ class Plant:
     Attributes:
         signals: ports by name: body_position, body_attitude, force, contact_force, foot_height,
             loop_error.
-        stand: puts the chair at rest, in a root context, with these lengths (4, 3) of the
-            branches [m], its body's centre here (3) [m] and this passenger.
+        stand: puts the chair at rest, in a root context, at a beginning.
         seat: exchanges the passenger, in a root context.
     """
 
     signals: dict[str, OutputPort]
-    stand: Stand
+    stand: Callable[[Context, Beginning], None]
     seat: Callable[[Context, Passenger], None]
 
 
 def _add_multibody_plant(
     builder: DiagramBuilder,
     scenario: ChairScenario,
+    begun: Beginning,
     drives: VelocityServo,
     meshcat: Meshcat | None,
 ) -> Plant:
@@ -57,7 +94,8 @@ def _add_multibody_plant(
     plant, scene_graph = add_discrete_plant(
         builder, time_step, scenario.plant.contact_approximation
     )
-    model = add_chair(plant, scenario.passenger.passenger)
+    model = add_chair(plant, begun.passenger)
+    plant.SetDefaultPositions(model.standing_positions(begun.lengths, begun.body))
     force = _drive(builder, model, drives, time_step)
     truth = add(builder, ChairTruth(model))
     contact = plant.get_contact_results_output_port()
@@ -70,14 +108,9 @@ def _add_multibody_plant(
     names = ("body_position", "body_attitude", "contact_force", "foot_height", "loop_error")
     signals = {name: truth.GetOutputPort(name) for name in names} | {"force": force}
 
-    def stand(
-        root_context: Context,
-        lengths: NDArray[np.float64],
-        body_position: NDArray[np.float64],
-        passenger: Passenger,
-    ) -> None:
+    def stand(root_context: Context, begun: Beginning) -> None:
         context = plant.GetMyMutableContextFromRoot(root_context)
-        model.stand(context, lengths, body_position, passenger)
+        model.stand(context, begun.lengths, begun.body, begun.passenger)
 
     def seat(root_context: Context, passenger: Passenger) -> None:
         model.seat(plant.GetMyMutableContextFromRoot(root_context), passenger)
@@ -108,14 +141,15 @@ def _drive(
 def _add_kinematic_plant(
     builder: DiagramBuilder,
     scenario: ChairScenario,
+    begun: Beginning,
     drives: VelocityServo,
     meshcat: Meshcat | None,
 ) -> Plant:
     """Adds the quasi-static plant, and with `meshcat` a drawing of it."""
-    chair = add(
-        builder,
-        KinematicChair(passenger=scenario.passenger.passenger, period=scenario.control.period),
+    statics = KinematicChair(
+        passenger=begun.passenger, period=scenario.control.period, place=begun.body[:2]
     )
+    chair = add(builder, statics)
     connect(builder, drives.GetOutputPort("position"), chair.GetInputPort("position"))
     names = ("body_position", "body_attitude", "contact_force", "foot_height", "force")
     signals = {name: chair.GetOutputPort(name) for name in names}
@@ -123,7 +157,11 @@ def _add_kinematic_plant(
     signals["loop_error"] = no_loops.get_output_port()
     if meshcat is not None:
         _draw(builder, scenario, drives, chair.GetOutputPort("body_pose"), meshcat)
-    return Plant(signals, chair.stand, chair.seat)
+
+    def stand(root_context: Context, begun: Beginning) -> None:
+        chair.stand(root_context, begun.body[:2], begun.passenger)
+
+    return Plant(signals, stand, chair.seat)
 
 
 def _draw(
@@ -152,36 +190,30 @@ class Simulation:
     Attributes:
         plant: the plant.
         drives: the twelve drives.
-        built: the scenario that it was built from.
+        walk: the walk that it was built for.
     """
 
     plant: Plant
     drives: VelocityServo
-    built: ChairScenario
+    walk: Walk
 
     def reset(self, root_context: Context, scenario: ChairScenario) -> None:
         """Puts the chair where its walk begins and draws the drives' imperfections from the seed.
 
         Args:
             root_context: context, at its defaults, of the diagram that contains the station.
-            scenario: its passenger, drives' errors and seed are taken. What is built in, such as
-                the walk and the encoders' resolution, stays.
+            scenario: its `Beginning` is taken. What is built in, such as the walk and the
+                encoders' resolution, stays.
         """
-        walk = self.built.gait.walk
-        lengths = starting_lengths(CHAIR_GEOMETRY, walk)
-        random = np.random.default_rng(scenario.seed)
-        error, offset = scenario.drives.gain_error, 1e-3 * scenario.drives.offset_mm_s
-        self.drives.set_position(root_context, lengths.ravel())
-        self.drives.set_imperfection(
-            root_context,
-            1.0 + random.uniform(-error, error, len(BRANCHES)),
-            random.uniform(-offset, offset, len(BRANCHES)),
-        )
-        body = np.asarray(walk.motion(CHAIR_GEOMETRY, 0.0).body.position)
-        self.plant.stand(root_context, lengths, body, scenario.passenger.passenger)
+        begun = Beginning.of(scenario, self.walk)
+        self.drives.set_position(root_context, begun.lengths.ravel())
+        self.drives.set_imperfection(root_context, begun.gain, begun.offset)
+        self.plant.stand(root_context, begun)
 
 
-type PlantMaker = Callable[[DiagramBuilder, ChairScenario, VelocityServo, Meshcat | None], Plant]
+type PlantMaker = Callable[
+    [DiagramBuilder, ChairScenario, Beginning, VelocityServo, Meshcat | None], Plant
+]
 
 
 def _add_simulated(
@@ -200,11 +232,19 @@ def _add_simulated(
         scenario: the scenario to build.
         meshcat: draws the machine there; None for no drawing.
     """
+    walk = scenario.gait.walk
+    begun = Beginning.of(scenario, walk)
     servo = VelocityServo(
-        drive_params(scenario), len(BRANCHES), scenario.control.period, drive_step
+        drive_params(scenario),
+        len(BRANCHES),
+        scenario.control.period,
+        drive_step,
+        position=begun.lengths.ravel(),
+        gain=begun.gain,
+        offset=begun.offset,
     )
     drives = add(builder, servo, "drives")
-    plant = add_plant(builder, scenario, drives, meshcat)
+    plant = add_plant(builder, scenario, begun, drives, meshcat)
     per_newton = 1.0 / PayloadEstimatorParams().force_per_current
     current = add(builder, MatrixGain(per_newton * np.eye(len(BRANCHES))), "motor_current")
     connect(builder, plant.signals["force"], current.get_input_port())
@@ -212,7 +252,7 @@ def _add_simulated(
     outputs |= {"legs.current": current.get_output_port()} | _add_status(builder)
     outputs |= {f"truth.{name}": port for name, port in plant.signals.items()}
     outputs["truth.position"] = drives.GetOutputPort("position")
-    simulation = Simulation(plant, drives, scenario)
+    simulation = Simulation(plant, drives, walk)
     return Behind(inputs, outputs, simulation.reset, handle=simulation)
 
 
@@ -274,13 +314,10 @@ def add_mock(
         meshcat: not used; there is nothing to draw.
     """
     exact = replace(drive_params(scenario), resolution=0.0, time_constant=1e-9)
-    drives = add(builder, VelocityServo(exact, len(BRANCHES), scenario.control.period), "drives")
+    start = starting_lengths(CHAIR_GEOMETRY, scenario.gait.walk).ravel()
+    servo = VelocityServo(exact, len(BRANCHES), scenario.control.period, position=start)
+    drives = add(builder, servo, "drives")
     current = add(builder, ConstantVectorSource(np.zeros(len(BRANCHES))), "motor_current")
     inputs, outputs = _drive_ports(drives)
     outputs |= {"legs.current": current.get_output_port()} | _add_status(builder)
-    start = starting_lengths(CHAIR_GEOMETRY, scenario.gait.walk).ravel()
-
-    def reset(root_context: Context, begun: ChairScenario) -> None:
-        drives.set_position(root_context, start)
-
-    return Behind(inputs, outputs, reset)
+    return Behind(inputs, outputs)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import (  # type: ignore[attr-defined]
     BasicVector_,
     Context,
@@ -182,8 +182,22 @@ def LinearActuator_(T: Any) -> Any:
             params: LinearActuatorParams = LinearActuatorParams(),
             channels: int = 4,
             time_step: float = 1e-3,
+            extension: ArrayLike | None = None,
+            gain_scale: ArrayLike = 1.0,
             converter: Any = None,
         ) -> None:
+            """Creates the actuators.
+
+            Args:
+                params: each actuator.
+                channels: number of actuators n.
+                time_step: step [s].
+                extension: extensions (n or scalar) in a default context, where the rods are at
+                    rest [m]; None for the middle of the stroke.
+                gain_scale: factor (n or scalar) of the nominal motor constants in a default
+                    context [-].
+                converter: Drake's, for scalar conversion.
+            """
             LeafSystem_[T].__init__(self, converter)
             self.set_name("linear_actuator")
             self.params, self.channels = params, channels
@@ -193,13 +207,15 @@ def LinearActuator_(T: Any) -> Any:
             self._voltage = self.DeclareVectorInputPort("voltage", n)
             self._load = self.DeclareVectorInputPort("load_force", n)
             self._stop = self.DeclareVectorInputPort("stop", 1)
-            self._gains = self.DeclareNumericParameter(
-                BasicVector_[T](np.full(n, params.motor_constant))
-            )
             middle = 0.5 * (params.stop_min + params.stop_max)
-            extension = self.DeclareDiscreteState(BasicVector_[T](np.full(n, middle)))
+            self._begins_at = self._each(middle if extension is None else extension)
+            self._gain_scale = self._each(gain_scale)
+            self._gains = self.DeclareNumericParameter(
+                BasicVector_[T](self._scaled_gains(self._gain_scale))
+            )
+            position = self.DeclareDiscreteState(BasicVector_[T](self._begins_at))
             velocity = self.DeclareDiscreteState(BasicVector_[T](np.zeros(n)))
-            self.DeclareStateOutputPort("extension", extension)
+            self.DeclareStateOutputPort("extension", position)
             self.DeclareStateOutputPort("velocity", velocity)
             self._next = self.DeclareVectorOutputPort(
                 "next_state",
@@ -217,18 +233,30 @@ def LinearActuator_(T: Any) -> Any:
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Impl._construct(
-                self, other.params, other.channels, other.time_step, converter=converter
+                self,
+                other.params,
+                other.channels,
+                other.time_step,
+                other._begins_at,
+                other._gain_scale,
+                converter=converter,
             )
 
         def set_extension(self, context: Context, extension: ArrayLike) -> None:
             """Puts the rods at rest at the given extensions (n) [m]."""
-            context.SetDiscreteState(0, np.broadcast_to(extension, self.channels).astype(float))
+            context.SetDiscreteState(0, self._each(extension))
             context.SetDiscreteState(1, np.zeros(self.channels))
 
         def set_gain_scale(self, context: Context, scale: ArrayLike) -> None:
             """Multiplies the nominal motor constants by `scale` (n or scalar) [-]."""
-            gains = self.params.motor_constant * np.broadcast_to(scale, self.channels)
+            gains = self._scaled_gains(self._each(scale))
             context.get_mutable_numeric_parameter(self._gains).SetFromVector(gains)
+
+        def _each(self, value: ArrayLike) -> NDArray[np.float64]:
+            return np.broadcast_to(np.asarray(value, dtype=float), self.channels).copy()
+
+        def _scaled_gains(self, scale: NDArray[np.float64]) -> NDArray[np.float64]:
+            return self.params.motor_constant * scale
 
         def _calc_next_state(self, context: Context, output: Any) -> None:
             n = self.channels

@@ -47,6 +47,10 @@ class VelocityServoParams:
     stop_max: float | tuple[float, ...] = math.inf
 
 
+def _each(value: ArrayLike, channels: int) -> NDArray[np.float64]:
+    return np.broadcast_to(np.asarray(value, dtype=float), channels).copy()
+
+
 class ServoGoal(LeafSystem):
     """Velocities that drives tend to: commands, as far as speed, acceleration and stroke allow.
 
@@ -71,9 +75,18 @@ class ServoGoal(LeafSystem):
         params: of each drive.
         channels: number of drives n.
         period: for which a goal's limits hold [s].
+        gain: gains (n or scalar) in a default context [-].
+        offset: offsets (n or scalar) in a default context [m/s or rad/s].
     """
 
-    def __init__(self, params: VelocityServoParams, channels: int, period: float = 0.01):
+    def __init__(
+        self,
+        params: VelocityServoParams,
+        channels: int,
+        period: float = 0.01,
+        gain: ArrayLike = 1.0,
+        offset: ArrayLike = 0.0,
+    ):
         super().__init__()
         self.set_name("servo_goal")
         self._params, self._channels, self._period = params, channels, period
@@ -83,8 +96,8 @@ class ServoGoal(LeafSystem):
         self._command = self.DeclareVectorInputPort("velocity_command", channels)
         self._brake = self.DeclareVectorInputPort("brake", 1)
         self._state = self.DeclareVectorInputPort("state", 2 * channels)
-        self._gain = self.DeclareNumericParameter(BasicVector(np.ones(channels)))
-        self._offset = self.DeclareNumericParameter(BasicVector(np.zeros(channels)))
+        self._gain = self.DeclareNumericParameter(BasicVector(_each(gain, channels)))
+        self._offset = self.DeclareNumericParameter(BasicVector(_each(offset, channels)))
         inputs = {port.ticket() for port in (self._command, self._brake, self._state)}
         self.DeclareVectorOutputPort(
             "goal", channels, self._calc_goal, inputs | {self.all_parameters_ticket()}
@@ -100,7 +113,7 @@ class ServoGoal(LeafSystem):
         """
         for parameter, value in ((self._gain, gain), (self._offset, offset)):
             vector: Any = context.get_mutable_numeric_parameter(parameter)
-            vector.SetFromVector(np.broadcast_to(np.asarray(value, dtype=float), self._channels))
+            vector.SetFromVector(_each(value, self._channels))
 
     def _calc_goal(self, context: Context, output: BasicVector) -> None:
         braked = is_on(self._brake, context)
@@ -162,6 +175,9 @@ class VelocityServo(Diagram):
         channels: int,
         period: float = 0.01,
         time_step: float | None = None,
+        position: ArrayLike = 0.0,
+        gain: ArrayLike = 1.0,
+        offset: ArrayLike = 0.0,
     ):
         """Builds the diagram.
 
@@ -171,11 +187,15 @@ class VelocityServo(Diagram):
             period: at which commands are taken, and over which the encoder's counts make a
                 velocity [s].
             time_step: of the lag [s]; None for the period.
+            position: positions (n or scalar) in a default context, where the drives are at rest
+                [m or rad].
+            gain: gains (n or scalar) in a default context, see `set_imperfection` [-].
+            offset: offsets (n or scalar) in a default context [m/s or rad/s].
         """
         super().__init__()
         self.params, self._channels = params, channels
         builder = DiagramBuilder()
-        self._goal = ServoGoal(params, channels, period)
+        self._goal = ServoGoal(params, channels, period, gain, offset)
         builder.AddSystem(self._goal)
         goal = self._goal.get_output_port()
         if time_step is not None and time_step < period:
@@ -183,6 +203,7 @@ class VelocityServo(Diagram):
             builder.Connect(goal, hold.get_input_port())
             goal = hold.get_output_port()
         self._lag, ahead = self._add_lag(builder, goal, time_step or period)
+        self._lag.configure_default_state(self._at_rest(position))
         builder.Connect(self._lag.get_output_port(), self._goal.GetInputPort("state"))
         parts = builder.AddSystem(Demultiplexer(2 * channels, channels))
         builder.Connect(self._lag.get_output_port(), parts.get_input_port(0))
@@ -201,13 +222,15 @@ class VelocityServo(Diagram):
 
     def set_position(self, context: Context, position: ArrayLike) -> None:
         """Puts the drives at rest at the given positions (n) [m or rad]."""
-        at = np.broadcast_to(np.asarray(position, dtype=float), self._channels)
         lag = self._lag.GetMyMutableContextFromRoot(context)
-        lag.SetDiscreteState(np.concatenate((at, np.zeros(self._channels))))
+        lag.SetDiscreteState(self._at_rest(position))
 
     def set_imperfection(self, context: Context, gain: ArrayLike, offset: ArrayLike) -> None:
         """Lets the drives run off their command, see `ServoGoal.set_imperfection`."""
         self._goal.set_imperfection(self._goal.GetMyMutableContextFromRoot(context), gain, offset)
+
+    def _at_rest(self, position: ArrayLike) -> NDArray[np.float64]:
+        return np.concatenate((_each(position, self._channels), np.zeros(self._channels)))
 
     def _add_lag(
         self, builder: DiagramBuilder, goal: OutputPort, time_step: float

@@ -7,6 +7,9 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from parapod.systems.core.ports import elements
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 
+LEVEL_GROUND = (0.0, 0.0)
+NO_OFFSETS = (0.0,) * LEG_COUNT
+
 
 class OnInclinedGround(LeafSystem):
     """A LeafSystem whose Context holds the ground as numeric parameters.
@@ -16,18 +19,26 @@ class OnInclinedGround(LeafSystem):
     serves a sweep over grounds.
     """
 
-    def __init__(self) -> None:
+    def __init__(
+        self, ground: ArrayLike = LEVEL_GROUND, foot_offsets: ArrayLike = NO_OFFSETS
+    ) -> None:
+        """Declares the parameters.
+
+        Args:
+            ground: roll and pitch (2) in a default context [rad].
+            foot_offsets: heights under the feet (4) in a default context [m].
+        """
         super().__init__()
-        self.DeclareNumericParameter(BasicVector(np.zeros(2)))
-        self.DeclareNumericParameter(BasicVector(np.zeros(LEG_COUNT)))
+        self.DeclareNumericParameter(BasicVector(np.array(ground, dtype=float)))
+        self.DeclareNumericParameter(BasicVector(np.array(foot_offsets, dtype=float)))
 
     def set_ground(
-        self, context: Context, ground: ArrayLike, foot_offsets: ArrayLike | None = None
+        self, context: Context, ground: ArrayLike, foot_offsets: ArrayLike = NO_OFFSETS
     ) -> None:
-        """Sets roll and pitch (2) [rad], and the heights under the feet (4) [m]; None for zero."""
-        offsets = np.zeros(LEG_COUNT) if foot_offsets is None else np.asarray(foot_offsets)
-        context.get_mutable_numeric_parameter(0).SetFromVector(np.asarray(ground, dtype=float))
-        context.get_mutable_numeric_parameter(1).SetFromVector(offsets.astype(float))
+        """Sets roll and pitch (2) [rad], and the heights under the feet (4) [m]."""
+        for index, value in enumerate((ground, foot_offsets)):
+            parameter = context.get_mutable_numeric_parameter(index)
+            parameter.SetFromVector(np.array(value, dtype=float))
 
     def _ground_of(self, context: Context) -> list[float]:
         return elements(context.get_numeric_parameter(0))

@@ -4,12 +4,16 @@ import functools
 import weakref
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.ports import declare_cached, read
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
+from parapod.systems.levelling_platform.inclined_ground import (
+    LEVEL_GROUND,
+    NO_OFFSETS,
+    OnInclinedGround,
+)
 from parapod.systems.levelling_platform.model import standing_pose
 from parapod.systems.levelling_platform.statics import (
     KinematicPlatformParams,
@@ -52,6 +56,8 @@ class KinematicPlatform(OnInclinedGround):
         geometry: PlatformGeometry = PlatformGeometry(),
         params: KinematicPlatformParams = KinematicPlatformParams(),
         wheels: WheelGeometry | None = None,
+        ground: ArrayLike = LEVEL_GROUND,
+        foot_offsets: ArrayLike = NO_OFFSETS,
     ):
         """Creates the plant.
 
@@ -59,8 +65,10 @@ class KinematicPlatform(OnInclinedGround):
             geometry: the platform.
             params: what it weighs and how much it gives way.
             wheels: on which it stands where the feet do not hold it up; None for none.
+            ground: roll and pitch (2) of the ground in a default context [rad].
+            foot_offsets: heights under the feet (4) in a default context [m].
         """
-        super().__init__()
+        super().__init__(ground, foot_offsets)
         self.set_name("kinematic_platform")
         self._geometry, self._params, self._wheels = geometry, params, wheels
         self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)

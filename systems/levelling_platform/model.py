@@ -33,7 +33,11 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from parapod.systems.core.ports import read, read_array
 from parapod.systems.core.vectors import Axes
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, LegGeometry, PlatformGeometry
-from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
+from parapod.systems.levelling_platform.inclined_ground import (
+    LEVEL_GROUND,
+    NO_OFFSETS,
+    OnInclinedGround,
+)
 from parapod.systems.levelling_platform.leg import (
     diagonal_angle,
     swing_angle,
@@ -181,82 +185,92 @@ class PlatformModel:
         """Angle psi of a leg's lower link at these positions of the plant [rad]."""
         return float(positions[self._position_starts[leg]["swing"]])
 
-    def _build(self, context: Context) -> None:
-        """Gives the legs in this context the dimensions that they were built with."""
-        legs = zip(self.legs, self.geometry.legs, MODEL_GEOMETRY.legs, strict=True)
-        for i, (instance, leg, drawn) in enumerate(legs):
-            hip: Any = self.plant.GetFrameByName(f"hip_{i + 1}")
-            p_FE = np.array([-leg.l_x, -leg.l_y, -leg.l_z])
-            turned = RotationMatrix.MakeZRotation(leg.beta)
-            hip.SetPoseInParentFrame(context, RigidTransform(turned, p_FE))
-            p_MC = -leg.l_6 * _in_plane(*leg.e_a) - _in_plane(0.0, leg.l_7 - leg.foot_radius)
-            along = np.array([leg.l_4, 0.0, 0.0])
-            if self.is_full:
-                # The coupler only translates, so what it is longer at K, the pivot may recede.
-                longer = leg.l_3 * _in_plane(*leg.e_a) - drawn.l_3 * _in_plane(*drawn.e_a)
-                origins = {"coupler_swing": along, "roll": p_MC, "cylinder_swing": -longer}
-            else:
-                origins = {"swing": p_MC, "roll": along}
-            for joint, origin in origins.items():
-                frame: Any = self.plant.GetJointByName(joint, instance).frame_on_parent()
-                frame.SetPoseInParentFrame(context, RigidTransform(origin))
+    def standing_positions(
+        self, extension: ArrayLike, ground: ArrayLike, foot_offsets: ArrayLike = NO_OFFSETS
+    ) -> NDArray[np.float64]:
+        """All positions of the plant with the platform at rest on its feet.
 
-    def stand(
+        Args:
+            extension: (4) extensions [m].
+            ground: (2) roll and pitch of the ground [rad].
+            foot_offsets: (4) heights under the feet above the ground's plane [m].
+        """
+        posture = resting_posture(self.geometry, extension, ground, foot_offsets)
+        return self.positions(extension, posture, ground, (0.0, 0.0))
+
+    def positions_on_wheels(
+        self, extension: ArrayLike, posture: ArrayLike, ground: ArrayLike, x: float = 0.0
+    ) -> NDArray[np.float64]:
+        """All positions of the plant with the platform at rest on its wheels.
+
+        Args:
+            extension: (4) extensions, with the legs raised [m].
+            posture: (3) of a platform on its wheels [rad, rad, m].
+            ground: (2) roll and pitch of the ground [rad].
+            x: distance from the places of the feet, along the platform's x axis [m].
+        """
+        pose = standing_pose(posture, ground)
+        pose[4:] += ground_pose(ground).rotation().matrix() @ [x, 0.0, 0.0]
+        return self.positions_at(extension, pose, (0.0, 0.0))
+
+    def put(
         self,
         context: Context,
-        extension: ArrayLike,
+        positions: ArrayLike,
         ground: ArrayLike,
-        foot_offsets: ArrayLike = (0.0, 0.0, 0.0, 0.0),
+        foot_offsets: ArrayLike = NO_OFFSETS,
     ) -> None:
-        """Inclines the ground and puts the platform at rest on it with these extensions.
+        """Inclines the ground and puts the plant at rest.
 
         Args:
             context: the plant's context.
-            extension: (4) extensions [m].
+            positions: all positions of the plant.
             ground: (2) roll and pitch of the ground [rad].
             foot_offsets: (4) heights under the feet above the ground's plane, which the model
                 must have been built with [m].
         """
-        roll, pitch = np.asarray(ground).tolist()
-        # The model's plane is the lowest part of the ground.
-        lowest = min(0.0, float(np.min(np.asarray(foot_offsets))))
-        X_WG = RigidTransform(
-            RollPitchYaw(roll, pitch, 0.0), lowest * np.array(normal_of(roll, pitch))
-        )
-        self.ground_mount.SetPoseInParentFrame(context, X_WG)
-        if self.geometry != MODEL_GEOMETRY:
-            self._build(context)
-        posture = resting_posture(self.geometry, extension, ground, foot_offsets)
-        q = self.positions(extension, posture, ground, (0.0, 0.0))
-        self.plant.SetPositions(context, q)
+        self.ground_mount.SetPoseInParentFrame(context, ground_pose(ground, foot_offsets))
+        self.plant.SetPositions(context, np.asarray(positions))
         self.plant.SetVelocities(context, np.zeros(self.plant.num_velocities()))
 
-    def stand_on_wheels(
-        self,
-        context: Context,
-        extension: ArrayLike,
-        posture: ArrayLike,
-        ground: ArrayLike,
-        x: float = 0.0,
-    ) -> None:
-        """Inclines the ground and puts the platform at rest on its wheels, legs raised.
 
-        Args:
-            context: the plant's context.
-            extension: (4) extensions [m].
-            posture: (3) of a platform on its wheels [rad, rad, m].
-            ground: (2) roll and pitch of the ground [rad].
-            x: how far it is from the places of the feet, along its x axis [m].
-        """
-        roll, pitch = np.asarray(ground).tolist()
-        X_WG = RigidTransform(RollPitchYaw(roll, pitch, 0.0), np.zeros(3))
-        self.ground_mount.SetPoseInParentFrame(context, X_WG)
-        if self.geometry != MODEL_GEOMETRY:
-            self._build(context)
-        pose = standing_pose(posture, ground)
-        pose[4:] += X_WG.rotation().matrix() @ [x, 0.0, 0.0]
-        self.plant.SetPositions(context, self.positions_at(extension, pose, (0.0, 0.0)))
-        self.plant.SetVelocities(context, np.zeros(self.plant.num_velocities()))
+def ground_pose(ground: ArrayLike, foot_offsets: ArrayLike = NO_OFFSETS) -> RigidTransform:
+    """X_WG: pose of the model's plane, which is the lowest part of the ground.
+
+    Args:
+        ground: (2) roll and pitch of the ground [rad].
+        foot_offsets: (4) heights under the feet above the ground's plane [m].
+    """
+    roll, pitch = np.asarray(ground).tolist()
+    lowest = min(0.0, float(np.min(np.asarray(foot_offsets))))
+    return RigidTransform(
+        RollPitchYaw(roll, pitch, 0.0), lowest * np.array(normal_of(roll, pitch))
+    )
+
+
+def hip_pose(leg: LegGeometry) -> RigidTransform:
+    """X_FD: pose of a leg's hip in the platform's frame."""
+    p_FE = np.array([-leg.l_x, -leg.l_y, -leg.l_z])
+    return RigidTransform(RotationMatrix.MakeZRotation(leg.beta), p_FE)
+
+
+def joint_origins(leg: LegGeometry, drawn: LegGeometry, leg_model: str) -> dict[str, list[float]]:
+    """Origins (3) of the joints that a leg as built has elsewhere than the drawn one [m].
+
+    Args:
+        leg: the leg as built.
+        drawn: the leg of the model's files.
+        leg_model: "full" or "reduced".
+    """
+    p_MC = -leg.l_6 * _in_plane(*leg.e_a) - _in_plane(0.0, leg.l_7 - leg.foot_radius)
+    along = np.array([leg.l_4, 0.0, 0.0])
+    if leg_model == "full":
+        # The coupler only translates, so what it is longer at K, the pivot may recede.
+        longer = leg.l_3 * _in_plane(*leg.e_a) - drawn.l_3 * _in_plane(*drawn.e_a)
+        origins = {"coupler_swing": along, "roll": p_MC, "cylinder_swing": -longer}
+    else:
+        origins = {"swing": p_MC, "roll": along}
+    return {joint: origin.tolist() for joint, origin in origins.items()}
 
 
 def _in_plane(x: float, z: float) -> NDArray[np.float64]:
@@ -275,8 +289,13 @@ class PlatformTruth(OnInclinedGround):
     State: none. Parameters (Context): the ground, see `OnInclinedGround`.
     """
 
-    def __init__(self, model: PlatformModel):
-        super().__init__()
+    def __init__(
+        self,
+        model: PlatformModel,
+        ground: ArrayLike = LEVEL_GROUND,
+        foot_offsets: ArrayLike = NO_OFFSETS,
+    ):
+        super().__init__(ground, foot_offsets)
         self.set_name("platform_truth")
         self._start = model.base.floating_positions_start()
         self._state = self.DeclareVectorInputPort("state", model.plant.num_multibody_states())
@@ -309,24 +328,28 @@ class FootTruth(OnInclinedGround):
     State: none. Parameters (Context): the ground, see `OnInclinedGround`.
     """
 
-    def __init__(self, model: PlatformModel):
-        super().__init__()
+    def __init__(
+        self,
+        model: PlatformModel,
+        ground: ArrayLike = LEVEL_GROUND,
+        foot_offsets: ArrayLike = NO_OFFSETS,
+    ):
+        super().__init__(ground, foot_offsets)
         self.set_name("foot_truth")
         self._radius = model.geometry.foot_radius
         self._rollers = [body.index() for body in model.leg_bodies("roller")]
         self._loops = []
         if model.is_full:
-            leg = MODEL_GEOMETRY.legs[0]  # `stand` moves the actuator's pivot, not K
+            leg = MODEL_GEOMETRY.legs[0]  # as built, the actuator's pivot is moved, not K
             self._p_MK = np.array([leg.l_3 * leg.e_a[0], 0.0, leg.l_3 * leg.e_a[1]])
             rods, couplers = (model.leg_bodies(name) for name in ("rod", "coupler"))
             self._loops = [(a.index(), b.index()) for a, b in zip(rods, couplers, strict=True)]
         self._contact = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
         self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]([]))
-        ground = self.all_parameters_ticket()
-        poses = self._poses.ticket()
+        parameters, poses = self.all_parameters_ticket(), self._poses.ticket()
         for name, calc, tickets in (
-            ("contact_force", self._calc_force, {self._contact.ticket(), ground}),
-            ("foot_height", self._calc_height, {poses, ground}),
+            ("contact_force", self._calc_force, {self._contact.ticket(), parameters}),
+            ("foot_height", self._calc_height, {poses, parameters}),
             ("loop_error", self._calc_loop_error, {poses}),
         ):
             self.DeclareVectorOutputPort(name, LEG_COUNT, calc, tickets)

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.common import RandomDistribution, RandomGenerator
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -17,10 +16,10 @@ from pydrake.systems.framework import (
     DiscreteValues,
     LeafSystem,
 )
-from pydrake.systems.primitives import RandomSource
 
 from parapod.systems.core.ports import elements, read
 from parapod.systems.core.vectors import Axes
+from parapod.systems.sensors.noise import NoiseSource
 
 
 class SensorAxis(NamedTuple):
@@ -310,22 +309,14 @@ def add_imu(
     params: ImuParams = ImuParams(),
     decimation: int = _DECIMATION,
     name: str = "imu",
-) -> tuple[Imu, RandomSource]:
-    """Adds an IMU and the source of its noise, connected. Seed the source with `seed_noise`."""
+    seed: int = 0,
+) -> tuple[Imu, NoiseSource]:
+    """Adds an IMU and the source of its noise, connected and seeded."""
     imu = Imu(params, decimation)
     imu.set_name(name)
     builder.AddSystem(imu)
-    noise = RandomSource(RandomDistribution.kGaussian, Imu.NOISE_SIZE, imu.period)
+    noise = NoiseSource(Imu.NOISE_SIZE, imu.period, seed)
     noise.set_name(f"{name}_noise")
     builder.AddSystem(noise)
-    builder.Connect(noise.get_output_port(0), imu.GetInputPort("noise"))
+    builder.Connect(noise.get_output_port(), imu.GetInputPort("noise"))
     return imu, noise
-
-
-def seed_noise(noise: RandomSource, root_context: Context, seed: int) -> None:
-    """Makes the source's sequence a function of `seed` alone, in this context of the diagram.
-
-    Without it every source made in a process gets another sequence.
-    """
-    context = noise.GetMyMutableContextFromRoot(root_context)
-    noise.SetRandomContext(context, RandomGenerator(seed))

@@ -68,21 +68,23 @@ class KinematicChair(LeafSystem):
         masses: ChairMasses = ChairMasses(),
         passenger: Passenger = Passenger(),
         period: float = 0.01,
+        place: ArrayLike = (0.0, 0.0),
     ):
         """Creates the plant.
 
         Args:
             geometry: the chair.
             masses: what it weighs.
-            passenger: who sits on it, until `stand`.
-            period: between looks at what carries [s].
+            passenger: who sits on it in a default context.
+            period: time between looks at what carries [s].
+            place: x and y (2) of the body in a default context, where it looks ahead [m].
         """
         super().__init__()
         self.set_name("kinematic_chair")
         self._geometry, self._masses = geometry, masses
         self._position = self.DeclareVectorInputPort("position", len(BRANCHES))
         self._passenger = self.DeclareNumericParameter(BasicVector(_numbers(passenger)))
-        self.DeclareDiscreteState(3)
+        self.DeclareDiscreteState(_looking_ahead(place))
         self.DeclareDiscreteState(3 * _CORNERS)
         self._stance = declare_cached(
             self,
@@ -105,21 +107,18 @@ class KinematicChair(LeafSystem):
     def stand(
         self,
         root_context: Context,
-        lengths: ArrayLike,
-        body_position: ArrayLike,
+        place: ArrayLike,
         passenger: Passenger,
     ) -> None:
         """Puts the body above a place, looking ahead; the feet come to stand where they are.
 
         Args:
-            root_context: of the diagram that holds this system.
-            lengths: not used; they come in through the port.
-            body_position: (3) of S in the world, of which x and y count [m].
+            root_context: context of the diagram that holds this system.
+            place: x and y (2) of the body in the world [m].
             passenger: who sits on it.
         """
         context = self.GetMyMutableContextFromRoot(root_context)
-        x, y, _ = np.asarray(body_position, dtype=float)
-        context.SetDiscreteState(0, np.array((x, y, 0.0)))
+        context.SetDiscreteState(0, _looking_ahead(place))
         context.SetDiscreteState(1, np.zeros(3 * _CORNERS))
         self.seat(root_context, passenger)
 
@@ -196,6 +195,10 @@ class KinematicChair(LeafSystem):
         x, y, _ = stance.body_position
         discrete_state.set_value(0, np.array((x, y, stance.body_attitude[2])))
         discrete_state.set_value(1, np.concatenate((kept.ravel(), stance.carry.astype(float))))
+
+
+def _looking_ahead(place: ArrayLike) -> NDArray[np.float64]:
+    return np.append(np.asarray(place, dtype=float), 0.0)
 
 
 def _numbers(passenger: Passenger) -> NDArray[np.float64]:

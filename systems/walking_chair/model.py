@@ -15,7 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex, RigidBody, SpatialInertia, UnitInertia
+from pydrake.multibody.tree import (
+    ModelInstanceIndex,
+    RigidBody,
+    RotationalInertia,
+    SpatialInertia,
+    UnitInertia,
+)
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.core.ports import declare_cached, read_array
@@ -28,6 +34,21 @@ CHAIR_GEOMETRY = ChairGeometry()
 # Radius of gyration of a sitting person [m] (assumption).
 _GYRATION = 0.26
 _BRANCHES = ("up", "ups_2", "ups_3")
+
+
+def moment_of_inertia(passenger: Passenger) -> float:
+    """Moment of inertia of a passenger about any axis through the centre of mass [kg m^2]."""
+    sphere = UnitInertia.SolidSphere(math.sqrt(2.5) * _GYRATION)
+    return float(passenger.mass * sphere.get_moments()[0])
+
+
+def inertia_of(passenger: Passenger) -> SpatialInertia:
+    """Inertia of a passenger about the centre of mass, as a parser has it from the moment."""
+    if passenger.mass == 0.0:
+        return SpatialInertia(0.0, np.zeros(3), UnitInertia.SolidSphere(_GYRATION))
+    moment = moment_of_inertia(passenger)
+    central = RotationalInertia(moment, moment, moment)
+    return SpatialInertia.MakeFromCentralInertia(passenger.mass, np.zeros(3), central)
 
 
 @dataclass(frozen=True)
@@ -79,10 +100,21 @@ class ChairModel:
             body_position: (3) of S in the world [m].
             passenger: who sits on it.
         """
-        pose = (1.0, 0.0, 0.0, 0.0, *np.asarray(body_position).tolist())
-        self.plant.SetPositions(context, self.positions(lengths, pose))
+        self.plant.SetPositions(context, self.standing_positions(lengths, body_position))
         self.plant.SetVelocities(context, np.zeros(self.plant.num_velocities()))
         self.seat(context, passenger)
+
+    def standing_positions(
+        self, lengths: ArrayLike, body_position: ArrayLike
+    ) -> NDArray[np.float64]:
+        """All positions of the plant, loops closed, level and looking ahead.
+
+        Args:
+            lengths: (4, 3) lengths of the branches [m].
+            body_position: (3) of S in the world [m].
+        """
+        pose = (1.0, 0.0, 0.0, 0.0, *np.asarray(body_position).tolist())
+        return self.positions(lengths, pose)
 
     def positions(self, lengths: ArrayLike, body_pose: ArrayLike) -> NDArray[np.float64]:
         """All positions of the plant, loops closed.
@@ -117,10 +149,7 @@ class ChairModel:
         """
         seat: Any = self.plant.GetFrameByName("seat")
         seat.SetPoseInParentFrame(context, RigidTransform(passenger.place))
-        inertia = SpatialInertia(
-            passenger.mass, np.zeros(3), UnitInertia.SolidSphere(math.sqrt(2.5) * _GYRATION)
-        )
-        self.passenger.SetSpatialInertiaInBodyFrame(context, inertia)
+        self.passenger.SetSpatialInertiaInBodyFrame(context, inertia_of(passenger))
 
     def _joints(self, lengths: NDArray[np.float64]) -> list[dict[str, float]]:
         """Positions of each leg's joints, by their names."""

@@ -276,7 +276,8 @@ class Model:
         self.context = self.plant.GetMyMutableContextFromRoot(self.root)
 
     def stand(self, extension, ground):
-        self.model.stand(self.context, extension, ground)
+        positions = self.model.standing_positions(extension, ground)
+        self.model.put(self.context, positions, ground)
         self.feet.set_ground(self.feet.GetMyMutableContextFromRoot(self.root), ground)
 
     def read(self, name):

@@ -86,7 +86,8 @@ class Machine:
         self.offsets = foot_offsets
 
     def stand(self, extension, ground=GROUND):
-        self.model.stand(self.context, extension, ground, self.offsets)
+        positions = self.model.standing_positions(extension, ground, self.offsets)
+        self.model.put(self.context, positions, ground, self.offsets)
         self.feet.set_ground(
             self.feet.GetMyMutableContextFromRoot(self.root), ground, self.offsets
         )
@@ -137,14 +138,19 @@ def test_legs_as_built_stand_on_three_feet_and_none_is_below_the_ground(built):
         assert gap[3] > 0.0
 
 
-def test_other_contexts_keep_the_legs_as_drawn(built):
-    built.stand(random_extensions()[0])
-    hip, kept = built.plant.GetFrameByName("hip_1"), built.plant.CreateDefaultContext()
-    drawn = MODEL_GEOMETRY.legs[0]
-    p_FE = hip.GetFixedPoseInBodyFrame().translation()
-    np.testing.assert_allclose(p_FE, (-drawn.l_x, -drawn.l_y, -drawn.l_z), rtol=0, atol=1e-12)
-    own = hip.CalcPose(kept, built.model.base.body_frame()).translation()
-    np.testing.assert_allclose(own, p_FE, rtol=0, atol=1e-12)
+def test_every_context_has_the_legs_as_built(built):
+    hip = built.plant.GetFrameByName("hip_1")
+    leg, drawn = built.model.geometry.legs[0], MODEL_GEOMETRY.legs[0]
+    assert leg != drawn
+    default = built.plant.CreateDefaultContext()
+    X_FD = hip.CalcPose(default, built.model.base.body_frame())
+    np.testing.assert_array_equal(X_FD.translation(), (-leg.l_x, -leg.l_y, -leg.l_z))
+    np.testing.assert_allclose(
+        X_FD.rotation().matrix()[:, 0],
+        (math.cos(leg.beta), math.sin(leg.beta), 0.0),
+        rtol=0,
+        atol=1e-15,
+    )
 
 
 # Pads

@@ -10,8 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.common.value import Value
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import FrameIndex
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import PortDataType
+from pydrake.systems.framework import Diagram, PortDataType
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 
 from parapod.diagrams.closed_loop import ClosedLoop
@@ -20,6 +23,7 @@ from parapod.diagrams.machine import In, Out, find_machine, list_machines
 from parapod.diagrams.station import Behind, Station
 from parapod.diagrams.wiring import inputs_of, outputs_of
 from parapod.systems.core.errors import ParapodError, ScenarioError, WiringError
+from parapod.systems.core.scenario_file import load_scenario
 
 MACHINES = list_machines()
 ROOMS = Path(__file__).parents[2]
@@ -278,3 +282,129 @@ def test_shared_code_names_no_machine_and_imports_none():
         if name in path.read_text(encoding="utf-8")
     ]
     assert named == []
+
+
+# The beginning
+
+# Scenarios that move what a beginning consists of, by machine; of others the defaults are tried.
+BEGINNINGS = {
+    "levelling_platform": (
+        "ground.foot_heights_mm=[5,0,-3,2] ground.roll_deg=-1.5 plant.length_error_mm=1",
+        "plant.leg_model=reduced plant.length_error_mm=2 plant.angle_error_deg=0.5 seed=3",
+        "job.start=wheels job.start_x_m=0.4 plant.wheels=rolling plant.angle_error_deg=1",
+        "job.initial_extension_mm=400 sensors.imu_noise=false sensors.imu_delay_ms=30",
+        "faults=[{at: 0.02, target: legs.extension, kind: garbage}] seed=5",
+    ),
+    "walking_chair": (
+        "passenger.mass_kg=41.3 passenger.x_mm=25 passenger.y_mm=-40 passenger.height_mm=310",
+        "passenger.mass_kg=0",
+        "gait.way=back gait.step_mm=80 drives.gain_error=0.1 seed=5",
+    ),
+}
+each_beginning = pytest.mark.parametrize(
+    ("machine", "backend", "overrides"),
+    [
+        (machine, backend, overrides)
+        for machine in MACHINES
+        for backend in (*machine.plants, "mock")
+        for overrides in ("", "seed=11", *BEGINNINGS.get(machine.name, ()))
+    ],
+    ids=lambda value: value if isinstance(value, str) else value.name,
+)
+
+
+def scenario_of(machine, backend, overrides):
+    given = re.split(r" (?=[a-z])(?![^{]*})", overrides) if overrides else []
+    return load_scenario(machine.scenario, None, None, [f"backend={backend}", *given])
+
+
+def leaves_of(diagram):
+    for system in diagram.GetSystems():
+        yield from leaves_of(system) if isinstance(system, Diagram) else (system,)
+
+
+def values_of(loop, root):
+    """Everything in a context that a simulation begins with, by system and kind."""
+    found = {}
+    for number, system in enumerate(leaves_of(loop)):
+        context, name = system.GetMyContextFromRoot(root), f"{number} {type(system).__name__}"
+        for i in range(context.num_discrete_state_groups()):
+            found[f"{name}: state {i}"] = context.get_discrete_state(i).value().copy()
+        for i in range(context.num_numeric_parameter_groups()):
+            found[f"{name}: parameter {i}"] = context.get_numeric_parameter(i).value().copy()
+        for i in range(context.num_abstract_parameters()):
+            parameter = context.get_abstract_parameter(i)
+            if isinstance(parameter, Value[object]):
+                found[f"{name}: abstract parameter {i}"] = parameter.get_value()
+        assert context.num_continuous_states() == 0
+        if isinstance(system, MultibodyPlant):
+            found[f"{name}: positions"] = system.GetPositions(context)
+            for i in range(system.num_frames()):
+                frame = system.get_frame(FrameIndex(i))
+                pose = frame.CalcPoseInBodyFrame(context).GetAsMatrix4()
+                found[f"{name}: pose of {frame.scoped_name()}"] = pose
+    found["time"] = root.get_time()
+    return found
+
+
+def differing(one, other):
+    assert one.keys() == other.keys()
+    return [
+        name
+        for name, value in one.items()
+        if not (
+            np.array_equal(value, other[name], equal_nan=True)
+            if isinstance(value, np.ndarray)
+            else value == other[name]
+        )
+    ]
+
+
+@each_beginning
+def test_the_default_context_is_the_beginning_of_the_scenario(machine, backend, overrides):
+    scenario = scenario_of(machine, backend, overrides)
+    loop = ClosedLoop(machine, scenario, log=())
+    default = values_of(loop, loop.CreateDefaultContext())
+    for given in (None, scenario):
+        context = loop.CreateDefaultContext()
+        loop.reset(context, given)
+        assert differing(default, values_of(loop, context)) == []
+
+
+@each_beginning
+def test_a_simulation_begins_with_its_scenario_without_a_reset(machine, backend, overrides):
+    loop = ClosedLoop(machine, scenario_of(machine, backend, overrides))
+
+    def run(prepare):
+        simulator = Simulator(loop)
+        prepare(simulator.get_mutable_context())
+        simulator.AdvanceTo(0.06)
+        return loop.recording(simulator.get_context())
+
+    default, begun = run(lambda context: None), run(loop.reset)
+    assert begun.time.size > 2
+    assert set(default) == set(begun)
+    for name in begun:
+        assert np.array_equal(default[name], begun[name], equal_nan=True), name
+
+
+@each_simulated
+def test_a_scenario_reached_by_reset_is_the_default_of_a_loop_built_from_it(machine, backend):
+    one, other = (machine.scenario(backend=backend, seed=seed) for seed in (3, 4))
+    built, served = (ClosedLoop(machine, scenario, log=()) for scenario in (one, other))
+    default = values_of(built, built.CreateDefaultContext())
+    context = served.CreateDefaultContext()
+    if backend in machine.plants:
+        assert differing(default, values_of(served, context)), "the seed has no effect"
+    served.reset(context, one)
+    assert differing(default, values_of(served, context)) == []
+
+
+@each_machine
+def test_a_station_alone_begins_with_its_scenario(machine):
+    for backend in (*machine.plants, "mock"):
+        station = Station(machine, machine.scenario(backend=backend, seed=7))
+        context = station.CreateDefaultContext()
+        station.reset(context)
+        default = values_of(station, station.CreateDefaultContext())
+        assert differing(default, values_of(station, context)) == []

@@ -49,6 +49,10 @@ class Machine:
         self.plant.SetPositions(self.context, positions)
         return posture
 
+    def stand(self, extension, ground):
+        positions = self.model.standing_positions(extension, ground)
+        self.model.put(self.context, positions, ground)
+
     def in_base(self, body, point=(0.0, 0.0, 0.0)):
         """A point of a body in the platform's frame F."""
         X_FB = self.pose(self.model.base).inverse() @ self.pose(body)
@@ -375,7 +379,7 @@ def test_standing_platform_touches_the_inclined_ground_with_all_rollers(machine)
     for ground in rng.uniform(-0.087, 0.087, (10, 2)):
         posture = (*rng.uniform(-0.02, 0.02, 2), 0.475)
         extension = inverse_kinematics(wide, posture, ground)
-        machine.model.stand(machine.context, extension, ground)
+        machine.stand(extension, ground)
         np.testing.assert_allclose(ground_distances(machine), 0.0, rtol=0, atol=1e-12)
         slab = machine.pose(machine.plant.GetBodyByName("ground"))
         expected = RigidTransform(RollPitchYaw(*ground, 0.0), np.zeros(3))
@@ -387,7 +391,7 @@ def test_contact_pairs_on_a_slope_have_the_slopes_normal(machine):
     ground = (0.04, -0.06)
     wide = replace(MODEL_GEOMETRY, extension_min=0.37, extension_max=0.45)
     extension = inverse_kinematics(wide, (0.0, 0.0, 0.475), ground)
-    machine.model.stand(machine.context, extension, ground)
+    machine.stand(extension, ground)
     query = machine.scene_graph.get_query_output_port().Eval(
         machine.scene_graph.GetMyContextFromRoot(machine.root)
     )
@@ -406,7 +410,7 @@ def test_contact_pairs_on_a_slope_have_the_slopes_normal(machine):
 
 def test_machine_meets_the_ground_with_nothing_but_its_rollers_in_its_workspace(machine):
     for d in (0.390, 0.405, 0.419):
-        machine.model.stand(machine.context, [d] * 4, (0.0, 0.0))
+        machine.stand([d] * 4, (0.0, 0.0))
         query = machine.scene_graph.get_query_output_port().Eval(
             machine.scene_graph.GetMyContextFromRoot(machine.root)
         )

@@ -6,9 +6,9 @@ import pytest
 from pydrake.math import RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, RandomSource
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from parapod.systems.sensors.imu import Imu, ImuParams, add_imu, seed_noise
+from parapod.systems.sensors.imu import Imu, ImuParams, add_imu
 
 OUTPUTS = ("gyro", "accel", "mag")
 LEVEL = {"angular_velocity": (0.0, 0.0, 0.0), "specific_force": (0.0, 0.0, 9.81)}
@@ -36,7 +36,7 @@ def first_sample(imu, **inputs):
 
 def record(params, duration, seed=1, decimation=3):
     builder = DiagramBuilder()
-    imu, noise = add_imu(builder, params, decimation)
+    imu, _ = add_imu(builder, params, decimation, seed=seed)
     for name, value in LEVEL.items():
         source = builder.AddSystem(ConstantVectorSource(np.array(value)))
         builder.Connect(source.get_output_port(), imu.GetInputPort(name))
@@ -46,7 +46,6 @@ def record(params, duration, seed=1, decimation=3):
     diagram = builder.Build()
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
-    seed_noise(noise, context, seed)
     simulator.AdvanceTo(duration)
     return {name: log.FindLog(context).data().T for name, log in logs.items()}
 
@@ -320,6 +319,6 @@ def test_helper_adds_a_gaussian_source_of_the_sensors_size_and_period():
     builder = DiagramBuilder()
     imu, noise = add_imu(builder, decimation=4, name="imu_1")
     assert (imu.get_name(), noise.get_name()) == ("imu_1", "imu_1_noise")
-    assert isinstance(noise, RandomSource)
-    assert noise.get_output_port(0).size() == Imu.NOISE_SIZE
+    assert noise.get_output_port().size() == Imu.NOISE_SIZE
+    assert noise.GetUniquePeriodicDiscreteUpdateAttribute().period_sec() == imu.period
     assert imu.period == pytest.approx(1.0 / 51.2)

@@ -22,13 +22,13 @@ def lengths_of(walk, time):
     )
 
 
-def start(fix, passenger=Passenger(), lengths=None, at=(0.0, 0.0, 0.0)):
+def start(fix, passenger=Passenger(), lengths=None, at=(0.0, 0.0)):
     chair = KinematicChair()
     simulator = Simulator(chair)
     context = simulator.get_mutable_context()
     lengths = starting_lengths(GEOMETRY, WALK) if lengths is None else lengths
     fix(chair, context, position=lengths.ravel())
-    chair.stand(context, lengths, at, passenger)
+    chair.stand(context, at, passenger)
     return chair, simulator, context
 
 
@@ -60,7 +60,7 @@ def test_forces_carry_chair_and_passenger(fix, read):
 
 
 def test_the_chair_stands_where_it_is_put(fix, read):
-    chair, simulator, context = start(fix, at=(0.3, -0.2, 0.0))
+    chair, simulator, context = start(fix, at=(0.3, -0.2))
     simulator.AdvanceTo(0.1)
     np.testing.assert_allclose(
         read(chair, context)["body_position"][:2], (0.3, -0.2), rtol=0, atol=1e-12
@@ -116,9 +116,21 @@ def test_position_moves_all_outputs(moved, fix):
 
 def test_passenger_moves_the_forces(moved, fix):
     chair, _, context = start(fix)
-    lengths = starting_lengths(GEOMETRY, WALK)
 
     def change():
-        chair.stand(context, lengths, (0.0, 0.0, 0.0), Passenger(20.0))
+        chair.stand(context, (0.0, 0.0), Passenger(20.0))
 
     assert {"force", "contact_force"} <= moved(chair, context, change)
+
+
+def test_a_default_context_has_the_passenger_and_the_place_of_the_constructor(fix):
+    passenger, place = Passenger(41.0, 0.02, -0.03, 0.3), (0.3, -0.2)
+    chair, _, standing = start(fix, passenger, at=place)
+    built = KinematicChair(passenger=passenger, place=place)
+    context = built.CreateDefaultContext()
+    fix(built, context, position=starting_lengths(GEOMETRY, WALK).ravel())
+    for name in ("body_position", "force", "contact_force"):
+        np.testing.assert_array_equal(
+            built.GetOutputPort(name).Eval(context), chair.GetOutputPort(name).Eval(standing)
+        )
+    assert built.GetOutputPort("body_position").Eval(context)[:2].tolist() == list(place)

@@ -1,0 +1,168 @@
+"""Source of Gaussian noise that a seed determines, in any context and on any computer."""
+
+import functools
+import math
+from threading import Lock
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+# Samples that are computed at once: about a second of an inertial sensor.
+_BLOCK = 128
+_KEPT_BLOCKS = 8  # for contexts of one seed that are at different times
+_KEPT_STREAMS = 16
+_SAME_INSTANT = 1e-6  # [periods]
+_WORD = 2.0**32
+_BELOW_ONE = math.nextafter(1.0, 0.0)
+
+
+class NoiseSource(LeafSystem):
+    """Source of unit Gaussian white noise, a pure function of its seed and of time.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | out `noise` | n | - | the last sample |
+
+    The numbers are those of Drake's `RandomSource` after `SetRandomContext` with a
+    `RandomGenerator` of this seed, to the last bit where the logarithm of the C library is the
+    same. Unlike that, the default context has a seed, which is the constructor's; and a sample is
+    no unrestricted update, for which Drake would copy the state of the whole diagram.
+
+    Sample 0 is shown until initialization, sample 1 from there to the first instant, at zero, and
+    sample k + 2 after k periods: a discrete system that updates at an initialization and once a
+    period sees each sample once.
+
+    State: discrete, the last sample (n), updated at initialization and every period.
+
+    Parameters (Context): the seed (1), see `set_seed`.
+    """
+
+    def __init__(self, size: int = 1, period: float = 0.01, seed: int = 0) -> None:
+        """Creates the source.
+
+        Args:
+            size: number of elements n.
+            period: time between two samples [s].
+            seed: seed in a default context, in 0..2^32 - 1.
+
+        Raises:
+            ValueError: a period that is not above zero, or a seed that is out of range.
+        """
+        super().__init__()
+        if not 0.0 < period < math.inf:
+            raise ValueError(f"period must be above 0, not {period}")
+        self.set_name("noise_source")
+        self._size, self._period = size, period
+        self._seed = self.DeclareNumericParameter(BasicVector(np.array([_checked(seed)])))
+        self.DeclareStateOutputPort(
+            "noise", self.DeclareDiscreteState(noise_sample(seed, 0, size))
+        )
+        self.DeclareInitializationDiscreteUpdateEvent(self._update_first_sample)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_sample)
+
+    def set_seed(self, context: Context, seed: int) -> None:
+        """Begins the sequence of a seed, in 0..2^32 - 1, in this context of the source.
+
+        Raises:
+            ValueError: a seed that is out of range.
+        """
+        parameter = context.get_mutable_numeric_parameter(self._seed)
+        parameter.SetFromVector(np.array([_checked(seed)]))
+        context.SetDiscreteState(noise_sample(seed, 0, self._size))
+
+    def _update_first_sample(self, context: Context, discrete_state: DiscreteValues) -> None:
+        # The one that the next periodic update takes the place of.
+        self._show(context, discrete_state, 1 + math.ceil(self._periods(context) - _SAME_INSTANT))
+
+    def _update_sample(self, context: Context, discrete_state: DiscreteValues) -> None:
+        self._show(context, discrete_state, 2 + round(self._periods(context)))
+
+    def _periods(self, context: Context) -> float:
+        return context.get_time() / self._period
+
+    def _show(self, context: Context, discrete_state: DiscreteValues, number: int) -> None:
+        seed = int(context.get_numeric_parameter(self._seed)[0])
+        discrete_state.set_value(noise_sample(seed, number, self._size))
+
+
+def noise_sample(seed: int, number: int, size: int) -> NDArray[np.float64]:
+    """Sample (size) of a number, counted from 0, of the sequence of a seed; not to be changed."""
+    return _stream(seed, size).sample(number)
+
+
+class _Stream:
+    """The samples of one seed: the newest blocks are kept, those that are gone computed anew.
+
+    C++ leaves the algorithm of its normal distribution open; this is libstdc++'s, the polar
+    method on two 53-bit fractions, each made of two words of the Mersenne Twister.
+    """
+
+    def __init__(self, seed: int, size: int):
+        self._seed, self._size = seed, size
+        self._lock = Lock()
+        self._restart()
+
+    def sample(self, number: int) -> NDArray[np.float64]:
+        block, row = divmod(number, _BLOCK)
+        with self._lock:
+            if block < self._next and block not in self._blocks:
+                self._restart()
+            while block >= self._next:
+                self._append()
+            return self._blocks[block][row]
+
+    def _restart(self) -> None:
+        # A source of Drake draws the seed of its own generator from the one that it is given.
+        own = int(_words(np.random.RandomState(self._seed), 1)[0])
+        self._generator = np.random.RandomState(own)
+        self._rest: NDArray[np.float64] = np.empty(0)
+        self._blocks: dict[int, NDArray[np.float64]] = {}
+        self._next = 0
+
+    def _append(self) -> None:
+        """Computes the next block and forgets the oldest one."""
+        count = _BLOCK * self._size
+        parts, missing = [self._rest], count - self._rest.size
+        while missing > 0:
+            parts.append(_normals(self._generator, missing))
+            missing -= parts[-1].size
+        numbers = np.concatenate(parts)
+        self._rest = numbers[count:]
+        block = numbers[:count].reshape(_BLOCK, self._size)
+        block.setflags(write=False)
+        self._blocks[self._next] = block
+        self._blocks.pop(self._next - _KEPT_BLOCKS, None)
+        self._next += 1
+
+
+@functools.lru_cache(maxsize=_KEPT_STREAMS)
+def _stream(seed: int, size: int) -> _Stream:
+    return _Stream(seed, size)
+
+
+def _normals(generator: np.random.RandomState, wanted: int) -> NDArray[np.float64]:
+    """Further normal numbers, about as many as wanted."""
+    # Every pair of fractions gives two of them, or with a probability of 1 - pi / 4 none.
+    words = _words(generator, 4 * (wanted * 2 // 3 + 8)).reshape(-1, 2, 2).astype(np.float64)
+    fractions = np.minimum((words[..., 0] + words[..., 1] * _WORD) / _WORD**2, _BELOW_ONE)
+    points = 2.0 * fractions - 1.0
+    squares = points[:, 0] * points[:, 0] + points[:, 1] * points[:, 1]
+    inside = (squares <= 1.0) & (squares != 0.0)
+    squares = squares[inside]
+    # The C library's logarithm: numpy has others, by processor, that differ in the last bit.
+    logarithms = np.array([math.log(square) for square in squares.tolist()])
+    factors = np.sqrt(-2.0 * logarithms / squares)
+    numbers: NDArray[np.float64] = points[inside][:, ::-1] * factors[:, np.newaxis]
+    return numbers.ravel()
+
+
+def _words(generator: np.random.RandomState, count: int) -> NDArray[np.uint32]:
+    """The next 32-bit words of a Mersenne Twister."""
+    return generator.randint(0, 2**32, size=count, dtype=np.uint32)
+
+
+def _checked(seed: int) -> float:
+    if not 0 <= seed < 2**32:
+        raise ValueError(f"seed must be in 0..{2**32 - 1}, not {seed}")
+    return float(seed)
