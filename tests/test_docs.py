@@ -18,7 +18,7 @@ from parapod.diagrams.drivers.epos2 import Epos2Legs
 from parapod.diagrams.drivers.external import load_drivers
 from parapod.diagrams.hardware_scenario import DRIVERS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.lab.experiment import ENTRIES
+from parapod.sims.lab.discovery import find_entry
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.hardware.bus_load import bus_load, frame_bits
@@ -29,7 +29,7 @@ from parapod.systems.levelling_platform.supervisor import as_mermaid
 _DOCS = Path(__file__).parents[1] / "docs"
 _OPERATION = (_DOCS / "operation.md").read_text()
 _HARDWARE = _DOCS / "hardware.md"
-(LEVEL,) = [entry for entry in ENTRIES if entry.name == "level"]
+LEVEL = find_entry("level")
 
 
 def test_the_phases_are_drawn_from_the_table_of_transitions():

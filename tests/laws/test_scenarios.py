@@ -8,7 +8,7 @@ import pytest
 from parapod.diagrams.drivers.driver import Driver
 from parapod.diagrams.hardware_scenario import DRIVERS, HardwareScenario
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.experiment import ENTRIES
+from parapod.sims.lab.discovery import list_entries
 from parapod.systems.core.scenario_file import describe, dump_scenario, load_scenario
 from parapod.systems.core.schema import (
     Options,
@@ -24,7 +24,7 @@ _UNIT = re.compile(r"\[[^\[\]]+\]")
 
 
 def default_scenario(entry):
-    return load_scenario(entry.load().scenario, entry.default_scenario)
+    return load_scenario(entry.load().schema, entry.default_scenario)
 
 
 def schemas(kind):
@@ -39,7 +39,8 @@ def schemas(kind):
     return found
 
 
-ROOTS = [entry.load().scenario for entry in ENTRIES]
+ENTRIES = list_entries()
+ROOTS = [entry.load().schema for entry in ENTRIES]
 SCHEMAS = list(dict.fromkeys(schema for root in ROOTS for schema in schemas(root)))
 
 
@@ -78,7 +79,7 @@ def test_a_default_scenario_is_written_and_read_as_an_equal_one(entry, comments,
 def test_a_default_scenario_says_only_what_differs_from_the_schema(entry):
     if entry.default_scenario is None:
         return
-    schema = entry.load().scenario
+    schema = entry.load().schema
     keys = re.findall(r"^( *)(\w+):", entry.default_scenario.read_text(), re.MULTILINE)
     named, path = [], []
     for indent, key in keys:
