@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from rich.console import Console
 
 from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.files import atomic_output, write_experiment_log
+from parapod.sims.lab.files import atomic_output, check_log, write_experiment_log
 from parapod.sims.lab.results import Metric, Result
 from parapod.systems.core.errors import OutputError, ScenarioError
 from parapod.systems.core.schema import check as check_scenario
@@ -142,6 +142,8 @@ class Experiment[S, D]:
         check_scenario(scenario)
         self.check_backend(settings.backend)
         self._check_options(options)
+        if options.log is not None and settings.backend != "hardware":
+            check_log(options.log)
         self.check(scenario)
         self._before(scenario, options)
         data = self.run(scenario, Bench(self.name, scenario, options))

@@ -11,8 +11,9 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from parapod.sims.lab.files import Log, check_writable
+from parapod.sims.lab.files import Log, atomic_output, check_writable
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
 from parapod.systems.hardware.extras import need
@@ -58,14 +59,15 @@ class McapLog:
         self._thread = threading.Thread(target=self._run, name="log", daemon=True)
         self._error: OSError | None = None
 
-    def write(self, t: float, values: Sequence[Any]) -> None:
+    def write(self, t: float, values: Sequence[Any], stamp: int | None = None) -> None:
         """Hands over the values of all ports at one time.
 
         Args:
             t: time of the loop [s].
             values: of the ports, arrays that are not changed any more.
+            stamp: stamp of the messages [ns]; None for the wall clock's.
         """
-        self._queue.put((time.time_ns(), t, values))
+        self._queue.put((time.time_ns() if stamp is None else stamp, t, values))
 
     def _run(self) -> None:
         try:
@@ -121,6 +123,34 @@ class McapLog:
         if self._error is not None and error is None:
             reason = self._error.strerror or str(self._error)
             raise OutputError(f"cannot write {quoted_path(self._path)}: {reason}", self._path)
+
+
+def write_mcap(
+    path: Path,
+    times: ArrayLike,
+    signals: Mapping[str, ArrayLike],
+    units: Mapping[str, str],
+    metadata: Mapping[str, str],
+) -> None:
+    """Writes the log of a simulation, whose messages are stamped with the simulated time.
+
+    Args:
+        path: the file.
+        times: (n) [s].
+        signals: port name -> (n, ...) samples; each becomes a list of numbers.
+        units: port name -> unit.
+        metadata: how the run was made.
+
+    Raises:
+        OutputError: the file cannot be written.
+        MissingExtra: mcap is not installed.
+    """
+    times = np.asarray(times, dtype=float)
+    arrays = [np.asarray(signals[name], dtype=float) for name in units]
+    rows = [array.reshape(len(times), -1) for array in arrays]
+    with atomic_output(path) as temporary, McapLog(temporary, units, metadata) as log:
+        for k, t in enumerate(times.tolist()):
+            log.write(t, [row[k] for row in rows], stamp=round(1e9 * t))
 
 
 def _encoded(t: float, value: Any) -> bytes:
