@@ -8,7 +8,7 @@ import ast
 import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,7 +38,7 @@ class Entry:
     name: str
     point: EntryPoint = field(repr=False)
 
-    @property
+    @cached_property
     def package(self) -> str:
         """Name of the distribution that declares it."""
         return self.point.dist.name if self.point.dist is not None else self.point.module
@@ -61,7 +61,7 @@ class Entry:
     @cached_property
     def _module(self) -> ast.Module:
         try:
-            return ast.parse(self.source.read_text(encoding="utf-8"))
+            return _parsed(self.source, self.source.stat().st_mtime_ns)
         except (OSError, SyntaxError, ValueError) as error:
             raise self._broken(error) from error
 
@@ -135,6 +135,12 @@ class Entry:
             f"the experiment '{self.name}' of the package '{self.package}' cannot be loaded: "
             f"{kind}{reason}"
         )
+
+
+@cache
+def _parsed(source: Path, modified: int) -> ast.Module:
+    """Syntax tree of a module, which every command of a process reads once."""
+    return ast.parse(source.read_text(encoding="utf-8"))
 
 
 def list_entries() -> tuple[Entry, ...]:
