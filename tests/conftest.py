@@ -1,7 +1,10 @@
+import importlib
 import io
+import sys
 import time
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -76,6 +79,50 @@ def finished(tmp_path_factory):
         )
 
     return run
+
+
+@pytest.fixture
+def install(tmp_path, monkeypatch):
+    """install(package, points, files): as `pip` would, in a folder on sys.path."""
+    site = tmp_path / "site"
+    site.mkdir()
+    monkeypatch.syspath_prepend(str(site))
+    before = set(sys.modules)
+
+    def add(package, points, files):
+        for name, text in files.items():
+            path = site / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+        info = site / f"{package}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(points)
+
+    yield add
+    for name in set(sys.modules) - before:
+        if str(site) in str(getattr(sys.modules[name], "__file__", "")):
+            del sys.modules[name]
+
+
+@pytest.fixture
+def pendula(install):
+    """A package with one experiment, `swing`, and its default scenario; the class."""
+    folder = Path(__file__).with_name("pendula")
+    files = {
+        f"pendula/{path.name}": path.read_text() for path in folder.iterdir() if path.is_file()
+    }
+    install("pendula", "[parapod.experiments]\nswing = pendula.swing:Swing\n", files)
+    return importlib.import_module("pendula.swing").Swing
+
+
+@pytest.fixture
+def work(tmp_path, monkeypatch):
+    """An empty folder, in which one works."""
+    folder = tmp_path / "work"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
 
 
 def _fix(system, context, **inputs):

@@ -13,118 +13,6 @@ from parapod.sims.cli.main import main
 from parapod.sims.lab.discovery import find_entry, list_entries
 from parapod.systems.core.errors import ParapodError
 
-PENDULUM = '''"""Swing a pendulum and count its periods.
-
-The rest of the story.
-"""
-
-from dataclasses import dataclass
-from typing import ClassVar
-
-from parapod.sims.lab.experiment import Experiment
-from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.results import Metric
-from parapod.systems.core.schema import Schema, choice, quantity
-
-
-@dataclass
-class PendulumScenario(Schema):
-    """One swing.
-
-    Attributes:
-        backend: method: "exact".
-        seed: seed, which changes nothing.
-        length_m: length of the string [m].
-        heavy: whether the string has a mass.
-    """
-
-    backend: str = choice("exact", ("exact",))
-    seed: int = quantity(0, 0, 100)
-    length_m: float = quantity(1.0, 0.1, 10.0)
-    heavy: bool = False
-
-
-class Swing(Experiment[PendulumScenario, float]):
-    """Swings it."""
-
-    schema = PendulumScenario
-    backends = ("exact",)
-    switches: ClassVar = {"heavy": ("heavy=true", "give the string a mass")}
-    takes = "1 s"
-
-    def loop(self, scenario):
-        from pydrake.systems.primitives import ConstantVectorSource
-        from pydrake.systems.framework import DiagramBuilder
-
-        builder = DiagramBuilder()
-        builder.AddNamedSystem("bob", ConstantVectorSource([0.0]))
-        return builder.Build()
-
-    def scene(self, scenario):
-        from parapod.sims.lab.bench import make_viewer
-
-        return make_viewer((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
-
-    def run(self, scenario, bench):
-        return 2.0 * 3.141592653589793 * (scenario.length_m / 9.81) ** 0.5
-
-    def logged(self, scenario, data):
-        return [0.0, data], {"angle": ([[0.1], [0.1]], "rad")}
-
-    def measure(self, scenario, data):
-        yield Metric("period_s", data, "s", 2.5, meaning="duration of one swing")
-
-    def draw(self, scenario, data):
-        yield Figure("swing", "Swing", "A line.", lambda canvas: canvas.subplots().plot([0, 1]))
-'''
-POINTS = """[parapod.experiments]
-swing = pendula.swing:Swing
-"""
-
-
-@pytest.fixture
-def install(tmp_path, monkeypatch):
-    """install(package, points, files): as `pip` would, in a folder on sys.path."""
-    site = tmp_path / "site"
-    site.mkdir()
-    monkeypatch.syspath_prepend(str(site))
-    before = set(sys.modules)
-
-    def add(package, points, files):
-        for name, text in files.items():
-            path = site / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text)
-        info = site / f"{package}-1.0.dist-info"
-        info.mkdir()
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
-        (info / "entry_points.txt").write_text(points)
-
-    yield add
-    for name in set(sys.modules) - before:
-        if name.split(".")[0] in ("pendula", "broken"):
-            del sys.modules[name]
-
-
-@pytest.fixture
-def pendula(install):
-    """A package with one experiment and its default scenario."""
-    files = {
-        "pendula/__init__.py": '"""Pendula: things that hang."""\n',
-        "pendula/swing.py": PENDULUM,
-        "pendula/swing.yaml": "length_m: 0.25\n",
-    }
-    install("pendula", POINTS, files)
-
-
-@pytest.fixture
-def work(tmp_path, monkeypatch):
-    """An empty folder, in which one works."""
-    folder = tmp_path / "work"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    return folder
-
 
 def test_its_experiment_is_listed_under_its_package_behind_parapod_s_own(pendula, capsys):
     entry = list_entries()[-1]
@@ -230,8 +118,8 @@ def test_constants_that_cannot_be_read_without_running_them_are_named(install, c
 
 
 def test_no_package_takes_the_name_of_an_experiment_of_parapod(install):
-    files = {"pendula/__init__.py": "", "pendula/swing.py": PENDULUM}
-    install("pendula", "[parapod.experiments]\nlevel = pendula.swing:Swing\n", files)
+    points = "[parapod.experiments]\nlevel = broken.swing:Swing\n"
+    install("broken", points, {"broken/__init__.py": "", "broken/swing.py": '"""Level."""'})
     assert find_entry("level").package == "parapod"
 
 
