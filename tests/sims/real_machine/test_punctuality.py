@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.cli.bench_rt import (
+from parapod.sims.cli.main import main
+from parapod.sims.real_machine.punctuality import (
     Punctuality,
     bench_real_time,
     print_punctuality,
     wake_up_latency,
 )
-from parapod.sims.cli.main import main
 from parapod.sims.real_machine.real_time import RealTimeLoop
 
 KEYS = {
@@ -28,22 +29,6 @@ KEYS = {
         for which in ("p50", "p99", "max")
     ),
 }
-
-
-@pytest.fixture
-def refused(tmp_path, monkeypatch, capsys):
-    """The one line that a mistaken command line is answered with."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        assert main(["bench-rt", *arguments]) == 2
-        out, err = capsys.readouterr()
-        assert out == ""
-        assert err.count("\n") == 1
-        assert list(tmp_path.iterdir()) == []
-        return err.removeprefix("parapod: error: ").rstrip()
-
-    return run
 
 
 def punctuality(scale, rate=1000.0, missed=10_000):
@@ -101,20 +86,7 @@ def test_waking_up_is_never_early_and_happens_once_a_period():
     assert min(late) >= 0.0
 
 
-def test_each_rate_is_run_for_its_time():
-    console = Console(file=io.StringIO())
-    scenario = LevellingScenario(backend="mock")
-    (result,) = bench_real_time(scenario, [50.0], 1.0, console)
-    assert result.rate == 50.0
-    for three in (result.period_error, result.cost, result.wake_up):
-        assert three.shape == (3,)
-        assert (np.diff(three) >= 0.0).all()
-    assert (result.cost > 0.0).all()
-    assert result.missed < 50
-    assert scenario.control.period == LevellingScenario().control.period
-
-
-def test_the_figures_are_of_all_ticks_however_many(monkeypatch):
+def test_a_rate_is_run_for_its_time_and_judged_by_all_its_ticks(monkeypatch):
     made = []
 
     class Remembered(RealTimeLoop):
@@ -122,58 +94,30 @@ def test_the_figures_are_of_all_ticks_however_many(monkeypatch):
             super().__init__(*arguments, **options)
             made.append(self)
 
-    monkeypatch.setattr("parapod.sims.bench_rt.RealTimeLoop", Remembered)
+    monkeypatch.setattr("parapod.sims.real_machine.punctuality.RealTimeLoop", Remembered)
+    scenario = LevellingScenario(backend="mock")
     console = Console(file=io.StringIO())
-    bench_real_time(LevellingScenario(backend="mock"), [50.0], 1.0, console)
-    assert made[0].timing.late.maxlen is None
+    (result,) = bench_real_time(PLATFORM, scenario, [50.0], 1.0, console)
+    assert result.rate == 50.0
+    for three in (result.period_error, result.cost, result.wake_up):
+        assert three.shape == (3,)
+        assert (np.diff(three) >= 0.0).all()
+    assert (result.cost > 0.0).all()
+    timing = made[0].timing
+    assert (timing.ticks, timing.missed) == (50, result.missed)
+    assert timing.late.maxlen is None
+    assert scenario.control.period == LevellingScenario().control.period
 
 
-def test_the_command_prints_a_table_and_writes_the_figures(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.parametrize("experiment", ["level", "chair-walk"])
+def test_the_command_prints_a_table_and_writes_the_figures(experiment, work, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "80")
-    arguments = ["bench-rt", "--rates", "100", "--seconds", "1", "--json", "figures.json"]
-    assert main(arguments) == 0
+    command = f"bench-rt --of {experiment} --rates 50 --seconds 1 --json figures.json"
+    assert main(command.split()) == 0
     out = capsys.readouterr().out
-    assert "100 Hz" in out
+    assert "50 Hz" in out
     assert out.endswith("wrote figures.json\n")
     assert max(map(len, out.splitlines())) <= 80
-    written = json.loads((tmp_path / "figures.json").read_text())
+    written = json.loads((work / "figures.json").read_text())
     assert [rates.keys() for rates in written["rates"]] == [KEYS]
-    assert written["rates"][0]["rate_hz"] == 100.0
-
-
-# Refusals
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ("--rates 19", "--rates 19 is outside 20..1000 Hz"),
-        ("--rates 100 1001", "--rates 1001 is outside 20..1000 Hz"),
-        ("--rates -5", "--rates -5 is outside 20..1000 Hz"),
-        ("--rates nan", "--rates nan is outside 20..1000 Hz"),
-        ("--seconds 0.9", "--seconds 0.9 is outside 1..3600"),
-        ("--seconds 3601", "--seconds 3601 is outside 1..3600"),
-        ("--seconds inf", "--seconds inf is outside 1..3600"),
-        ("--seconds nan", "--seconds nan is outside 1..3600"),
-        ("--json no/x.json", "cannot write 'no/x.json': the folder 'no' does not exist"),
-    ],
-)
-def test_what_cannot_be_measured_is_refused_before_it_is_tried(refused, arguments, said):
-    assert refused(*arguments.split()) == said
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ("--rates", "argument --rates: expected at least one argument"),
-        ("--rates fast", "argument --rates: invalid float value: 'fast'"),
-        ("--backend multibody", "argument --backend: invalid choice: 'multibody'"),
-    ],
-)
-def test_a_wrong_command_line_is_one_line(refused, arguments, said):
-    assert refused(*arguments.split()).startswith(said)
-
-
-def test_the_machine_itself_is_not_measured(refused):
-    assert refused("--backend", "hardware").startswith("argument --backend: invalid choice")
+    assert written["rates"][0]["rate_hz"] == 50.0
