@@ -1,4 +1,4 @@
-# make setup | demo | check | test | bench | wheel | clean
+# make setup | demo | check | test | test-all | bench | wheel | clean
 SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
@@ -8,7 +8,7 @@ ARGS ?=
 PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3; do \
   if $$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' >/dev/null 2>&1; then command -v $$p; break; fi; done)
 
-.PHONY: setup demo check test lint types pytest bench wheel clean
+.PHONY: setup demo check test test-all lint types pytest bench wheel clean
 .DEFAULT_GOAL := setup
 
 setup: $(VENV)/.installed
@@ -35,6 +35,10 @@ check: lint types
 	$(BIN)/pytest tests/laws tests/systems/core tests/systems/sensors tests/systems/actuators tests/systems/safety
 
 test: lint types pytest
+
+# With the tests that are left out of the everyday ones.
+test-all: lint types
+	$(BIN)/pytest -m "slow or not slow" $(ARGS)
 
 lint: setup
 	$(BIN)/ruff check .

@@ -15,9 +15,9 @@ from benchmarks.report import Measurement
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.cli.bench_rt import bench_real_time
 from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.real_machine.job import run_on_hardware
+from parapod.sims.real_machine.punctuality import bench_real_time
 
 _DURATION = 15.0  # [s]
 

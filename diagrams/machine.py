@@ -258,7 +258,14 @@ def find_machine(name: str) -> Machine[Any]:
         known = ", ".join(sorted({entry.name for entry in entry_points(group="parapod.machines")}))
         raise ParapodError(f"there is no machine '{name}'; there are: {known}")
     (entry, *_) = found
-    machine: Machine[Any] = entry.load()
+    try:
+        machine: Machine[Any] = entry.load()
+    except Exception as error:
+        package = entry.dist.name if entry.dist is not None else entry.module
+        raise ParapodError(
+            f"the machine '{name}' of the package '{package}' cannot be loaded: "
+            f"{type(error).__name__}: {error}"
+        ) from error
     return machine
 
 

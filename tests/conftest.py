@@ -1,9 +1,129 @@
+import importlib
+import io
+import sys
 import threading
 import time
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
+from rich.console import Console
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A run of an experiment, and the files that it left.
+
+    Attributes:
+        experiment: the experiment.
+        scenario: what it ran.
+        result: what came out.
+        log: its log; None if it has none.
+        diagram: its diagram in Graphviz's language; None if it has none.
+        said: what it printed on its console.
+        elapsed: wall-clock time [s].
+    """
+
+    experiment: Any
+    scenario: Any
+    result: Any
+    log: Any
+    diagram: str | None
+    said: str
+    elapsed: float
+
+    @property
+    def values(self):
+        """Metrics by key."""
+        return {metric.key: metric.value for metric in self.result.metrics}
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory):
+    """finished(part): a part of the report with its quick overrides, run once for all tests."""
+    from parapod.sims.lab.discovery import find_entry
+    from parapod.sims.lab.experiment import RunOptions
+    from parapod.sims.lab.files import read_log
+    from parapod.sims.report.run import list_chapters
+    from parapod.systems.core.scenario_file import load_scenario
+
+    parts = {part.name: part for chapter in list_chapters() for part in chapter.parts}
+    folder = tmp_path_factory.mktemp("finished")
+
+    @cache
+    def run(name):
+        part = parts[name]
+        entry = find_entry(part.experiment)
+        experiment = entry.load()
+        overrides = [*part.overrides, *part.quick]
+        scenario = load_scenario(experiment.schema, entry.default_scenario, None, overrides)
+        log = folder / f"{name}.npz" if hasattr(experiment, "logged") else None
+        graphviz = folder / f"{name}.dot" if hasattr(experiment, "loop") else None
+        # As wide as a terminal, but none: progress is told in lines.
+        console = Console(file=io.StringIO(), width=100)
+        began = time.monotonic()
+        result = experiment.execute(
+            scenario, RunOptions(log=log, graphviz=graphviz, console=console)
+        )
+        return Finished(
+            experiment,
+            scenario,
+            result,
+            read_log(log) if log is not None else None,
+            graphviz.read_text() if graphviz is not None else None,
+            console.file.getvalue(),
+            time.monotonic() - began,
+        )
+
+    return run
+
+
+@pytest.fixture
+def install(tmp_path, monkeypatch):
+    """install(package, points, files): as `pip` would, in a folder on sys.path."""
+    site = tmp_path / "site"
+    site.mkdir()
+    monkeypatch.syspath_prepend(str(site))
+    before = set(sys.modules)
+
+    def add(package, points, files):
+        for name, text in files.items():
+            path = site / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+        info = site / f"{package}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(points)
+
+    yield add
+    for name in set(sys.modules) - before:
+        if str(site) in str(getattr(sys.modules[name], "__file__", "")):
+            del sys.modules[name]
+
+
+@pytest.fixture
+def pendula(install):
+    """A package with one experiment, `swing`, and its default scenario; the class."""
+    folder = Path(__file__).with_name("pendula")
+    files = {
+        f"pendula/{path.name}": path.read_text() for path in folder.iterdir() if path.is_file()
+    }
+    install("pendula", "[parapod.experiments]\nswing = pendula.swing:Swing\n", files)
+    return importlib.import_module("pendula.swing").Swing
+
+
+@pytest.fixture
+def work(tmp_path, monkeypatch):
+    """An empty folder, in which one works."""
+    folder = tmp_path / "work"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
 
 
 def _fix(system, context, **inputs):

@@ -30,7 +30,7 @@ def test_every_folder_with_code_or_data_is_a_listed_package():
 
 
 def test_rooms_are_not_imported_under_a_second_name():
-    import parapod.diagrams.levelling_platform.closed_loop  # noqa: F401
+    import parapod.diagrams.levelling_platform.machine  # noqa: F401
 
     assert not set(ROOMS) & set(sys.modules)
 
@@ -59,7 +59,7 @@ def test_wheel_holds_the_models_the_scenarios_and_nothing_of_the_tests(wheel):
         "parapod/urdf/levelling_platform/leg.urdf",
         "parapod/urdf/ground/ground.sdf",
         "parapod/urdf/levelling_platform/platform_full.dmd.yaml",
-        "parapod/sims/scenarios/level.yaml",
+        "parapod/sims/levelling_platform/level.yaml",
         "parapod/systems/py.typed",
     ):
         assert needed in names

@@ -3,6 +3,7 @@
 import argparse
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -177,8 +178,11 @@ def machine_of(experiment: "Experiment[Any, Any]", scenario: Any) -> "Machine[An
     if machine is None or not isinstance(scenario, machine.scenario):
         from parapod.diagrams.machine import list_machines
 
-        able = " and ".join(f"'{machine.experiment}'" for machine in list_machines())
-        raise UsageError(f"'{experiment.name}' has no machine that can be emulated; {able} have")
+        text = f"'{experiment.name}' has no machine that can be emulated"
+        with suppress(ParapodError):  # of another package, which has nothing to do with this
+            able = [m.experiment for m in list_machines() if m.experiment and m.emulated]
+            text += f"; {' and '.join(map(repr, able))} have"
+        raise UsageError(text)
     return machine
 
 

@@ -1,38 +1,14 @@
 """`parapod bench-rt`: how punctually this computer runs the controller."""
 
 import argparse
-import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from pydrake.systems.analysis import Simulator
-from rich import box
-from rich.console import Console
-from rich.table import Table
-
-from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.machine import Machine
 from parapod.sims.cli.arguments import (
     HELD,
     UsageError,
     add_machine_option,
     check_outputs,
     machine_of,
-)
-from parapod.sims.lab.discovery import find_experiment
-from parapod.sims.lab.progress import progress
-from parapod.sims.real_machine.real_time import (
-    RealTimeLoop,
-    Timing,
-    ended_by_signals,
-    percentiles,
-    undisturbed,
 )
 
 HELP = "measure how punctually this computer runs the controller"
@@ -75,7 +51,9 @@ def execute(arguments: argparse.Namespace) -> int:
 
     from rich.console import Console
 
+    from parapod.sims.lab.discovery import find_experiment
     from parapod.sims.lab.files import write_json
+    from parapod.sims.real_machine.punctuality import bench_real_time, print_punctuality
 
     experiment = find_experiment(arguments.name)
     scenario = experiment.schema(backend=arguments.backend)
@@ -87,142 +65,3 @@ def execute(arguments: argparse.Namespace) -> int:
         write_json(arguments.json, {"rates": [result.as_json() for result in results]})
         print(f"wrote {arguments.json}")
     return HELD
-
-
-@dataclass(frozen=True)
-class Punctuality:
-    """What came out at one rate; times are median, 99th percentile and largest [s].
-
-    Attributes:
-        rate: of the loop [Hz].
-        period_error: by how much the time between two ticks differed from the period.
-        cost: how long a tick took.
-        missed: deadlines without a tick.
-        wake_up: how long after its deadline a program that does nothing woke up, in turns
-            with it, at the same rate.
-    """
-
-    rate: float
-    period_error: NDArray[np.float64]
-    cost: NDArray[np.float64]
-    missed: int
-    wake_up: NDArray[np.float64]
-
-    def as_json(self) -> dict[str, float]:
-        """The figures by their names [ms]."""
-        values: dict[str, float] = {"rate_hz": self.rate, "missed": self.missed}
-        for what in ("period_error", "cost", "wake_up"):
-            for name, value in zip(("p50", "p99", "max"), getattr(self, what), strict=True):
-                values[f"{what}_{name}_ms"] = 1e3 * float(value)
-        return values
-
-
-def bench_real_time(
-    machine: Machine[Any],
-    scenario: Any,
-    rates: Sequence[float],
-    seconds: float,
-    console: Console,
-) -> list[Punctuality]:
-    """Runs the closed loop in real time at each rate, in turns with a loop that only wakes up.
-
-    Args:
-        machine: the machine.
-        scenario: one of its scenarios; its `control.period` is replaced.
-        rates: of the loop [Hz].
-        seconds: how long each is run [s].
-        console: where progress is shown.
-    """
-    results = []
-    with progress(console, "real time", 2.0 * seconds * len(rates)) as report:
-        for k, rate in enumerate(rates):
-            timing, wake_up = _run(
-                machine, scenario, rate, seconds, partial(_report, report, k, seconds)
-            )
-            results.append(
-                Punctuality(
-                    rate,
-                    percentiles(timing.period_error),
-                    percentiles(timing.cost),
-                    timing.missed,
-                    percentiles(wake_up),
-                )
-            )
-    return results
-
-
-def _report(report: Callable[[float], None], run: int, seconds: float, t: float) -> None:
-    report(2.0 * (run * seconds + t))
-
-
-def _run(
-    machine: Machine[Any],
-    scenario: Any,
-    rate: float,
-    seconds: float,
-    report: Callable[[float], None],
-) -> tuple[Timing, list[float]]:
-    """Timing of the loop at one rate, and the lateness of waking up [s]."""
-    control = replace(scenario.control, period=1.0 / rate)
-    loop = ClosedLoop(machine, replace(scenario, control=control), log=())
-    simulator = Simulator(loop)
-    wake_up: list[float] = []
-    with ExitStack() as stack:
-        stack.enter_context(ended_by_signals())
-        stack.enter_context(loop.station.active())
-        loop.reset(simulator.get_mutable_context())
-        simulator.Initialize()
-        # A measurement is of all its ticks, however many.
-        running = RealTimeLoop(
-            simulator,
-            1.0 / rate,
-            lambda context: report(context.get_time()),
-            is_strict=False,
-            kept=None,
-        )
-        stack.enter_context(undisturbed())
-        # In turns, so that both see the same disturbances.
-        for k in range(1, round(seconds) + 1):
-            running.run(float(k))
-            wake_up += wake_up_latency(1.0 / rate, 1.0)
-    return running.timing, wake_up
-
-
-def wake_up_latency(period: float, duration: float) -> list[float]:
-    """How late a sleeping thread wakes up, once a period [s]: what cyclictest measures."""
-    due, late = time.monotonic(), []
-    for _ in range(round(duration / period)):
-        due += period
-        while (left := due - time.monotonic()) > 0.0:
-            time.sleep(left)
-        now = time.monotonic()
-        late.append(now - due)
-        due = max(due, now - period)
-    return late
-
-
-def print_punctuality(results: Sequence[Punctuality], console: Console) -> None:
-    """Prints a table, in milliseconds."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    for name in ("rate", "period error", "tick cost", "missed", "wake-up alone"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for result in results:
-        table.add_row(
-            f"{result.rate:g} Hz",
-            _shown(result.period_error),
-            _shown(result.cost),
-            str(result.missed),
-            _shown(result.wake_up),
-        )
-    console.print(table)
-    console.print("median / 99 % / largest, in milliseconds", highlight=False)
-
-
-def _shown(seconds: NDArray[np.float64]) -> str:
-    return " / ".join(_three_digits(1e3 * value) for value in seconds)
-
-
-def _three_digits(ms: float) -> str:
-    """As many decimals as leave four characters, so that three times three fit a terminal."""
-    decimals = 2 if ms < 9.995 else 1 if ms < 99.95 else 0
-    return f"{ms:.{decimals}f}"

@@ -27,18 +27,20 @@ def execute(arguments: argparse.Namespace) -> int:
     problems: list[str] = []
     for entry in list_entries():
         try:
-            groups.setdefault(entry.group, []).append((entry, entry.summary, entry.takes))
+            listed = entry, entry.summary, entry.takes
+            _ = entry.switches  # read by every command, which cannot say that it is broken
+            groups.setdefault(entry.group, []).append(listed)
         except ParapodError as error:
             problems.append(str(error))
     console = Console()
     width = max((len(entry.name) for group in groups.values() for entry, *_ in group), default=0)
-    for title, listed in groups.items():
+    for title, members in groups.items():
         console.print(Text(title, style="bold"))
         table = Table.grid(padding=(0, 2))
         table.add_column(no_wrap=True, min_width=width)
         table.add_column(ratio=1)
         table.add_column(justify="right", no_wrap=True)
-        for entry, summary, takes in listed:
+        for entry, summary, takes in members:
             table.add_row(Text(entry.name, style="cyan"), Text(summary), Text(takes, style="dim"))
         console.print(Padding(table, (0, 0, 0, 2)))
     for problem in problems:

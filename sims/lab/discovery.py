@@ -8,7 +8,7 @@ import ast
 import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,7 +38,7 @@ class Entry:
     name: str
     point: EntryPoint = field(repr=False)
 
-    @property
+    @cached_property
     def package(self) -> str:
         """Name of the distribution that declares it."""
         return self.point.dist.name if self.point.dist is not None else self.point.module
@@ -61,7 +61,7 @@ class Entry:
     @cached_property
     def _module(self) -> ast.Module:
         try:
-            return ast.parse(self.source.read_text(encoding="utf-8"))
+            return _parsed(self.source, self.source.stat().st_mtime_ns)
         except (OSError, SyntaxError, ValueError) as error:
             raise self._broken(error) from error
 
@@ -76,7 +76,7 @@ class Entry:
         """Heading under which it is listed: the beginning of its package's docstring."""
         text = None
         init = self.source.with_name("__init__.py")
-        if init.is_file():
+        if "." in self.point.module and init.is_file():
             text = ast.get_docstring(ast.parse(init.read_text(encoding="utf-8")))
         return (text or self.package).split("\n")[0].split(":")[0].rstrip(".")
 
@@ -118,8 +118,15 @@ class Entry:
                         continue
                     target = line.targets[0] if isinstance(line, ast.Assign) else line.target
                     if ast.unparse(target) == name:
-                        return ast.literal_eval(line.value)
+                        return self._literal(name, line.value)
         return default
+
+    def _literal(self, name: str, value: ast.expr) -> Any:
+        try:
+            return ast.literal_eval(value)
+        except (ValueError, TypeError):
+            reason = f"`{name}` of {self.point.attr} must be a literal, for it is not executed"
+            raise self._broken(reason) from None
 
     def _broken(self, why: object) -> ParapodError:
         reason = " ".join(str(why).split())
@@ -128,6 +135,12 @@ class Entry:
             f"the experiment '{self.name}' of the package '{self.package}' cannot be loaded: "
             f"{kind}{reason}"
         )
+
+
+@cache
+def _parsed(source: Path, modified: int) -> ast.Module:
+    """Syntax tree of a module, which every command of a process reads once."""
+    return ast.parse(source.read_text(encoding="utf-8"))
 
 
 def list_entries() -> tuple[Entry, ...]:
@@ -145,9 +158,10 @@ def find_entry(name: str) -> Entry:
     Raises:
         UnknownExperiment: there is none; names those that there are.
     """
-    by_name = {entry.name: entry for entry in list_entries()}
+    # The first of a name: no other package takes the place of parapod's own.
+    by_name = {entry.name: entry for entry in reversed(list_entries())}
     if name not in by_name:
-        known, hint = ", ".join(by_name), did_you_mean(name, by_name)
+        known, hint = ", ".join(reversed(by_name)), did_you_mean(name, by_name)
         raise UnknownExperiment(f"there is no experiment {quoted(name)}; there are: {known}{hint}")
     return by_name[name]
 

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from rich.console import Console
 
 from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.files import LOG_SUFFIXES, check_log, write_experiment_log
+from parapod.sims.lab.files import atomic_output, check_log, write_experiment_log
 from parapod.sims.lab.results import Metric, Result
 from parapod.systems.core.errors import OutputError, ScenarioError
 from parapod.systems.core.schema import check as check_scenario
@@ -68,9 +68,9 @@ class RunOptions:
 class Experiment[S, D]:
     """A question put to a machine, answered with metrics and their bounds.
 
-    Optional hooks beside those below: `scene(scenario)` makes a Meshcat scene (`--meshcat`,
-    `--html`), `loop(scenario)` a diagram (`--graphviz`), `logged(scenario, data)` times and
-    signals with their units (`--log`). An option without its hook is refused.
+    Optional hooks beside those below: `scene(scenario)` makes a Meshcat scene (`--html`, and
+    `--meshcat` with `afterwards`), `loop(scenario)` a diagram (`--graphviz`), `logged(scenario,
+    data)` times and signals with their units (`--log`). An option without its hook is refused.
 
     Attributes:
         name: the name of its entry point.
@@ -143,10 +143,12 @@ class Experiment[S, D]:
         check_scenario(scenario)
         self.check_backend(settings.backend)
         self._check_options(options)
-        if options.log is not None:
-            check_log(options.log, (".mcap",) if settings.backend == "hardware" else LOG_SUFFIXES)
+        if options.log is not None and settings.backend != "hardware":
+            check_log(options.log)
         self.check(scenario)
+        self._before(scenario, options)
         data = self.run(scenario, Bench(self.name, scenario, options))
+        self._after(scenario, options)
         if options.log is not None and settings.backend != "hardware":
             time, signals = self.logged(scenario, data)  # type: ignore[attr-defined]
             write_experiment_log(options.log, self.name, scenario, time, signals)
@@ -161,6 +163,20 @@ class Experiment[S, D]:
             self.details(scenario, data),
             scenario,
         )
+
+    def _before(self, scenario: S, options: RunOptions) -> None:
+        """Writes the diagram, before a run is spent on a file that cannot be written."""
+        if options.graphviz is not None:
+            from parapod.sims.lab.bench import write_graphviz
+
+            write_graphviz(options.graphviz, self.loop(scenario))  # type: ignore[attr-defined]
+
+    def _after(self, scenario: S, options: RunOptions) -> None:
+        """Writes the scene."""
+        if options.html is not None:
+            scene = self.scene(scenario)  # type: ignore[attr-defined]
+            with atomic_output(options.html) as temporary:
+                temporary.write_text(scene.StaticHtml(), encoding="utf-8")
 
     def check_backend(self, backend: str) -> None:
         """Refuses a backend on which the experiment does not run.
@@ -235,6 +251,12 @@ class LoopExperiment[S, D](Experiment[S, D]):
         """Runs the closed loop, watched and recorded as the options ask."""
         data: Any = bench.run(self, scenario)
         return data
+
+    def _before(self, scenario: S, options: RunOptions) -> None:
+        """The bench draws the loop that it runs."""
+
+    def _after(self, scenario: S, options: RunOptions) -> None:
+        """The bench records the scene of the run."""
 
     def watched(self, data: D) -> "Run":
         """The run that the options show and write."""

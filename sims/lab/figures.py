@@ -11,7 +11,6 @@ from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
 
 # Colours that stay apart in print and for the colour-blind (Okabe and Ito), in order of use.
@@ -90,27 +89,3 @@ def write_figures(folder: Path, figures: Sequence[Figure], suffix: str = "svg") 
             temporary.write_bytes(render(figure, suffix))
         paths.append(path)
     return paths
-
-
-def plot_lines(
-    axes: "Axes",
-    time: Sequence[float],
-    lines: Sequence[tuple[str, Sequence[float]]],
-    ylabel: str,
-    xlabel: str = "time [s]",
-) -> None:
-    """Named lines over time with labelled axes, the first ones drawn thickest.
-
-    Args:
-        axes: where to draw.
-        time: (n).
-        lines: name and values (n) of each.
-        ylabel: of the vertical axis, with its unit.
-        xlabel: of the horizontal axis, with its unit.
-    """
-    for i, (name, values) in enumerate(lines):
-        axes.plot(time, values, label=name, linewidth=max(0.9, 2.0 - 0.6 * i))
-    axes.set_xlabel(xlabel)
-    axes.set_ylabel(ylabel)
-    if len(lines) > 1:
-        axes.legend(loc="best", fontsize=8)

@@ -1,10 +1,10 @@
 """Files that a run leaves behind: complete or not there at all, and readable without Drake."""
 
-import csv
 import json
 import os
+import re
 import secrets
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
-LOG_SUFFIXES = (".npz", ".mcap", ".csv")
+LOG_FORMATS = (".npz", ".mcap", ".csv")
 # Names in a log that are not signals, and parameters of numpy's writer, which signals cannot be.
 _RESERVED = ("t", "metadata", "file", "allow_pickle")
 
@@ -161,7 +161,7 @@ def write_log(
 
 
 def read_log(path: Path) -> Log:
-    """Reads what `write_log` wrote, or the `.mcap` log of a run on hardware.
+    """Reads a log that a run left behind, in any of the formats.
 
     Raises:
         OutputError: the file is missing or is no such log.
@@ -171,6 +171,8 @@ def read_log(path: Path) -> Log:
         from parapod.sims.lab.mcap import read_mcap
 
         return read_mcap(path)
+    if path.suffix == ".csv":
+        return _read_csv(path)
 
     import zipfile
 
@@ -201,17 +203,6 @@ def _cannot_write(path: Path, reason: str) -> OutputError:
     return OutputError(f"cannot write {quoted_path(path)}: {reason}", path)
 
 
-def check_log(path: Path, allowed: Sequence[str] = LOG_SUFFIXES) -> None:
-    """Refuses a log whose suffix says no format, before a run is spent on it.
-
-    Raises:
-        OutputError: names the suffixes that there are.
-    """
-    if path.suffix not in allowed:
-        known = ", ".join(allowed)
-        raise OutputError(f"--log {quoted_path(path)}: its suffix must be one of {known}", path)
-
-
 def write_experiment_log(
     path: Path,
     experiment: str,
@@ -219,12 +210,12 @@ def write_experiment_log(
     time: ArrayLike,
     signals: Mapping[str, tuple[ArrayLike, str]],
 ) -> None:
-    """Writes a log in the format of its suffix; `read_log` reads `.npz` and `.mcap`.
+    """Writes a log that `read_log` reads, in the format that its suffix says.
 
     Args:
-        path: the file: `.npz` for numpy, `.mcap` for Foxglove, `.csv` for a table.
+        path: the file, *.npz, *.mcap or *.csv.
         experiment: its name.
-        scenario: the scenario that was run.
+        scenario: what was run.
         time: (n) [s].
         signals: by port, the samples (n, ...) and their unit.
 
@@ -233,39 +224,88 @@ def write_experiment_log(
         MissingExtra: for an MCAP log, mcap is not installed.
     """
     check_log(path)
-    units = {name: unit for name, (_, unit) in signals.items()}
-    samples = {name: values for name, (values, _) in signals.items()}
-    metadata = {
+    made = {
         "experiment": experiment,
         "parapod": version("parapod"),
         "scenario": dump_scenario(scenario),
     }
+    units = {name: unit for name, (_, unit) in signals.items()}
+    samples = {name: values for name, (values, _) in signals.items()}
     if path.suffix == ".mcap":
         from parapod.sims.lab.mcap import write_mcap
 
-        write_mcap(path, time, samples, units, metadata)
+        write_mcap(path, time, samples, units, made)
     elif path.suffix == ".csv":
-        _write_csv(path, time, samples, units)
+        _write_csv(path, time, samples, made | {"units": units})
     else:
-        write_log(path, time, samples, metadata | {"units": units})
+        write_log(path, time, samples, made | {"units": units})
+
+
+def check_log(path: Path) -> None:
+    """Refuses a log whose suffix says no format, before a run is spent on it.
+
+    Raises:
+        OutputError: names the formats.
+    """
+    if path.suffix not in LOG_FORMATS:
+        known = ", ".join(LOG_FORMATS)
+        raise _cannot_write(path, f"a log's suffix must be one of {known}")
+
+
+# Columns of a signal: its name, and where it has several elements the indices of one.
+_COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<index>[\d;]+)\])?")
 
 
 def _write_csv(
     path: Path,
     time: ArrayLike,
-    samples: Mapping[str, ArrayLike],
-    units: Mapping[str, str],
+    signals: Mapping[str, ArrayLike],
+    metadata: Mapping[str, Any],
 ) -> None:
-    """A column for each element, with its unit in the first line."""
+    """Writes a table with a column for each element of each signal.
+
+    A comment in the first line holds the metadata, the second the names of the columns.
+    """
     import numpy as np
 
-    times = np.asarray(time, dtype=float)
-    columns, titles = [times], ["t [s]"]
-    for name, values in samples.items():
-        elements = np.asarray(values, dtype=float).reshape(len(times), -1).T
-        columns += list(elements)
-        titles += [f"{name}.{i} [{units[name]}]" for i in range(len(elements))]
-    with atomic_output(path) as temporary, temporary.open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(titles)
-        writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
+    columns, names = [np.asarray(time, dtype=float)], ["t"]
+    for name, samples in signals.items():
+        values = np.asarray(samples, dtype=float)
+        for index in np.ndindex(values.shape[1:]):
+            columns.append(values[:, *index])
+            names.append(f"{name}[{';'.join(map(str, index))}]" if index else name)
+    header = f"# {json.dumps(metadata, ensure_ascii=False)}\n{','.join(names)}"
+    with atomic_output(path) as temporary:
+        table = np.column_stack(columns)
+        np.savetxt(temporary, table, "%.17g", ",", header=header, comments="", encoding="utf-8")
+
+
+def _read_csv(path: Path) -> Log:
+    import numpy as np
+
+    try:
+        with path.open(encoding="utf-8") as stream:
+            metadata = json.loads(stream.readline().removeprefix("# "))
+            names = stream.readline().strip().split(",")
+            table = np.loadtxt(stream, delimiter=",", ndmin=2).reshape(-1, len(names))
+        columns: dict[str, dict[tuple[int, ...], Any]] = {}
+        for name, values in zip(names, table.T, strict=True):
+            found = _COLUMN.fullmatch(name)
+            if found is None:
+                raise ValueError(name)
+            index = tuple(map(int, filter(None, (found["index"] or "").split(";"))))
+            columns.setdefault(found["name"], {})[index] = values
+        signals = {
+            name: np.stack(list(elements.values()), axis=-1).reshape(
+                len(table), *(1 + largest for largest in max(elements))
+            )
+            for name, elements in columns.items()
+        }
+        return Log(signals.pop("t"), signals, metadata)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"cannot read log {quoted_path(path)}: {reason}", path) from error
+    except (KeyError, ValueError, TypeError) as error:
+        raise OutputError(
+            f"cannot read log {quoted_path(path)}: it is not a log of parapod", path
+        ) from error

@@ -64,8 +64,8 @@ class McapLog:
 
         Args:
             t: time of the loop [s].
-            values: values of the ports, arrays that are not changed any more.
-            stamp: stamp of the messages [ns]; None for the wall clock.
+            values: of the ports, arrays that are not changed any more.
+            stamp: stamp of the messages [ns]; None for the wall clock's.
         """
         self._queue.put((time.time_ns() if stamp is None else stamp, t, values))
 
@@ -125,6 +125,34 @@ class McapLog:
             raise OutputError(f"cannot write {quoted_path(self._path)}: {reason}", self._path)
 
 
+def write_mcap(
+    path: Path,
+    times: ArrayLike,
+    signals: Mapping[str, ArrayLike],
+    units: Mapping[str, str],
+    metadata: Mapping[str, str],
+) -> None:
+    """Writes the log of a simulation, whose messages are stamped with the simulated time.
+
+    Args:
+        path: the file.
+        times: (n) [s].
+        signals: port name -> (n, ...) samples; each becomes a list of numbers.
+        units: port name -> unit.
+        metadata: how the run was made.
+
+    Raises:
+        OutputError: the file cannot be written.
+        MissingExtra: mcap is not installed.
+    """
+    times = np.asarray(times, dtype=float)
+    arrays = [np.asarray(signals[name], dtype=float) for name in units]
+    rows = [array.reshape(len(times), -1) for array in arrays]
+    with atomic_output(path) as temporary, McapLog(temporary, units, metadata) as log:
+        for k, t in enumerate(times.tolist()):
+            log.write(t, [row[k] for row in rows], stamp=round(1e9 * t))
+
+
 def _encoded(t: float, value: Any) -> bytes:
     numbers = value.tolist()
     try:
@@ -132,33 +160,6 @@ def _encoded(t: float, value: Any) -> bytes:
     except ValueError:
         known = [x if x - x == 0.0 else None for x in numbers]
         return json.dumps({"t": t, "value": known}).encode()
-
-
-def write_mcap(
-    path: Path,
-    time: ArrayLike,
-    signals: Mapping[str, ArrayLike],
-    units: Mapping[str, str],
-    metadata: Mapping[str, str],
-) -> None:
-    """Writes signals that have been recorded, stamped with their own time.
-
-    Args:
-        path: the file.
-        time: (n) [s].
-        signals: port name -> (n, ...) samples.
-        units: port name -> unit.
-        metadata: texts that say how the run was made.
-
-    Raises:
-        OutputError: the file cannot be written.
-        MissingExtra: mcap is not installed.
-    """
-    times = np.asarray(time, dtype=float)
-    rows = [np.asarray(values, dtype=float).reshape(len(times), -1) for values in signals.values()]
-    with atomic_output(path) as temporary, McapLog(temporary, units, metadata) as log:
-        for k, t in enumerate(times.tolist()):
-            log.write(t, [row[k] for row in rows], stamp=round(1e9 * t))
 
 
 def read_mcap(path: Path) -> Log:

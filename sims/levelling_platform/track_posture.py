@@ -25,6 +25,7 @@ from parapod.sims.levelling_platform.levelling import (
     in_deg_and_mm,
     posture_figure,
 )
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.sensors.imu import sample_period
 
@@ -69,11 +70,18 @@ class _Run:
         changing = (np.abs(state[:, 3:]) > 1e-9).any(axis=1)
         began = scenario.job.estimate_at + scenario.job.settled_after
         last = np.maximum.accumulate(np.where(changing, run.time, began))
+        at_rest = run.time >= last + _SETTLING
+        if not at_rest.any():
+            raise ScenarioError(
+                f"job.end = {scenario.job.end:g} s: no posture rests for {_SETTLING:g} s, after "
+                "which errors are measured",
+                "job.end",
+            )
         return cls(
             run,
             in_deg_and_mm(run["truth.posture"]),
             in_deg_and_mm(state[:, :3]),
-            at_rest=run.time >= last + _SETTLING,
+            at_rest=at_rest,
             moving=changing & (run.time >= began),
         )
 
@@ -121,6 +129,16 @@ class TrackPosture(LevellingExperiment[Runs]):
         "extension_desired_state",
     )
     takes = "40 s"
+
+    def check(self, scenario: LevellingScenario) -> None:
+        """Refuses a job in which there is no posture to follow.
+
+        Raises:
+            ScenarioError: names the key.
+        """
+        super().check(scenario)
+        if not scenario.job.waypoints:
+            raise ScenarioError("job.waypoints is empty: no posture is followed", "job.waypoints")
 
     def run(self, scenario: LevellingScenario, bench: Bench) -> Runs:
         """Lets the machines follow; the last is the one that is watched."""

@@ -18,7 +18,6 @@ from scipy.optimize import minimize  # type: ignore[import-untyped]
 from parapod.sims.lab.bench import Bench, say_where
 from parapod.sims.lab.experiment import Experiment, RunOptions
 from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.files import atomic_output
 from parapod.sims.lab.results import Metric
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import ARM_BASE, PlatformGeometry
@@ -178,16 +177,11 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Finding"]]):
         self, scenario: WorkspaceScenario, data: list["Finding"], options: RunOptions
     ) -> Callable[[], None] | None:
         """Draws the workspace for the browser; what is left to do is to wait for its viewers."""
-        if not (options.meshcat or options.html):
+        if not options.meshcat:
             return None
         from parapod.sims.levelling_platform.solid import wait
 
         meshcat = self.scene(scenario)
-        if options.html is not None:
-            with atomic_output(options.html) as temporary:
-                temporary.write_text(meshcat.StaticHtml(), encoding="utf-8")
-        if not options.meshcat:
-            return None
         say_where(meshcat, "the workspace", options.console)
         return partial(wait, meshcat, options.console) if options.live else None
 

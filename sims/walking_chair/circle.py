@@ -17,7 +17,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from parapod.diagrams.walking_chair.leg_loop import LegLoopParams, make_leg_loop
-from parapod.sims.lab.bench import Bench, write_graphviz
+from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment, Logged
 from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.results import Metric
@@ -283,8 +283,6 @@ class ChairCircle(Experiment[ChairCircleScenario, dict[str, Recording]]):
 
     def run(self, scenario: ChairCircleScenario, bench: Bench) -> dict[str, Recording]:
         """Runs every control mode; by the mode's name."""
-        if bench.options.graphviz is not None:
-            write_graphviz(bench.options.graphviz, self.loop(scenario))
         return {mode: _record(scenario, mode, bench) for mode in MODES}
 
     def logged(self, scenario: ChairCircleScenario, data: dict[str, Recording]) -> Logged:

@@ -331,8 +331,10 @@ def _example(kind: Any, pad: str, explained: set[type] | None) -> Iterator[str]:
     if is_family(kind):
         return
     yield f"{pad}# An element, with its defaults:"
-    for line in _dashed(_mapping(kind, defaults(kind), 2, explained), 0):
-        yield f"{pad}# {line}"
+    # Indented by as much as "# " takes, so that no line becomes too long.
+    indent = len(pad) + 2
+    for line in _dashed(_mapping(kind, defaults(kind), indent + 2, explained), indent):
+        yield f"{pad}# {line[indent:]}"
 
 
 def _explanations(kind: type) -> dict[str, str]:

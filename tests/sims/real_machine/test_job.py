@@ -52,7 +52,7 @@ class BrokenThread(DeviceThread):
 
 def test_a_device_that_is_wrong_for_too_long_ends_the_run_and_is_named_once():
     station = Station(PLATFORM, LevellingScenario(backend="hardware"))
-    device = station.parts.all_threads[0].device
+    device = station.behind.handle.all_threads[0].device
     watch = DeviceWatch([BrokenThread(device)], patience=0.2)
     watch.check(10.0)
     watch.check(10.2)

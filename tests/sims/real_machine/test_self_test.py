@@ -7,12 +7,12 @@ import pytest
 
 from parapod.diagrams.drivers.driver import Driver
 from parapod.diagrams.hardware_scenario import HardwareScenario
-from parapod.diagrams.levelling_platform.ports import INPUTS
+from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.cli.check import Move, check_part
+from parapod.sims.real_machine.self_test import Move, check_part
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
 
-PARTS = sorted({spec.name.partition(".")[0] for spec in INPUTS} | {"imu"})
+PARTS = sorted({port.part for port in (*PLATFORM.inputs, *PLATFORM.measured)})
 
 
 class FakePart(Device):
@@ -65,7 +65,7 @@ def check():
     def run(move, **settings):
         drivers = [_FakeDriver(part, **settings) for part in PARTS]
         scenario = LevellingScenario(backend="hardware", hardware=HardwareScenario(drivers))
-        metrics = check_part(scenario, "wheels", move, 0.1, lambda line: None)
+        metrics = check_part(PLATFORM, scenario, "wheels", move, 0.1, lambda line: None)
         return {metric.key: metric for metric in metrics}, drivers[PARTS.index("wheels")].made
 
     return run

@@ -3,18 +3,22 @@
 import json
 import os
 import stat
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from parapod.sims.lab.files import (
+    LOG_FORMATS,
     atomic_output,
     check_writable,
     read_log,
+    write_experiment_log,
     write_json,
     write_log,
 )
 from parapod.systems.core.errors import OutputError, ParapodError
+from parapod.systems.core.schema import Schema, choice, quantity
 
 needs_permissions = pytest.mark.skipif(
     os.name != "posix" or os.geteuid() == 0, reason="nothing is forbidden to this user"
@@ -226,3 +230,60 @@ def test_a_file_that_is_no_log_is_refused(tmp_path, content):
         np.savez(path, x=np.zeros(3))
     with pytest.raises(OutputError, match="cannot read log"):
         read_log(path)
+
+
+@dataclass
+class Swing(Schema):
+    """A scenario."""
+
+    backend: str = choice("exact", ("exact",))
+    seed: int = quantity(3, 0, 9)
+
+
+@pytest.mark.parametrize("suffix", LOG_FORMATS)
+def test_an_experiment_s_log_comes_back_from_every_format(tmp_path, suffix):
+    path = tmp_path / f"run{suffix}"
+    time = np.linspace(0.0, 1.0, 5) / 3.0
+    random = np.random.default_rng(0)
+    shapes = {"legs.extension": (5, 12), "feet": (5, 4, 3), "mass": (5,), "one": (5, 1)}
+    signals = {name: (random.normal(size=shape), "m, m/s") for name, shape in shapes.items()}
+    signals["legs.extension"][0][2, 11] = np.nan
+    write_experiment_log(path, "swing", Swing(), time, signals)
+    assert names(tmp_path) == [path.name]
+    log = read_log(path)
+    np.testing.assert_array_equal(log.time, time)
+    assert list(log.signals) == list(signals)
+    for name, (samples, unit) in signals.items():
+        # A message of MCAP is a plain list.
+        shape = (5, samples[0].size) if suffix == ".mcap" else samples.shape
+        np.testing.assert_array_equal(log.signals[name], samples.reshape(shape))
+        assert log.metadata["units"][name] == unit
+    assert log.metadata["experiment"] == "swing"
+    assert log.metadata["scenario"] == "backend: exact\nseed: 3\n"
+
+
+def test_a_table_is_readable_by_numpy_alone(tmp_path):
+    path = tmp_path / "run.csv"
+    signals = {"gyro": (np.ones((2, 3)), "rad/s"), "mass": ([4.0, 5.0], "kg")}
+    write_experiment_log(path, "swing", Swing(), [0.0, 0.5], signals)
+    head, columns, *_ = path.read_text().splitlines()
+    assert head.startswith("# {")
+    assert columns == "t,gyro[0],gyro[1],gyro[2],mass"
+    table = np.genfromtxt(path, delimiter=",", skip_header=2)
+    np.testing.assert_array_equal(table, [[0.0, 1, 1, 1, 4], [0.5, 1, 1, 1, 5]])
+
+
+def test_a_log_of_unknown_format_is_refused(tmp_path):
+    with pytest.raises(OutputError, match=r"suffix must be one of \.npz, \.mcap, \.csv"):
+        write_experiment_log(tmp_path / "run.txt", "swing", Swing(), [0.0], {})
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "# {}\nt,x[\n1,2\n", "# {}\nt,x\n1\n"])
+def test_a_table_that_is_no_log_is_refused(tmp_path, text):
+    path = tmp_path / "run.csv"
+    path.write_text(text)
+    with pytest.raises(OutputError, match="cannot read log"):
+        read_log(path)
+    with pytest.raises(OutputError, match="No such file"):
+        read_log(tmp_path / "none.csv")

@@ -4,20 +4,20 @@ import re
 import xml.etree.ElementTree
 
 import pytest
-from matplotlib.figure import Figure as Canvas
 
-from parapod.sims.lab.figures import FORMATS, Figure, plot_lines, render, write_figures
+from parapod.sims.lab.figures import FORMATS, Figure, render, write_figures
 from parapod.systems.core.errors import OutputError
 
 
 def draw(canvas):
-    plot_lines(
-        canvas.subplots(), [0.0, 1.0, 2.0], [("roll", [0, 1, 0]), ("pitch", [1, 0, 1])], "deg"
-    )
+    axes = canvas.subplots()
+    axes.plot([0.0, 1.0, 2.0], [0, 1, 0], label="roll")
+    axes.set_ylabel("deg")
+    axes.legend()
 
 
 TILT = Figure("tilt", "Tilt", "What is to be seen.", draw)
-OTHER = Figure("other", "Other", "Likewise.", lambda canvas: canvas.text(0.5, 0.5, "nothing"))
+OTHER = Figure("other", "Other", "Nothing.", lambda canvas: canvas.text(0.5, 0.5, "nothing"))
 
 
 def test_figures_are_written_as_svg_under_their_names(tmp_path):
@@ -32,7 +32,7 @@ def test_figures_are_written_as_svg_under_their_names(tmp_path):
 
 def test_text_in_a_figure_stays_text():
     text = render(TILT).decode()
-    for word in ("roll", "pitch", "deg", "time [s]"):
+    for word in ("roll", "deg"):
         assert re.search(rf">{re.escape(word)}<", text)
 
 
@@ -83,12 +83,3 @@ def test_a_drawing_that_fails_leaves_nothing(tmp_path):
     with pytest.raises(ZeroDivisionError):
         write_figures(tmp_path, [Figure("tilt", "Tilt", "", fail)])
     assert list(tmp_path.iterdir()) == []
-
-
-def test_one_line_needs_no_legend_and_two_have_one():
-    for lines, legends in (([("roll", [0, 1])], 0), ([("roll", [0, 1]), ("pitch", [1, 0])], 1)):
-        axes = Canvas().subplots()
-        plot_lines(axes, [0, 1], lines, "deg", "place [m]")
-        assert (axes.get_legend() is not None) == bool(legends)
-        assert (axes.get_xlabel(), axes.get_ylabel()) == ("place [m]", "deg")
-        assert len(axes.get_lines()) == len(lines)

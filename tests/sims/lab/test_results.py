@@ -3,11 +3,14 @@
 import io
 import json
 import math
+from dataclasses import replace
+from importlib.metadata import version
 
 import numpy as np
 import pytest
 from rich.console import Console
 
+from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.results import Metric, Result, print_table
 
 
@@ -51,15 +54,18 @@ def test_a_result_names_the_metrics_that_are_broken():
     assert str(wrong) == "settling_time = 70 s (bound 60 s)"
 
 
-def test_json_is_flat_and_plain_with_null_for_what_is_not_finite():
+def test_json_is_plain_with_null_for_what_is_not_finite_and_limits_beside_the_values():
     data = result(
-        Metric("a", np.float64(1.5)),
+        Metric("a", np.float64(1.5), "m", np.float64(2.0), meaning="a length"),
         Metric("b", math.nan),
-        Metric("c", -math.inf),
+        Metric("c", -math.inf, at_least=1.0),
         Metric("d", np.int64(7)),
         Metric("e", np.float32(0.5)),
     ).as_json()
-    assert json.loads(json.dumps(data, allow_nan=False)) == {
+    data = json.loads(json.dumps(data, allow_nan=False))
+    bounds = data.pop("bounds")
+    assert data.pop("parapod") == version("parapod")
+    assert data == {
         "experiment": "level",
         "backend": "kinematic",
         "seed": 3,
@@ -70,10 +76,19 @@ def test_json_is_flat_and_plain_with_null_for_what_is_not_finite():
         "d": 7,
         "e": 0.5,
     }
-    assert list(data)[:4] == ["experiment", "backend", "seed", "passed"]
+    assert bounds["a"] == {
+        "unit": "m",
+        "bound": 2.0,
+        "at_least": None,
+        "verdict": "held",
+        "meaning": "a length",
+    }
+    verdicts = {key: told["verdict"] for key, told in bounds.items()}
+    assert verdicts == {"a": "held", "b": "BROKEN", "c": "BROKEN", "d": "-", "e": "-"}
+    assert bounds["c"]["at_least"] == 1.0
 
 
-@pytest.mark.parametrize("key", ["seed", "a"])
+@pytest.mark.parametrize("key", ["seed", "bounds", "scenario", "a"])
 def test_keys_that_would_hide_another_are_refused(key):
     with pytest.raises(ValueError, match=key):
         result(Metric("a", 1.0), Metric(key, 2.0))
@@ -153,3 +168,20 @@ def test_the_table_shows_lower_bounds():
     text = printed(result(Metric("margin", 12.0, "dB", at_least=10.0)), width=100)
     assert ">= 10" in text
     assert "all bounds held: 1 of 1" in text
+
+
+def test_a_result_gives_its_numbers_by_key_and_names_them_all_for_a_wrong_one():
+    found = result(TILT, Metric("duration", 31.4, "s"))
+    assert found["duration"] == 31.4
+    with pytest.raises(KeyError, match="no metric 'tilt'; there are: final_tilt, duration"):
+        found["tilt"]
+    assert repr(found) == "<level (kinematic, seed 3): all bounds held>"
+    assert "broken: torque = 3 Nm (bound 2 Nm)" in repr(result(Metric("torque", 3.0, "Nm", 2.0)))
+
+
+def test_a_result_shows_itself_in_a_notebook():
+    line = Figure("a", "A", "A <line>.", lambda canvas: canvas.text(0.5, 0.5, "drawn"))
+    page = replace(result(TILT, notes=("a < b",)), figures=(line,))._repr_html_()
+    for part in ("final_tilt", "held", "a &lt; b", "A &lt;line&gt;.", "<svg", "drawn"):
+        assert part in page
+    assert "<?xml" not in page

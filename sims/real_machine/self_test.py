@@ -1,0 +1,262 @@
+"""Self-test of the devices of one part of a machine: what they show, and one move of each."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.diagrams.devices import make_parts
+from parapod.diagrams.drivers.driver import Driver, refuse_without_emulator
+from parapod.diagrams.machine import Machine, SelfTest
+from parapod.sims.lab.results import Metric
+from parapod.sims.real_machine.real_time import ended_by_signals
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import quoted
+from parapod.systems.hardware.io import DeviceThread
+from parapod.systems.sensors.imu import STANDARD_GRAVITY
+
+_STEP = 0.01  # [s]
+# A command grows and fades for so long [s].
+_RAMP = 0.2
+# After it, so long is looked whether everything stands still [s].
+_REST = 0.3
+# Others must not move by more than this share of what the tested one moves [-].
+_CROSSTALK = 0.05
+_SCALE_ERROR = 30.0  # [%]
+_GRAVITY_ERROR = 2.0  # [%]
+_RATE_AT_REST = 1.0  # [deg/s]
+
+
+@dataclass(frozen=True)
+class Move:
+    """A small motion of one actuator, there and back.
+
+    Attributes:
+        index: of the actuator, counted from 0.
+        command: while it moves, in the unit of the part's command; None: the usual one.
+        duration: in each direction [s].
+    """
+
+    index: int
+    command: float | None
+    duration: float
+
+
+def check_part(
+    machine: Machine[Any],
+    scenario: Any,
+    part: str,
+    move: Move | None,
+    seconds: float,
+    say: Callable[[str], None],
+) -> list[Metric]:
+    """Tests the devices of one part; those of others are left alone.
+
+    Without `move` nothing gets power: the devices are configured, which refuses wrong ones, and
+    read. With it one actuator moves there and back, and sign, scale and the others' rest are
+    checked.
+
+    Args:
+        machine: the machine.
+        scenario: one of its scenarios; its `hardware` is taken.
+        part: of the machine.
+        move: what to move, or None.
+        seconds: how long is read [s].
+        say: told what is going on, a line each time.
+
+    Returns:
+        What was measured, with bounds.
+
+    Raises:
+        ScenarioError: a part that there is not, or that cannot be moved so, or whose devices are
+            those of an emulator that does not run.
+        DeviceError: a device is not there, is another one, or fails.
+    """
+    drivers: list[Driver] = scenario.hardware.drivers
+    parts = make_parts(drivers, machine.inputs, machine.measured, scenario.control.period)
+    if part not in parts.threads:
+        raise ScenarioError(f"part {quoted(part)} is not one of {', '.join(parts.threads)}")
+    refuse_without_emulator([d for d in drivers if d.part == part], machine.experiment)
+    threads = parts.threads[part]
+    checked = None if move is None else _checked(machine, part, move, threads)
+    metrics: list[Metric] = []
+    with ExitStack() as stack:
+        stack.enter_context(ended_by_signals())
+        for thread in threads:
+            stack.enter_context(thread.device)
+            power = "; its outputs have no power" if thread.device.commands else ""
+            say(f"{thread.device.name}: configured{power}")
+        for thread in threads:
+            if thread.device.measures:
+                metrics += _read(thread, seconds, say)
+        if checked is not None:
+            metrics += _move(part, threads, checked, stack, say)
+    say("outputs are neutral and without power")
+    return metrics
+
+
+@dataclass(frozen=True)
+class _CheckedMove:
+    """A move that may be made, and of what."""
+
+    motion: SelfTest
+    index: int
+    command: float
+    duration: float
+    unit: str
+    measured_unit: str
+
+
+def _checked(
+    machine: Machine[Any], part: str, move: Move, threads: Sequence[DeviceThread]
+) -> _CheckedMove:
+    if part not in machine.self_tests:
+        able = ", ".join(machine.self_tests)
+        raise ScenarioError(f"part {quoted(part)} cannot be moved; {able} can")
+    motion = machine.self_tests[part]
+    command = motion.usual if move.command is None else move.command
+    sizes = [
+        t.device.commands[motion.command] for t in threads if motion.command in t.device.commands
+    ]
+    size = max(sizes, default=0)
+    if not 0 <= move.index < size:
+        raise ScenarioError(f"{part} have numbers 1..{size}, not {move.index + 1}")
+    unit = machine.unit(f"{part}.{motion.command}")
+    if not 0.0 < abs(command) <= motion.largest:
+        raise ScenarioError(
+            f"a self-test moves {part} with up to {motion.largest:g} {unit}, "
+            f"not {command:g} {unit}"
+        )
+    if not 2.0 * _RAMP <= move.duration <= 5.0:
+        raise ScenarioError(f"a motion takes {2.0 * _RAMP:g}..5 s, not {move.duration:g} s")
+    measured_unit = machine.unit(f"{part}.{motion.measures}")
+    return _CheckedMove(motion, move.index, command, move.duration, unit, measured_unit)
+
+
+def _read(thread: DeviceThread, seconds: float, say: Callable[[str], None]) -> list[Metric]:
+    """Reads a device at the loop's rate and says what it shows."""
+    rows: dict[str, list[Sequence[float]]] = {name: [] for name in thread.device.measures}
+    costs = []
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        began = time.monotonic()
+        for name, values in thread.device.read().items():
+            rows[name].append(values)
+        costs.append(time.monotonic() - began)
+        time.sleep(max(0.0, began + _STEP - time.monotonic()))
+    for name, samples in rows.items():
+        mean, spread = np.mean(samples, axis=0), np.ptp(samples, axis=0)
+        each = ", ".join(f"{m:.6g}" for m in mean)
+        say(f"{name}: {each} (spread {np.max(spread):.3g})")
+    metrics = [
+        Metric(
+            "read_median_ms",
+            1e3 * float(np.median(costs)),
+            "ms",
+            1e3 * _STEP,
+            meaning=f"one reading of {thread.device.name}",
+        )
+    ]
+    if "accel" in rows:
+        metrics += _at_rest(np.array(rows["accel"]), np.array(rows["gyro"]))
+    return metrics
+
+
+def _at_rest(accel: NDArray[np.float64], gyro: NDArray[np.float64]) -> list[Metric]:
+    """What an inertial sensor that does not move must show."""
+    size = float(np.linalg.norm(accel.mean(axis=0)))
+    error = 100.0 * abs(size / STANDARD_GRAVITY - 1.0)
+    rate = float(np.degrees(np.abs(gyro.mean(axis=0)).max()))
+    up = float(accel[:, 2].mean())
+    return [
+        Metric(
+            "gravity_error_percent", error, "%", _GRAVITY_ERROR, meaning="of the specific force"
+        ),
+        Metric("gyro_at_rest_deg_s", rate, "deg/s", _RATE_AT_REST, meaning="largest mean rate"),
+        Metric(
+            "upside_down", float(up <= 0.0), bound=0.0, meaning="1: the z axis does not point up"
+        ),
+    ]
+
+
+def _profile(move: _CheckedMove) -> Iterator[float]:
+    """Commands of a motion, there and back and at rest, each for one step."""
+    for sign in (1.0, -1.0):
+        for k in range(round(move.duration / _STEP)):
+            t = k * _STEP
+            share = min(1.0, t / _RAMP, (move.duration - t) / _RAMP)
+            yield sign * share * move.command
+    for _ in range(round(_REST / _STEP)):
+        yield 0.0
+
+
+def _move(
+    part: str,
+    threads: Sequence[DeviceThread],
+    move: _CheckedMove,
+    stack: ExitStack,
+    say: Callable[[str], None],
+) -> list[Metric]:
+    motion = move.motion
+    for thread in threads:
+        stack.callback(thread.stop)
+        thread.start()
+    say(f"{part} {move.index + 1}: {move.command:g} {move.unit} for {move.duration:g} s and back")
+    reader = next(t for t in threads if motion.measures in t.device.measures)
+    commanded, measured = [0.0], [np.array(reader.sample.values[motion.measures])]
+    due = time.monotonic()
+    for command in _profile(move):
+        _post(threads, motion, move.index, command)
+        due += _STEP
+        time.sleep(max(0.0, due - time.monotonic()))
+        if (error := reader.error) is not None:
+            raise error
+        commanded.append(commanded[-1] + command * _STEP)
+        measured.append(np.array(reader.sample.values[motion.measures]))
+    way = np.array(measured) - measured[0]
+    turn = int(np.argmax(np.abs(commanded)))
+    moved, expected = way[:, move.index], motion.gain * commanded[turn]
+    # The turning point itself comes a little later than that of the command.
+    reached = float(moved[np.argmax(np.abs(moved))])
+    others = np.delete(np.abs(way).max(axis=0), move.index)
+    unit = move.measured_unit
+    return [
+        Metric("reached", reached, unit, meaning=f"expected {expected:.3g} {unit}"),
+        Metric(
+            "wrong_sign",
+            float(reached * expected <= 0.0),
+            bound=0.0,
+            meaning="1: moves against the command, or not at all",
+        ),
+        Metric(
+            "scale_error_percent",
+            100.0 * abs(abs(reached / expected) - 1.0),
+            "%",
+            _SCALE_ERROR,
+            meaning="of the way",
+        ),
+        Metric(
+            "others_moved_percent",
+            100.0 * float(others.max(initial=0.0)) / max(abs(reached), 1e-9),
+            "%",
+            100.0 * _CROSSTALK,
+            meaning="largest way of another one",
+        ),
+    ]
+
+
+def _post(threads: Sequence[DeviceThread], motion: SelfTest, index: int, command: float) -> None:
+    now = time.monotonic()
+    for thread in threads:
+        commands = {}
+        for name, size in thread.device.commands.items():
+            values = [motion.rest.get(name, 0.0)] * size
+            if name == motion.command:
+                values[index] = command
+            commands[name] = values
+        if commands:
+            thread.post(commands, now)

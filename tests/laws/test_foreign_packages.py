@@ -1,0 +1,139 @@
+"""Machines' experiments from other packages: found, run and set like parapod's own, or named."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+from parapod.diagrams.machine import find_machine
+from parapod.sims.cli.main import main
+from parapod.sims.lab.discovery import find_entry, list_entries
+from parapod.systems.core.errors import ParapodError
+
+
+def test_its_experiment_is_listed_under_its_package_behind_parapod_s_own(pendula, capsys):
+    entry = list_entries()[-1]
+    assert (entry.name, entry.package, entry.group) == ("swing", "pendula", "Pendula")
+    assert entry.summary == "Swing a pendulum and count its periods."
+    assert main(["list"]) == 0
+    out, err = capsys.readouterr()
+    assert re.search(r"\nPendula\n +swing +Swing a pendulum and count its periods\. +1 s *\n", out)
+    assert err == ""
+
+
+def test_its_experiment_runs_with_all_that_a_run_offers(pendula, work, capsys):
+    files = "--json a.json --figures figures --log a.csv --graphviz a.dot --html a.html"
+    assert main(["run", "swing", *files.split()]) == 0
+    out, err = capsys.readouterr()
+    assert "swing (exact, seed 0)" in out
+    assert err == ""
+    data = json.loads((work / "a.json").read_text())
+    # The YAML beside the module holds: a quarter of the length swings in half the time.
+    assert data["period_s"] == pytest.approx(1.00303, rel=1e-5)
+    assert data["scenario"]["length_m"] == 0.25
+    assert sorted(path.name for path in work.iterdir()) == [
+        "a.csv", "a.dot", "a.html", "a.json", "figures"
+    ]  # fmt: skip
+    assert "bob" in (work / "a.dot").read_text()
+    assert len((work / "a.html").read_text()) > 1e6
+    assert main(["run", "swing", "--set", "length_m=4"]) == 1
+    assert "broken: period_s = 4.0121 s (bound 2.5 s)" in capsys.readouterr().out
+
+
+def test_its_switch_is_an_option_and_its_keys_are_explained(pendula, capsys):
+    assert main(["scenario", "swing", "--heavy"]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"^heavy: true +# whether the string has a mass$", out, re.MULTILINE)
+    assert re.search(r"^length_m: 0.25 +# length of the string \[m\] \(0.1..10\)$", out, re.M)
+    with pytest.raises(SystemExit):
+        main(["run", "--help"])
+    assert "swing: give the string a mass" in " ".join(capsys.readouterr().out.split())
+    assert main(["run", "level", "--heavy"]) == 2
+    assert capsys.readouterr().err == (
+        "parapod: error: the experiment 'level' has no option --heavy\n"
+    )
+
+
+def test_its_seeds_run_in_processes_of_their_own(pendula, tmp_path, work):
+    # As a user does it: workers find the package where the program does.
+    command = [sys.executable, "-m", "parapod.sims", "run", "swing", "--seeds", "2"]
+    environment = os.environ | {"PYTHONPATH": str(tmp_path / "site")}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "all bounds held with all 2 seeds" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("module", "reason", "is_readable"),
+    [
+        # What has a docstring can be listed without being imported.
+        ("1 / 0\n", r"ZeroDivisionError: division by zero", True),
+        ('"""Do nothing."""\n', r"AttributeError: .*Swing.*", True),
+        ("def\n", r"SyntaxError: .*", False),
+        (None, r"ModuleNotFoundError: .*", False),
+    ],
+)
+def test_a_package_that_cannot_be_loaded_is_named_and_the_others_stay_usable(
+    install, pendula, capsys, module, reason, is_readable
+):
+    files = {"broken/__init__.py": ""} if module is not None else {}
+    files |= {"broken/swing.py": module} if module is not None else {}
+    install("broken", "[parapod.experiments]\nbroken = broken.swing:Swing\n", files)
+    assert main(["run", "broken"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    said = r"the experiment 'broken' of the package 'broken' cannot be loaded: "
+    assert re.fullmatch(rf"parapod: error: {said}{reason}\n", err)
+    assert main(["list"]) == 0
+    out, err = capsys.readouterr()
+    assert re.search(r"^ +level +Level the platform", out, re.MULTILINE)
+    assert re.search(r"^ +swing +Swing", out, re.MULTILINE)
+    assert ("  broken" in out) == is_readable
+    assert is_readable == (err == "")
+    assert is_readable or re.fullmatch(rf"parapod: {said}{reason}\n", err)
+    assert main(["run", "swing"]) == 0
+    assert main(["scenario", "chair-gait"]) == 0
+
+
+SAID = "parapod: the experiment 'broken' of the package 'broken' cannot be loaded: "
+
+
+@pytest.mark.parametrize("constant", ["switches = make()", "takes = f'{1} s'"])
+def test_constants_that_cannot_be_read_without_running_them_are_named(install, capsys, constant):
+    text = f'"""Do it."""\n\nclass Swing:\n    """It."""\n\n    {constant}\n'
+    files = {"broken/__init__.py": "", "broken/swing.py": text}
+    install("broken", "[parapod.experiments]\nbroken = broken.swing:Swing\n", files)
+    assert main(["list"]) == 0
+    out, err = capsys.readouterr()
+    assert "level" in out
+    name = constant.split()[0]
+    words = f"`{name}` of Swing must be a literal, for it is not executed"
+    assert err == f"{SAID}{words}\n"
+    assert not re.search(r"^Broken|  broken", out, re.MULTILINE)
+    # Switches are read for every command.
+    assert main(["scenario", "chair-gait"]) == 0
+
+
+def test_no_package_takes_the_name_of_an_experiment_of_parapod(install):
+    points = "[parapod.experiments]\nlevel = broken.swing:Swing\n"
+    install("broken", points, {"broken/__init__.py": "", "broken/swing.py": '"""Level."""'})
+    assert find_entry("level").package == "parapod"
+
+
+def test_a_machine_that_cannot_be_loaded_is_named_and_the_others_stay_usable(install, capsys):
+    points = "[parapod.machines]\nrocker = broken.machine:ROCKER\n"
+    install("broken", points, {"broken/__init__.py": "1 / 0\n"})
+    with pytest.raises(ParapodError) as refused:
+        find_machine("rocker")
+    assert str(refused.value) == (
+        "the machine 'rocker' of the package 'broken' cannot be loaded: "
+        "ZeroDivisionError: division by zero"
+    )
+    assert find_machine("walking_chair").name == "walking_chair"
+    assert main(["emulate", "chair-gait"]) == 2
+    assert capsys.readouterr().err == (
+        "parapod: error: 'chair-gait' has no machine that can be emulated\n"
+    )

@@ -1,0 +1,1 @@
+"""Pendula: a package that is none of parapod's."""
