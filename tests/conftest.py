@@ -82,6 +82,23 @@ def finished(tmp_path_factory):
     return run
 
 
+@pytest.fixture(scope="session")
+def execute():
+    """execute(name, *overrides, **options): result of an experiment; options of `RunOptions`."""
+    from parapod.sims.lab.discovery import find_entry
+    from parapod.sims.lab.experiment import RunOptions
+    from parapod.systems.core.scenario_file import load_scenario
+
+    def run(name, *overrides, **options):
+        entry = find_entry(name)
+        experiment = entry.load()
+        scenario = load_scenario(experiment.schema, entry.default_scenario, None, overrides)
+        quiet = {"console": Console(file=io.StringIO())}
+        return experiment.execute(scenario, RunOptions(**(quiet | options)))
+
+    return run
+
+
 @pytest.fixture
 def install(tmp_path, monkeypatch):
     """install(package, points, files): as `pip` would, in a folder on sys.path."""

@@ -219,8 +219,8 @@ def test_all_drives_stand_soon_after_the_controller_is_killed(here, in_time, cap
         "legs.velocity_command", "legs.brake", "truth.position"
     )
     before = (stamps > at - 0.2) & (stamps < at - 0.02)
-    np.testing.assert_allclose(command[before], 0.02, atol=2e-5)
-    assert (brake[before] < 0.5).all()
+    lost = (np.abs(command[before] - 0.02) > 2e-5).any() or (brake[before] > 0.5).any()
+    in_time(float(lost), 1.0, "drives that stopped before the kill")
     stopped = here.first(stamps, (command == 0.0).all(axis=1) & (brake[:, 0] > 0.5), at)
     still = np.abs(lengths - lengths[-1]).max(axis=1) < 1e-5
     stand = here.first(stamps, still, at)
