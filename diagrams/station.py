@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def _nothing(root_context: Context, scenario: Any) -> None:
-    """The default context is the beginning already."""
+    """For what begins all scenarios in the same way, with its default context."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,8 @@ class Behind:
     Attributes:
         inputs: ports that take the commands, by the names of the machine's table.
         outputs: ports that give the measurements and, where simulated, `truth.*`.
-        reset: puts it at the beginning of a scenario, in a root context at its defaults.
+        reset: puts it at the beginning of a scenario, in a root context at its defaults, which
+            are the beginning of the scenario that it was built from.
         active: entered while the machine is to obey; simulated ones always do.
         handle: anything that experiments need to reach beside the ports.
     """
@@ -41,7 +42,7 @@ class Station[S](Diagram):
     """A machine seen through its ports.
 
     Every backend of a machine has the ports of its table, by name, size and unit; a simulated one
-    has `truth.*` besides.
+    has `truth.*` besides, and the beginning of the scenario as its default context.
 
     Attributes:
         machine: the machine.
