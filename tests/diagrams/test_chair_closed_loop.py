@@ -149,7 +149,7 @@ def test_a_passenger_who_sits_up_again_is_carried_on():
     simulator.Initialize()
     simulator.AdvanceTo(8.0)
     assert loop.recording(context)["hold"][-1, 0] == 1.0
-    loop.station.plant.seat(context, Passenger(57.0))
+    loop.station.behind.handle.plant.seat(context, Passenger(57.0))
     simulator.AdvanceTo(16.0)
     signals = loop.recording(context)
     assert signals["hold"][-1, 0] == 0.0
