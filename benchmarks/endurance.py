@@ -43,7 +43,6 @@ def _endure(console: Console, name: str, duration: float) -> list[Measurement]:
     scenario.job.waypoints.append(WaypointScenario(7.0 + 4.0 * 120))
     loop = ClosedLoop(PLATFORM, scenario, log=())
     simulator = Simulator(loop)
-    loop.reset(simulator.get_mutable_context())
     simulator.Initialize()
     machine = loop.station
     memory, postures = [], []

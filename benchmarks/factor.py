@@ -19,7 +19,6 @@ def real_time_factor(loop: ClosedLoop[Any], duration: float, runs: int) -> float
     factors = []
     for _ in range(runs):
         simulator = Simulator(loop)
-        loop.reset(simulator.get_mutable_context())
         simulator.Initialize()
         started = time.perf_counter()
         simulator.AdvanceTo(duration)

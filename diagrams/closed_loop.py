@@ -24,6 +24,8 @@ _AGE = "status.age"
 class ClosedLoop[S](Diagram):
     """A machine that can be simulated: `Simulator(loop)`.
 
+    The default context is the beginning of the scenario.
+
     Ports of the same name are connected. Station inputs that nothing drives are idle; an input of
     the controller or of a source that nothing drives is an error. Signals with faults go through
     an injector.

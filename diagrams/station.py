@@ -29,7 +29,8 @@ class Behind:
         inputs: ports that take the commands, by the names of the machine's table.
         outputs: ports that give the measurements and, where simulated, `truth.*`; `status.*` may
             be left out of those whose devices are perfect.
-        reset: puts it at the beginning of a scenario, in a root context at its defaults.
+        reset: puts it at the beginning of a scenario, in a root context at its defaults, which
+            are the beginning of the scenario that it was built from.
         active: entered while the machine is to obey; simulated ones always do.
         handle: anything that experiments need to reach beside the ports.
     """
@@ -45,7 +46,7 @@ class Station[S](Diagram):
     """A machine seen through its ports.
 
     Every backend of a machine has the ports of its table, by name, size and unit; a simulated one
-    has `truth.*` besides.
+    has `truth.*` besides, and the beginning of the scenario as its default context.
 
     Attributes:
         machine: the machine.

@@ -171,9 +171,13 @@ def _settled(scenario: LevellingScenario, gain_scale: float) -> tuple[Diagram, C
     feedforward = add(builder, KinematicFeedforward(MODEL_GEOMETRY, period=period))
     passive = add(builder, PassiveLegSolver(MODEL_GEOMETRY))
     pi = add(builder, PiController(pi_params(scenario), period=period))
-    actuators = add(
-        builder, LinearActuator(LinearActuatorParams(model="integrator"), time_step=period)
+    rods = LinearActuator(
+        LinearActuatorParams(model="integrator"),
+        time_step=period,
+        extension=inverse_kinematics(MODEL_GEOMETRY, posture, ground),
+        gain_scale=gain_scale,
     )
+    actuators = add(builder, rods)
     kinematics = add(builder, ForwardKinematics(MODEL_GEOMETRY))
 
     desired = add(builder, ConstantVectorSource(np.append(posture, np.zeros(3))), "desired")
@@ -198,9 +202,6 @@ def _settled(scenario: LevellingScenario, gain_scale: float) -> tuple[Diagram, C
 
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
-    own = actuators.GetMyMutableContextFromRoot(context)
-    actuators.set_extension(own, inverse_kinematics(MODEL_GEOMETRY, posture, ground))
-    actuators.set_gain_scale(own, gain_scale)
     diagram.GetInputPort("attitude").FixValue(context, posture[:2])
     simulator.AdvanceTo(_SETTLING)
     return diagram, context

@@ -55,6 +55,4 @@ def make_simulator(builder: DiagramBuilder, station: Station[LevellingScenario])
         station: the machine.
     """
     idle_inputs(builder, station, {port.name: port.idle for port in station.machine.inputs})
-    simulator = Simulator(builder.Build())
-    station.reset(simulator.get_mutable_context())
-    return simulator
+    return Simulator(builder.Build())

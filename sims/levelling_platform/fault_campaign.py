@@ -284,7 +284,6 @@ class Campaign:
         self._scenario, self._phase, self._window = scenario, phase, window
         self._loop = Deploy("deploy").loop(scenario, log=(), injectable=_INJECTABLE)
         simulator = Simulator(self._loop)
-        self._loop.reset(simulator.get_mutable_context())
         simulator.set_monitor(self._stop_in_phase)
         simulator.Initialize()
         simulator.AdvanceTo(scenario.longest)

@@ -302,7 +302,6 @@ def record(scenario: IdentifyActuatorsScenario, bench: Bench) -> Recordings:
     """Runs both cases."""
     station = Station(PLATFORM, scenario.machine)
     context = station.CreateDefaultContext()
-    station.reset(context)
     actuators: Any = station.GetSubsystemByName("linear_actuator")
     drawn = actuators.GetMyContextFromRoot(context).get_numeric_parameter(0).CopyToVector()
     gain = drawn / actuators.params.viscous_friction
@@ -318,7 +317,13 @@ def _unloaded(
 ) -> Recording:
     """Case (a), with actuators like the machine's and of the same gains."""
     builder = DiagramBuilder()
-    actuators = add(builder, LinearActuator(like.params, time_step=like.time_step))
+    rods = LinearActuator(
+        like.params,
+        time_step=like.time_step,
+        extension=1e-3 * scenario.steps.initial_extension_mm,
+        gain_scale=gain / like.params.gain,
+    )
+    actuators = add(builder, rods)
     encoder = add(builder, Encoder(resolution=1e-3 * scenario.encoder_resolution_mm))
     source = add(builder, TrajectorySource(schedule(scenario.steps)), "voltage")
     connect(builder, source.get_output_port(), actuators.GetInputPort("voltage"))
@@ -326,9 +331,6 @@ def _unloaded(
     connect(builder, actuators.GetOutputPort("velocity"), encoder.GetInputPort("velocity"))
     logs = _log(builder, scenario, source, encoder.GetOutputPort("position_measured"))
     simulator = Simulator(builder.Build())
-    context = actuators.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    actuators.set_extension(context, 1e-3 * scenario.steps.initial_extension_mm)
-    actuators.set_gain_scale(context, gain / like.params.gain)
     return _simulate(simulator, scenario, bench, "without load", logs)
 
 

@@ -171,7 +171,6 @@ class EmulatedMachine:
         self._station = Station(machine, machine.emulated(scenario, self.period))
         self._simulator = Simulator(self._station)
         self._context = self._simulator.get_mutable_context()
-        self._station.reset(self._context)
         self._sizes = {spec.name: spec.size for spec in (*machine.inputs, *machine.outputs)}
         self._parts = sorted({driver.part for driver in scenario.hardware.drivers})
         directory = emulator_directory()

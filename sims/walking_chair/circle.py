@@ -336,7 +336,6 @@ def _record(scenario: ChairCircleScenario, mode: str, bench: Bench) -> Recording
     params = scenario.loop(mode)
     loop = make_leg_loop(params)
     simulator = Simulator(loop.diagram)
-    loop.reset(simulator.get_mutable_context())
     simulator.Initialize()
     until = params.circle.duration + scenario.rest
     bench.simulate(simulator, until, f"mode {mode}")

@@ -284,6 +284,15 @@ def test_in_run_bias_is_gauss_markov_with_the_stated_deviation_and_correlation_t
         assert correlation == pytest.approx(math.exp(-1.0), abs=0.12)
 
 
+@pytest.mark.parametrize("axis", range(6))
+def test_in_run_bias_of_an_axis_comes_from_its_own_noise(axis):
+    imu = Imu(drifting(300.0))
+    simulator, context = start(imu, noise=np.eye(Imu.NOISE_SIZE)[9 + axis])
+    simulator.AdvanceTo(2.5 * imu.period)
+    drift = context.get_discrete_state(3).value()
+    assert np.flatnonzero(drift).tolist() == [axis]
+
+
 def test_in_run_bias_starts_from_zero_and_magnetometers_have_none():
     samples = record(drifting(correlation_time=1.0), duration=1.0)
     np.testing.assert_array_equal(samples["gyro"][0], np.zeros(3))

@@ -1,0 +1,154 @@
+"""Settings of the levelling platform: each has its effect, with its sign and its unit."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.levelling_platform.beginning import Beginning
+from parapod.diagrams.levelling_platform.controller import pi_params, posture_loop_params
+from parapod.diagrams.levelling_platform.machine import PLATFORM, make_job_sources
+from parapod.diagrams.levelling_platform.scenario import (
+    ControlScenario,
+    LevellingScenario,
+    PlatformFault,
+    SensorScenario,
+)
+from parapod.diagrams.wiring import outputs_of
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.sensors.imu import STANDARD_GRAVITY, sample_period
+
+SEEDS = range(64)
+
+
+def beginnings(**sensors):
+    scenario = LevellingScenario(sensors=SensorScenario(**sensors))
+    return [Beginning.of(replace(scenario, seed=seed), MODEL_GEOMETRY) for seed in SEEDS]
+
+
+def record(scenario, until, *names):
+    loop = ClosedLoop(PLATFORM, scenario, log=names)
+    simulator = Simulator(loop)
+    simulator.AdvanceTo(until)
+    return loop.recording(simulator.get_context())
+
+
+# Drawn from the seed
+
+
+def test_biases_have_the_scenarios_sizes_and_signs_of_their_own_on_every_axis():
+    found = beginnings(gyro_bias_deg_s=0.5, accel_bias_mg=2.0)
+    gyro, accel = (
+        np.array([getattr(b, name) for b in found]) for name in ("gyro_bias", "accel_bias")
+    )
+    np.testing.assert_allclose(np.abs(gyro), math.radians(0.5))
+    np.testing.assert_allclose(np.abs(accel), 2e-3 * STANDARD_GRAVITY)
+    signs = np.sign(np.hstack([gyro, accel]))
+    # Independent fair signs: no axis is one-sided, and no two axes go together.
+    correlation = signs.T @ signs / len(SEEDS)
+    assert np.abs(signs.mean(axis=0)).max() < 0.5
+    assert np.abs(correlation - np.eye(6)).max() < 0.5
+
+
+def test_gains_are_off_to_both_sides_and_by_no_more_than_the_scenario_says():
+    error = np.array([b.gain_scale - 1.0 for b in beginnings()])
+    largest = LevellingScenario().actuators.gain_error
+    assert -largest <= error.min() < -0.9 * largest
+    assert 0.9 * largest < error.max() <= largest
+    assert abs(error.mean()) < 0.1 * largest
+
+
+# Controllers
+
+
+def test_the_outer_loop_compares_with_the_reference_as_old_as_the_sensors_samples():
+    late, prompt = (
+        posture_loop_params(LevellingScenario(sensors=SensorScenario(imu_delay_ms=delay)))
+        for delay in (40.0, 0.0)
+    )
+    assert late.lag - prompt.lag == pytest.approx(0.040)
+
+
+def test_position_controllers_take_limit_pole_and_friction_of_the_scenario():
+    control = ControlScenario(pole=7.0, voltage_limit=6.0, friction_feedforward=[0.3, 0.7])
+    params = pi_params(LevellingScenario(control=control))
+    assert (params.pole, params.voltage_limit) == (7.0, 6.0)
+    assert params.friction_feedforward == (0.3, 0.7)  # extending, retracting
+
+
+def test_commands_stay_within_the_voltage_limit_of_the_scenario():
+    control = ControlScenario(voltage_limit=0.8)
+    scenario = LevellingScenario(backend="kinematic", control=control)
+    scenario.job.estimate_at = 0.5
+    voltage = record(scenario, 2.0, "legs.voltage")["legs.voltage"]
+    assert np.abs(voltage).max() == pytest.approx(0.8)
+
+
+# The job
+
+
+def test_the_arm_swings_to_the_angle_that_is_said_in_degrees():
+    scenario = LevellingScenario()
+    scenario.job.arm.angle_deg = 30.0
+    _, swing = make_job_sources(scenario)
+    simulator = Simulator(swing)
+    port = outputs_of(swing)["arm.position_command"]
+    begin = scenario.job.estimate_at + scenario.job.arm.start
+    for time, angle in ((begin, 0.0), (begin + scenario.job.arm.duration, math.radians(30.0))):
+        simulator.AdvanceTo(time)
+        assert port.Eval(simulator.get_context())[0] == pytest.approx(angle, abs=1e-12)
+
+
+# Sensors
+
+
+@pytest.mark.parametrize("samples", [1, 4])
+def test_a_late_sensor_shows_the_samples_of_a_prompt_one_so_much_later(samples):
+    period = sample_period()
+
+    def shown(delay_ms):
+        scenario = LevellingScenario(backend="kinematic", seed=5)
+        scenario.sensors.imu_delay_ms = delay_ms
+        loop = ClosedLoop(PLATFORM, scenario, log=())
+        simulator = Simulator(loop)
+        rows = []
+        for k in range(40):
+            simulator.AdvanceTo((k + 0.5) * period)
+            station = loop.station.GetMyContextFromRoot(simulator.get_context())
+            gyro, age = (
+                loop.station.GetOutputPort(n).Eval(station) for n in ("imu.gyro", "status.age")
+            )
+            rows.append((*gyro, age[1]))
+        return np.array(rows)
+
+    prompt, late = shown(0.0), shown(1e3 * samples * period)
+    np.testing.assert_array_equal(late[samples + 1 :, :3], prompt[1:-samples, :3])
+    np.testing.assert_allclose(late[:, 3] - prompt[:, 3], samples * period)
+
+
+@pytest.mark.parametrize("period", [0.01, 0.02])
+def test_the_quasi_static_plant_shows_its_motion_once_a_period(period):
+    scenario = LevellingScenario(backend="kinematic", control=ControlScenario(period=period))
+    loop = ClosedLoop(PLATFORM, scenario, log=())
+    for name in ("attitude", "angular_velocity", "specific_force"):
+        hold = loop.station.GetSubsystemByName(f"held_{name}")
+        assert hold.GetUniquePeriodicDiscreteUpdateAttribute().period_sec() == period
+
+
+# Faults
+
+
+def test_a_wrong_encoder_misleads_the_controller_by_as_much():
+    """The controller leads what it sees to where it should be, and the leg 5 mm past it."""
+    scenario = LevellingScenario(backend="kinematic")
+    scenario.actuators.gain_error = 0.0
+    scenario.job.estimate_at = 0.5
+    scenario.faults = [PlatformFault(at=4.0, target="legs.extension", index=1, kind="wrong")]
+    names = ("truth.extension", "legs.extension", "extension_desired_state")
+    found = record(scenario, 8.0, *names)
+    seen, true = (found[name][-1, 1] for name in ("legs.extension", "truth.extension"))
+    assert seen == pytest.approx(found["extension_desired_state"][-1, 1], abs=2e-4)
+    assert seen - true == pytest.approx(5e-3, abs=2e-5)
