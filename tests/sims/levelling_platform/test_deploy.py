@@ -1,7 +1,6 @@
-"""The whole operation by the command: what it measures, refuses, finds and shows."""
+"""The whole operation: its phases, its faults, and the label that names the phase."""
 
 import base64
-import json
 import re
 
 import numpy as np
@@ -9,11 +8,10 @@ import pytest
 import umsgpack
 from pydrake.geometry import Meshcat
 
-from parapod.sims.cli.main import main
-from parapod.sims.lab.experiment import ENTRIES
-from parapod.sims.levelling_platform.deploy import EXPERIMENT, DeployScenario, PhaseLabel
-from parapod.sims.signal_units import unit_of
-from parapod.systems.core.scenario_file import dump_scenario, load_scenario
+from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.sims.lab.files import read_log
+from parapod.sims.levelling_platform.deploy import DeployScenario, PhaseLabel
+from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.supervisor import Phase
 
 # As little as is an operation: hardly any way there and back, and work without pauses.
@@ -21,140 +19,57 @@ BRIEF = ("drive.distance_m=0.05", "work.hold_s=0.5")
 ORDER = ["transport", "brake", "lower", "touchdown", "estimate", "posture", "hold", "retract"]
 
 
-def deploy(*overrides, options=()):
-    """Exit code of a brief operation."""
-    return main(["run", "deploy", "--backend", "kinematic", *options, "--set", *BRIEF, *overrides])
+def broken_off(execute, longest, **options):
+    """Result of an operation that is ended on its way."""
+    return execute("deploy", "backend=kinematic", *BRIEF, f"longest={longest}", **options)
 
 
-def read_json(path):
-    """What a file says, in strict JSON."""
-
-    def refuse(constant):
-        raise AssertionError(f"{constant} is no JSON")
-
-    return json.loads(path.read_text(), parse_constant=refuse)
-
-
-def test_the_experiment_is_listed_as_it_describes_itself():
-    (entry,) = [entry for entry in ENTRIES if entry.name == EXPERIMENT.name]
-    assert entry.load() is EXPERIMENT
-    assert entry.summary == EXPERIMENT.summary
-
-
-def test_a_brief_operation_holds_its_bounds(tmp_path, capsys):
-    path = tmp_path / "deploy.json"
-    assert deploy(options=("--json", str(path))) == 0
-    out = capsys.readouterr().out
-    assert re.search(r"all bounds held: (\d+) of \1\b", out)
-    data = read_json(path)
-    assert data["passed"] is True
-    assert (data["experiment"], data["backend"], data["seed"]) == ("deploy", "kinematic", 0)
-    assert list(data["phase_times_s"]) == ORDER
-    assert min(data["phase_times_s"].values()) > 0.4
+def test_an_operation_goes_through_all_phases_and_holds_its_bounds(finished):
+    result, values = finished("deploy").result, finished("deploy").values
+    assert list(result.details["phase_times_s"]) == ORDER
+    assert min(result.details["phase_times_s"].values()) > 0.4
     # As their feet stand: 20, 12, 5 and 0 mm high.
-    assert data["contact_order"] == [1, 3, 4, 2]
-    assert 0.0 < data["roll_error_deg"] < 0.2
-    assert 0.0 < data["pitch_error_deg"] < 0.2
-    assert 0.0 < data["height_error_mm"] < 2.0
-    assert data["smallest_margin_mm"] > 300.0
-    assert data["wheel_clearance_mm"] > 20.0
-    assert data["findings"] == data["steps_left"] == 0.0
+    assert result.details["contact_order"] == [1, 3, 4, 2]
+    assert 0.0 < values["roll_error_deg"] < 0.2
+    assert 0.0 < values["pitch_error_deg"] < 0.2
+    assert 0.0 < values["height_error_mm"] < 2.0
+    assert values["smallest_margin_mm"] > 300.0
+    assert values["wheel_clearance_mm"] > 20.0
+    assert values["findings"] == values["steps_left"] == 0.0
 
 
-# Refusals
-
-
-@pytest.mark.parametrize(
-    ("overrides", "pattern"),
-    [
-        (
-            ("ground.roll_deg=5", "ground.pitch_deg=6"),
-            r"leg [1-4] would need .* mm outside its stroke 390\.0\.\.420\.0 mm.*"
-            r"stays in estimate",
-        ),
-        (
-            ("work.height_mm=570",),
-            r"leg [1-4] would need .* mm outside its stroke .*"
-            r"height must be \d{3}\.\d\.\.\d{3}\.\d mm; the machine stays in estimate",
-        ),
-        # The operator asks for less before the operation ends, and that is not refused.
-        (
-            ("work.arm_deg=100",),
-            r"the arm's move goes beyond 90 deg of the arm .*; the machine stays in hold",
-        ),
-        (
-            ("ground.foot_heights_mm=[0, -5, 0, 0]",),
-            r"ground\.foot_heights_mm must be 0 or more .*",
-        ),
-    ],
-)
-def test_what_does_not_fit_is_refused_in_one_line(capsys, overrides, pattern):
-    assert deploy(*overrides) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    lines = [line for line in err.splitlines() if line.startswith("parapod: error: ")]
-    assert len(lines) == 1
-    assert err.endswith(lines[0] + "\n")
-    assert re.fullmatch(f"parapod: error: {pattern}", lines[0])
-
-
-@pytest.mark.parametrize(
-    ("fault", "said"),
-    [
-        (
-            "{kind: of}",
-            "faults.0.kind = 'of' is not one of off, stuck, garbage, wrong, slow, delayed, "
-            "intermittent (did you mean off?)",
-        ),
-        (
-            "{target: legs.extensio}",
-            "faults.0.target = 'legs.extensio' is not one of legs.extension, imu.gyro, "
-            "imu.accel, legs.limits, legs.voltage, supply, posture_command "
-            "(did you mean legs.extension?)",
-        ),
-        (
-            "{target: legs.extension, index: 4}",
-            "faults.0.index = 4 is outside -1..3; legs.extension has elements 0..3, "
-            "-1 is all of them",
-        ),
-    ],
-)
-def test_a_misspelt_fault_is_refused_with_what_there_is(capsys, fault, said):
-    assert deploy(f"faults=[{fault}]") == 2
-    assert capsys.readouterr() == ("", f"parapod: error: {said}\n")
+def test_an_operation_that_does_not_come_to_its_end_breaks_its_bounds(execute):
+    result = broken_off(execute, 3)
+    assert "steps_left" in {metric.key for metric in result.broken}
+    assert result["steps_left"] > 0.0
 
 
 # Faults
 
 
 @pytest.fixture(scope="module")
-def faulty(tmp_path_factory):
-    """Exit code, log and numbers of an operation whose encoder of a leg falls silent."""
-    folder = tmp_path_factory.mktemp("faulty")
-    fault = "{at: 20, target: legs.extension, index: 2, kind: off}"
-    log, numbers = folder / "deploy.npz", folder / "deploy.json"
-    code = deploy(
-        f"faults=[{fault}]", "longest=22", options=("--log", str(log), "--json", str(numbers))
-    )
-    with np.load(log, allow_pickle=False) as loaded:
-        signals = dict(loaded)
-    return code, signals, read_json(numbers)
+def faulty(execute, tmp_path_factory):
+    """Result and log of an operation whose encoder of a leg falls silent."""
+    path = tmp_path_factory.mktemp("faulty") / "deploy.npz"
+    fault = "faults=[{at: 20, target: legs.extension, index: 2, kind: off}]"
+    result = execute("deploy", "backend=kinematic", *BRIEF, fault, "longest=22", log=path)
+    return result, read_log(path)
 
 
 def test_a_fault_ends_the_operation_and_breaks_bounds(faulty):
-    code, signals, data = faulty
-    assert code == 1
-    assert data["passed"] is False
-    phase, time = signals["phase"][:, 0], signals["t"]
+    result, log = faulty
+    assert not result.passed
+    phase, time = log.signals["phase"][:, 0], log.time
     first = int(np.argmax(phase == Phase.FAULT))
     assert 20.0 < time[first] < 20.06
     assert (phase[:first] != Phase.FAULT).all()
     assert (phase[first:] == Phase.FAULT).all()
-    assert signals["findings"][-1].any()
+    assert log.signals["findings"][-1].any()
+    assert result["findings"] > 0.0
 
 
 def test_a_fault_leaves_nothing_that_acts_without_a_number(faulty):
-    _, signals, _ = faulty
+    signals = faulty[1].signals
     acting = ("legs.voltage", "wheels.velocity_command", "wheels.brake", "arm_command")
     for name in (*acting, "extension_desired_state", "findings", "severity", "attitude_estimated"):
         assert np.isfinite(signals[name]).all(), name
@@ -168,17 +83,12 @@ def test_a_fault_leaves_nothing_that_acts_without_a_number(faulty):
     assert np.ptp(signals["truth.extension"][stopped][10:], axis=0).max() < 1e-9
 
 
-def test_the_log_says_what_was_run(faulty, tmp_path):
-    _, signals, _ = faulty
-    metadata = json.loads(str(signals["metadata"]))
+def test_the_log_says_which_fault_was_injected(faulty, tmp_path):
     path = tmp_path / "again.yaml"
-    path.write_text(metadata["scenario"])
-    again = load_scenario(DeployScenario, None, path)
-    assert dump_scenario(again) == metadata["scenario"]
-    (fault,) = again.faults
+    path.write_text(faulty[1].metadata["scenario"])
+    (fault,) = load_scenario(DeployScenario, None, path).faults
     assert (fault.at, fault.target, fault.index, fault.kind) == (20.0, "legs.extension", 2, "off")
-    assert set(metadata["units"]) == set(signals) - {"t", "metadata"}
-    assert metadata["units"]["legs.stop"] == unit_of("legs.stop") == "-"
+    assert faulty[1].metadata["units"]["legs.stop"] == PLATFORM.unit("legs.stop")
 
 
 # Label
@@ -231,10 +141,9 @@ def test_each_word_is_drawn_once():
     )
 
 
-def test_a_recording_names_the_phases_that_were_reached(tmp_path):
+def test_a_recording_names_the_phases_that_were_reached(execute, tmp_path):
     path = tmp_path / "deploy.html"
-    # It ends on the way down, and its bounds are broken.
-    assert deploy("longest=3", options=("--html", str(path))) == 1
+    broken_off(execute, 3, html=path)
     shown = visible_of(path.read_text())
     assert set(shown) == {"TRANSPORT", "BRAKE", "LOWER"}
     begins = {word: [time for time, visible in keys if visible] for word, keys in shown.items()}

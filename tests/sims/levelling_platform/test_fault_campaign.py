@@ -1,26 +1,20 @@
 """Cells of the campaign of faults, and what is counted of them."""
 
-import io
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
-from rich.console import Console
 
-from parapod.sims.lab.experiment import ENTRIES, RunOptions
+from parapod.sims.lab.discovery import find_experiment
 from parapod.sims.levelling_platform.deploy import DeployScenario
 from parapod.sims.levelling_platform.fault_campaign import (
     DEVICES,
-    EXPERIMENT,
     STRAY_DEG,
     STRAY_MM,
     Campaign,
     Cell,
     FaultCampaignScenario,
-    run,
 )
-from parapod.systems.core.errors import OutputError
 from parapod.systems.levelling_platform.fault_detection import RULES, Finding
 from parapod.systems.levelling_platform.supervisor import Phase
 from parapod.systems.safety.faults import FaultKind
@@ -28,20 +22,9 @@ from parapod.systems.safety.faults import FaultKind
 WINDOW = 3.0
 
 
-@pytest.fixture
-def options():
-    return RunOptions(console=Console(file=io.StringIO()))
-
-
 @pytest.fixture(scope="module")
 def campaign():
     return Campaign(DeployScenario(backend="kinematic"), Phase.POSTURE, WINDOW)
-
-
-def test_the_experiment_is_listed_as_it_describes_itself():
-    (entry,) = [entry for entry in ENTRIES if entry.name == EXPERIMENT.name]
-    assert entry.load() is EXPERIMENT
-    assert entry.summary == EXPERIMENT.summary
 
 
 # Cells
@@ -154,27 +137,29 @@ def test_a_cell_is_harmful_if_the_platform_left_its_path_unnoticed():
 # The campaign
 
 
-def test_a_campaign_of_one_device_in_one_phase_holds_its_bounds(options):
-    scenario = FaultCampaignScenario(device="encoder", phase="posture", window=WINDOW)
-    result = run(scenario, options)
-    assert result.broken == ()
-    values = {metric.key: metric.value for metric in result.metrics}
+def test_a_campaign_of_one_device_in_one_phase_has_a_cell_for_each_kind(finished):
+    run = finished("fault-campaign")
     kinds = len(FaultKind)
-    assert values["cells"] == values["cells_injected"] == kinds
-    matrix = result.details["matrix"]
+    assert run.values["cells"] == run.values["cells_injected"] == kinds
+    matrix = run.result.details["matrix"]
     assert [(cell["device"], cell["kind"]) for cell in matrix] == [
         ("encoder", kind.value) for kind in FaultKind
     ]
-    assert values["cells_found"] == sum(bool(cell["findings"]) for cell in matrix)
+    assert run.values["cells_found"] == sum(bool(cell["findings"]) for cell in matrix)
     # The matrix has a line for each kind; phases are cut short above it.
-    assert "posture".startswith(result.notes[1].strip())
-    for kind, note in zip(FaultKind, result.notes[2 : 2 + kinds], strict=True):
+    assert "posture".startswith(run.result.notes[1].strip())
+    for kind, note in zip(FaultKind, run.result.notes[2 : 2 + kinds], strict=True):
         assert note.split()[:2] == ["encoder", kind.value]
 
 
-@pytest.mark.parametrize(
-    "wanted", [{"meshcat": True}, {"html": Path("a.html")}, {"log": Path("a.npz")}]
-)
-def test_a_campaign_has_nothing_to_show_of_a_single_run(options, wanted):
-    with pytest.raises(OutputError, match="a campaign is many short runs"):
-        run(FaultCampaignScenario(), replace(options, **wanted))
+def test_a_campaign_is_broken_by_a_fault_that_does_harm_unnoticed():
+    experiment = find_experiment("fault-campaign")
+
+    def broken(*cells):
+        metrics = experiment.measure(FaultCampaignScenario(), list(cells))
+        return {metric.key for metric in metrics if not metric.passed}
+
+    found = replace(CELL, findings=("leg_response",), delay=0.1, reaction="brake")
+    assert broken(found) == set()
+    for spoilt in ({"stray_deg": FAR}, {"bounded": False}):
+        assert broken(found, replace(CELL, **spoilt))

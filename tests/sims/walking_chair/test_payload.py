@@ -1,28 +1,20 @@
-"""The experiment `chair-payload`: its numbers, its files, its refusals."""
+"""The experiment `chair-payload`: its numbers, and what each of its bounds is about."""
 
 import io
-import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from parapod.sims.cli.main import main
-from parapod.sims.lab.experiment import ENTRIES, RunOptions
 from parapod.sims.lab.figures import render
-from parapod.sims.lab.files import read_log
 from parapod.sims.walking_chair.payload import (
-    EXPERIMENT,
     ChairPayloadScenario,
     check_stance,
     paper_share,
     payload_metrics,
-    run,
     stand_at,
     survey,
 )
-from parapod.systems.core.errors import OutputError
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.walking_chair.checks import SpeedExceeded, StrokeExceeded
 from parapod.systems.walking_chair.support import SupportLost
@@ -34,41 +26,14 @@ def scenario_with(*overrides):
     return load_scenario(ChairPayloadScenario, overrides=overrides)
 
 
-def options(**changes):
-    return replace(RunOptions(console=Console(file=io.StringIO())), **changes)
-
-
-def values_of(*overrides):
-    result = run(scenario_with(QUICK, *overrides), options())
-    return {metric.key: metric.value for metric in result.metrics}
-
-
-def broken_by(*overrides):
-    return {metric.key for metric in run(scenario_with(QUICK, *overrides), options()).broken}
-
-
 @pytest.fixture(scope="module")
-def logged(tmp_path_factory):
-    path = tmp_path_factory.mktemp("payload") / "a.npz"
-    return run(scenario_with("instants=10"), options(log=path)), read_log(path)
+def logged(finished):
+    return finished("chair-payload")
 
 
 @pytest.fixture(scope="module")
 def values(logged):
-    return {metric.key: metric.value for metric in logged[0].metrics}
-
-
-def test_the_experiment_is_listed_as_it_describes_itself():
-    (entry,) = [entry for entry in ENTRIES if entry.name == EXPERIMENT.name]
-    assert entry.load() is EXPERIMENT
-    assert entry.summary == EXPERIMENT.summary
-
-
-def test_all_bounds_hold(logged):
-    result, _ = logged
-    assert result.broken == ()
-    unbounded = {metric.key for metric in result.metrics if not metric.is_bounded}
-    assert unbounded == {"ups_stiffness"}
+    return logged.values
 
 
 def test_the_numbers_of_the_papers_step(values):
@@ -89,7 +54,7 @@ def test_the_papers_payload_is_between_the_extremes(values):
 
 
 def test_two_legs_limit_the_payload(logged):
-    _, log = logged
+    log = logged.log
     swings = ((log.time > 5.0) & (log.time < 10.0)) | ((log.time > 15.0) & (log.time < 20.0))
     for name in ("frictionless", "friction"):
         payload = log.signals[f"largest_payload_{name}"]
@@ -98,7 +63,7 @@ def test_two_legs_limit_the_payload(logged):
 
 
 def test_branches_that_do_not_carry_are_those_of_the_legs_that_swing(logged):
-    _, log = logged
+    log = logged.log
     swings = (log.time > 5.0) & (log.time < 10.0)
     for name in ("least_frictionless", "least_friction", "equal", "soft"):
         forces = log.signals[f"branch_force_{name}"].reshape(-1, 4, 3)
@@ -110,7 +75,7 @@ def test_branches_that_do_not_carry_are_those_of_the_legs_that_swing(logged):
 
 
 def test_the_two_ups_branches_of_a_leg_bear_nearly_the_same(logged):
-    _, log = logged
+    log = logged.log
     for name in ("equal", "soft"):
         forces = log.signals[f"branch_force_{name}"].reshape(-1, 4, 3)
         assert np.abs(forces[..., 1] - forces[..., 2]).max() < 2.0
@@ -121,8 +86,8 @@ def test_the_two_ups_branches_of_a_leg_bear_nearly_the_same(logged):
     assert soft.max() == pytest.approx(427.3, abs=0.1)
 
 
-def test_a_payload_aside_has_less_margin_and_is_smaller(values):
-    aside = values_of("payload.x_mm=40", "payload.y_mm=10")
+def test_a_payload_aside_has_less_margin_and_is_smaller(execute, values):
+    aside = execute("chair-payload", QUICK, "payload.x_mm=40", "payload.y_mm=10")
     cost = 57.0 / 106.2 * (0.7437 * 40.0 + 0.6685 * 10.0)
     for key in ("support_margin_mm", "support_margin_with_feet_mm"):
         assert values[key] - aside[key] == pytest.approx(cost, abs=0.1)
@@ -133,8 +98,9 @@ def test_a_payload_aside_has_less_margin_and_is_smaller(values):
         assert aside[key] == pytest.approx(values[key], abs=1e-6)
 
 
-def test_less_friction_carries_less():
-    masses = [values_of(f"friction={mu}")["payload_friction_kg"] for mu in (0.0, 0.02, 0.6)]
+def test_less_friction_carries_less(execute):
+    results = [execute("chair-payload", QUICK, f"friction={mu}") for mu in (0.0, 0.02, 0.6)]
+    masses = [result["payload_friction_kg"] for result in results]
     assert (np.diff(masses) > 0.0).all()
     assert masses[0] == pytest.approx(168.588, abs=0.1)
 
@@ -159,13 +125,16 @@ def test_less_friction_carries_less():
         ),
     ],
 )
-def test_bounds_are_broken_by_what_they_are_about(override, broken):
-    assert broken_by(override) == broken
+def test_bounds_are_broken_by_what_they_are_about(execute, override, broken):
+    found = execute("chair-payload", QUICK, override)
+    assert {metric.key for metric in found.broken} == broken
+    # With weaker actuators the paper's payload is not explained.
+    assert (found.notes == ()) == override.startswith("force_limit")
 
 
 def test_forces_that_do_not_balance_the_weight_break_their_bound():
     scenario = scenario_with(QUICK)
-    instants = survey(scenario, options())
+    instants = survey(scenario, Console(quiet=True))
     (clean,) = [m for m in payload_metrics(scenario, instants) if m.key == "balance_error_n"]
     assert clean.passed
     for name in instants[3]._fields[3:]:
@@ -190,25 +159,24 @@ def test_the_share_is_that_of_the_closed_form():
 
 @pytest.mark.parametrize("way", ["back", "forward and back"])
 @pytest.mark.parametrize("order", ["13-24", "24-13"])
-def test_every_order_and_way_holds_the_bounds(order, way):
-    overrides = f"gait.order={order}", f"gait.way={way}"
-    result = run(scenario_with(QUICK, *overrides), options())
+def test_every_order_and_way_holds_the_bounds(execute, order, way):
+    result = execute("chair-payload", QUICK, f"gait.order={order}", f"gait.way={way}")
     assert result.broken == ()
     assert result.metrics[0].value == pytest.approx(168.588, abs=0.1)
 
 
 def test_of_cycles_that_are_all_alike_one_is_looked_at():
-    found = survey(scenario_with("instants=1", "gait.cycles=3"), options())
+    found = survey(scenario_with("instants=1", "gait.cycles=3"), Console(quiet=True))
     assert [instant.phase for instant in found] == [
         "lift", "first swing", "shift", "second swing", "lower",
     ]  # fmt: skip
     assert [instant.time for instant in found] == [2.5, 7.5, 12.5, 17.5, 22.5]
 
 
-def test_a_payload_that_tips_the_chair_over_is_refused_before_anything_runs():
+def test_a_payload_that_tips_the_chair_over_is_refused_before_anything_runs(execute):
     console = Console(file=io.StringIO(), force_terminal=True)
     with pytest.raises(SupportLost) as caught:
-        run(scenario_with("payload.x_mm=100", "payload.y_mm=50"), options(console=console))
+        execute("chair-payload", "payload.x_mm=100", "payload.y_mm=50", console=console)
     assert caught.value.phase == "first swing"
     assert "first swing that begins 5 s after the start" in str(caught.value)
     assert " mm, less than the 10.0 mm that are required" in str(caught.value)
@@ -225,53 +193,25 @@ def test_the_required_margin_is_the_scenario_s():
     ("override", "error"),
     [("gait.lift_mm=100", StrokeExceeded), ("gait.phase_duration=4", SpeedExceeded)],
 )
-def test_a_gait_that_the_actuators_cannot_do_is_refused(override, error):
+def test_a_gait_that_the_actuators_cannot_do_is_refused(execute, override, error):
     with pytest.raises(error, match="branch 12"):
-        run(scenario_with(override), options())
-
-
-@pytest.mark.parametrize("option", ["html", "graphviz", "meshcat"])
-def test_what_is_not_simulated_has_nothing_to_show(option, tmp_path):
-    with pytest.raises(OutputError, match=f"--{option} has nothing to show: no diagram"):
-        run(scenario_with(), options(**{option: option == "meshcat" or tmp_path / "x"}))
+        execute("chair-payload", override)
 
 
 def test_the_notes_explain_the_papers_payload(logged):
-    text = " ".join(logged[0].notes)
+    text = " ".join(logged.result.notes)
     for part in ("57 kg are not what the best", "169 kg", "37.9 kg", "82 %", "0.11 times", "fit"):
         assert part in text
 
 
-def test_with_weaker_actuators_the_papers_payload_is_not_explained():
-    assert run(scenario_with(QUICK, "force_limit=150"), options()).notes == ()
-
-
-def test_figures_can_be_drawn(logged):
-    figures = logged[0].figures
-    assert [figure.name for figure in figures] == [
-        "payload_over_time", "payload_support", "fig17_branch_forces",
-    ]  # fmt: skip
-    for figure in figures:
-        assert b"<svg" in render(figure)
+def test_the_support_is_drawn_where_it_is_smallest(logged):
+    figures = logged.result.figures
+    names = ["payload_over_time", "payload_support", "fig17_branch_forces"]
+    assert [figure.name for figure in figures] == names
     assert b"first swing, 9." in render(figures[1])
 
 
 def test_progress_is_shown():
     console = Console(file=io.StringIO(), force_terminal=True, width=80)
-    survey(scenario_with(QUICK), options(console=console))
+    survey(scenario_with(QUICK), console)
     assert "spreading forces" in console.file.getvalue()
-
-
-def test_the_command_writes_its_numbers(tmp_path, capsys):
-    numbers = tmp_path / "a.json"
-    assert main(["run", "chair-payload", "--set", QUICK, "--json", str(numbers)]) == 0
-    assert "all bounds held: 11 of 11" in capsys.readouterr().out
-    assert json.loads(numbers.read_text())["support_margin_mm"] == pytest.approx(57.05, abs=0.05)
-
-
-def test_the_command_answers_a_payload_that_tips_in_one_line(capsys):
-    assert main(["run", "chair-payload", "--set", "payload.x_mm=100", "payload.y_mm=50"]) == 2
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert err.startswith("parapod: error: the ")
-    assert "support margin of" in err

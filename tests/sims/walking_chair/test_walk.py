@@ -1,33 +1,32 @@
-"""The experiment `chair-walk`: short walks, refusals, files."""
+"""The experiment `chair-walk`: short walks, their bounds, and the sliders after them."""
 
-import io
-import json
-from importlib.resources import files
-from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
-from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.walking_chair.machine import CHAIR
-from parapod.diagrams.walking_chair.ports import OUTPUTS, TRUTH_OUTPUTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.sims.cli.main import main
-from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.lab.figures import render
+from parapod.sims.lab.bench import Run
+from parapod.sims.lab.discovery import find_entry
 from parapod.sims.lab.files import read_log
-from parapod.sims.walking_chair.walk import EXPERIMENT, LiveChair, check_walk, measure, run
+from parapod.sims.walking_chair.walk import (
+    ChairWalk,
+    LiveChair,
+    body_desired,
+    check_walk,
+    lengths_desired,
+)
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.walking_chair.checks import ForceExceeded, SpeedExceeded, StrokeExceeded
 from parapod.systems.walking_chair.support import SupportLost
 
-DEFAULT = Path(str(files("parapod.sims.scenarios"))) / "chair-walk.yaml"
 FORWARD = ("gait.way=forward", "plant.time_step=0.005", "begin=0.5", "end=0.5")
-SIZES = {spec.name: spec.size for spec in (*OUTPUTS, *TRUTH_OUTPUTS)} | {
+SIZES = {spec.name: spec.size for spec in (*CHAIR.outputs, *CHAIR.truth)} | {
     "gait_time": 1,
     "done": 1,
     "hold": 1,
@@ -35,31 +34,23 @@ SIZES = {spec.name: spec.size for spec in (*OUTPUTS, *TRUTH_OUTPUTS)} | {
     "support_margin": 1,
     "payload_estimated": 3,
 }
-KEYS = {"body_error_mm", "tilt_deg", "peak_force_N", "realtime_factor"}
 
 
 def scenario_with(*overrides):
-    return load_scenario(ChairScenario, DEFAULT, None, overrides)
+    default = find_entry("chair-walk").default_scenario
+    return load_scenario(ChairScenario, default, None, overrides)
 
 
-@pytest.fixture
-def options():
-    return RunOptions(console=Console(file=io.StringIO()))
+def measured(scenario, signals):
+    """Metrics of a walk with these signals, by key."""
+    time = np.arange(len(signals["done"])) * 0.1
+    done = Mock(get_context=lambda: Mock(get_time=lambda: 1.0))
+    run = Run(time, signals, {}, None, done, 1.0, None, None)
+    return {metric.key: metric for metric in ChairWalk("chair-walk").measure(scenario, run)}
 
 
-@pytest.fixture(scope="module")
-def result():
-    return run(scenario_with(*FORWARD), RunOptions(console=Console(file=io.StringIO())))
-
-
-def test_a_walk_with_the_papers_passenger_holds_all_bounds(result):
-    assert result.passed, result.broken
-    found = result.as_json()
-    assert found.keys() >= KEYS
-    assert found["body_error_mm"] <= 1.0
-    assert found["tilt_deg"] <= 0.1
-    assert found["peak_force_N"] <= 250.0
-    bounds = {metric.key: metric.bound for metric in result.metrics}
+def test_a_walk_with_the_papers_passenger_holds_all_bounds(finished):
+    bounds = {metric.key: metric.bound for metric in finished("chair-walk").result.metrics}
     assert bounds["body_error_mm"] == 1.0
     assert bounds["tilt_deg"] == 0.1
     assert bounds["peak_force_N"] == 250.0
@@ -75,41 +66,66 @@ def test_loops_are_closed_to_a_micrometre_at_the_default_step():
     loop.reset(simulator.get_mutable_context())
     simulator.Initialize()
     simulator.AdvanceTo(7.0)
-    _, signals = loop.recorded(simulator.get_context())
+    signals = loop.recording(simulator.get_context())
     assert 0.0 < signals["truth.loop_error"].max() < 1e-6
     assert np.abs(signals["truth.force"]).max() < 250.0
 
 
-def test_loops_have_a_bound_where_the_step_is_fine():
+@pytest.fixture
+def perfect():
+    """Scenario and signals of a second of a walk in which everything is as it should be."""
+    scenario = scenario_with("begin=0", "gait.way=forward")
+    time = 1.0 + np.arange(10) * 0.1
+    signals = {name: np.zeros((10, size)) for name, size in SIZES.items()}
+    signals["done"][-1] = 1.0
+    signals["support_margin"][:] = 0.05
+    signals["gait_time"][:, 0] = time
+    signals["truth.body_position"] = body_desired(scenario, signals)
+    signals["legs.position"] = lengths_desired(scenario, signals)
+    return scenario, signals
+
+
+def test_loops_have_a_bound_where_the_step_is_fine(perfect):
+    scenario, signals = perfect
     bounds = {}
     for step in (1e-3, 5e-3):
-        scenario = scenario_with(*FORWARD)
         scenario.plant.time_step = step
-        time = np.arange(10) * 0.1
-        signals = {name: np.zeros((10, size)) for name, size in SIZES.items()}
-        signals["done"][-1] = 1.0
-        signals["support_margin"][:] = 0.05
-        signals["gait_time"][:, 0] = time
         signals["truth.loop_error"][3, 2] = 1.5e-6
-        found = measure(scenario, time, signals, 1.0)
-        (loop,) = (metric for metric in found.metrics if metric.key == "loop_error_um")
+        loop = measured(scenario, signals)["loop_error_um"]
         assert loop.value == pytest.approx(1.5)
         bounds[step] = loop.bound, loop.passed
     assert bounds == {1e-3: (1.0, False), 5e-3: (None, True)}
 
 
-def test_the_kinematic_plant_walks_two_cycles_without_drift(options):
-    overrides = (*FORWARD, "backend=kinematic", "gait.cycles=2", "gait.phase_duration=4.7")
-    found = run(scenario_with(*overrides), options).as_json()
+@pytest.mark.parametrize(
+    ("signal", "value", "key"),
+    [
+        ("truth.body_position", 0.0012, "body_error_mm"),
+        ("truth.body_attitude", 0.002, "tilt_deg"),
+        ("truth.force", -251.0, "peak_force_N"),
+        ("truth.foot_height", -3e-5, "foot_below_ground_mm"),
+        ("legs.velocity", 0.081, "max_branch_speed_mm_s"),
+        ("support_margin", -0.049, "support_margin_mm"),
+    ],
+)
+def test_a_walk_that_goes_wrong_breaks_the_bound_of_what_went_wrong(perfect, signal, value, key):
+    scenario, signals = perfect
+    assert all(metric.passed for metric in measured(scenario, signals).values())
+    signals[signal][5, 0] += value
+    broken = {metric.key for metric in measured(scenario, signals).values() if not metric.passed}
+    assert broken == {key}
+
+
+def test_the_kinematic_plant_walks_two_cycles_without_drift(execute):
+    overrides = ("backend=kinematic", "gait.cycles=2", "gait.phase_duration=4.7")
+    found = execute("chair-walk", *FORWARD, *overrides)
     assert found["drift_mm"] < 0.5
     assert found["body_error_mm"] <= 1.0
 
 
-def test_figures_can_be_drawn(result):
-    names = [figure.name for figure in result.figures]
+def test_figures_are_of_body_currents_and_margin(finished):
+    names = [figure.name for figure in finished("chair-walk").result.figures]
     assert names == ["chair_walk_body", "chair_walk_currents", "chair_walk_margin"]
-    for figure in result.figures:
-        assert b"<svg" in render(figure)
 
 
 def test_a_passenger_beyond_the_margin_is_refused_in_millimetres():
@@ -120,19 +136,6 @@ def test_a_passenger_beyond_the_margin_is_refused_in_millimetres():
     assert caught.value.margin < 0.0
     assert "first swing" in text
     assert "\n" not in text
-
-
-def test_the_command_refuses_a_passenger_before_anything_moves(tmp_path, capsys):
-    out = tmp_path / "walk.json"
-    code = main(
-        ["run", "chair-walk", "--set", "passenger.x_mm=100", "--set", "passenger.y_mm=50",
-         "--json", str(out)]
-    )  # fmt: skip
-    assert code != 0
-    error = capsys.readouterr().err
-    assert "support margin of -3.4 mm" in error
-    assert len(error.strip().splitlines()) == 1
-    assert not out.exists()
 
 
 @pytest.mark.parametrize(
@@ -151,8 +154,7 @@ def test_what_the_chair_cannot_do_is_refused(override, error, words):
         check_walk(scenario_with(override, *extra))
 
 
-def test_a_walk_that_was_held_is_an_error_with_the_margin(result):
-    scenario = scenario_with(*FORWARD)
+def test_a_walk_that_was_held_is_an_error_with_the_margin():
     n = 50
     signals = {
         "done": np.zeros((n, 1)),
@@ -161,26 +163,18 @@ def test_a_walk_that_was_held_is_an_error_with_the_margin(result):
         "support_margin": np.full((n, 1), 0.004),
     }
     with pytest.raises(SupportLost, match=r"4\.0 mm"):
-        measure(scenario, np.arange(n) * 0.02, signals, 1.0)
+        measured(scenario_with(*FORWARD), signals)
 
 
-def test_log_and_json_are_written(tmp_path):
-    log, out = tmp_path / "walk.npz", tmp_path / "walk.json"
-    arguments = ["run", "chair-walk", "--log", str(log), "--json", str(out)]
-    for override in (*FORWARD, "backend=mock"):
-        arguments += ["--set", override]
-    assert main(arguments) == 0
-    assert json.loads(out.read_text())["experiment"] == "chair-walk"
-    found = read_log(log)
-    assert found.signals["legs.position"].shape[1] == 12
-    assert found.metadata["units"]["legs.current"] == "A"
-    assert set(found.metadata["units"]) == set(found.signals)
-
-
-def test_the_mock_walks_without_a_machine(options):
-    found = run(scenario_with(*FORWARD, "backend=mock"), options)
+def test_the_mock_walks_without_a_machine(execute, tmp_path):
+    path = tmp_path / "walk.npz"
+    found = execute("chair-walk", *FORWARD, "backend=mock", log=path)
     assert found.passed, found.broken
     assert "body_error_mm" not in found.as_json()
+    log = read_log(path)
+    assert log.signals["legs.position"].shape[1] == 12
+    assert log.metadata["units"]["legs.current"] == "A"
+    assert not [name for name in log.signals if name.startswith("truth.")]
 
 
 @pytest.mark.parametrize("backend", ["kinematic", "multibody"])
@@ -211,7 +205,7 @@ def test_live_sliders_move_the_passenger_and_the_chair_waits(backend):
     assert meshcat.GetSliderNames() == []
 
 
-def test_the_chair_walks_on_until_told_to_stop(options):
+def test_the_chair_walks_on_until_told_to_stop():
     meshcat = Meshcat()
     scenario = scenario_with("backend=kinematic", "begin=0", "gait.way=forward")
     chair = LiveChair(scenario, meshcat)
@@ -219,7 +213,3 @@ def test_the_chair_walks_on_until_told_to_stop(options):
     with chair.sliders():
         chair.walk(lambda: len(looks) >= 3 or looks.append(0))
     assert 0.0 < chair.signal("gait_time") < 1.0
-
-
-def test_backends_are_those_of_the_station():
-    assert EXPERIMENT.backends == ("multibody", "kinematic", "mock", "hardware")
