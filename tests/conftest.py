@@ -83,6 +83,24 @@ def finished(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def finished_chapter(finished):
+    """finished_chapter(chapter): a quick report of it, made of the runs that all tests share."""
+    from parapod.sims.report import run as report
+
+    @cache
+    def run(chapter):
+        def shared(part, *options):
+            result = finished(part.name)
+            return report.PartRun(part, result.result, (), result.elapsed)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(report, "_run_part", shared)
+            return report.run_chapter(chapter, True, 0, Console(quiet=True))
+
+    return lambda chapter: run(chapter)
+
+
+@pytest.fixture(scope="session")
 def execute():
     """execute(name, *overrides, **options): result of an experiment; options of `RunOptions`."""
     from parapod.sims.lab.discovery import find_entry

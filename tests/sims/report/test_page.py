@@ -2,7 +2,7 @@
 
 import base64
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -10,10 +10,8 @@ import pytest
 from rich.console import Console
 
 from parapod.sims.cli.main import main
-from parapod.sims.lab.experiment import Entry, Experiment
 from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.results import Metric, Result
-from parapod.sims.report import chapters
+from parapod.sims.report import run as report
 from parapod.sims.report.chapter import (
     Chapter,
     Check,
@@ -26,35 +24,8 @@ from parapod.sims.report.chapter import (
 )
 from parapod.sims.report.page import counts, make_page
 from parapod.sims.report.run import run_chapter
-from parapod.systems.core.errors import ParapodError
-from parapod.systems.core.schema import choice, quantity
 
 QUIET = Console(quiet=True)
-
-
-@dataclass
-class TiltScenario:
-    """A number that is measured, and a seed that moves it."""
-
-    backend: str = choice("kinematic", ("kinematic",))
-    seed: int = quantity(0, 0, 100)
-    tilt_deg: float = quantity(0.5, -10.0, 10.0)
-
-
-def tilt(scenario, options):
-    if scenario.tilt_deg == 9.0:
-        raise ParapodError("leg 2 is too short by 3 mm")
-    value = scenario.tilt_deg + 0.1 * scenario.seed
-    figure = Figure("tilt", "Tilt", "A <line>.", lambda canvas: canvas.subplots().plot([0, 1]))
-    metric = Metric("tilt_deg", value, "deg", 1.0, meaning="of K_v & friends")
-    return Result("tilt", "kinematic", scenario.seed, (metric,), ("a note",), (figure,))
-
-
-@pytest.fixture
-def entries(tmp_path):
-    (tmp_path / "tilt.yaml").write_text("tilt_deg: 0.5\n")
-    experiment = Experiment("tilt", "Tilts.", TiltScenario, ("kinematic",), tilt)
-    return (Entry("tilt", "Tilts.", lambda: experiment, tmp_path),)
 
 
 def picture():
@@ -62,12 +33,12 @@ def picture():
 
 
 CHAPTER = Chapter(
-    title="A tilting thing",
+    title="A swinging thing",
     paper="Someone, Somewhere 1 (2020) 1",
-    summary="It tilts.",
-    parts=(Part("tilt", "Tilting", "Read `tilt`.", "tilt", quick=("tilt_deg=0.25",)),),
+    summary="It swings.",
+    parts=(Part("swing", "Swinging", "Read `swing`.", "swing", quick=("length_m=0.5",)),),
     claims=(
-        Claim("Fig. 1", "K_v <0", 2.0, "deg", lambda n: n("tilt", "tilt_deg"), Relation.AT_MOST),
+        Claim("Fig. 1", "K_v <0", 4.0, "s", lambda n: n("swing", "period_s"), Relation.AT_MOST),
         Claim("Fig. 2", "mass", 50.0, "kg", lambda _: 50.0, Relation.USED),
         Claim("Fig. 3", "colour", "red", relation=Relation.MISSING),
     ),
@@ -101,13 +72,27 @@ class Tags(HTMLParser):
         assert self.open.pop() == tag
 
 
-def page(entries, chapter=CHAPTER, quick=False, seeds=0):
-    run = run_chapter(chapter, entries, quick, seeds, QUIET)
-    return run, make_page([run], quick, "2020-02-02")
+@pytest.fixture
+def page(pendula, monkeypatch):
+    """page(chapter, quick, seeds): what was run, and the page."""
+    draw = pendula.draw
+
+    def draw_and_say(*arguments):
+        for figure in draw(*arguments):
+            yield replace(figure, caption="A <line>.")
+
+    monkeypatch.setattr(pendula, "draw", draw_and_say)
+    monkeypatch.setattr(pendula, "note", lambda *arguments: ("a note",))
+
+    def make(chapter=CHAPTER, quick=False, seeds=0):
+        run = run_chapter(chapter, quick, seeds, QUIET)
+        return run, make_page([run], quick, "2020-02-02")
+
+    return make
 
 
-def test_the_page_is_well_formed_and_needs_nothing_else(entries):
-    _, text = page(entries)
+def test_the_page_is_well_formed_and_needs_nothing_else(page):
+    _, text = page()
     tags = Tags(text)
     assert tags.open == []
     assert len(tags.fetched) == 3
@@ -117,112 +102,92 @@ def test_the_page_is_well_formed_and_needs_nothing_else(entries):
     assert "http" not in re.sub(r"data:[^\"]*", "", text)
 
 
-def test_the_page_says_what_was_printed_what_came_out_and_the_verdict(entries):
-    _, text = page(entries)
-    assert '<td data-is="printed" class="number">2 deg</td>' in text
-    assert '<td data-is="here" class="number">0.5 deg</td>' in text
+def test_the_page_says_what_was_printed_what_came_out_and_the_verdict(page):
+    _, text = page()
+    assert '<td data-is="printed" class="number">4 s</td>' in text
+    assert '<td data-is="here" class="number">1 s</td>' in text
     assert "4 times better" in text
     assert "K<sub>v</sub> &lt;0" in text
     assert "not reproduced" in text
     assert "The photograph." in text
     assert "1 is not 2" in text
-    assert "Read <code>tilt</code>." in text
+    assert "Read <code>swing</code>." in text
     assert "A &lt;line&gt;." in text
 
 
-def test_pictures_and_figures_are_in_the_page(entries):
-    _, text = page(entries)
+def test_pictures_and_figures_are_in_the_page(page):
+    _, text = page()
     png, *svgs = (base64.b64decode(source.split(",", 1)[1]) for source in Tags(text).fetched)
     assert png.startswith(b"\x89PNG")
     assert all(b"<svg" in svg for svg in svgs)
 
 
-def test_numbers_are_counted_good_ones_first(entries):
-    run, _ = page(entries)
+def test_numbers_are_counted_good_ones_first(page):
+    run, _ = page()
     assert list(counts(run).items()) == [("better", 1), ("used", 1), ("not reproduced", 1)]
 
 
-def test_a_quick_report_takes_the_parts_quick_overrides_and_no_seeds(entries):
-    run, text = page(entries, quick=True, seeds=5)
-    assert run.numbers("tilt", "tilt_deg") == 0.25
+def test_a_quick_report_takes_the_parts_quick_overrides_and_no_seeds(page):
+    run, text = page(quick=True, seeds=5)
+    assert run.numbers("swing", "period_s") == pytest.approx(1.4185, rel=1e-4)
     assert run.parts[0].seeds == ()
     assert "quick report" in text
 
 
-def test_a_broken_bound_or_an_erratum_that_is_not_borne_out_fails_the_report(entries):
-    assert page(entries)[0].passed
-    steep = replace(CHAPTER.parts[0], overrides=("tilt_deg=2",))
-    run, text = page(entries, replace(CHAPTER, parts=(steep,)))
+def test_a_broken_bound_or_an_erratum_that_is_not_borne_out_fails_the_report(page):
+    assert page()[0].passed
+    steep = replace(CHAPTER.parts[0], overrides=("length_m=4",))
+    run, text = page(replace(CHAPTER, parts=(steep,)))
     assert not run.passed
     assert "BROKEN" in text
     wrong = replace(CHAPTER.errata[0], check=lambda _: Check("it is", False))
-    run, text = page(entries, replace(CHAPTER, errata=(wrong,)))
+    run, text = page(replace(CHAPTER, errata=(wrong,)))
     assert not run.passed
     assert "NOT shown" in text
 
 
-def test_an_experiment_that_cannot_be_run_is_named_and_the_others_go_on(entries):
-    parts = (replace(CHAPTER.parts[0], name="other", overrides=("tilt_deg=9",)), *CHAPTER.parts)
-    run, text = page(entries, replace(CHAPTER, parts=parts))
+def test_an_experiment_that_cannot_be_run_is_named_and_the_others_go_on(page):
+    parts = (replace(CHAPTER.parts[0], name="other", overrides=("length_m=90",)), *CHAPTER.parts)
+    run, text = page(replace(CHAPTER, parts=parts))
     assert not run.passed
-    assert "leg 2 is too short by 3 mm" in text
-    assert run.numbers("tilt", "tilt_deg") == 0.5
+    assert "length_m = 90 is outside 0.1..10" in text
+    assert run.numbers("swing", "period_s") == pytest.approx(1.0030, rel=1e-4)
 
 
-def test_what_an_earlier_part_shows_is_not_shown_again(entries):
-    again = replace(CHAPTER.parts[0], name="again", adds_to="tilt")
-    _, text = page(entries, replace(CHAPTER, parts=(*CHAPTER.parts, again)))
+def test_what_an_earlier_part_shows_is_not_shown_again(page):
+    again = replace(CHAPTER.parts[0], name="again", adds_to="swing")
+    _, text = page(replace(CHAPTER, parts=(*CHAPTER.parts, again)))
     assert text.count("a note") == 1
     assert text.count("A &lt;line&gt;.") == 1
 
 
-def test_without_a_renderer_the_page_says_why_there_is_no_picture(entries):
+def test_without_a_renderer_the_page_says_why_there_is_no_picture(page):
     def none():
         raise RuntimeError("no OpenGL")
 
-    run, text = page(entries, replace(CHAPTER, pictures=none))
+    run, text = page(replace(CHAPTER, pictures=none))
     assert run.passed
     assert "no picture: no OpenGL" in text
 
 
-@pytest.fixture
-def only_this_chapter(monkeypatch):
-    monkeypatch.setattr(chapters, "chapters", lambda: (CHAPTER,))
+def test_seeds_are_run_and_shown_beside_the_first(page):
+    run, text = page(seeds=2)
+    assert [result.seed for result in run.parts[0].results] == [0, 0, 1]
+    assert "1 / 1 / 1" in text
 
 
-def test_the_command_writes_the_file_and_sums_up(entries, only_this_chapter, tmp_path, capsys):
-    out = tmp_path / "report.html"
-    assert main(["report", "--quick", "--out", str(out)], entries) == 0
-    assert out.read_text().startswith("<!doctype html>")
+def test_the_command_writes_the_file_and_sums_up(page, monkeypatch, work, capsys):
+    monkeypatch.setattr(report, "list_chapters", lambda: (CHAPTER,))
+    assert main(["report", "--quick", "--out", "report.html"]) == 0
+    assert (work / "report.html").read_text().startswith("<!doctype html>")
     printed = capsys.readouterr().out
-    assert "of 3 printed numbers 1 better, 1 used, 1 not reproduced" in printed
-    assert f"wrote {out}" in printed
+    assert re.search(r"of 3 printed numbers 1 \w+, 1 used, 1 not reproduced", printed)
+    assert "wrote report.html" in printed
 
 
-def test_the_command_ends_with_one_if_a_bound_is_broken(
-    entries, only_this_chapter, tmp_path, monkeypatch, capsys
-):
-    steep = replace(CHAPTER.parts[0], quick=("tilt_deg=2",))
-    monkeypatch.setattr(chapters, "chapters", lambda: (replace(CHAPTER, parts=(steep,)),))
-    out = tmp_path / "report.html"
-    assert main(["report", "--quick", "--out", str(out)], entries) == 1
-    assert "tilt, seed 0: broken: tilt_deg = 2 deg (bound 1 deg)" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--out", "nowhere/report.html"], "the folder 'nowhere' does not exist"),
-        (["--seeds", "0"], "must be a whole number of 1 or more, not '0'"),
-        (["--slow"], "unrecognized arguments: --slow"),
-    ],
-)
-def test_mistakes_are_refused_in_one_line_before_anything_runs(
-    entries, arguments, message, capsys, tmp_path, monkeypatch
-):
-    monkeypatch.chdir(tmp_path)
-    assert main(["report", *arguments], entries) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
-    assert not list(tmp_path.glob("*.html"))
+def test_the_command_ends_with_one_if_a_bound_is_broken(page, monkeypatch, work, capsys):
+    slow = replace(CHAPTER.parts[0], quick=("length_m=4",))
+    monkeypatch.setattr(report, "list_chapters", lambda: (replace(CHAPTER, parts=(slow,)),))
+    assert main(["report", "--quick", "--out", "report.html"]) == 1
+    printed = capsys.readouterr().out
+    assert "swing, seed 0: broken: period_s = 4.0121 s (bound 2.5 s)" in printed
