@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from parapod.sims.cli import bench_rt, check, emulate, report, run, scenario
+from parapod.sims.cli import bench_rt, check, compare, emulate, report, run, scenario
 from parapod.sims.cli import list as list_command
 from parapod.sims.cli.arguments import HELD, INTERRUPTED, MISTAKE, Parser
 from parapod.systems.core.errors import ParapodError
@@ -17,6 +17,7 @@ _COMMANDS = {
     "list": list_command,
     "run": run,
     "scenario": scenario,
+    "compare": compare,
     "report": report,
     "emulate": emulate,
     "check": check,

@@ -1,6 +1,7 @@
 """The `parapod` command, with an experiment of another package that is a few lines long."""
 
 import json
+import re
 import subprocess
 import sys
 from importlib.metadata import version
@@ -167,3 +168,48 @@ def test_help_has_examples(arguments, capsys):
         code = stop.code
     assert code == 0
     assert "parapod run level --set" in capsys.readouterr().out
+
+
+# compare
+
+
+def test_compare_shows_what_changed_and_why(runs, capsys, work):
+    main(["run", "swing", "--json", "a.json"])
+    main(["run", "swing", "--json", "b.json", "--set", "length_m=0.5"])
+    capsys.readouterr()
+    assert main(["compare", "a.json", "b.json"]) == 0
+    out = capsys.readouterr().out
+    assert "+41.4 %" in out  # the period grows with the square root of the length
+    assert "length_m: 0.25 -> 0.5" in out
+    assert "seed" not in out
+
+
+def test_compare_of_a_result_with_itself_finds_nothing(runs, capsys, work):
+    main(["run", "swing", "--json", "a.json"])
+    capsys.readouterr()
+    assert main(["compare", "a.json", "a.json"]) == 0
+    out = capsys.readouterr().out
+    assert "the same experiment, backend, seed, version and scenario" in out
+    assert "%" not in out
+
+
+def test_compare_fails_where_a_bound_broke_and_not_where_it_was_mended(runs, capsys, work):
+    main(["run", "swing", "--json", "good.json"])
+    main(["run", "swing", "--json", "bad.json", "--set", "length_m=4"])
+    assert main(["compare", "good.json", "bad.json"]) == 1
+    assert "held in A, broken in B: period_s" in capsys.readouterr().out
+    assert main(["compare", "bad.json", "good.json"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "'x.json' is not JSON; allowed: what `run --json` wrote"),
+        ("[]", "'x.json' is not the result of one run; allowed: what `run --json` wrote"),
+        ('{"bounds": {"a": {}}}', "'x.json' is not the result of one run; allowed: .*"),
+    ],
+)
+def test_compare_refuses_other_files(content, message, capsys, work):
+    (work / "x.json").write_text(content)
+    assert main(["compare", "x.json", "x.json"]) == 2
+    assert re.fullmatch(f"parapod: error: {message}\n", capsys.readouterr().err)
