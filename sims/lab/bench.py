@@ -20,7 +20,7 @@ from parapod.diagrams.block_diagram import BlockDiagram
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.recording import Recording
 from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.lab.files import atomic_output
+from parapod.sims.lab.files import atomic_output, write_page
 from parapod.sims.lab.progress import progress
 from parapod.systems.core.errors import OutputError, ParapodError
 from parapod.systems.core.quoting import quoted_path
@@ -103,7 +103,7 @@ def make_viewer(camera: Sequence[float], target: Sequence[float]) -> Meshcat:
 
 
 @contextmanager
-def recording(meshcat: Meshcat, path: Path) -> Iterator[None]:
+def recording(meshcat: Meshcat, path: Path, title: str) -> Iterator[None]:
     """Records what is drawn meanwhile into one HTML file that plays without a network.
 
     Raises:
@@ -114,8 +114,7 @@ def recording(meshcat: Meshcat, path: Path) -> Iterator[None]:
         yield
         meshcat.StopRecording()
         meshcat.PublishRecording()
-        with atomic_output(path) as temporary:
-            temporary.write_text(meshcat.StaticHtml(), encoding="utf-8")
+        write_page(path, meshcat.StaticHtml(), title)
     finally:
         meshcat.StopRecording()
         meshcat.DeleteRecording()
@@ -240,7 +239,11 @@ class Bench:
         if meshcat is not None and options.meshcat:
             say_where(meshcat, experiment.machine.title, self.console)
         shown = options.html if meshcat is not None else None
-        with recording(meshcat, shown) if meshcat and shown else nullcontext():
+        with (
+            recording(meshcat, shown, f"{self.name} - parapod")
+            if meshcat and shown
+            else nullcontext()
+        ):
             elapsed = again()
         recorded = loop.recording(simulator.get_context())
         return Run(

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from rich.console import Console
 
 from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.files import atomic_output, check_log, write_experiment_log
+from parapod.sims.lab.files import check_log, write_experiment_log, write_page
 from parapod.sims.lab.results import Metric, Result
 from parapod.systems.core.errors import OutputError, ScenarioError
 from parapod.systems.core.schema import check as check_scenario
@@ -175,8 +175,7 @@ class Experiment[S, D]:
         """Writes the scene."""
         if options.html is not None:
             scene = self.scene(scenario)  # type: ignore[attr-defined]
-            with atomic_output(options.html) as temporary:
-                temporary.write_text(scene.StaticHtml(), encoding="utf-8")
+            write_page(options.html, scene.StaticHtml(), f"{self.name} - parapod")
 
     def check_backend(self, backend: str) -> None:
         """Refuses a backend on which the experiment does not run.

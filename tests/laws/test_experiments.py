@@ -327,6 +327,7 @@ def test_watching_a_loop_changes_no_number(tmp_path):
     page = (tmp_path / "a.html").read_text()
     assert not re.search(r"<script[^>]*\bsrc=|<link[^>]*\bhref=\"(?!data:)", page)
     assert len(page) > 1e6
+    assert re.findall("<title>(.*?)</title>", page) == ["level - parapod"]
 
 
 def test_importing_every_experiment_draws_nothing():
