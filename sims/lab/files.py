@@ -11,8 +11,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from numpy.typing import ArrayLike
-
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
 from parapod.systems.core.scenario_file import dump_scenario
@@ -207,8 +205,8 @@ def write_experiment_log(
     path: Path,
     experiment: str,
     scenario: Any,
-    time: ArrayLike,
-    signals: Mapping[str, tuple[ArrayLike, str]],
+    time: "ArrayLike",
+    signals: "Mapping[str, tuple[ArrayLike, str]]",
 ) -> None:
     """Writes a log that `read_log` reads, in the format that its suffix says.
 
@@ -258,8 +256,8 @@ _COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<index>[\d;]+)\])?")
 
 def _write_csv(
     path: Path,
-    time: ArrayLike,
-    signals: Mapping[str, ArrayLike],
+    time: "ArrayLike",
+    signals: "Mapping[str, ArrayLike]",
     metadata: Mapping[str, Any],
 ) -> None:
     """Writes a table with a column for each element of each signal.
