@@ -1,3 +1,8 @@
+import os
+
+# One thread each: the linear algebra of a test is small, and waits for its turn on other cores.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import importlib
 import io
 import sys

@@ -236,6 +236,9 @@ def test_every_figure_is_drawn_and_says_what_it_shows(part, finished):
             continue
         assert re.fullmatch(r"[a-z][a-z0-9_]*", figure.name)
         assert figure.title.strip()
+        # One that is named by the paper's number says which figure it is.
+        for number in re.findall(r"\d+", figure.name) if figure.name.startswith("fig") else ():
+            assert re.search(rf"Figs?\..*\b{int(number)}[a-c]?\b", figure.caption), figure.name
         assert re.fullmatch(r"[A-Z].+\.", figure.caption, re.DOTALL)
         root = xml.etree.ElementTree.fromstring(render(figure))
         assert root.tag == "{http://www.w3.org/2000/svg}svg"

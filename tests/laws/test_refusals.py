@@ -171,11 +171,16 @@ REFUSALS = [
         r"-1 is all of them",
     ),
     # --- steps of the actuators, slip, calibration
-    (
-        "run identify-actuators --set steps.voltages.3=0",
-        r".*steps\.voltages\.3.*",
+    *(
+        (f"run identify-actuators --set {override}", rf"{re.escape(key)} .*")
+        for override, key in (
+            ("steps.voltages.3=0", "steps.voltages.3"),
+            ("steps.voltages.1=2", "steps.voltages.2"),
+            ("steps.voltages.9=-11", "steps.voltages.9"),
+            ("actuators.supply_voltage=2.9", "steps.voltages.9"),
+            ("steps.voltages=[1,-1,1,-1,1,-1,1,-1,1,-1]", "steps.voltages"),
+        )
     ),
-    ("run identify-actuators --set actuators.supply_voltage=2.9", r".*steps\.voltages\.9.*"),
     ("run slip --set lift.height_mm=590", r".*leg \d would need .* outside its stroke .*"),
     ("run calibrate --set recording=nowhere.npz", r".*'nowhere\.npz'.*No such file.*"),
     ("run calibrate --set poses.count=2", r".*15 poses or more.*"),
@@ -195,6 +200,10 @@ REFUSALS = [
     ),
     ("run chair-gait --set gait.lift_mm=100", r"branch 12 would need a length of 561\..*"),
     ("run chair-gait --set gait.phase_duration=4", r"branch 12 would move at 93\.95\d mm/s .*"),
+    ("run chair-gait --set gait.phase_duration=4.69", r"branch 12 would move at .*"),
+    ("run chair-gait --set gait.step_mm=300", r"branch \d\d would need a length of .*"),
+    ("run chair-payload --set gait.lift_mm=100", r"branch 12 would need a length of .*"),
+    ("run chair-payload --set gait.phase_duration=4", r"branch 12 would move at .*"),
     ("run chair-gait --set gait.cycles=11", r".*cycles are all alike, and up to 10 are drawn.*"),
     ("run chair-circle --set circle.z_mm=-665.4", r"branch 1[23] would need .* 571\.13\d mm .*"),
     ("run chair-circle --set circle.lap_duration=3", r"branch 1[23] would move at 92\.9.*"),

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import stat
 from dataclasses import dataclass
 
@@ -96,44 +97,30 @@ def test_a_change_of_folder_within_the_block_does_no_harm(tmp_path, monkeypatch)
     assert names(tmp_path) == ["elsewhere", "out.txt"]
 
 
-def test_a_missing_folder_is_named(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ("out/x.json", r"cannot write 'out/x\.json': the folder 'out' does not exist"),
+        (".", r".* it is a directory"),
+        ("file/x.json", r".* is not a directory"),
+        ("into_missing", r".*out' does not exist"),
+        ("to_itself", r"cannot write .*"),
+        ("n" * 300, r".*File name too long"),
+        # Refused rather than replaced.
+        ("/dev/null", r".*not a regular file"),
+    ],
+)
+def test_a_path_that_cannot_be_written_is_refused_with_the_reason(
+    tmp_path, monkeypatch, path, words
+):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(OutputError) as caught:
-        check_writable("out/x.json")
-    assert str(caught.value) == "cannot write 'out/x.json': the folder 'out' does not exist"
-
-
-def test_a_directory_is_refused(tmp_path):
-    with pytest.raises(OutputError, match="it is a directory"):
-        check_writable(tmp_path)
-
-
-def test_a_folder_that_is_a_file_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="is not a directory"):
-        check_writable(tmp_path / "file" / "x.json")
-
-
-def test_a_link_into_a_missing_folder_is_refused(tmp_path):
-    (tmp_path / "link").symlink_to(tmp_path / "out" / "x.json")
-    with pytest.raises(OutputError, match="out' does not exist"):
-        check_writable(tmp_path / "link")
-
-
-def test_a_link_to_itself_is_refused(tmp_path):
-    (tmp_path / "link").symlink_to("link")
-    with pytest.raises(OutputError, match="cannot write"):
-        check_writable(tmp_path / "link")
-
-
-def test_a_name_that_is_too_long_is_refused(tmp_path):
-    with pytest.raises(OutputError, match="File name too long"):
-        check_writable(tmp_path / ("n" * 300))
-
-
-def test_a_device_is_refused_rather_than_replaced():
-    with pytest.raises(OutputError, match="not a regular file"):
-        check_writable("/dev/null")
+    (tmp_path / "into_missing").symlink_to(tmp_path / "out" / "x.json")
+    (tmp_path / "to_itself").symlink_to("to_itself")
+    with pytest.raises(OutputError) as caught:
+        check_writable(path)
+    assert re.fullmatch(words, str(caught.value))
+    assert names(tmp_path) == ["file", "into_missing", "to_itself"]
 
 
 @needs_permissions

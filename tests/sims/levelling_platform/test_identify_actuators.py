@@ -15,7 +15,6 @@ from parapod.sims.levelling_platform.identify_actuators import (
     schedule,
     separate_friction,
 )
-from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 
 
@@ -114,26 +113,3 @@ def test_all_bounds_hold_and_load_slows_only_the_steps_that_lift(logged):
     assert (slower[lifts] > 0.01).all()
     assert (np.abs(slower[~lifts]) < 0.01).all()
     assert cases[0].gain.mean() == pytest.approx(logged.values["gain_unloaded"])
-
-
-def test_figures_are_the_paper_s(logged):
-    figures = logged.result.figures
-    assert [f.name.split("_")[0] for f in figures] == ["fig13", "fig14", "fig15a", "fig15b"]
-    for figure in figures:
-        assert f"Fig. {figure.name[3:].split('_')[0]}" in figure.caption
-
-
-@pytest.mark.parametrize(
-    ("override", "key"),
-    [
-        ("steps.voltages.3=0", "steps.voltages.3"),
-        ("steps.voltages.1=2", "steps.voltages.2"),
-        ("steps.voltages.9=-11", "steps.voltages.9"),
-        ("actuators.supply_voltage=2.9", "steps.voltages.9"),
-        ("steps.voltages=[1,-1,1,-1,1,-1,1,-1,1,-1]", "steps.voltages"),
-    ],
-)
-def test_steps_that_do_not_fit_are_refused_by_key(execute, override, key):
-    with pytest.raises(ScenarioError) as error:
-        execute("identify-actuators", override)
-    assert error.value.key == key

@@ -109,12 +109,6 @@ def test_the_slip_of_the_actuators_is_that_of_the_legs_kinematics(logged):
     assert np.allclose(moved, np.linalg.norm(expected, axis=1), atol=2e-4)
 
 
-def test_figures_are_the_paper_s(logged):
-    for figure in logged.result.figures:
-        assert figure.name.startswith("fig23")
-        assert "Fig. 23" in figure.caption
-
-
 def test_a_platform_that_stops_below_the_height_breaks_the_bound_of_the_lift(logged):
     scenario, log = logged.scenario, logged.log
     feet, arm = (log.signals[f"truth.{name}"] for name in ("support_points", "arm_position"))

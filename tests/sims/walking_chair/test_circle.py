@@ -12,7 +12,6 @@ from parapod.sims.walking_chair.circle import (
     sensitivities,
 )
 from parapod.systems.core.scenario_file import load_scenario
-from parapod.systems.walking_chair.checks import SpeedExceeded, StrokeExceeded
 from parapod.systems.walking_chair.geometry import LegGeometry
 from parapod.systems.walking_chair.leg import leg_forward, leg_inverse
 from parapod.systems.walking_chair.trajectories import FootCircle
@@ -186,27 +185,6 @@ def test_drives_of_every_seed_hold_the_bounds(execute):
         assert result.broken == ()
         errors.append(result.metrics[0].value)
     assert len(set(errors)) == 3
-
-
-@pytest.mark.parametrize(
-    ("override", "error"),
-    [
-        ("circle.z_mm=-665.4", StrokeExceeded),
-        ("circle.lap_duration=3", SpeedExceeded),
-        ("circle.radius_mm=300", StrokeExceeded),
-    ],
-)
-def test_a_circle_that_the_branches_cannot_do_is_refused_by_its_kind(execute, override, error):
-    with pytest.raises(error):
-        execute("chair-circle", override)
-
-
-def test_figures_are_the_paper_s_and_two_more(finished):
-    figures = finished("chair-circle").result.figures
-    names = [figure.name.split("_")[0] for figure in figures]
-    assert names == ["fig11", "fig14", "circle", "circle"]
-    assert "(Fig. 11)" in figures[0].caption
-    assert "(Fig. 14)" in figures[1].caption
 
 
 def test_every_mode_says_how_far_it_is(execute):

@@ -16,7 +16,6 @@ from parapod.sims.walking_chair.payload import (
     survey,
 )
 from parapod.systems.core.scenario_file import load_scenario
-from parapod.systems.walking_chair.checks import SpeedExceeded, StrokeExceeded
 from parapod.systems.walking_chair.support import SupportLost
 
 QUICK = "instants=2"
@@ -187,15 +186,6 @@ def test_the_required_margin_is_the_scenario_s():
     check_stance(scenario_with("support_margin_mm=54"))
     with pytest.raises(SupportLost, match=r"54\.5 mm, less than the 55\.0 mm"):
         check_stance(scenario_with("support_margin_mm=55"))
-
-
-@pytest.mark.parametrize(
-    ("override", "error"),
-    [("gait.lift_mm=100", StrokeExceeded), ("gait.phase_duration=4", SpeedExceeded)],
-)
-def test_a_gait_that_the_actuators_cannot_do_is_refused(execute, override, error):
-    with pytest.raises(error, match="branch 12"):
-        execute("chair-payload", override)
 
 
 def test_the_notes_explain_the_papers_payload(logged):

@@ -1,15 +1,11 @@
-"""The walking chair's chapter: claims, errata, drawings, and a quick report as a whole."""
+"""The walking chair's chapter: what its claims and errata hang on."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from parapod.sims.lab.figures import render
-from parapod.sims.report import page as report_page
-from parapod.sims.report.chapter import Numbers, Relation, Tone
-from parapod.sims.report.page import make_page
+from parapod.sims.report.chapter import Numbers, Tone
 from parapod.sims.walking_chair.report import errata as errata_module
 from parapod.sims.walking_chair.report.chapter import CHAPTER, pictures
 from parapod.sims.walking_chair.report.errata import ERRATA
@@ -23,13 +19,6 @@ from parapod.systems.walking_chair.printed import (
 from parapod.systems.walking_chair.rates import leg_jacobian
 
 NOTHING = Numbers({})
-
-
-@pytest.mark.parametrize("erratum", ERRATA, ids=lambda erratum: erratum.name)
-def test_every_erratum_is_borne_out(erratum):
-    check = erratum.check(NOTHING)
-    assert check.passed
-    assert re.search(r"\d", check.shows)
 
 
 def test_errata_of_the_leg_need_a_leg_that_is_tilted(monkeypatch):
@@ -57,33 +46,9 @@ def test_corrected_equations_agree_with_differences_and_printed_ones_do_not():
     np.testing.assert_allclose(corrected, differences, rtol=0, atol=1e-6)
 
 
-def test_what_is_put_in_is_what_is_printed():
-    claims = [claim for claim in CHAPTER.claims if claim.relation is Relation.USED]
-    assert len(claims) >= 18
-    for claim in claims:
-        assert claim.verdict(NOTHING).word == "used", claim.what
-
-
-def test_claims_name_experiments_of_the_chapter_only():
-    verdicts = [claim.verdict(NOTHING) for claim in CHAPTER.claims]
-    assert {v.word for v in verdicts if v.tone is Tone.BAD} == {"not run"}
-
-
-@pytest.mark.parametrize("drawing", CHAPTER.drawings, ids=lambda drawing: drawing.name)
-def test_drawings_can_be_drawn(drawing):
-    assert render(drawing).startswith(b"<?xml")
-
-
 @pytest.fixture(scope="module")
 def quick(finished_chapter):
     return finished_chapter(CHAPTER)
-
-
-def test_a_quick_report_holds_all_bounds(quick):
-    for run in quick.parts:
-        assert run.problem == ""
-        assert run.result.broken == (), run.part.name
-    assert quick.passed
 
 
 def test_every_printed_number_has_a_good_verdict(quick):
@@ -93,7 +58,6 @@ def test_every_printed_number_has_a_good_verdict(quick):
         if claim.verdict(quick.numbers).tone is Tone.BAD
     ]
     assert bad == []
-    assert all(claim.shown(quick.numbers) for claim in CHAPTER.claims if claim.here is not None)
 
 
 def test_a_claim_fails_with_other_numbers(quick):
@@ -106,29 +70,6 @@ def test_a_claim_fails_with_other_numbers(quick):
     results["chair-gait"] = replace(gait, metrics=slower)
     bad = [c.what for c in CHAPTER.claims if c.verdict(Numbers(results)).tone is Tone.BAD]
     assert bad == ["velocities of all branches"]
-
-
-def test_every_figure_of_the_paper_is_drawn_or_said_to_be_missing(quick):
-    drawn = [*CHAPTER.drawings, *quick.pictures]
-    drawn += [figure for run in quick.parts for figure in run.result.figures]
-    text = [*(item.caption for item in drawn), *CHAPTER.missing]
-    text += [part.title for part in CHAPTER.parts]
-    named = set()
-    for listed in re.findall(r"Figs?\.((?:[ ,]|and|to|\d+[a-e]?)+)", " ".join(text)):
-        numbers = [int(number) for number in re.findall(r"\d+", listed)]
-        named.update(range(numbers[0], numbers[-1] + 1) if "to" in listed else numbers)
-    if not quick.pictures:  # nothing can render here
-        named |= {2, 16, 18}
-    assert named >= set(range(1, 20))
-
-
-def test_the_page_holds_every_figure(quick, monkeypatch):
-    # Each has been drawn where its experiment is tested.
-    monkeypatch.setattr(report_page, "render", lambda figure, suffix: b"<svg/>")
-    page = make_page([quick], quick=True, date="2020-02-02")
-    figures = sum(len(run.result.figures) for run in quick.parts) + len(CHAPTER.drawings)
-    assert page.count("data:image/svg") == figures
-    assert page.count("data:image/png") == len(quick.pictures)
 
 
 def test_the_chair_is_in_the_middle_of_every_picture():

@@ -20,9 +20,7 @@ from parapod.sims.walking_chair.walk import (
     check_walk,
     lengths_desired,
 )
-from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
-from parapod.systems.walking_chair.checks import ForceExceeded, SpeedExceeded, StrokeExceeded
 from parapod.systems.walking_chair.support import SupportLost
 
 FORWARD = ("gait.way=forward", "plant.time_step=0.005", "begin=0.5", "end=0.5")
@@ -123,11 +121,6 @@ def test_the_kinematic_plant_walks_two_cycles_without_drift(execute):
     assert found["body_error_mm"] <= 1.0
 
 
-def test_figures_are_of_body_currents_and_margin(finished):
-    names = [figure.name for figure in finished("chair-walk").result.figures]
-    assert names == ["chair_walk_body", "chair_walk_currents", "chair_walk_margin"]
-
-
 def test_a_passenger_beyond_the_margin_is_refused_in_millimetres():
     with pytest.raises(SupportLost) as caught:
         check_walk(scenario_with("passenger.x_mm=100", "passenger.y_mm=50"))
@@ -136,22 +129,6 @@ def test_a_passenger_beyond_the_margin_is_refused_in_millimetres():
     assert caught.value.margin < 0.0
     assert "first swing" in text
     assert "\n" not in text
-
-
-@pytest.mark.parametrize(
-    ("override", "error", "words"),
-    [
-        ("gait.lift_mm=110", StrokeExceeded, "branch"),
-        ("gait.phase_duration=4.6", SpeedExceeded, "mm/s"),
-        ("passenger.mass_kg=200", ForceExceeded, "427.3 N"),
-        ("control.support_margin_mm=60", SupportLost, "60.0 mm"),
-        ("control.period=0.001", ScenarioError, "control.period"),
-    ],
-)
-def test_what_the_chair_cannot_do_is_refused(override, error, words):
-    extra = ("plant.time_step=0.002",) if "period=" in override else ()
-    with pytest.raises(error, match=words):
-        check_walk(scenario_with(override, *extra))
 
 
 def test_a_walk_that_was_held_is_an_error_with_the_margin():
