@@ -51,6 +51,8 @@ def public_leaf_systems():
                 found[name] = value
     # A base class declares parameters, not ports.
     found.pop("OnInclinedGround", None)
+    # Its ports are its arguments.
+    found.pop("FunctionSystem", None)
     return found
 
 

@@ -24,7 +24,7 @@ class Script:
         self.simulator = Simulator(self.system)
         self.context = self.simulator.get_mutable_context()
         self._fix = fix
-        self.set(ground=ground, enable=(enable,))
+        self.set(ground_estimated=ground, ground_valid=(enable,))
 
     def set(self, **inputs):
         self._fix(self.system, self.context, **inputs)
@@ -35,7 +35,7 @@ class Script:
 
     @property
     def scale(self):
-        return self.system.GetOutputPort("scale").Eval(self.context)[0]
+        return self.system.GetOutputPort("posture_scale").Eval(self.context)[0]
 
 
 def posture(waypoint, scale=1.0):
@@ -64,7 +64,7 @@ def test_waypoints_are_commanded_each_at_its_time(fix):
 def test_times_count_from_the_moment_the_script_begins(fix):
     script = Script(fix, enable=0.0)
     script.run(4.205)
-    script.set(enable=(1.0,))
+    script.set(ground_valid=(1.0,))
     np.testing.assert_array_equal(script.run(5.209), LEVEL)
     np.testing.assert_allclose(script.run(5.211), posture(WAYPOINTS[0]), atol=1e-15)
 
@@ -77,10 +77,10 @@ def test_waypoint_at_zero_is_commanded_when_the_script_begins(fix):
 def test_disabling_returns_to_the_level_posture_and_enabling_begins_anew(fix):
     script = Script(fix)
     script.run(2.5)
-    script.set(enable=(0.0,))
+    script.set(ground_valid=(0.0,))
     np.testing.assert_array_equal(script.run(2.6), LEVEL)
     assert script.scale == 0.0
-    script.set(enable=(1.0,))
+    script.set(ground_valid=(1.0,))
     np.testing.assert_array_equal(script.run(3.5), LEVEL)
     np.testing.assert_allclose(script.run(3.7), posture(WAYPOINTS[0]), atol=1e-15)
 
@@ -127,7 +127,7 @@ def test_script_without_waypoints_stays_level(fix):
 def test_ground_that_is_not_finite_does_not_start_the_script(fix, bad):
     script = Script(fix, ground=(0.0, bad))
     np.testing.assert_array_equal(script.run(1.5), LEVEL)
-    script.set(ground=(0.0, 0.0))
+    script.set(ground_estimated=(0.0, 0.0))
     np.testing.assert_array_equal(script.run(2.4), LEVEL)
     np.testing.assert_allclose(script.run(2.6), posture(WAYPOINTS[0]), atol=1e-15)
 
@@ -139,7 +139,7 @@ def test_enable_that_is_nan_does_not_start_the_script(fix):
 def test_ground_that_changes_later_does_not_rescale_a_running_script(fix):
     script = Script(fix)
     script.run(1.5)
-    script.set(ground=np.radians((5.0, 5.0)))
+    script.set(ground_estimated=np.radians((5.0, 5.0)))
     np.testing.assert_allclose(script.run(2.5), posture(WAYPOINTS[1]), atol=1e-15)
 
 
@@ -148,7 +148,9 @@ def test_waypoints_out_of_order_are_refused():
         PostureScript(GEOMETRY, waypoints=(Waypoint(2.0), Waypoint(1.0)))
 
 
-@pytest.mark.parametrize(("name", "value"), [("ground", (0.05, 0.05)), ("enable", (0.0,))])
+@pytest.mark.parametrize(
+    ("name", "value"), [("ground_estimated", (0.05, 0.05)), ("ground_valid", (0.0,))]
+)
 def test_each_input_moves_the_outputs(fix, name, value):
     one, other = Script(fix), Script(fix)
     other.set(**{name: value})
