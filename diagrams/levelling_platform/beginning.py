@@ -91,14 +91,12 @@ class Beginning:
             return model.positions_on_wheels(self.extension, self.posture, self.ground, self.x)
         return model.standing_positions(self.extension, self.ground, self.foot_offsets)
 
-    def at_rest(self) -> dict[str, NDArray[np.float64]]:
-        """True attitude [rad], angular velocity [rad/s] and specific force [m/s^2], by name."""
+    @property
+    def inertial_motion(self) -> NDArray[np.float64]:
+        """True attitude [rad], angular velocity [rad/s] and specific force [m/s^2] (9)."""
         roll, pitch, _ = self.posture.tolist()
-        return {
-            "attitude": np.array((roll, pitch, 0.0)),
-            "angular_velocity": np.zeros(3),
-            "specific_force": np.array(to_platform((0.0, 0.0, _GRAVITY), roll, pitch)),
-        }
+        specific_force = to_platform((0.0, 0.0, _GRAVITY), roll, pitch)
+        return np.array((roll, pitch, 0.0, 0.0, 0.0, 0.0, *specific_force))
 
 
 def _raised(

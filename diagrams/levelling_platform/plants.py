@@ -84,14 +84,14 @@ class Plant:
         signals: ports by name: posture, attitude, angular_velocity, specific_force,
             contact_force, foot_height, load_force, loop_error.
         on_ground: systems that know how the ground is inclined.
-        holds: holds of attitude, angular_velocity and specific_force, by that name, which begin
-            at rest.
+        hold: hold of attitude, angular velocity and specific force (9), which begins at rest;
+            None where these are not held.
         model: bodies and joints; None where none are simulated.
     """
 
     signals: dict[str, OutputPort]
     on_ground: tuple[OnInclinedGround, ...]
-    holds: dict[str, Hold]
+    hold: Hold | None
     model: PlatformModel | None
 
 
@@ -139,7 +139,7 @@ def _add_multibody_plant(
         "specific_force": specific_force,
         "load_force": load_force,
     } | {name: feet.GetOutputPort(name) for name in ("contact_force", "foot_height", "loop_error")}
-    return Plant(signals, (truth, feet), {}, model)
+    return Plant(signals, (truth, feet), None, model)
 
 
 def _draw_as_full(
@@ -255,14 +255,16 @@ def _add_kinematic_plant(
     signals = {name: platform.GetOutputPort(name) for name in names}
     # The inertial sensor samples at instants of its own; held, the platform's statics are solved
     # once a period and not again for every sample.
-    holds = {}
-    for name, at_rest in begun.at_rest().items():
-        held = add(builder, Hold(scenario.control.period, at_rest), f"held_{name}")
-        connect(builder, signals[name], held.get_input_port())
-        signals[name] = held.get_output_port()
-        holds[name] = held
+    motion = add(builder, Multiplexer([3, 3, 3]), "inertial_motion")
+    hold = add(builder, Hold(scenario.control.period, begun.inertial_motion), "held_motion")
+    parts = add(builder, Demultiplexer(9, 3), "inertial_motion_parts")
+    for i, name in enumerate(("attitude", "angular_velocity", "specific_force")):
+        connect(builder, signals[name], motion.get_input_port(i))
+        signals[name] = parts.get_output_port(i)
+    connect(builder, motion.get_output_port(), hold.get_input_port())
+    connect(builder, hold.get_output_port(), parts.get_input_port(0))
     signals["loop_error"] = _zeros(builder, "no_loops")
-    plant = Plant(signals, (platform,), holds, None)
+    plant = Plant(signals, (platform,), hold, None)
     if meshcat is None:
         return plant
     add_drawing(
@@ -323,9 +325,9 @@ class Simulation:
         for system in self.plant.on_ground:
             context = system.GetMyMutableContextFromRoot(root_context)
             system.set_ground(context, begun.ground, begun.foot_offsets)
-        at_rest = begun.at_rest()
-        for name, hold in self.plant.holds.items():
-            hold.set_value(hold.GetMyMutableContextFromRoot(root_context), at_rest[name])
+        if (hold := self.plant.hold) is not None:
+            context = hold.GetMyMutableContextFromRoot(root_context)
+            hold.set_value(context, begun.inertial_motion)
         if self.model is not None:
             plant = self.model.plant.GetMyMutableContextFromRoot(root_context)
             positions = begun.positions(self.model)

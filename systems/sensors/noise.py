@@ -10,10 +10,9 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 # Samples that are computed at once: about a second of an inertial sensor.
 _BLOCK = 128
-_KEPT_BLOCKS = 8  # for contexts of one seed that are at different times
+_KEPT_BLOCKS = 32  # for contexts of one seed that are at different times
 _KEPT_STREAMS = 16
 _SAME_INSTANT = 1e-6  # [periods]
-_WORD = 2.0**32
 _BELOW_ONE = math.nextafter(1.0, 0.0)
 
 
@@ -144,14 +143,14 @@ def _stream(seed: int, size: int) -> _Stream:
 def _normals(generator: np.random.RandomState, wanted: int) -> NDArray[np.float64]:
     """Further normal numbers, about as many as wanted."""
     # Every pair of fractions gives two of them, or with a probability of 1 - pi / 4 none.
-    words = _words(generator, 4 * (wanted * 2 // 3 + 8)).reshape(-1, 2, 2).astype(np.float64)
-    fractions = np.minimum((words[..., 0] + words[..., 1] * _WORD) / _WORD**2, _BELOW_ONE)
-    points = 2.0 * fractions - 1.0
+    words = _words(generator, 4 * (wanted * 2 // 3 + 8)).astype("<u4")
+    fractions = np.minimum(words.view("<u8").astype(np.float64) / 2.0**64, _BELOW_ONE)
+    points = (2.0 * fractions - 1.0).reshape(-1, 2)
     squares = points[:, 0] * points[:, 0] + points[:, 1] * points[:, 1]
     inside = (squares <= 1.0) & (squares != 0.0)
     squares = squares[inside]
     # The C library's logarithm: numpy has others, by processor, that differ in the last bit.
-    logarithms = np.array([math.log(square) for square in squares.tolist()])
+    logarithms = np.fromiter(map(math.log, squares.tolist()), np.float64, squares.size)
     factors = np.sqrt(-2.0 * logarithms / squares)
     numbers: NDArray[np.float64] = points[inside][:, ::-1] * factors[:, np.newaxis]
     return numbers.ravel()
