@@ -25,7 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, default=_DEFAULT, metavar="FILE", help=f"by default {_DEFAULT}"
     )
     parser.add_argument(
-        "--quick", action="store_true", help="one seed and larger time steps: about half a minute"
+        "--quick",
+        action="store_true",
+        help="one seed, shorter runs and larger time steps: about a minute",
     )
     parser.add_argument(
         "--seeds",

@@ -7,7 +7,7 @@ Section 4 and Fig. 12 of the paper, exact. Nothing is simulated: every point is 
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from typing import ClassVar
 
 import numpy as np
@@ -32,8 +32,9 @@ from parapod.systems.levelling_platform.workspace import (
     boundary,
     enclosed_points,
     inside_surfaces,
+    margins_of_terms,
     posture_grid,
-    surface_margins,
+    surface_terms,
     tips_and_volumes,
 )
 
@@ -298,6 +299,7 @@ def _share(weight: NDArray[np.float64], which: NDArray[np.bool_]) -> float:
     return float(weight[which].sum() / weight.sum())
 
 
+@cache
 def best_offset(arm: ArmGeometry) -> tuple[float, float, float]:
     """Base of the arm for which the largest share of the volume is inside the surfaces [m]."""
     grid = posture_grid(GEOMETRY, _COARSE)
@@ -332,13 +334,14 @@ def _about_base(arm: ArmGeometry, best: tuple[float, float, float], share: float
 def _about_rounding(scenario: WorkspaceScenario, best: tuple[float, float, float]) -> str:
     arm = replace(scenario.arm.upright, offset=best)
     tips, volume = tips_and_volumes(GEOMETRY, arm, posture_grid(GEOMETRY, _COARSE))
+    terms = surface_terms(tips)
     random = np.random.default_rng(scenario.seed)
     is_rounded = COEFFICIENTS != 0.0
     is_rounded[:, 0] = False
     shares = []
     for _ in range(_ROUNDINGS):
         error = _ROUNDING * is_rounded * random.uniform(-1.0, 1.0, COEFFICIENTS.shape)
-        is_inside = (surface_margins(tips, COEFFICIENTS + error) > 0.0).all(axis=-1)
+        is_inside = (margins_of_terms(terms, COEFFICIENTS + error) > 0.0).all(axis=-1)
         shares.append(_share(volume, is_inside))
     low, high = 100.0 * np.percentile(shares, (5.0, 95.0))
     return (

@@ -290,20 +290,32 @@ def surface_terms(point: ArrayLike) -> NDArray[np.float64]:
     return np.stack([z * z, x * x, y * y, z, x, y, np.ones_like(x)], axis=-1)
 
 
-def surface_margins(
-    point: ArrayLike, coefficients: NDArray[np.float64] = COEFFICIENTS
+def margins_of_terms(
+    terms: ArrayLike, coefficients: NDArray[np.float64] = COEFFICIENTS
 ) -> NDArray[np.float64]:
-    """How far inside each printed surface a point is, by the value of its equation.
+    """How far inside each surface a point is, by the value of its equation.
 
     Args:
-        point: (..., 3) in frame {B} [m].
-        coefficients: (8, 7) of the terms of `surface_terms`; others than the printed ones tell
-            what their rounding does.
+        terms: (..., 7) of the point, as `surface_terms` gives them.
+        coefficients: (8, 7) of the terms; others than the printed ones tell what their rounding
+            does.
 
     Returns:
         (..., 8) [m^2]; positive inside.
     """
-    return surface_terms(point) @ (coefficients * SIGNS[:, np.newaxis]).T
+    return np.asarray(terms) @ (coefficients * SIGNS[:, np.newaxis]).T
+
+
+def surface_margins(point: ArrayLike) -> NDArray[np.float64]:
+    """`margins_of_terms` of a point, for the printed surfaces.
+
+    Args:
+        point: (..., 3) in frame {B} [m].
+
+    Returns:
+        (..., 8) [m^2]; positive inside.
+    """
+    return margins_of_terms(surface_terms(point))
 
 
 def inside_surfaces(point: ArrayLike) -> NDArray[np.bool_]:

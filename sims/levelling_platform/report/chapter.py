@@ -59,6 +59,12 @@ _PARTS = (
         "of rigid bodies with closed loops and contact: with legs as drawn, and with every length "
         "off by up to .5 mm and every angle by up to .2 deg.",
         "validate-kinematics",
+        quick=(
+            "job.settled_after=3",
+            "job.waypoints=[{time: 4, roll_deg: 2, height_mm: 10},"
+            " {time: 6, pitch_deg: -2, height_mm: -10}]",
+            "job.end=9",
+        ),
     ),
     Part(
         "workspace",
@@ -81,6 +87,10 @@ _PARTS = (
         "Postures followed by three machines: legs as drawn, as built, and as built with the "
         "outer inclination loop that the paper leaves as its next step.",
         "track-posture",
+        quick=(
+            "job.waypoints=[{time: 9, roll_deg: 3, pitch_deg: -2, height_mm: 30}, {time: 18}]",
+            "job.end=26",
+        ),
     ),
     Part(
         "slip",
