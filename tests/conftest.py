@@ -18,6 +18,45 @@ import pytest
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from rich.console import Console
 
+# Where tests are judged by the clock: devices, their emulators, programs beside each other.
+REAL_TIME = (
+    "diagrams/test_hardware_station.py",
+    "laws/test_devices.py",
+    "sims/levelling_platform/test_live.py",
+    "sims/real_machine",
+    "systems/hardware",
+)
+
+
+# Where tests share whole runs of experiments, which one process therefore makes.
+SHARED_RUNS = (
+    "tests/laws/test_chapters.py",
+    "tests/laws/test_experiments.py",
+    "tests/sims/levelling_platform",
+    "tests/sims/walking_chair",
+)
+
+
+def pytest_itemcollected(item):
+    """Marks tests by what they need."""
+    here = Path(__file__).parent
+    if any(item.path.is_relative_to(here / name) for name in REAL_TIME):
+        item.add_marker(pytest.mark.real_time)
+    if {"execute", "finished"} & set(item.fixturenames):
+        item.add_marker(pytest.mark.whole_run)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Gives each process files, and one of them all that share runs."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Scheduling(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            return "shared runs" if nodeid.startswith(SHARED_RUNS) else nodeid.split("::")[0]
+
+    return Scheduling(config, log)
+
 
 @dataclass(frozen=True)
 class Finished:
