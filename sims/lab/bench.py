@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, MeshcatAnimation, MeshcatParams
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram, EventStatus
+from pydrake.systems.framework import Context, Diagram, EventStatus, System
 from rich.console import Console
 
 from parapod.diagrams.block_diagram import BlockDiagram
@@ -21,18 +22,23 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.recording import Recording
 from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.lab.files import atomic_output, write_page
+from parapod.sims.lab.panel import Panel, Readout
 from parapod.sims.lab.progress import progress
 from parapod.systems.core.errors import OutputError, ParapodError
+from parapod.systems.core.ports import value_of
 from parapod.systems.core.quoting import quoted_path
 
 if TYPE_CHECKING:
     from parapod.sims.lab.experiment import LoopExperiment
 
 type Monitor = Callable[[Context], EventStatus]
+type ReadOut = Callable[[ClosedLoop[Any], Context], Readout]
 
 # Simulated time between two reports of progress, and between two chances for Ctrl-C [s].
 _CHUNK = 0.25
 _FRAMES_PER_SECOND = 30.0
+# Simulated time between two looks at a page, and between two changes of what it shows [s].
+LOOK_PERIOD = 0.1
 _RENDERED = (".svg", ".png", ".pdf")
 _AS_TEXT = (".dot", ".gv")
 
@@ -152,14 +158,14 @@ class Run(Recording):
         loop: the closed loop that was built for it.
         simulator: the simulator at the end of the run.
         elapsed: wall-clock time of the simulation [s].
-        meshcat: the scene in which it was shown, or None.
+        panel: the page on which it was shown, or None.
         again: carries it out once more, in real time where it was shown.
     """
 
     loop: ClosedLoop[Any]
     simulator: Simulator
     elapsed: float
-    meshcat: Meshcat | None
+    panel: Panel | None
     again: Callable[[], float]
 
     @property
@@ -230,14 +236,19 @@ class Bench:
                 show_timing(timing, loop.station, self.console)
                 return until
             loop.reset(simulator.get_mutable_context())
-            if monitor is not None:
-                simulator.set_monitor(monitor(loop, meshcat))
+            monitors = [monitor(loop, meshcat)] if monitor is not None else []
+            if panel is not None:
+                monitors.append(shown_on(panel, experiment.read_out, loop))
+            if monitors:
+                simulator.set_monitor(_all_of(monitors))
             simulator.Initialize()
             with in_real_time(simulator) if options.meshcat else nullcontext():
                 return simulate(simulator, until, self.console, self.name)
 
+        panel = None
         if meshcat is not None and options.meshcat:
-            say_where(meshcat, experiment.machine.title, self.console)
+            panel = Panel(meshcat, f"{self.name}: {experiment.machine.title}")
+            say_where(panel, experiment.machine.title, self.console)
         shown = options.html if meshcat is not None else None
         with (
             recording(meshcat, shown, f"{self.name} - parapod")
@@ -253,7 +264,7 @@ class Bench:
             loop,
             simulator,
             elapsed,
-            meshcat,
+            panel,
             again,
         )
 
@@ -262,27 +273,109 @@ class Bench:
         return simulate(simulator, until, self.console, what or self.name)
 
 
-def say_where(meshcat: Meshcat, what: str, console: Console) -> None:
+def say_where(page: Panel | Meshcat, what: str, console: Console) -> None:
     """Prints the address at which something is shown."""
-    where = f"{what[:1].upper()}{what[1:]} is shown at {meshcat.web_url()}"
+    where = f"{what[:1].upper()}{what[1:]} is shown at {page.web_url()}"
     console.print(where, markup=False, highlight=False, soft_wrap=True)
 
 
-RESTART, STOP = "Restart", "Stop"
+def shown_on(panel: Panel, read_out: ReadOut, loop: ClosedLoop[Any]) -> Monitor:
+    """A monitor that shows on a page what a loop does."""
+    shown_at = -math.inf
+
+    def look(root_context: Context) -> EventStatus:
+        nonlocal shown_at
+        now = root_context.get_time()
+        if not shown_at <= now < shown_at + LOOK_PERIOD:
+            shown_at = now
+            panel.show(read_out(loop, root_context))
+        return EventStatus.DidNothing()
+
+    return look
 
 
-@contextmanager
-def buttons(meshcat: Meshcat) -> Iterator[None]:
-    """Shows the buttons while it lasts."""
-    for name in (RESTART, STOP):
-        meshcat.AddButton(name)
+def _all_of(monitors: Sequence[Monitor]) -> Monitor:
+    """A monitor that ends a run as soon as one of several would."""
+
+    def look(root_context: Context) -> EventStatus:
+        ended = EventStatus.DidNothing()
+        for monitor in monitors:
+            status = monitor(root_context)
+            if status.severity() != EventStatus.Severity.kDidNothing:
+                ended = status
+        return ended
+
+    return look
+
+
+RESTART, END = "Restart", "End"
+
+
+class Live:
+    """A closed loop that goes on in real time and obeys what a person does on a page.
+
+    Attributes:
+        panel: the page.
+        loop: the loop.
+        simulator: its simulator; `begin` initializes it.
+    """
+
+    def __init__(self, panel: Panel, loop: ClosedLoop[Any], read_out: ReadOut):
+        """Prepares the loop.
+
+        Args:
+            panel: the page.
+            loop: the loop, drawn in the page's scene.
+            read_out: says what the page shows.
+        """
+        self.panel, self.loop = panel, loop
+        self.simulator = Simulator(loop)
+        self.simulator.set_monitor(shown_on(panel, read_out, loop))
+
+    def begin(self) -> None:
+        """Puts the loop where its scenario begins."""
+        self.loop.reset(self.simulator.get_mutable_context())
+        self.simulator.Initialize()
+
+    def advance(self, duration: float = LOOK_PERIOD) -> None:
+        """Simulates for a duration [s]."""
+        self.simulator.AdvanceTo(self.simulator.get_context().get_time() + duration)
+
+    def signal(self, system: System, port: str) -> NDArray[np.float64]:
+        """Present value of a port of one of the loop's systems."""
+        return value_of(system, port, self.simulator.get_context())
+
+    def go_on(self) -> str:
+        """Goes on in real time until somebody clicks "Restart" or "End"; returns which."""
+        for name in (RESTART, END):
+            self.panel.AddButton(name)
+        try:
+            with in_real_time(self.simulator):
+                while True:
+                    self.advance()
+                    for name in (END, RESTART):
+                        if self.panel.GetButtonClicks(name):
+                            return name
+        finally:
+            for name in (RESTART, END):
+                self.panel.DeleteButton(name, strict=False)
+
+
+def stay_live(panel: Panel, live: Callable[[], str], console: Console, advice: str) -> None:
+    """Repeats the live phase until "End" or Ctrl-C, and closes the page.
+
+    Args:
+        panel: the page.
+        live: goes on until somebody clicks a button, and returns which.
+        console: where it is said what to do.
+        advice: what the controls are for.
+    """
+    text = f"{advice} '{RESTART}' begins anew; '{END}' or Ctrl-C ends."
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
     try:
-        yield
+        while live() != END:
+            pass
+    except KeyboardInterrupt:
+        return
     finally:
-        for name in (RESTART, STOP):
-            meshcat.DeleteButton(name, strict=False)
-
-
-def clicked(meshcat: Meshcat, button: str) -> bool:
-    """Whether somebody has clicked a button since it was shown."""
-    return meshcat.GetButtonClicks(button) > 0
+        panel.close()

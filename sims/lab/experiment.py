@@ -33,10 +33,12 @@ from parapod.systems.core.schema import check as check_scenario
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
+    from pydrake.systems.framework import Context
 
     from parapod.diagrams.closed_loop import ClosedLoop
     from parapod.diagrams.machine import Machine
     from parapod.sims.lab.bench import Bench, Run
+    from parapod.sims.lab.panel import Panel, Readout
 
 # Options that show or write something, and the hook that each of them needs.
 _HOOKS = {"meshcat": "scene", "html": "scene", "log": "logged", "graphviz": "loop"}
@@ -242,7 +244,15 @@ class LoopExperiment[S, D](Experiment[S, D]):
 
         return make_viewer(camera=(3.0, 3.0, 1.5), target=(0.0, 0.0, 0.5))
 
-    def live(self, scenario: S, run: "Run", console: Console) -> Callable[[], None] | None:
+    def read_out(self, loop: "ClosedLoop[Any]", root_context: "Context") -> "Readout":
+        """Numbers beside the scene while the loop runs."""
+        from parapod.sims.lab.panel import Readout, Row
+
+        return Readout(rows=(Row("time", measured=root_context.get_time(), unit="s"),))
+
+    def live(
+        self, scenario: S, panel: "Panel", run: "Run", console: Console
+    ) -> Callable[[], None] | None:
         """Work that lets the viewer move the machine after the run, or None."""
         return None
 
@@ -270,9 +280,12 @@ class LoopExperiment[S, D](Experiment[S, D]):
     def afterwards(self, scenario: S, data: D, options: RunOptions) -> Callable[[], None] | None:
         """Lets the viewer move the machine, where the run was shown."""
         run = self.watched(data)
-        if run.meshcat is None or not (options.meshcat and options.live):
+        if run.panel is None:
             return None
-        return self.live(scenario, run, options.console)
+        live = self.live(scenario, run.panel, run, options.console) if options.live else None
+        if live is None:
+            run.panel.close()
+        return live
 
     def needed(self, scenario: S) -> tuple[str, ...]:
         """Names of the signals to record: `signals`, without truth that is not there."""

@@ -7,7 +7,7 @@ away again.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat, Rgba
-from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, EventStatus, System
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, EventStatus
+from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.controller import make_supervised_controller
@@ -33,13 +33,10 @@ from parapod.diagrams.levelling_platform.scenario import (
     PlatformFault,
     SensorScenario,
 )
-from parapod.sims.lab.bench import (
-    Bench,
-    Monitor,
-    Run,
-)
+from parapod.sims.lab.bench import Bench, Monitor, Run, stay_live
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.figures import Figure
+from parapod.sims.lab.panel import Panel, Readout
 from parapod.sims.lab.results import Metric
 from parapod.sims.levelling_platform.levelling import (
     AXES,
@@ -47,7 +44,13 @@ from parapod.sims.levelling_platform.levelling import (
     in_deg_and_mm,
     make_scene,
 )
+from parapod.sims.levelling_platform.operation import (
+    LiveOperation,
+    PhaseLabel,
+    read_operation,
+)
 from parapod.systems.core.errors import RefusedRequest, UnreachablePosture
+from parapod.systems.core.ports import value_of
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.fault_detection import Finding
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
@@ -68,9 +71,6 @@ if TYPE_CHECKING:
 
 # Between one thing that the operator does and the next [s].
 _PAUSE = 1.0
-_HEIGHT = 0.16  # of capital letters [m]
-_PLACE = np.array([-1.25, 1.1, 1.75])  # lower left corner of the text [m]
-_PATH = "/phase"
 # A phase that is shorter has no room for its name [s].
 _NAMED = 1.5
 # What the paper's closed loop stayed within (section 7).
@@ -89,6 +89,12 @@ _JUDGED = 0.1
 def uneven_ground() -> GroundScenario:
     """Ground that is inclined, and higher under three of the feet."""
     return GroundScenario(2.0, 3.0, [20.0, 0.0, 12.0, 5.0])
+
+
+_HELP = (
+    "Operate the platform in the browser: drive it, 'Go' lowers its legs and levels it, 'Stop' "
+    "raises them, 'Reset' ends a fault."
+)
 
 
 @dataclass
@@ -259,7 +265,7 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
         watches: list[_Watch] = []
 
         def monitor(loop: ClosedLoop[Any], meshcat: Meshcat | None) -> Monitor:
-            label = PhaseLabel(meshcat) if meshcat is not None else None
+            label = PhaseLabel(meshcat) if meshcat and bench.options.html else None
             watches.append(_Watch(loop, len(scenario.steps()), label))
             return watches[-1].look
 
@@ -300,52 +306,20 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
             "found_s": found_faults(data.run),
         }
 
+    def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
+        """Phase, posture, margin, faults and refusals."""
+        return read_operation(loop, root_context)
+
+    def live(
+        self, scenario: DeployScenario, panel: Panel, run: Run, console: Console
+    ) -> Callable[[], None] | None:
+        """A person operates the platform."""
+        live = LiveOperation(scenario.machine, scenario.work.posture[2], panel)
+        return partial(stay_live, panel, live.operate, console, _HELP)
+
     def draw(self, scenario: DeployScenario, data: Operation) -> Iterable[Figure]:
         """The operation over time, and its legs."""
         return figures(data.run.time, data.run)
-
-
-class PhaseLabel:
-    """One word above the machine, readable from the front."""
-
-    def __init__(self, meshcat: Meshcat):
-        """Creates the label, without a word yet.
-
-        Args:
-            meshcat: the scene.
-        """
-        self._meshcat = meshcat
-        self._drawn: set[str] = set()
-        self._shown = ""
-
-    def show(self, word: str, time: float) -> None:
-        """Shows another word from this time on, in a recording too [s]."""
-        if word not in self._drawn:
-            self._drawn.add(word)
-            begin, end = _outline(word)
-            path = f"{_PATH}/{word}"
-            self._meshcat.SetLineSegments(path, begin, end, 3.0, Rgba(0.10, 0.20, 0.35))
-            self._meshcat.SetTransform(path, RigidTransform(_PLACE))
-            self._meshcat.SetProperty(path, "visible", False, time_in_recording=0.0)
-        for name, visible in ((self._shown, False), (word, True)):
-            if name:
-                self._meshcat.SetProperty(
-                    f"{_PATH}/{name}", "visible", visible, time_in_recording=time
-                )
-        self._shown = word
-
-
-def _outline(word: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Line segments (3, n) from and to, upright in the plane y = 0 [m]."""
-    from matplotlib.textpath import TextPath
-
-    polygons: Any = TextPath((0.0, 0.0), word, size=1.0).to_polygons(closed_only=False)
-    begin = np.vstack([polygon[:-1] for polygon in polygons])
-    end = np.vstack([polygon[1:] for polygon in polygons])
-    # Capital letters of that font are 0.73 high.
-    scale = _HEIGHT / 0.73
-    flat = [scale * np.column_stack([p[:, 0], np.zeros(len(p)), p[:, 1]]).T for p in (begin, end)]
-    return flat[0], flat[1]
 
 
 def figures(time: NDArray[np.float64], signals: Signals) -> tuple[Figure, ...]:
@@ -564,7 +538,7 @@ class _Watch:
 
     def steps_left(self, root_context: Context) -> int:
         """Number of the operator's steps that are still to come."""
-        return self._steps - int(_value(self._operator, "steps_done", root_context)[0])
+        return self._steps - int(value_of(self._operator, "steps_done", root_context)[0])
 
     def _is_refused(self, root_context: Context) -> bool:
         if self._read(root_context, "refusal")[0] != Refusal.NONE:
@@ -575,7 +549,7 @@ class _Watch:
         return in_hold and bool(self._read(root_context, "arm_refused")[0] > 0.5)
 
     def _read(self, root_context: Context, port: str) -> NDArray[np.float64]:
-        return _value(self._loop.controller, port, root_context)
+        return value_of(self._loop.controller, port, root_context)
 
     def raise_refusal(self, root_context: Context) -> None:
         """Says what was refused, if anything was.
@@ -608,7 +582,7 @@ class _Watch:
         )
 
     def _raise_unreachable(self, root_context: Context, phase: str) -> None:
-        posture = _value(self._operator, "posture_request", root_context)
+        posture = value_of(self._operator, "posture_request", root_context)
         standing = (
             self._read(root_context, "ground_estimated"),
             self._read(root_context, "foot_offsets_estimated"),
@@ -623,8 +597,3 @@ class _Watch:
                 error.admissible,
                 hint=f"{hint}; the machine stays in {phase}",
             ) from None
-
-
-def _value(system: System, port: str, root_context: Context) -> NDArray[np.float64]:
-    value: Any = system.GetOutputPort(port).Eval(system.GetMyContextFromRoot(root_context))
-    return np.asarray(value)

@@ -15,14 +15,16 @@ from rich.console import Console
 
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingScenario
-from parapod.sims.lab.bench import Run
+from parapod.sims.lab.bench import RESTART, Run, stay_live
 from parapod.sims.lab.figures import Figure
+from parapod.sims.lab.panel import Panel
 from parapod.sims.lab.results import Metric
 from parapod.sims.levelling_platform.levelling import (
+    LIVE_HELP,
     LevellingExperiment,
+    LivePlatform,
     in_deg_and_mm,
     posture_figure,
-    stay_live,
 )
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
@@ -91,11 +93,20 @@ class Level(LevellingExperiment[Run]):
         yield _figure(run)
 
     def live(
-        self, scenario: LevellingScenario, run: Run, console: Console
+        self, scenario: LevellingScenario, panel: Panel, run: Run, console: Console
     ) -> Callable[[], None] | None:
-        """Sliders move the platform."""
-        assert run.meshcat is not None
-        return partial(stay_live, scenario, run.meshcat, console, run.again)
+        """Sliders move the platform; "Restart" runs the job again."""
+
+        def live() -> str:
+            platform.level(console)
+            with platform.sliders.shown():
+                button = platform.go_on()
+            if button == RESTART:
+                run.again()
+            return button
+
+        platform = LivePlatform(scenario, panel, self.read_out)
+        return partial(stay_live, panel, live, console, LIVE_HELP)
 
 
 def _scale(run: Run) -> float:

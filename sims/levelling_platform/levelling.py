@@ -2,7 +2,7 @@
 
 import copy
 import math
-from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Cylinder, Meshcat, Rgba
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
 from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
@@ -18,18 +18,19 @@ from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM, make_job_sources
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.lab.bench import (
-    RESTART,
-    STOP,
-    buttons,
-    clicked,
-    in_real_time,
+    Live,
+    ReadOut,
     make_viewer,
     simulate,
 )
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.figures import COLOURS, Figure
+from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.results import Metric
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.ports import value_of
+from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.sliders import PostureSliders
 
 if TYPE_CHECKING:
@@ -53,6 +54,10 @@ class LevellingExperiment[D](LoopExperiment[LevellingScenario, D]):
     def scene(self, scenario: LevellingScenario) -> Meshcat:
         """The ground's slope against a horizontal floor."""
         return make_scene(scenario)
+
+    def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
+        """The posture that is asked for, measured and true."""
+        return read_posture(loop, root_context)
 
 
 def check_job(scenario: LevellingScenario) -> None:
@@ -184,83 +189,108 @@ def posture_figure(
     return Figure(name, title, caption, draw, (9.0, 4.4))
 
 
-# Simulated time between two looks at the buttons [s].
-_LOOK_PERIOD = 0.1
-_HELP = (
-    "Move the platform with the sliders in the browser (open its controls at the top right). "
-    f"'{RESTART}' runs the job again; '{STOP}' or Ctrl-C ends."
+LIVE_HELP = (
+    "Move the platform with the sliders in the browser, as far as its legs reach on this ground."
 )
 
 
-class LivePlatform:
+class LivePlatform(Live):
     """The scenario's platform, which levels itself and then obeys sliders.
 
     Args:
         scenario: the job's; its waypoints and the arm's swing are left out.
-        meshcat: where the platform is drawn and the sliders are.
+        panel: the page with the scene and the sliders.
+        read_out: says what the page shows.
     """
 
-    def __init__(self, scenario: LevellingScenario, meshcat: Meshcat):
+    def __init__(self, scenario: LevellingScenario, panel: Panel, read_out: ReadOut):
         scenario = copy.deepcopy(scenario)
         scenario.job.arm.angle_deg = 0.0
         self._job = scenario.job
-        self.sliders = PostureSliders(meshcat, height=1e-3 * scenario.job.height_mm)
-        self._loop = ClosedLoop(
+        self.sliders = PostureSliders(panel, 1e-3 * scenario.job.height_mm, MODEL_GEOMETRY)
+        loop = ClosedLoop(
             PLATFORM,
             scenario,
-            meshcat=meshcat,
+            meshcat=panel.meshcat,
             controller=make_controller(scenario, on_unreachable="clamp"),
             sources=(self.sliders, *make_job_sources(scenario)),
             log=(),
         )
-        self._simulator = Simulator(self._loop)
-        self._posture = self._loop.station.GetOutputPort("truth.posture")
+        super().__init__(panel, loop, read_out)
 
     @property
     def posture(self) -> NDArray[np.float64]:
         """True roll, pitch, height (3) [rad, rad, m]."""
-        station = self._loop.station
-        context = station.GetMyContextFromRoot(self._simulator.get_context())
-        return np.array(self._posture.Eval(context), dtype=float)
+        return self.signal(self.loop.station, "truth.posture")
 
     def level(self, console: Console) -> None:
         """Begins anew: estimates the ground and levels, as fast as possible."""
-        self._loop.reset(self._simulator.get_mutable_context())
-        self._simulator.Initialize()
+        self.begin()
         until = self._job.estimate_at + self._job.settled_after
-        simulate(self._simulator, until, console, "levelling for the sliders")
-
-    def advance(self, duration: float) -> None:
-        """Simulates for a duration [s]."""
-        self._simulator.AdvanceTo(self._simulator.get_context().get_time() + duration)
-
-    def obey(self, stop: Callable[[], bool]) -> None:
-        """Obeys the sliders in real time until told to stop."""
-        with in_real_time(self._simulator):
-            while not stop():
-                self.advance(_LOOK_PERIOD)
+        simulate(self.simulator, until, console, "levelling for the sliders")
 
 
-def stay_live(
-    scenario: LevellingScenario, meshcat: Meshcat, console: Console, job: Callable[[], object]
-) -> None:
-    """Lets sliders move the platform until "Stop" or Ctrl-C.
+def read_posture(
+    loop: ClosedLoop[Any], root_context: Context, asked_by: str = "posture_command"
+) -> Readout:
+    """The posture that is asked for, measured and true, in a loop that levels the platform.
 
     Args:
-        scenario: the job's.
-        meshcat: where the job was shown.
-        console: where it is said what to do.
-        job: runs the scripted job once more, in real time.
+        loop: with a controller that has the posture chain's outputs.
+        root_context: of the simulator.
+        asked_by: the controller's port that asks for the posture.
     """
-    try:
-        platform = LivePlatform(scenario, meshcat)
-        console.print(_HELP, markup=False, highlight=False, soft_wrap=True)
-        while True:
-            platform.level(console)
-            with platform.sliders.shown(), buttons(meshcat):
-                platform.obey(lambda: clicked(meshcat, RESTART) or clicked(meshcat, STOP))
-                if clicked(meshcat, STOP):
-                    return
-            job()
-    except KeyboardInterrupt:
-        return
+    controller, station = loop.controller, loop.station
+    read = partial(value_of, controller, root_context=root_context)
+    asked, desired = read(asked_by), read("posture_desired_state")
+    standing = read("ground_estimated"), read("foot_offsets_estimated")
+    is_known = bool(read("ground_valid")[0] > 0.5)
+    legs = forward_kinematics(
+        MODEL_GEOMETRY, read("legs.extension"), standing[0], (0, 1, 2), foot_offsets=standing[1]
+    )
+    measured = np.append(read("attitude_estimated"), legs[2] if is_known else math.nan)
+    true = np.full(3, math.nan)
+    if station.HasOutputPort("truth.posture"):
+        true = value_of(station, "truth.posture", root_context)
+        # As is asked for: above the mean of the ground under the feet.
+        true[2] -= 1e-3 * np.mean(loop.scenario.ground.foot_heights_mm)
+    shown = [in_deg_and_mm(posture) for posture in (asked, measured, true)]
+    rows = [
+        Row(label, _known(shown[0][i]), _known(shown[1][i]), _known(shown[2][i]), unit, decimals)
+        for i, (label, unit, decimals) in enumerate(
+            (("roll", "deg", 2), ("pitch", "deg", 2), ("height", "mm", 1))
+        )
+    ]
+    ground = np.degrees(standing[0])
+    if is_known:
+        rows += [
+            Row("ground's roll", measured=float(ground[0]), unit="deg"),
+            Row("ground's pitch", measured=float(ground[1]), unit="deg"),
+        ]
+    rows.append(Row("time", measured=root_context.get_time(), unit="s", decimals=1))
+    return Readout(_state(asked, measured, desired, standing, is_known), rows)
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _state(
+    asked: NDArray[np.float64],
+    measured: NDArray[np.float64],
+    desired: NDArray[np.float64],
+    standing: tuple[NDArray[np.float64], NDArray[np.float64]],
+    is_known: bool,
+) -> str:
+    """What the platform is doing, in a few words."""
+    if not is_known:
+        return "waiting for the estimate of the ground"
+    reached = inverse_kinematics(MODEL_GEOMETRY, asked, *standing, on_unreachable="nan")
+    if not np.isfinite(reached).all():
+        return "clamped: the legs do not reach what is asked"
+    tilt = math.degrees(math.acos(math.cos(measured[0]) * math.cos(measured[1])))
+    if np.abs(desired[3:]).max() > 1e-9:
+        return "moving"
+    if np.abs(desired[:3] - asked).max() > 1e-9:
+        return "waiting to move"
+    return f"at rest, {tilt:.2f} deg from level"

@@ -14,25 +14,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
 from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.sims.lab.bench import (
-    RESTART,
-    STOP,
-    Run,
-    buttons,
-    clicked,
-    in_real_time,
-    make_viewer,
-)
+from parapod.sims.lab.bench import LOOK_PERIOD, Live, ReadOut, Run, make_viewer, stay_live
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.figures import COLOURS, Figure
+from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.results import Metric
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.ports import value_of
 from parapod.systems.walking_chair.chair import chair_inverse
 from parapod.systems.walking_chair.checks import check_forces, check_gait
 from parapod.systems.walking_chair.masses import Passenger
@@ -126,12 +120,16 @@ class ChairWalk(LoopExperiment[ChairScenario, Run]):
         if "truth.body_position" in run:
             yield _margin(scenario, run.time, run)
 
+    def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
+        """Gait, margin and payload."""
+        return _read_out(loop, root_context)
+
     def live(
-        self, scenario: ChairScenario, run: Run, console: Console
+        self, scenario: ChairScenario, panel: Panel, run: Run, console: Console
     ) -> Callable[[], None] | None:
         """The chair walks on; sliders move its passenger."""
-        assert run.meshcat is not None
-        return partial(stay_live, scenario, run.meshcat, console)
+        chair = LiveChair(scenario, panel, self.read_out)
+        return partial(stay_live, panel, chair.walk, console, _HELP)
 
 
 def _refuse_held(scenario: ChairScenario, signals: Signals) -> None:
@@ -411,12 +409,9 @@ def make_scene(scenario: ChairScenario) -> Meshcat:
     return make_viewer(camera=(2.6, 2.7 + middle, 1.5), target=(0.0, middle, 0.80))
 
 
-# Simulated time between two looks at sliders and buttons [s].
-_LOOK_PERIOD = 0.1
 _HELP = (
-    "The chair walks on, forward and back; move its passenger with the sliders in the browser "
-    "(open its controls at the top right). Where the passenger would make it tip over it waits. "
-    f"'{RESTART}' begins anew; '{STOP}' or Ctrl-C ends."
+    "The chair walks on, forward and back; move its passenger with the sliders in the browser. "
+    "Where the passenger would make it tip over it waits."
 )
 # Name, smallest and largest value, step: of the passenger's mass and place.
 _SLIDERS = (
@@ -426,59 +421,74 @@ _SLIDERS = (
 )
 
 
-class LiveChair:
+def _read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
+    def read(port: str) -> list[float]:
+        return value_of(loop.controller, port, root_context).tolist()
+
+    settings = loop.scenario
+    seat, (mass, x, y) = settings.passenger, read("payload_estimated")
+    margin, (is_held,), (gait_time,) = read("support_margin")[0], read("hold"), read("gait_time")
+    is_known = mass > 1.0  # [kg]; nobody has no centre
+    rows = (
+        Row("passenger", seat.mass_kg, mass, unit="kg", decimals=1),
+        Row("to the right", seat.x_mm, 1e3 * x if is_known else None, unit="mm", decimals=0),
+        Row("ahead", seat.y_mm, 1e3 * y if is_known else None, unit="mm", decimals=0),
+        Row("margin", settings.control.support_margin_mm, 1e3 * margin, unit="mm", decimals=0),
+        Row("walked for", measured=gait_time, unit="s", decimals=1),
+    )
+    if is_held > 0.5:
+        return Readout("waits: the passenger would tip it over", rows, (), True)
+    return Readout("has arrived" if read("done")[0] > 0.5 else "walks", rows)
+
+
+class LiveChair(Live):
     """A chair that walks forward and back until told otherwise.
 
     Args:
         scenario: its gait, plant and control are taken.
-        meshcat: where the chair is drawn and the sliders are.
+        panel: the page with the scene and the sliders.
+        read_out: says what the page shows.
     """
 
-    def __init__(self, scenario: ChairScenario, meshcat: Meshcat):
-        self._scenario, self._meshcat = copy.deepcopy(scenario), meshcat
+    def __init__(self, scenario: ChairScenario, panel: Panel, read_out: ReadOut):
+        self._scenario = copy.deepcopy(scenario)
         gait = self._scenario.gait
         gait.way, gait.cycles = "forward and back", max(gait.cycles, 2)
-        self._loop = ClosedLoop(CHAIR, self._scenario, meshcat=meshcat, log=())
-        self._simulator = Simulator(self._loop)
-        self._plant = self._loop.station.behind.handle.plant
+        loop = ClosedLoop(CHAIR, self._scenario, meshcat=panel.meshcat, log=())
+        super().__init__(panel, loop, read_out)
+        self._plant = loop.station.behind.handle.plant
         self._seated: Passenger | None = None
 
     def begin(self) -> None:
         """Puts the chair where its walk begins, with whom the sliders say."""
-        self._loop.reset(self._simulator.get_mutable_context())
         self._seated = None
-        self._simulator.Initialize()
+        super().begin()
 
-    def advance(self) -> None:
-        """Simulates for a moment, with whom the sliders say."""
-        context = self._simulator.get_mutable_context()
-        passenger = self.asked()
+    def advance(self, duration: float = LOOK_PERIOD) -> None:
+        """Simulates for a duration [s], with whom the sliders say."""
+        passenger, seat = self.asked(), self._scenario.passenger
         if passenger != self._seated:
-            self._plant.seat(context, passenger)
+            self._plant.seat(self.simulator.get_mutable_context(), passenger)
             self._seated = passenger
-        self._simulator.AdvanceTo(context.get_time() + _LOOK_PERIOD)
+            # What the page shows as asked for.
+            seat.mass_kg, seat.x_mm, seat.y_mm = (
+                self.panel.GetSliderValue(name) for name, *_ in _SLIDERS
+            )
+        super().advance(duration)
+        if self.signal(self.loop.controller, "done")[0] > 0.5:
+            self.begin()
 
     def asked(self) -> Passenger:
         """The passenger that the sliders ask for."""
-        mass, x, y = (self._meshcat.GetSliderValue(name) for name, *_ in _SLIDERS)
+        mass, x, y = (self.panel.GetSliderValue(name) for name, *_ in _SLIDERS)
         height = 1e-3 * self._scenario.passenger.height_mm
         return Passenger(mass, 1e-3 * x, 1e-3 * y, height)
 
-    def signal(self, name: str) -> float:
-        """First element of an output of the controller."""
-        controller = self._loop.controller
-        context = controller.GetMyContextFromRoot(self._simulator.get_context())
-        value: Any = controller.GetOutputPort(name).Eval(context)
-        return float(value[0])
-
-    def walk(self, stop: Callable[[], bool]) -> None:
-        """Walks in real time until told to stop."""
+    def walk(self) -> str:
+        """Walks in real time until somebody clicks a button; returns which."""
         self.begin()
-        with in_real_time(self._simulator):
-            while not stop():
-                self.advance()
-                if self.signal("done") > 0.5:
-                    self.begin()
+        with self.sliders():
+            return self.go_on()
 
     @contextmanager
     def sliders(self) -> Iterator[None]:
@@ -486,29 +496,9 @@ class LiveChair:
         seat = self._scenario.passenger
         values = (min(max(seat.mass_kg, _SLIDERS[0][1]), _SLIDERS[0][2]), seat.x_mm, seat.y_mm)
         for (name, low, high, step), value in zip(_SLIDERS, values, strict=True):
-            self._meshcat.AddSlider(name, low, high, step, value)
+            self.panel.AddSlider(name, low, high, step, value)
         try:
             yield
         finally:
             for name, *_ in _SLIDERS:
-                self._meshcat.DeleteSlider(name, strict=False)
-
-
-def stay_live(scenario: ChairScenario, meshcat: Meshcat, console: Console) -> None:
-    """Lets the chair walk on until "Stop" or Ctrl-C.
-
-    Args:
-        scenario: of the walk.
-        meshcat: where the walk was shown.
-        console: where it is said what to do.
-    """
-    try:
-        chair = LiveChair(scenario, meshcat)
-        console.print(_HELP, markup=False, highlight=False, soft_wrap=True)
-        while True:
-            with chair.sliders(), buttons(meshcat):
-                chair.walk(lambda: clicked(meshcat, RESTART) or clicked(meshcat, STOP))
-                if clicked(meshcat, STOP):
-                    return
-    except KeyboardInterrupt:
-        return
+                self.panel.DeleteSlider(name, strict=False)

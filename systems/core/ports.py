@@ -21,6 +21,7 @@ from pydrake.systems.framework import (
     Context,
     DependencyTicket,
     InputPort,
+    System,
     ValueProducer,
 )
 
@@ -94,3 +95,16 @@ def declare_cached(
     producer = ValueProducer(Value[object], produce)
     entry = system.DeclareCacheEntry(name, producer, prerequisites_of_calc)
     return Cached(entry.cache_index(), entry.ticket())
+
+
+def value_of(system: System, port: str, root_context: Context) -> NDArray[np.float64]:
+    """Present value of a system's output, or of its input, found by name in a whole diagram.
+
+    Raises:
+        RuntimeError: the system has no such port.
+    """
+    found: Any = (
+        system.GetOutputPort(port) if system.HasOutputPort(port) else system.GetInputPort(port)
+    )
+    value: Any = found.Eval(system.GetMyContextFromRoot(root_context))
+    return np.array(value, dtype=float)

@@ -1,20 +1,43 @@
-"""Posture commands that a person gives by sliders in the browser."""
+"""Commands that a person gives in the browser: postures, and the whole operation."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import degrees, radians
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
-from pydrake.geometry import Meshcat
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, LeafSystem
+
+from parapod.systems.core.ports import elements, is_on, read_array, read_or_zeros
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import height_range
+from parapod.systems.levelling_platform.supervisor import Command
+
+
+class Controls(Protocol):
+    """Sliders and buttons that a person moves, with the names that Drake's Meshcat gives them.
+
+    One that has `SetSliderRange(name, min, max)` too is shown what can be reached.
+    """
+
+    # fmt: off
+    def AddSlider(  # noqa: D102
+        self, name: str, min: float, max: float, step: float, value: float  # noqa: A002
+    ) -> Any: ...
+    def DeleteSlider(self, name: str, strict: bool = True) -> Any: ...  # noqa: D102
+    def GetSliderNames(self) -> Sequence[str]: ...  # noqa: D102
+    def GetSliderValue(self, name: str) -> float: ...  # noqa: D102
+    def AddButton(self, name: str) -> Any: ...  # noqa: D102
+    def DeleteButton(self, name: str, strict: bool = True) -> Any: ...  # noqa: D102
+    def GetButtonClicks(self, name: str) -> int: ...  # noqa: D102
+    # fmt: on
 
 
 @dataclass(frozen=True)
 class PostureSlidersParams:
-    """Range of the sliders, a little more than the legs reach on level ground.
+    """Range of the sliders where the ground is not known: a little more than on level ground.
 
     Attributes:
         angle: largest roll and pitch to either side [rad].
@@ -30,85 +53,271 @@ class PostureSlidersParams:
     angle_step: float = radians(0.1)
     height_step: float = 0.001
 
+    @property
+    def angles(self) -> NDArray[np.float64]:
+        """Values of the sliders of roll and pitch [rad]."""
+        count = round(self.angle / self.angle_step)
+        return np.linspace(-count, count, 2 * count + 1) * self.angle_step
 
-class PostureSliders(LeafSystem):
-    """Commands the posture that three sliders show.
 
-    | port | size | unit | meaning |
-    |---|---|---|---|
-    | in `ground_estimated` | 2 | rad | not used; there so that it can take the place of a script |
-    | in `ground_valid` | 1 | - | not used, likewise |
-    | out `posture_command` | 3 | rad, rad, m | commanded roll, pitch, height; jumps |
+def posture_ranges(
+    geometry: PlatformGeometry,
+    posture: ArrayLike,
+    ground: ArrayLike,
+    foot_offsets: ArrayLike = (0.0, 0.0, 0.0, 0.0),
+    params: PostureSlidersParams = PostureSlidersParams(),
+) -> NDArray[np.float64] | None:
+    """How far each element of a posture can be changed while the others stay.
 
-    The sliders exist while `shown` is entered, and start at the level posture. What cannot be
-    reached is left to `PostureReference` with `on_unreachable="clamp"`.
+    Args:
+        geometry: the platform.
+        posture: (3) roll, pitch, height [rad, rad, m].
+        ground: (2) roll and pitch of the ground [rad].
+        foot_offsets: (4) how far each foot stands above the ground's plane [m].
+        params: steps and largest angles.
 
-    State: discrete, the command (3), read from the sliders every period.
-
-    Bad input: while there are no sliders the last command stays.
+    Returns:
+        (3, 2) smallest and largest values, whole steps; None where the legs do not reach the
+        posture itself.
     """
+    roll, pitch, height = np.asarray(posture, dtype=float)
+    low, high = height_range(geometry, (roll, pitch), ground, foot_offsets)
+    if not low <= height <= high:
+        return None
+    ranges = []
+    for axis, present in enumerate((roll, pitch)):
+        attitudes = np.tile([roll, pitch], (len(params.angles), 1))
+        attitudes[:, axis] = params.angles
+        lowest, highest = height_range(geometry, attitudes, ground, foot_offsets).T
+        misses = np.flatnonzero((height < lowest) | (height > highest))
+        values = params.angles
+        below, above = misses[values[misses] < present], misses[values[misses] > present]
+        first = below[-1] + 1 if below.size else 0
+        last = above[0] - 1 if above.size else len(values) - 1
+        ranges.append((min(values[first], present), max(values[last], present)))
+    step = params.height_step
+    lowest, highest = step * np.ceil(low / step), step * np.floor(high / step)
+    ranges.append((min(lowest, height), max(highest, height)))
+    return np.array(ranges)
+
+
+class _PostureControls(LeafSystem):
+    """Three sliders that show a posture, and go no further than it can be reached."""
 
     ROLL, PITCH, HEIGHT = "roll [deg]", "pitch [deg]", "height [mm]"
 
     def __init__(
         self,
-        meshcat: Meshcat,
+        controls: Controls,
         height: float = 0.477,
+        geometry: PlatformGeometry = PlatformGeometry(),
         params: PostureSlidersParams = PostureSlidersParams(),
         period: float = 0.05,
     ):
-        """Creates the source; shows no sliders yet.
+        """Creates the source; shows nothing yet.
 
         Args:
-            meshcat: where the sliders are.
+            controls: where sliders and buttons are: a `Meshcat`, or what has its names.
             height: of the level posture [m].
-            params: range of the sliders.
-            period: of reading the sliders [s].
+            geometry: the platform.
+            params: range of the posture's sliders.
+            period: of reading the controls [s].
         """
         super().__init__()
-        self.set_name("posture_sliders")
-        self._meshcat, self._params = meshcat, params
+        self._controls, self._geometry, self._params = controls, geometry, params
         self._level = np.array([0.0, 0.0, height])
-        self.DeclareVectorInputPort("ground_estimated", 2)
-        self.DeclareVectorInputPort("ground_valid", 1)
+        self._fitted: list[float] = []
+        self._ground = self.DeclareVectorInputPort("ground_estimated", 2)
+        self._offsets = self.DeclareVectorInputPort("foot_offsets_estimated", LEG_COUNT)
+        self._valid = self.DeclareVectorInputPort("ground_valid", 1)
+        self._declare()
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+
+    def _declare(self) -> None:
+        """Declares the outputs and their state."""
+        raise NotImplementedError
+
+    def _update(self, context: Context, discrete_state: Any) -> None:
+        """Reads the controls."""
+        raise NotImplementedError
+
+    def _sliders(self) -> list[tuple[str, float, float, float, float]]:
+        """Name, smallest and largest value, step and first value of each."""
+        limits = self._params
+        angle, step = degrees(limits.angle), degrees(limits.angle_step)
+        heights = 1e3 * np.array([limits.height_min, limits.height_max, limits.height_step])
+        self._fitted = []
+        return [
+            (self.ROLL, -angle, angle, step, degrees(self._level[0])),
+            (self.PITCH, -angle, angle, step, degrees(self._level[1])),
+            (self.HEIGHT, *heights.tolist(), 1e3 * self._level[2]),
+        ]
+
+    def _read_posture(self) -> NDArray[np.float64] | None:
+        """The sliders' posture (3) [rad, rad, m]; None while they are not shown."""
+        if self.HEIGHT not in self._controls.GetSliderNames():
+            return None
+        roll, pitch, height = (
+            self._controls.GetSliderValue(name) for name in (self.ROLL, self.PITCH, self.HEIGHT)
+        )
+        return np.array([radians(roll), radians(pitch), 1e-3 * height])
+
+    def _fit(self, context: Context, posture: NDArray[np.float64]) -> None:
+        """Lets each slider go as far as the legs reach while the others stay."""
+        set_range = getattr(self._controls, "SetSliderRange", None)
+        has_ground = self._valid.HasValue(context) and is_on(self._valid, context)
+        if set_range is None or not has_ground:
+            return
+        ground = read_array(self._ground, context)
+        offsets = np.array(read_or_zeros(self._offsets, context))
+        seen = [*posture, *ground, *offsets]
+        if seen == self._fitted or not np.isfinite(seen).all():
+            return
+        self._fitted = seen
+        ranges = posture_ranges(self._geometry, posture, ground, offsets, self._params)
+        if ranges is None:
+            return
+        shown = np.array([np.degrees(ranges[0]), np.degrees(ranges[1]), 1e3 * ranges[2]])
+        for name, limits in zip((self.ROLL, self.PITCH, self.HEIGHT), shown, strict=True):
+            set_range(name, *np.round(limits, 6).tolist())
+
+
+@contextmanager
+def _shown(
+    controls: Controls,
+    sliders: Sequence[tuple[str, float, float, float, float]],
+    buttons: Sequence[str] = (),
+) -> Iterator[None]:
+    """Shows sliders and buttons, and takes them away at the end."""
+    added: list[str] = []
+    try:
+        for slider in sliders:
+            controls.AddSlider(*slider)
+            added.append(slider[0])
+        for name in buttons:
+            controls.AddButton(name)
+        yield
+    finally:
+        for name in added:
+            controls.DeleteSlider(name, strict=False)
+        for name in buttons:
+            controls.DeleteButton(name, strict=False)
+
+
+class PostureSliders(_PostureControls):
+    """Commands the posture that three sliders show.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `ground_estimated` | 2 | rad | estimated roll and pitch of the ground |
+    | in `foot_offsets_estimated` | 4 | m | heights under the feet; unconnected: 0 |
+    | in `ground_valid` | 1 | - | above 0.5: sliders end where the legs do on this ground |
+    | out `posture_command` | 3 | rad, rad, m | commanded roll, pitch, height; jumps |
+
+    The sliders exist while `shown` is entered, and start at the level posture. Controls with
+    fixed ranges let a person ask for what cannot be reached; that is left to `PostureReference`
+    with `on_unreachable="clamp"`.
+
+    State: discrete, the command (3), read from the sliders every period.
+
+    Bad input: while there are no sliders the last command stays; on a ground that is not finite
+    the sliders' ranges stay.
+    """
+
+    def _declare(self) -> None:
+        self.set_name("posture_sliders")
         self.DeclareStateOutputPort("posture_command", self.DeclareDiscreteState(self._level))
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_command)
 
     @contextmanager
     def shown(self) -> Iterator[None]:
         """Shows the sliders, and takes them away at the end."""
-        limits = self._params
-        angle, step = degrees(limits.angle), degrees(limits.angle_step)
-        added: list[str] = []
-        try:
-            for name, low, high, step_size, value in (
-                (self.ROLL, -angle, angle, step, 0.0),
-                (self.PITCH, -angle, angle, step, 0.0),
-                (
-                    self.HEIGHT,
-                    1e3 * limits.height_min,
-                    1e3 * limits.height_max,
-                    1e3 * limits.height_step,
-                    1e3 * self._level[2],
-                ),
-            ):
-                self._meshcat.AddSlider(name, low, high, step_size, value)
-                added.append(name)
+        with _shown(self._controls, self._sliders()):
             yield
-        finally:
-            for name in added:
-                self._meshcat.DeleteSlider(name, strict=False)
 
-    def _update_command(self, context: Context, discrete_state: Any) -> None:
-        command = self._read()
+    def _update(self, context: Context, discrete_state: Any) -> None:
+        command = self._read_posture()
         if command is not None:
             discrete_state.set_value(command)
+            self._fit(context, command)
 
-    def _read(self) -> NDArray[np.float64] | None:
-        """The sliders' posture; None while they are not shown."""
-        if self.HEIGHT not in self._meshcat.GetSliderNames():
-            return None
-        roll, pitch, height = (
-            self._meshcat.GetSliderValue(name) for name in (self.ROLL, self.PITCH, self.HEIGHT)
-        )
-        return np.array([radians(roll), radians(pitch), 1e-3 * height])
+
+class OperatorControls(_PostureControls):
+    """The operator of the whole platform, who has buttons and sliders.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `ground_estimated` | 2 | rad | estimated roll and pitch of the ground |
+    | in `foot_offsets_estimated` | 4 | m | heights under the feet; unconnected: 0 |
+    | in `ground_valid` | 1 | - | above 0.5: sliders end where the legs do on this ground |
+    | out `operator` | 1 | - | a `Command`, for a moment after its button was clicked |
+    | out `drive_request` | 2 | m/s, rad/s | forward speed and yaw rate |
+    | out `posture_request` | 3 | rad, rad, m | posture to take |
+    | out `arm_request` | 2 | rad | angles of turntable and arm |
+
+    Sliders and buttons exist while `shown` is entered; at first nothing drives, and everything
+    is level and upright.
+
+    State: discrete, each output; clicks seen of each button and the end of the moment (4);
+    updated every period.
+
+    Bad input: without buttons and sliders requests stay, but nothing drives and no further
+    command is given; on a ground that is not finite the sliders' ranges stay.
+    """
+
+    BUTTONS = ("Go", "Stop", "Reset")
+    # Name, smallest and largest value, step; and the factor to SI.
+    DRIVE = (("drive [m/s]", -0.5, 0.5, 0.05, 1.0), ("turn [deg/s]", -20.0, 20.0, 1.0, radians(1)))
+    ARM = (
+        ("turntable [deg]", -90.0, 90.0, 1.0, radians(1)),
+        ("arm [deg]", -90.0, 90.0, 1.0, radians(1)),
+    )
+    # For how long a command is given [s].
+    MOMENT = 0.2
+
+    def _declare(self) -> None:
+        self.set_name("operator_controls")
+        self._outputs: dict[str, Any] = {}
+        for name, start in (
+            ("operator", [0.0]),
+            ("drive_request", [0.0, 0.0]),
+            ("posture_request", self._level),
+            ("arm_request", [0.0, 0.0]),
+        ):
+            self._outputs[name] = self.DeclareDiscreteState(np.array(start))
+            self.DeclareStateOutputPort(name, self._outputs[name])
+        self._memory: Any = self.DeclareDiscreteState(np.zeros(4))
+
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """Shows buttons and sliders, and takes them away at the end."""
+        more = [(*slider[:4], 0.0) for slider in (*self.DRIVE, *self.ARM)]
+        with _shown(self._controls, [*more, *self._sliders()], self.BUTTONS):
+            yield
+
+    def _update(self, context: Context, discrete_state: Any) -> None:
+        posture = self._read_posture()
+        *seen, until = elements(context.get_discrete_state(self._memory))
+        now = context.get_time()
+        command = context.get_discrete_state(self._outputs["operator"])[0]
+        drive = np.zeros(2)
+        if posture is not None:
+            discrete_state.set_value(self._outputs["posture_request"], posture)
+            drive = self._read(self.DRIVE)
+            discrete_state.set_value(self._outputs["arm_request"], self._read(self.ARM))
+            clicks = [float(self._controls.GetButtonClicks(name)) for name in self.BUTTONS]
+            pressed = [i for i, count in enumerate(clicks) if count > seen[i]]
+            seen = clicks
+            if pressed:
+                # Of several at once the one that is safest.
+                order = (Command.STOP, Command.RESET, Command.GO)
+                command = min((Command(1 + i) for i in pressed), key=order.index)
+                until = now + self.MOMENT
+            self._fit(context, posture)
+        if now >= until - 1e-9:
+            command = Command.NONE
+        discrete_state.set_value(self._outputs["operator"], np.array([float(command)]))
+        discrete_state.set_value(self._outputs["drive_request"], drive)
+        discrete_state.set_value(self._memory, np.array([*seen, until]))
+
+    def _read(self, sliders: Sequence[tuple[str, float, float, float, float]]) -> NDArray[Any]:
+        return np.array([s[-1] * self._controls.GetSliderValue(s[0]) for s in sliders])

@@ -10,7 +10,8 @@ from pydrake.geometry import Meshcat
 
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.sims.lab.files import read_log
-from parapod.sims.levelling_platform.deploy import DeployScenario, PhaseLabel
+from parapod.sims.levelling_platform.deploy import DeployScenario
+from parapod.sims.levelling_platform.operation import PhaseLabel
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.supervisor import Phase
 

@@ -1,29 +1,35 @@
-"""Sliders in the browser, with which a viewer moves the platform once the job is over."""
+"""The page with which a viewer moves the platform once the job is over."""
 
-import _thread
-import asyncio
 import io
 import signal
 import subprocess
 import sys
 import threading
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
-import umsgpack
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
-from tornado.websocket import websocket_connect
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.lab.bench import RESTART, STOP
-from parapod.sims.levelling_platform.levelling import LivePlatform, stay_live
+from parapod.sims.lab.bench import END, RESTART, stay_live
+from parapod.sims.lab.discovery import find_entry
+from parapod.sims.lab.panel import Panel
+from parapod.sims.levelling_platform.deploy import DeployScenario
+from parapod.sims.levelling_platform.levelling import LivePlatform, read_posture
+from parapod.sims.levelling_platform.operation import LiveOperation
 from parapod.systems.core.scenario_file import load_scenario
-from parapod.systems.levelling_platform.kinematics import height_range
+from parapod.systems.levelling_platform.kinematics import height_range, inverse_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.sliders import PostureSliders
+from parapod.systems.levelling_platform.sliders import (
+    OperatorControls,
+    PostureSliders,
+    posture_ranges,
+)
+from parapod.systems.levelling_platform.supervisor import Command, Phase
 
 BRIEF = (
     "backend=kinematic",
@@ -32,6 +38,7 @@ BRIEF = (
     "job={initial_extension_mm: 405, estimate_at: 1.5, settled_after: 1.5, waypoints: [], end: 2}",
     "job.arm={start: 0.5, duration: 0.5}",
 )
+ROLL, PITCH, HEIGHT = PostureSliders.ROLL, PostureSliders.PITCH, PostureSliders.HEIGHT
 
 
 @pytest.fixture(scope="module")
@@ -40,89 +47,268 @@ def meshcat():
 
 
 @pytest.fixture
+def panel(meshcat):
+    panel = Panel(meshcat, "the platform")
+    yield panel
+    panel.close()
+
+
+@pytest.fixture
 def console():
     return Console(file=io.StringIO())
 
 
-def brief():
-    return load_scenario(LevellingScenario, overrides=BRIEF)
+def brief(*more):
+    return load_scenario(LevellingScenario, overrides=(*BRIEF, *more))
 
 
-def test_sliders_are_there_only_while_they_are_shown(meshcat, read):
-    sliders = PostureSliders(meshcat, height=0.45)
-    context = sliders.CreateDefaultContext()
-    assert meshcat.GetSliderNames() == []
-    with sliders.shown():
-        assert set(meshcat.GetSliderNames()) == {"roll [deg]", "pitch [deg]", "height [mm]"}
-    assert meshcat.GetSliderNames() == []
-    assert read(sliders, context) == {"posture_command": pytest.approx([0.0, 0.0, 0.45])}
+@pytest.fixture
+def platform(panel, console):
+    """The platform, levelled, with its sliders shown."""
+    platform = LivePlatform(brief(), panel, read_posture)
+    platform.level(console)
+    with platform.sliders.shown():
+        yield platform
 
 
-def test_sliders_command_what_they_show_and_the_last_command_outlives_them(meshcat, read):
-    sliders = PostureSliders(meshcat)
+# Sliders
+
+
+@pytest.mark.parametrize("make", [lambda meshcat: meshcat, lambda meshcat: Panel(meshcat, "x")])
+def test_sliders_of_meshcat_and_of_the_page_command_what_they_show(make, meshcat, read):
+    controls = make(meshcat)
+    sliders = PostureSliders(controls, height=0.45)
     simulator = Simulator(sliders)
+    assert controls.GetSliderNames() == []
     with sliders.shown():
-        meshcat.SetSliderValue(PostureSliders.ROLL, 2.0)
-        meshcat.SetSliderValue(PostureSliders.PITCH, -1.5)
-        meshcat.SetSliderValue(PostureSliders.HEIGHT, 500.0)
+        assert set(controls.GetSliderNames()) == {"roll [deg]", "pitch [deg]", "height [mm]"}
+        assert read(sliders, simulator.get_context())["posture_command"][2] == 0.45
+        controls.SetSliderValue(ROLL, 2.0)
+        controls.SetSliderValue(PITCH, -1.5)
+        controls.SetSliderValue(HEIGHT, 500.0)
         simulator.AdvanceTo(0.06)
-    simulator.AdvanceTo(0.2)
+    assert controls.GetSliderNames() == []
+    simulator.AdvanceTo(0.2)  # the last command outlives them
     command = read(sliders, simulator.get_context())["posture_command"]
     np.testing.assert_allclose(command, [np.radians(2.0), np.radians(-1.5), 0.5], atol=1e-9)
 
 
-def test_sliders_move_the_levelled_platform(meshcat, console):
-    platform = LivePlatform(brief(), meshcat)
-    for _ in range(2):  # The second time after a restart.
-        platform.level(console)
+@pytest.mark.parametrize("ground", [(0.0, 0.0), (2.0, 3.0), (-1.0, 4.0)])
+@pytest.mark.parametrize("posture", [(0.0, 0.0, 0.477), (1.0, 2.0, 0.47), (0.5, -0.5, 0.49)])
+def test_a_slider_ends_where_the_legs_do_while_the_others_stay(ground, posture):
+    ground, posture = np.radians(ground), np.array([*np.radians(posture[:2]), posture[2]])
+    ranges = posture_ranges(MODEL_GEOMETRY, posture, ground)
+
+    def is_reached(axis, value):
+        changed = posture.copy()
+        changed[axis] = value
+        return np.isfinite(
+            inverse_kinematics(MODEL_GEOMETRY, changed, ground, on_unreachable="nan")
+        ).all()
+
+    for axis, step in enumerate((np.radians(0.1), np.radians(0.1), 1e-3)):
+        low, high = ranges[axis]
+        assert low <= posture[axis] <= high
+        assert all(is_reached(axis, value) for value in np.linspace(low, high, 9))
+        largest = np.radians(7.0) if axis < 2 else np.inf
+        for end, way in ((low, -step), (high, step)):
+            assert not is_reached(axis, end + 1.01 * way) or abs(end) > largest - 1e-9
+
+
+def test_a_posture_out_of_reach_has_no_ranges():
+    assert posture_ranges(MODEL_GEOMETRY, (0.0, np.radians(-4.0), 0.47), (0.03, 0.05)) is None
+
+
+def test_sliders_move_the_platform_by_one_axis_at_a_time(platform, panel, console):
+    for _ in range(2):  # the second time after a restart
         np.testing.assert_allclose(platform.posture, [0.0, 0.0, 0.477], atol=1e-3)
-        with platform.sliders.shown():
-            meshcat.SetSliderValue(PostureSliders.ROLL, 1.5)
-            meshcat.SetSliderValue(PostureSliders.HEIGHT, 485.0)
-            platform.advance(4.0)
+        panel.SetSliderValue(ROLL, 1.5)
+        panel.SetSliderValue(HEIGHT, 485.0)
+        platform.advance(4.0)
         np.testing.assert_allclose(platform.posture, [np.radians(1.5), 0.0, 0.485], atol=1e-3)
+        panel.SetSliderValue(ROLL, 0.0)
+        panel.SetSliderValue(HEIGHT, 477.0)
+        platform.level(console)
 
 
-def test_sliders_beyond_the_stroke_move_the_platform_as_far_as_it_goes(meshcat, console):
-    platform = LivePlatform(brief(), meshcat)
+def test_a_slider_at_its_end_leaves_the_other_axes_where_they_are(platform, panel):
+    panel.SetSliderValue(HEIGHT, 505.0)
+    platform.advance(0.2)
+    assert 2.0 < panel.SetSliderValue(ROLL, 7.0) < 6.5
+    platform.advance(9.0)
+    asked = np.radians(panel.GetSliderValue(ROLL))
+    np.testing.assert_allclose(platform.posture, [asked, 0.0, 0.505], atol=1e-3)
+    _, highest = height_range(MODEL_GEOMETRY, (asked, 0.0), brief().ground.inclination)
+    assert panel.SetSliderValue(HEIGHT, 570.0) == pytest.approx(1e3 * highest, abs=1.5)
+
+
+# The page's numbers
+
+
+def test_the_page_tells_what_is_asked_measured_and_true(platform, panel):
+    panel.SetSliderValue(ROLL, 1.0)
+    platform.advance(0.2)
+    assert read(platform).state == "moving"
+    platform.advance(4.0)
+    shown = read(platform)
+    assert shown.state == "at rest, 1.00 deg from level"
+    rows = {row.label: row for row in shown.rows}
+    for row, asked, tolerance in (("roll", 1.0, 0.05), ("pitch", 0.0, 0.05), ("height", 477, 0.5)):
+        assert rows[row].asked == pytest.approx(asked)
+        assert rows[row].measured == pytest.approx(asked, abs=tolerance)
+        assert rows[row].true == pytest.approx(asked, abs=tolerance)
+    assert rows["ground's roll"].measured == pytest.approx(0.3, abs=0.02)
+    assert rows["ground's pitch"].measured == pytest.approx(0.2, abs=0.02)
+    state = panel._state()
+    assert state["state"] == shown.state
+
+
+def read(platform):
+    return read_posture(platform.loop, platform.simulator.get_context())
+
+
+def test_the_page_says_that_the_ground_is_not_known_and_that_a_command_is_clamped(
+    meshcat, console
+):
+    platform = LivePlatform(brief(), Panel(meshcat, "x"), read_posture)
+    platform.begin()
+    assert read(platform).state == "waiting for the estimate of the ground"
+    assert {row.label: row for row in read(platform).rows}["height"].measured is None
     platform.level(console)
     with platform.sliders.shown():
-        meshcat.SetSliderValue(PostureSliders.ROLL, 7.0)
-        meshcat.SetSliderValue(PostureSliders.HEIGHT, 560.0)
-        platform.advance(12.0)
-    roll, pitch, height = platform.posture
-    assert roll == pytest.approx(np.radians(7.0), abs=2e-3)
-    _, highest = height_range(MODEL_GEOMETRY, (roll, pitch), brief().ground.inclination)
-    assert height == pytest.approx(highest, abs=1e-3)
-    assert highest < 0.55
+        # Both at once: neither slider knows yet of the other.
+        platform.panel.SetSliderValue(ROLL, 7.0)
+        platform.panel.SetSliderValue(PITCH, 7.0)
+        platform.advance(0.1)
+        assert read(platform).state.startswith("clamped: ")
 
 
-def test_restart_runs_the_job_again_and_stop_ends(meshcat, console):
-    jobs = []
-    ended = threading.Event()
+def test_the_height_is_told_above_the_feet_s_mean(meshcat, console):
+    scenario = brief("ground.foot_heights_mm=[6, 0, 2, 4]")
+    platform = LivePlatform(scenario, Panel(meshcat, "x"), read_posture)
+    platform.level(console)
+    rows = {row.label: row for row in read(platform).rows}
+    assert rows["height"].true == pytest.approx(477.0, abs=0.5)
 
-    async def click(address):
-        # As a browser does it, in a thread of its own: Meshcat itself may not be called there.
-        browser = await websocket_connect(address)
-        for _ in range(120):
-            if ended.is_set():
-                break
-            button = {"type": "button", "name": STOP if jobs else RESTART}
-            await browser.write_message(umsgpack.packb(button), binary=True)
-            await asyncio.sleep(0.5)
-        else:
-            _thread.interrupt_main()
-        browser.close()
 
-    thread = threading.Thread(target=lambda url=meshcat.ws_url(): asyncio.run(click(url)))
-    thread.start()
-    stay_live(brief(), meshcat, console, lambda: jobs.append(1))
-    ended.set()
-    thread.join()
-    assert jobs == [1]
-    assert meshcat.GetButtonNames() == []
-    assert meshcat.GetSliderNames() == []
-    assert console.file.getvalue().count("sliders in the browser") == 1
+def test_a_run_that_is_shown_tells_its_numbers_ten_times_a_second(execute, monkeypatch):
+    shown = []
+    monkeypatch.setattr(Panel, "show", lambda panel, readout: shown.append(readout))
+    execute("level", *BRIEF, meshcat=True, live=False)
+    states = [readout.state for readout in shown]
+    assert states[0] == "waiting for the estimate of the ground"
+    assert "moving" in states
+    times = [readout.rows[-1].measured for readout in shown]
+    assert times[0] == 0.0
+    assert times[-1] == pytest.approx(3.5, abs=0.1)
+    assert max(b - a for a, b in pairwise(times)) < 0.15
+
+
+# Buttons
+
+
+def test_restart_begins_anew_and_end_ends_and_closes_the_page(panel, console):
+    clicks = []
+
+    def live():
+        clicks.append(RESTART if len(clicks) < 2 else END)
+        return clicks[-1]
+
+    stay_live(panel, live, console, "Do this.")
+    assert clicks == [RESTART, RESTART, END]
+    assert console.file.getvalue().startswith("Do this. 'Restart' begins anew")
+
+
+def test_the_platform_goes_on_until_a_button_is_clicked(platform, panel):
+    before = platform.simulator.get_context().get_time()
+    click = threading.Timer(0.5, lambda: panel._obey({"button": END}))
+    click.start()
+    assert platform.go_on() == END
+    assert platform.simulator.get_context().get_time() > before + 0.2
+    assert panel.GetButtonNames() == []
+
+
+# The operator
+
+
+def test_an_operator_s_click_is_a_command_for_a_moment(panel):
+    operator = OperatorControls(panel)
+    simulator = Simulator(operator)
+    operator.GetInputPort("ground_valid").FixValue(simulator.get_mutable_context(), 0.0)
+
+    def output(name):
+        return operator.GetOutputPort(name).Eval(simulator.get_context())
+
+    def command():
+        simulator.AdvanceTo(simulator.get_context().get_time() + 0.06)
+        return Command(int(output("operator")[0]))
+
+    with operator.shown():
+        assert command() is Command.NONE
+        for button, meant in zip(OperatorControls.BUTTONS, list(Command)[1:], strict=True):
+            panel._obey({"button": button})
+            assert command() is meant
+            for _ in range(4):
+                last = command()
+            assert last is Command.NONE
+        for button in ("Go", "Stop"):
+            panel._obey({"button": button})
+        assert command() is Command.STOP
+        panel.SetSliderValue("drive [m/s]", 0.3)
+        panel.SetSliderValue("turn [deg/s]", 10.0)
+        panel.SetSliderValue("turntable [deg]", -20.0)
+        panel.SetSliderValue("arm [deg]", 30.0)
+        command()
+        np.testing.assert_allclose(output("drive_request"), [0.3, np.radians(10.0)])
+        np.testing.assert_allclose(output("arm_request"), np.radians([-20.0, 30.0]))
+        for _ in range(4):
+            command()
+    assert command() is Command.NONE
+    assert not output("drive_request").any()  # nothing drives without controls
+    np.testing.assert_allclose(output("arm_request"), np.radians([-20.0, 30.0]))
+
+
+def test_a_person_operates_the_platform(panel):
+    overrides = ("backend=kinematic", "ground.foot_heights_mm=[0, 0, 0, 0]")
+    scenario = load_scenario(DeployScenario, overrides=overrides)
+    live = LiveOperation(scenario.machine, 0.47, panel)
+    live.begin()
+
+    def until(phase, longest=30.0):
+        while Phase(int(live.signal(live.loop.controller, "phase")[0])) is not phase:
+            live.advance()
+            assert live.simulator.get_context().get_time() < longest
+
+    with live.operator.shown():
+        panel.SetSliderValue("drive [m/s]", 0.2)
+        live.advance(1.0)
+        assert panel._state()["state"] == "transport"
+        assert live.signal(live.loop.station, "wheels.velocity").mean() > 0.5
+        panel.SetSliderValue("drive [m/s]", 0.0)
+        live.advance(1.0)
+        panel._obey({"button": "Go"})
+        until(Phase.HOLD)
+        live.advance(0.2)
+        rows = {row["label"]: row for row in panel._state()["rows"]}
+        assert rows["height"]["true"] == pytest.approx(470.0, abs=2.0)
+        assert rows["margin"]["measured"] > rows["margin"]["asked"]
+        panel.SetSliderValue("arm [deg]", 90.0)
+        panel.SetSliderValue("turntable [deg]", 90.0)
+        live.advance(1.0)
+        panel._obey({"button": "Stop"})
+        live.advance(0.5)
+        assert panel._state()["state"] != "hold" or panel._state()["remarks"]
+        panel.SetSliderValue("arm [deg]", 0.0)
+        panel.SetSliderValue("turntable [deg]", 0.0)
+        until(Phase.TRANSPORT, 60.0)
+
+
+@pytest.mark.parametrize("name", ["level", "deploy", "chair-walk"])
+def test_what_can_be_moved_after_the_run_is_moved_on_its_page(name, panel):
+    entry = find_entry(name)
+    experiment = entry.load()
+    scenario = load_scenario(experiment.schema, entry.default_scenario)
+    assert experiment.live(scenario, panel, None, Console(quiet=True)) is not None
 
 
 def test_ctrl_c_in_the_live_phase_ends_with_the_job_s_exit_code():

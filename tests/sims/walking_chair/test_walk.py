@@ -1,5 +1,6 @@
 """The experiment `chair-walk`: short walks, their bounds, and the sliders after them."""
 
+import threading
 from unittest.mock import Mock
 
 import numpy as np
@@ -10,9 +11,10 @@ from pydrake.systems.analysis import Simulator
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.sims.lab.bench import Run
+from parapod.sims.lab.bench import END, Run
 from parapod.sims.lab.discovery import find_entry
 from parapod.sims.lab.files import read_log
+from parapod.sims.lab.panel import Panel
 from parapod.sims.walking_chair.walk import (
     ChairWalk,
     LiveChair,
@@ -154,39 +156,58 @@ def test_the_mock_walks_without_a_machine(execute, tmp_path):
     assert not [name for name in log.signals if name.startswith("truth.")]
 
 
+@pytest.fixture
+def panel():
+    panel = Panel(Meshcat(), "the chair")
+    yield panel
+    panel.close()
+
+
 @pytest.mark.parametrize("backend", ["kinematic", "multibody"])
-def test_live_sliders_move_the_passenger_and_the_chair_waits(backend):
-    meshcat = Meshcat()
+def test_live_sliders_move_the_passenger_and_the_chair_waits(backend, panel):
+    experiment = find_entry("chair-walk").load()
     scenario = scenario_with(f"backend={backend}", "plant.time_step=0.005", "begin=0.2")
-    chair = LiveChair(scenario, meshcat)
+    chair = LiveChair(scenario, panel, experiment.read_out)
+    controller = chair.loop.controller
+
+    def rows():
+        return {row["label"]: row for row in panel._state()["rows"]}
+
     with chair.sliders():
         chair.begin()
         for _ in range(10):
             chair.advance()
         assert chair.asked().mass == 57.0
-        assert chair.signal("hold") == 0.0
-        meshcat.SetSliderValue("to the right [mm]", 150.0)
-        meshcat.SetSliderValue("ahead [mm]", 100.0)
+        assert chair.signal(controller, "hold") == 0.0
+        assert panel._state()["state"] == "walks"
+        assert rows()["passenger"]["measured"] == pytest.approx(57.0, abs=1.0)
+        panel.SetSliderValue("to the right [mm]", 150.0)
+        panel.SetSliderValue("ahead [mm]", 100.0)
         for _ in range(30):
             chair.advance()
         assert chair.asked().x == pytest.approx(0.15)
-        assert chair.signal("hold") == 1.0
-        held = chair.signal("gait_time")
+        assert chair.signal(controller, "hold") == 1.0
+        assert panel._state()["state"] == "waits: the passenger would tip it over"
+        assert panel._state()["is_alarming"]
+        shown = rows()
+        assert shown["to the right"]["measured"] == pytest.approx(150.0, abs=5.0)
+        assert shown["ahead"]["asked"] == 100.0
+        assert shown["margin"]["measured"] < shown["margin"]["asked"] == 10.0
+        held = chair.signal(controller, "gait_time")
         assert held < 5.0
-        meshcat.SetSliderValue("to the right [mm]", 0.0)
-        meshcat.SetSliderValue("ahead [mm]", 0.0)
+        panel.SetSliderValue("to the right [mm]", 0.0)
+        panel.SetSliderValue("ahead [mm]", 0.0)
         for _ in range(40):
             chair.advance()
-        assert chair.signal("hold") == 0.0
-        assert chair.signal("gait_time") > held
-    assert meshcat.GetSliderNames() == []
+        assert chair.signal(controller, "hold") == 0.0
+        assert chair.signal(controller, "gait_time") > held
+    assert panel.GetSliderNames() == []
 
 
-def test_the_chair_walks_on_until_told_to_stop():
-    meshcat = Meshcat()
+def test_the_chair_walks_on_until_told_to_stop(panel):
     scenario = scenario_with("backend=kinematic", "begin=0", "gait.way=forward")
-    chair = LiveChair(scenario, meshcat)
-    looks = []
-    with chair.sliders():
-        chair.walk(lambda: len(looks) >= 3 or looks.append(0))
-    assert 0.0 < chair.signal("gait_time") < 1.0
+    chair = LiveChair(scenario, panel, find_entry("chair-walk").load().read_out)
+    click = threading.Timer(1.0, lambda: panel._obey({"button": END}))
+    click.start()
+    assert chair.walk() == END
+    assert 0.0 < chair.signal(chair.loop.controller, "gait_time")[0] < 3.0

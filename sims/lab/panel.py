@@ -1,0 +1,356 @@
+"""A page that shows a machine beside its controls: sliders, buttons, and numbers that live.
+
+Meshcat's own sliders lie below the tree of its scene, and it has no text. The page frames Meshcat
+and serves what stands beside it; in Python its sliders and buttons have Meshcat's own methods, so
+that a system reads either.
+"""
+
+import json
+import math
+import secrets
+import threading
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+from urllib.parse import urlsplit
+
+from jinja2 import Environment, PackageLoader
+from pydrake.geometry import Meshcat
+
+# The first port that is tried, so that a page that is open finds the next run, and the last.
+_PORTS = range(7100, 7200)
+# Between two looks of the service whether it is to end [s].
+_POLL = 0.05
+# Of what a browser sends [bytes].
+_LONGEST_REQUEST = 4096
+
+
+@dataclass(frozen=True)
+class Row:
+    """A quantity on the page.
+
+    Attributes:
+        label: a word or two.
+        asked: what is asked for; None where nothing is.
+        measured: what the machine measures; None where it does not.
+        true: what is true, which only a simulation knows.
+        unit: of all three.
+        decimals: that are shown.
+    """
+
+    label: str
+    asked: float | None = None
+    measured: float | None = None
+    true: float | None = None
+    unit: str = ""
+    decimals: int = 2
+
+
+@dataclass(frozen=True)
+class Readout:
+    """Everything that the page tells at one moment.
+
+    Attributes:
+        state: what the machine is doing, in a few words.
+        rows: its quantities.
+        remarks: what else there is to say: faults, refusals, a sentence each.
+        is_alarming: whether the state is one that a person should look at.
+    """
+
+    state: str = ""
+    rows: Sequence[Row] = ()
+    remarks: Sequence[str] = ()
+    is_alarming: bool = False
+
+
+@dataclass
+class _Slider:
+    name: str
+    low: float
+    high: float
+    step: float
+    value: float
+    # How often it was set from here: a page takes over a value that it has not seen.
+    sets: int = 0
+
+    def put(self, value: float) -> None:
+        """Takes the value of the step that is nearest, within the range."""
+        self.value = min(max(self.step * round(value / self.step), self.low), self.high)
+
+
+class Panel:
+    """Sliders, buttons and numbers beside a Meshcat scene, served to browsers on this computer.
+
+    Sliders and buttons are added, read and deleted as those of `Meshcat`. All methods may be
+    called from any thread.
+
+    Attributes:
+        meshcat: the scene.
+        title: of the page.
+    """
+
+    def __init__(self, meshcat: Meshcat, title: str):
+        """Serves the page on a free port.
+
+        Args:
+            meshcat: the scene that is framed.
+            title: of the page.
+
+        Raises:
+            OSError: no port is free.
+        """
+        self.meshcat, self.title = meshcat, title
+        self._run = secrets.token_hex(8)
+        self._lock = threading.Lock()
+        self._sliders: dict[str, _Slider] = {}
+        self._buttons: dict[str, int] = {}
+        self._readout = Readout()
+        self._page = _page(title, meshcat)
+        self._server = _serve(self)
+        threading.Thread(target=self._server.serve_forever, args=(_POLL,), daemon=True).start()
+
+    def __repr__(self) -> str:
+        return f"<panel '{self.title}' at {self.web_url()}>"
+
+    def web_url(self) -> str:
+        """The address of the page."""
+        return f"http://localhost:{self._server.server_address[1]}"
+
+    def close(self) -> None:
+        """Ends the service; open pages then say that the run has ended."""
+        self._server.shutdown()
+        self._server.server_close()
+
+    def show(self, readout: Readout) -> None:
+        """Shows what the machine does from now on."""
+        with self._lock:
+            self._readout = readout
+
+    # Meshcat's names.
+
+    def AddButton(self, name: str) -> None:
+        """Adds a button, or forgets its clicks where it is there."""
+        with self._lock:
+            self._buttons[name] = 0
+
+    def DeleteButton(self, name: str, strict: bool = True) -> bool:
+        """Deletes a button.
+
+        Raises:
+            KeyError: there is none of that name, and `strict`.
+        """
+        with self._lock:
+            return _delete(self._buttons, name, strict)
+
+    def GetButtonClicks(self, name: str) -> int:
+        """How often a button has been clicked.
+
+        Raises:
+            KeyError: there is none of that name.
+        """
+        with self._lock:
+            return self._buttons[name]
+
+    def GetButtonNames(self) -> list[str]:
+        """Names of the buttons."""
+        with self._lock:
+            return list(self._buttons)
+
+    def AddSlider(
+        self,
+        name: str,
+        min: float,  # noqa: A002
+        max: float,  # noqa: A002
+        step: float,
+        value: float,
+    ) -> None:
+        """Adds a slider.
+
+        Args:
+            name: of the slider, with the unit.
+            min: smallest value.
+            max: largest value.
+            step: between two values.
+            value: at first.
+
+        Raises:
+            ValueError: there is one of that name, or no step fits the range.
+        """
+        if not (min < max and step > 0.0):
+            raise ValueError(f"a slider from {min} to {max} in steps of {step} has no values")
+        with self._lock:
+            if name in self._sliders:
+                raise ValueError(f"there is a slider named {name!r}")
+            slider = _Slider(name, min, max, step, value)
+            slider.put(value)
+            self._sliders[name] = slider
+
+    def DeleteSlider(self, name: str, strict: bool = True) -> bool:
+        """Deletes a slider.
+
+        Raises:
+            KeyError: there is none of that name, and `strict`.
+        """
+        with self._lock:
+            return _delete(self._sliders, name, strict)
+
+    def GetSliderNames(self) -> list[str]:
+        """Names of the sliders."""
+        with self._lock:
+            return list(self._sliders)
+
+    def GetSliderValue(self, name: str) -> float:
+        """Value of a slider.
+
+        Raises:
+            KeyError: there is none of that name.
+        """
+        with self._lock:
+            return self._sliders[name].value
+
+    def SetSliderValue(self, name: str, value: float) -> float:
+        """Moves a slider to the value of the step that is nearest; returns that value.
+
+        Raises:
+            KeyError: there is none of that name.
+        """
+        with self._lock:
+            slider = self._sliders[name]
+            slider.put(value)
+            slider.sets += 1
+            return slider.value
+
+    def SetSliderRange(self, name: str, min: float, max: float) -> None:  # noqa: A002
+        """Gives a slider another range; a value beyond it goes to its end.
+
+        Raises:
+            KeyError: there is none of that name.
+            ValueError: the range is empty.
+        """
+        if min > max:
+            raise ValueError(f"a slider from {min} to {max} has no values")
+        with self._lock:
+            slider = self._sliders[name]
+            slider.low, slider.high = min, max
+            if not min <= slider.value <= max:
+                slider.put(slider.value)
+                slider.sets += 1
+
+    # What browsers ask for.
+
+    def _state(self) -> dict[str, Any]:
+        with self._lock:
+            readout = asdict(self._readout)
+            for row in readout["rows"]:
+                for key in ("asked", "measured", "true"):
+                    if row[key] is not None and not math.isfinite(row[key]):
+                        row[key] = None  # JSON has no NaN
+            return {
+                "run": self._run,
+                **readout,
+                "sliders": [asdict(slider) for slider in self._sliders.values()],
+                "buttons": list(self._buttons),
+            }
+
+    def _obey(self, request: Any) -> bool:
+        """Moves a slider or counts a click; False where there is no such thing."""
+        match request:
+            case {"slider": str(name), "value": float() | int() as value}:
+                with self._lock:
+                    slider = self._sliders.get(name)
+                    if slider is None or not math.isfinite(value):
+                        return False
+                    slider.put(float(value))
+                return True
+            case {"button": str(name)}:
+                with self._lock:
+                    if name not in self._buttons:
+                        return False
+                    self._buttons[name] += 1
+                return True
+        return False
+
+
+def _delete(things: dict[str, Any], name: str, strict: bool) -> bool:
+    if strict and name not in things:
+        raise KeyError(name)
+    return things.pop(name, None) is not None
+
+
+def _serve(panel: Panel) -> ThreadingHTTPServer:
+    class Handler(_Handler):
+        shown = panel
+
+    for port in _PORTS:
+        try:
+            return ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        except OSError as error:
+            taken = error
+    raise OSError(f"no port of {_PORTS[0]}..{_PORTS[-1]} is free on this computer") from taken
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers browsers on this computer, and pages of this panel alone."""
+
+    shown: Panel
+
+    def do_GET(self) -> None:
+        if not self._is_local():
+            self._answer(HTTPStatus.FORBIDDEN)
+        elif self.path == "/":
+            self._answer(HTTPStatus.OK, "text/html; charset=utf-8", self.shown._page)
+        elif self.path == "/state":
+            body = json.dumps(self.shown._state()).encode()
+            self._answer(HTTPStatus.OK, "application/json", body)
+        else:
+            self._answer(HTTPStatus.NOT_FOUND)
+
+    def do_POST(self) -> None:
+        try:
+            size = int(self.headers.get("Content-Length", ""))
+        except ValueError:
+            size = -1
+        if not (self._is_local() and self._is_own_page()):
+            self._answer(HTTPStatus.FORBIDDEN)
+        elif not 0 <= size <= _LONGEST_REQUEST:
+            self._answer(HTTPStatus.BAD_REQUEST)
+        else:
+            try:
+                request = json.loads(self.rfile.read(size))
+            except ValueError:
+                request = None
+            is_done = self.shown._obey(request)
+            self._answer(HTTPStatus.NO_CONTENT if is_done else HTTPStatus.BAD_REQUEST)
+
+    def _is_local(self) -> bool:
+        """Whether the page was asked for by this computer's name, not by a stranger's."""
+        host = urlsplit(f"//{self.headers.get('Host', '')}").hostname
+        return host in ("localhost", "127.0.0.1")
+
+    def _is_own_page(self) -> bool:
+        """Whether what a browser sends is from the panel's page, not from another one."""
+        origin = self.headers.get("Origin")
+        return origin is not None and urlsplit(origin).netloc == self.headers.get("Host")
+
+    def _answer(self, status: HTTPStatus, kind: str = "text/plain", body: bytes = b"") -> None:
+        try:
+            self.send_response(status)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(body)))
+            self.send_header("Cache-Control", "no-store")
+            self.end_headers()
+            self.wfile.write(body)
+        except ConnectionError:
+            pass  # the page has been closed
+
+    def log_message(self, *_: Any) -> None:
+        """Says nothing: a terminal tells of the run."""
+
+
+def _page(title: str, meshcat: Meshcat) -> bytes:
+    loader = PackageLoader("parapod.sims.lab", ".")
+    template = Environment(loader=loader, autoescape=True).get_template("panel.html.jinja")
+    port = urlsplit(meshcat.web_url()).port
+    return template.render(title=title, meshcat_port=port).encode()

@@ -1,0 +1,126 @@
+"""What is to be seen of an operation: its phase in the scene, and the page of its operator."""
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat, Rgba
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.levelling_platform.controller import make_supervised_controller
+from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.sims.lab.bench import Live
+from parapod.sims.lab.panel import Panel, Readout, Row
+from parapod.sims.levelling_platform.levelling import read_posture
+from parapod.systems.core.ports import value_of
+from parapod.systems.levelling_platform.fault_detection import Finding
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.sliders import OperatorControls
+from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
+from parapod.systems.levelling_platform.supervisor import Phase, Refusal
+
+_HEIGHT = 0.16  # of capital letters [m]
+_PLACE = np.array([-2.0, 1.1, 1.75])  # lower left corner of the text, beside the arm [m]
+_PATH = "/phase"
+_REFUSED = {
+    Refusal.COMMAND: "that has no place in this phase",
+    Refusal.GROUND: "this ground cannot be levelled with the stroke",
+    Refusal.POSTURE: "the legs do not reach that posture",
+    Refusal.NO_GROUND: "a leg found no ground within its stroke",
+}
+
+
+class PhaseLabel:
+    """One word above the machine, readable from the front."""
+
+    def __init__(self, meshcat: Meshcat):
+        """Creates the label, without a word yet.
+
+        Args:
+            meshcat: the scene.
+        """
+        self._meshcat = meshcat
+        self._drawn: set[str] = set()
+        self._shown = ""
+
+    def show(self, word: str, time: float) -> None:
+        """Shows another word from this time on, in a recording too [s]."""
+        if word not in self._drawn:
+            self._drawn.add(word)
+            begin, end = _outline(word)
+            path = f"{_PATH}/{word}"
+            self._meshcat.SetLineSegments(path, begin, end, 3.0, Rgba(0.10, 0.20, 0.35))
+            self._meshcat.SetTransform(path, RigidTransform(_PLACE))
+            self._meshcat.SetProperty(path, "visible", False, time_in_recording=0.0)
+        for name, visible in ((self._shown, False), (word, True)):
+            if name:
+                self._meshcat.SetProperty(
+                    f"{_PATH}/{name}", "visible", visible, time_in_recording=time
+                )
+        self._shown = word
+
+
+def _outline(word: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Line segments (3, n) from and to, upright in the plane y = 0 [m]."""
+    from matplotlib.textpath import TextPath
+
+    polygons: Any = TextPath((0.0, 0.0), word, size=1.0).to_polygons(closed_only=False)
+    begin = np.vstack([polygon[:-1] for polygon in polygons])
+    end = np.vstack([polygon[1:] for polygon in polygons])
+    # Capital letters of that font are 0.73 high.
+    scale = _HEIGHT / 0.73
+    flat = [scale * np.column_stack([p[:, 0], np.zeros(len(p)), p[:, 1]]).T for p in (begin, end)]
+    return flat[0], flat[1]
+
+
+class LiveOperation(Live):
+    """The platform, operated by a person.
+
+    Args:
+        machine: the platform, which begins on its wheels.
+        height: of the posture that is asked for at first [m].
+        panel: the page with the scene and the controls.
+    """
+
+    def __init__(self, machine: LevellingScenario, height: float, panel: Panel):
+        self.operator = OperatorControls(panel, height, MODEL_GEOMETRY)
+        loop = ClosedLoop(
+            PLATFORM,
+            machine,
+            meshcat=panel.meshcat,
+            controller=make_supervised_controller(machine),
+            sources=(self.operator,),
+            log=(),
+        )
+        super().__init__(panel, loop, read_operation)
+
+    def operate(self) -> str:
+        """Obeys the operator in real time until the live phase is over; returns the button."""
+        self.panel.meshcat.Delete(_PATH)  # the word of a recording
+        self.begin()
+        with self.operator.shown():
+            return self.go_on()
+
+
+def read_operation(loop: ClosedLoop[Any], root_context: Context) -> Readout:
+    """Phase, posture, margin, faults and refusals."""
+    controller = loop.controller
+    read = partial(value_of, controller, root_context=root_context)
+    phase = Phase(int(read("phase")[0]))
+    shown = read_posture(loop, root_context, "posture_request")
+    margin = 1e3 * float(read("stability_margin")[0])
+    least = 1e3 * StabilityMonitorParams().margin
+    rows = list(shown.rows) if phase in (Phase.POSTURE, Phase.HOLD) else [shown.rows[-1]]
+    rows.append(Row("margin", least, margin if np.isfinite(margin) else None, None, "mm", 0))
+    found = [f.name.lower().replace("_", " ") for f in Finding if read("findings")[f] > 0.5]
+    remarks = [f"found: {name}" for name in found]
+    code = Refusal(int(read("refusal")[0]))
+    if code is not Refusal.NONE:
+        remarks.append(f"refused: {_REFUSED[code]}")
+    if read("arm_refused")[0] > 0.5 and phase is Phase.HOLD:
+        remarks.append("refused: the arm's move would leave too small a margin")
+    return Readout(phase.name.lower(), rows, remarks, bool(found) or phase is Phase.FAULT)
