@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 ROW = re.compile(r"^\s*\| (in|out) `([a-z_0-9]+)` \|([^|]*)\|([^|]*)\|([^|]*)\|\s*$")
 NEED_A_MODEL = {"PlatformTruth", "FootTruth", "PlatformPose"}
 NEED_A_CHAIR = {"ChairTruth", "ChairPose"}
-NEED_MESHCAT = {"PostureSliders"}
+NEED_MESHCAT = {"OperatorControls", "PostureSliders"}
 ARGUMENTS = {
     "InertialMotion": {"state_size": 13, "pose_start": 0, "velocity_start": 7, "period": 0.01},
     "ServoGoal": {"params": WHEEL_DRIVE, "channels": 4},
