@@ -99,6 +99,24 @@ def test_waypoints_that_had_to_shrink_are_reported(execute):
     assert re.search(r"leaves leg \d only \d\.\d mm of stroke$", note)
 
 
+@pytest.mark.parametrize("ground", [(-6.2, 0.0), (0.0, 6.0), (0.0, 6.6)], ids=str)
+def test_the_further_the_way_to_the_level_posture_the_longer_it_may_take(execute, ground):
+    roll, pitch = ground
+    steep = (f"ground.roll_deg={roll}", f"ground.pitch_deg={pitch}")
+    result = execute("level", "backend=kinematic", *steep)
+    (settling,) = (m for m in result.metrics if m.key == "settling_time_s")
+    # The paper's bound of the rate: 15/8 of its mean is 1.5 deg/s, and the loops' five constants.
+    assert settling.bound == pytest.approx(1.875 * max(map(abs, ground)) / 1.5 + 0.5, abs=0.05)
+    assert 6.0 < settling.value < settling.bound
+    assert result.broken == ()
+
+
+def test_waypoints_that_shrank_to_nothing_do_not_end_the_way_to_the_level_posture(execute):
+    result = execute("level", "backend=kinematic", "ground.roll_deg=0", "ground.pitch_deg=6.6")
+    assert result["posture_scale"] < 0.1
+    assert result["settling_time_s"] > 7.0  # the first waypoint comes before
+
+
 def test_a_platform_that_never_gets_level_has_no_settling_time(execute):
     weak = ("control.voltage_limit=0.5", "actuators.coulomb_friction=2e4")
     result = execute("level", *BRIEF, *weak)
