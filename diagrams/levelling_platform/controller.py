@@ -101,7 +101,8 @@ def _wire(builder: DiagramBuilder, chain: PostureChain) -> None:
     posture = reference.GetOutputPort("posture_desired_state")
     if chain.loop is not None:
         connect(builder, posture, chain.loop.GetInputPort("posture_desired_state"))
-        connect(builder, attitude.GetOutputPort("attitude"), chain.loop.GetInputPort("attitude"))
+        for port in ("attitude", "trusted"):
+            connect(builder, attitude.GetOutputPort(port), chain.loop.GetInputPort(port))
         posture = chain.loop.get_output_port()
     for source, system, port in (
         (attitude.GetOutputPort("attitude"), ground, "attitude"),

@@ -55,12 +55,14 @@ def PostureLoop_(T: Any) -> Any:
 
         The paper closes no loop around the kinematic feedforward and names it as the next step
         (section 8): errors of the kinematic model stay in the inclination. This loop removes
-        them as far as the inertial sensor is right; the height stays with the feedforward.
+        them as far as the inertial sensor is right, and holds its correction while that cannot be
+        trusted; the height stays with the feedforward.
 
         | port | size | unit | meaning |
         |---|---|---|---|
         | in `posture_desired_state` | 6 | rad, rad, m and rates | what is asked for |
         | in `attitude` | 2 | rad | estimated roll and pitch |
+        | in `trusted` | 1 | - | above 0.5: the attitude may be followed; unconnected: it may |
         | in `enable` | 1 | - | above 0.5: correct; otherwise the correction is zero |
         | out `posture_corrected_state` | 6 | rad, rad, m and rates | what the legs are asked for |
 
@@ -83,6 +85,7 @@ def PostureLoop_(T: Any) -> Any:
             self.params, self.period = params, period
             self._desired = self.DeclareVectorInputPort("posture_desired_state", 6)
             self._attitude = self.DeclareVectorInputPort("attitude", 2)
+            self._trusted = self.DeclareVectorInputPort("trusted", 1)
             self._enable = self.DeclareVectorInputPort("enable", 1)
             self._design = self.DeclareNumericParameter(
                 BasicVector_[T]([params.gain, params.lag, params.limit])
@@ -109,6 +112,8 @@ def PostureLoop_(T: Any) -> Any:
         def _update_correction(self, context: Context, discrete_state: Any) -> None:
             if not is_on(self._enable, context):
                 discrete_state.set_value(np.zeros(2))
+                return
+            if self._trusted.HasValue(context) and not is_on(self._trusted, context):
                 return
             correction = elements(context.get_discrete_state_vector())
             gain, lag, limit = elements(context.get_numeric_parameter(self._design))

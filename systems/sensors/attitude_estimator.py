@@ -33,6 +33,15 @@ class AttitudeEstimatorParams:
         gate: departure of the accelerometer's norm from gravity at which its weight in the
             correction has fallen, linearly, to zero [m/s2] (design choice: 0.05 g, 30 sigma of
             the ADIS16448's noise).
+        disturbance: departure of the accelerometer's norm from gravity with which a sample is no
+            longer one of a body at rest or in a slow motion [m/s2] (design choice: 9 sigma of the
+            noise).
+        misfit: likewise, angle between the accelerometer and the estimated vertical [rad] (design
+            choice: .5 m/s2 across it).
+        fast: likewise, rate about any axis, bias taken off [rad/s] (design choice: three times
+            what postures are taken with).
+        calm_time: how long samples have to be calm until the attitude is trusted again [s]
+            (design choice: twice the time constant, in which the filter forgets).
     """
 
     time_constant: float = 2.0
@@ -42,6 +51,10 @@ class AttitudeEstimatorParams:
     rate_limit: float = 20.0
     gravity: float = 9.81
     gate: float = 0.5
+    disturbance: float = 0.15
+    misfit: float = 0.05
+    fast: float = 5.0 * _DEGREE
+    calm_time: float = 4.0
 
 
 class AttitudeEstimator(LeafSystem):
@@ -53,6 +66,7 @@ class AttitudeEstimator(LeafSystem):
     | in `accel` | 3 | m/s2 | measured specific force in the body's axes |
     | out `attitude` | 2 | rad | roll, pitch of R = R_y(pitch) R_x(roll) |
     | out `gyro_bias` | 3 | rad/s | estimated bias; its part about the vertical by averaging only |
+    | out `trusted` | 1 | - | 1, or 0 where vibration or fast motion may mislead the attitude |
 
     The filter carries v, the world's vertical in the body's axes, (-sin pitch, cos pitch sin
     roll, cos pitch cos roll): dv/dt = v x (gyro - bias + k_P e), dbias/dt = -k_I e, with e =
@@ -63,7 +77,7 @@ class AttitudeEstimator(LeafSystem):
     of the present accelerometer reading, so the output never jumps from zero.
 
     State: discrete, v (3), last good gyro sample (3), number of samples averaged (1), -1 once
-    the averaging is over; gyro bias (3).
+    the averaging is over; gyro bias (3); for how long samples have been calm (1).
 
     Parameters (Context): time constant (1) [s], at least two periods.
 
@@ -89,6 +103,7 @@ class AttitudeEstimator(LeafSystem):
             np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
         )
         self._bias: Any = self.DeclareDiscreteState(3)
+        self._calm: Any = self.DeclareDiscreteState(np.array([params.calm_time]))
         self.DeclareVectorOutputPort(
             "attitude",
             2,
@@ -99,6 +114,12 @@ class AttitudeEstimator(LeafSystem):
             },
         )
         self.DeclareStateOutputPort("gyro_bias", self._bias)
+        self.DeclareVectorOutputPort(
+            "trusted",
+            1,
+            self._calc_trusted,
+            prerequisites_of_calc={self.discrete_state_ticket(self._calm)},
+        )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_filter)
         self._start_samples = max(1, round(params.start_time / period))
 
@@ -111,6 +132,10 @@ class AttitudeEstimator(LeafSystem):
         roll, pitch = math.atan2(y, z), math.atan2(-x, math.sqrt(y * y + z * z))
         output.SetFromVector(np.array([roll, pitch]))
 
+    def _calc_trusted(self, context: Context, output: BasicVector) -> None:
+        calm = context.get_discrete_state(self._calm)[0]
+        output.SetFromVector(np.array([float(calm >= self.params.calm_time - 1e-9)]))
+
     def _update_filter(self, context: Context, discrete_state: DiscreteValues) -> None:
         state = context.get_discrete_state(self._filter).value().tolist()
         up, last, count = state[0:3], state[3:6], state[6]
@@ -122,7 +147,10 @@ class AttitudeEstimator(LeafSystem):
         norm = math.hypot(*accel)
         if count > 0.0 and not _is_close(gyro, bias, self.params.rest_rate):
             count = _RUNNING
+        calm = context.get_discrete_state(self._calm)[0]
         if count == _RUNNING:
+            is_calm = self._is_calm(up, bias, gyro, accel, norm)
+            calm = min(calm + self.period, self.params.calm_time) if is_calm else 0.0
             rate = [
                 0.5 * (last[0] + gyro[0]),
                 0.5 * (last[1] + gyro[1]),
@@ -134,6 +162,7 @@ class AttitudeEstimator(LeafSystem):
             count = self._average(up, bias, gyro, accel, norm, count)
         discrete_state.set_value(self._filter, np.array([*up, *gyro, count]))
         discrete_state.set_value(self._bias, np.array(bias))
+        discrete_state.set_value(self._calm, np.array([calm]))
 
     def _average(
         self,
@@ -206,6 +235,22 @@ class AttitudeEstimator(LeafSystem):
         """Trust in an accelerometer sample: 1 at gravity, 0 outside the gate and for NaN."""
         weight = 1.0 - abs(norm - self.params.gravity) / self.params.gate
         return weight if weight > 0.0 else 0.0
+
+    def _is_calm(
+        self,
+        up: list[float],
+        bias: list[float],
+        gyro: list[float],
+        accel: list[float],
+        norm: float,
+    ) -> bool:
+        """Whether a sample is one of a body at rest or in a slow motion; False for NaN."""
+        if not abs(norm - self.params.gravity) <= self.params.disturbance:
+            return False
+        v_x, v_y, v_z = up
+        a_x, a_y, a_z = accel
+        across = math.hypot(a_y * v_z - a_z * v_y, a_z * v_x - a_x * v_z, a_x * v_y - a_y * v_x)
+        return across <= self.params.misfit * norm and _is_close(gyro, bias, self.params.fast)
 
     def _may_start(self, norm: float) -> bool:
         return 0.5 * self.params.gravity <= norm <= 2.0 * self.params.gravity
