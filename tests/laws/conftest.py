@@ -539,7 +539,7 @@ class Specimen:
 
 def switched(values, on):
     """Those of some values that let a system do something, or nothing."""
-    names = {"enable", "trigger", "posture_control", "ground_valid"} & set(values)
+    names = {"enable", "trigger", "ground_valid"} & set(values)
     return {name: [float(on)] for name in names} | {
         name: [0.0] for name in {"stop", "brake"} & set(values)
     }

@@ -183,7 +183,7 @@ def test_whatever_comes_in_outputs_are_finite_and_inside_their_limits(specimen):
     text = " ".join(specimen.kind.text.split())
     assert all(words in text for words in entry.passes)
     for name, port in specimen.inputs.items():
-        for bad in (math.nan, math.inf, -math.inf, 1e308, -1e308) if port.size() else ():
+        for bad in (math.nan, math.inf, -math.inf, 1e308, -1e308, 1e6) if port.size() else ():
             for context, random in specimen.moments(4, seed=2):
                 value = port.Eval(context).copy()
                 # All of them, or one.
@@ -288,7 +288,7 @@ def test_gradients_agree_with_differences(convertible, number, assert_gradient_a
         return np.concatenate(outputs)
 
     x = np.concatenate(values) / scale
-    assert_gradient_agrees(convertible.system, evaluate, x, step=1e-7, tolerance=1e-5)
+    assert_gradient_agrees(convertible.system, evaluate, x)
 
 
 # --- Beginning
