@@ -99,30 +99,6 @@ def test_lengths_that_no_leg_has_give_nan_and_leave_the_state_alone(fix, read):
     np.testing.assert_array_equal(context.get_discrete_state(1).value(), state)
 
 
-def test_position_moves_all_outputs(moved, fix):
-    chair, simulator, context = start(fix)
-    simulator.AdvanceTo(0.05)
-    other = lengths_of(WALK, 2.5).ravel() + np.linspace(0.0, 1e-3, 12)
-    names = moved(chair, context, lambda: fix(chair, context, position=other))
-    assert names == {
-        "body_position",
-        "body_attitude",
-        "force",
-        "contact_force",
-        "foot_height",
-        "body_pose",
-    }
-
-
-def test_passenger_moves_the_forces(moved, fix):
-    chair, _, context = start(fix)
-
-    def change():
-        chair.stand(context, (0.0, 0.0), Passenger(20.0))
-
-    assert {"force", "contact_force"} <= moved(chair, context, change)
-
-
 def test_a_default_context_has_the_passenger_and_the_place_of_the_constructor(fix):
     passenger, place = Passenger(41.0, 0.02, -0.03, 0.3), (0.3, -0.2)
     chair, _, standing = start(fix, passenger, at=place)
