@@ -266,6 +266,7 @@ ENTRIES: dict[str, Entry] = {
             {"size": 3, "faults": (Fault("wrong", 1, 0.02, 0.05), Fault("delayed", 2, 0.01))},
             {"size": 2, "faults": (Fault("off", 0, 0.02), Fault("stuck", 1, 0.01))},
             {"size": 2, "faults": (Fault("slow", 0), Fault("garbage", 1)), "span": (2.0, 3.0)},
+            {"faults": (Fault("intermittent", missing_time=0.02, good_time=0.03),)},
         ),
         limits={"extra_age": BINARY, "changed": BINARY},
         passes={"a value that is not finite passes": "faulted"},
