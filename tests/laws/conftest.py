@@ -241,7 +241,9 @@ ENTRIES: dict[str, Entry] = {
         variants=({"channels": 12, "period": 0.02},), limits={"velocity_command": 0.08}
     ),
     "ContactKeeper": Entry(
-        limits={"standing": BINARY}, passes={"is passed on": "extension_trimmed_state"}
+        variants=({"patience": 0.015},),
+        limits={"standing": BINARY},
+        passes={"is passed on": "extension_trimmed_state"},
     ),
     "DeviceStatus": Entry(
         variants=({"devices": "ab", "periods": (0.01, 0.02), "delays": (0.0, 0.1)},),

@@ -518,27 +518,16 @@ def test_extensions_that_cannot_be_built_give_nan_in_their_row_only(bad):
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("element", range(3))
-def test_postures_that_are_not_finite_are_unreachable(bad, element):
-    posture = np.array((0.0, 0.0, 0.47))
-    posture[element] = bad
+@pytest.mark.parametrize("element", range(5))
+def test_postures_and_grounds_that_are_not_finite_are_unreachable(bad, element):
+    given = np.tile((0.0, 0.0, 0.47, 0.0, 0.0), (2, 1))
+    given[1, element] = bad
+    posture, ground = given[:, :3], given[:, 3:]
     with pytest.raises(UnreachablePosture):
-        inverse_kinematics(POINT, posture, LEVEL)
-    batch = np.array([(0.0, 0.0, 0.47), posture])
-    extension = inverse_kinematics(POINT, batch, LEVEL, on_unreachable="nan")
+        inverse_kinematics(POINT, posture[1], ground[1])
+    extension = inverse_kinematics(POINT, posture, ground, on_unreachable="nan")
     assert np.isfinite(extension[0]).all()
     assert np.isnan(extension[1]).all()
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_grounds_that_are_not_finite_are_unreachable(bad):
-    with pytest.raises(UnreachablePosture):
-        inverse_kinematics(POINT, (0.0, 0.0, 0.47), (bad, 0.0))
-    batch = inverse_kinematics(
-        POINT, (0.0, 0.0, 0.47), [(0.0, bad), (0.0, 0.0)], on_unreachable="nan"
-    )
-    assert np.isnan(batch[0]).all()
-    assert np.isfinite(batch[1]).all()
 
 
 # Symmetry
