@@ -256,13 +256,13 @@ def test_noise_is_white_and_its_channels_independent():
 
 def test_in_run_bias_is_gauss_markov_with_the_stated_deviation_and_correlation_time():
     params = drifting(correlation_time=1.0)
-    samples = record(params, duration=500.0, seed=4)
+    samples = record(params, duration=430.0, seed=4)
     for name, truth, deviation in (
         ("gyro", 0.0, 14.5 / 3600.0 * DEGREE),
         ("accel", np.array((0.0, 0.0, 9.81)), 0.25 * MG),
     ):
         bias = samples[name][512:] - truth
-        # 3 axes * 500 s / 2 s of independent values: the sampling error is some 3 %.
+        # 3 axes * 430 s / 2 s of independent values: the sampling error is some 3 %.
         assert np.sqrt(np.mean(bias**2)) == pytest.approx(deviation, rel=0.12)
         lag = 102  # samples a second
         correlation = np.mean(bias[lag:] * bias[:-lag]) / np.mean(bias**2)

@@ -35,7 +35,7 @@ def start(fix, passenger=Passenger(), lengths=None, at=(0.0, 0.0)):
 @pytest.mark.parametrize("walk", [WALK, there_and_back(WALK.gaits[0])])
 def test_the_body_goes_where_the_gait_has_it(fix, read, walk):
     chair, simulator, context = start(fix)
-    for time in np.arange(0.0, walk.duration + 0.005, 0.01):
+    for time in np.arange(0.0, walk.duration + 0.005, 0.02):
         fix(chair, context, position=lengths_of(walk, time).ravel())
         simulator.AdvanceTo(time)
         if round(100 * time) % 50 == 0:
