@@ -57,6 +57,10 @@ class LinearActuatorParams:
         return self.motor_constant / self.viscous_friction
 
 
+# A load beyond it is no actuator's, and would overflow [N].
+_LARGEST_LOAD = 1e12
+
+
 class Stepper:
     """Steps one actuator: Eq. (15) solved exactly for constant voltage and load.
 
@@ -173,7 +177,8 @@ def LinearActuator_(T: Any) -> Any:
 
         Parameters (Context): motor constants K_m (n) [N/V], see `set_gain_scale`.
 
-        Bad input: a NaN voltage counts as zero volts, a load that is not finite as no load.
+        Bad input: a NaN voltage counts as zero volts; a load that is not finite, or beyond 1e12
+        N, counts as no load.
         Positions never leave the end stops.
         """
 
@@ -276,7 +281,7 @@ def LinearActuator_(T: Any) -> Any:
                     positions[i],
                     velocities[i],
                     voltage if voltage == voltage else 0.0,
-                    load if load - load == 0.0 else 0.0,
+                    load if abs(load) < _LARGEST_LOAD else 0.0,
                 )
             output.SetFromVector(np.array(positions + velocities))
 

@@ -69,7 +69,8 @@ class ServoGoal(LeafSystem):
 
     Parameters (Context): gains (n) [-] and offsets (n) [m/s or rad/s], see `set_imperfection`.
 
-    Bad input: a command that is not finite counts as zero.
+    Bad input: a command that is not finite counts as zero; of a state that is not finite, the
+    goal is not either.
 
     Args:
         params: of each drive.

@@ -71,7 +71,8 @@ def PostureLoop_(T: Any) -> Any:
 
         Parameters (Context): gain, lag, limit (3).
 
-        Bad input: an axis whose desired or estimated angle is not finite keeps its correction.
+        Bad input: an axis whose desired or estimated angle is not finite keeps its correction; a
+        desired state that is not finite is passed on.
         """
 
         def _construct(

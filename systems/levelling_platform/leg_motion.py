@@ -119,7 +119,7 @@ class ContactKeeper(LeafSystem):
     State: discrete, the trim, its rate and what is left of the pressing (3) [m, m/s, m]; how long
     each switch has been open (4) [s]; updated every period. Rate and size of the trim are limited.
 
-    Bad input: a switch that is NaN is open.
+    Bad input: a switch that is NaN is open; a desired state that is not finite is passed on.
     """
 
     def __init__(

@@ -287,6 +287,8 @@ class PlatformTruth(OnInclinedGround):
     | out `posture` | 3 | rad, rad, m | roll, pitch, height above the ground |
 
     State: none. Parameters (Context): the ground, see `OnInclinedGround`.
+
+    Bad input: NaN for a pose that is not finite.
     """
 
     def __init__(
@@ -407,6 +409,8 @@ class PlatformPose(LeafSystem):
     | out `positions` | n | - | positions of the model's plant |
 
     State: none.
+
+    Bad input: NaN where an extension cannot be built; a pose or an angle is passed on.
     """
 
     def __init__(self, model: PlatformModel):
@@ -432,6 +436,8 @@ class PlatformPose(LeafSystem):
         output.SetFromVector(q)
 
 
+# Positions from here on are of no platform, but of one that could not be built [m, rad].
+_NOWHERE = 1e6
 _ORANGE, _DARK = np.array([0.95, 0.45, 0.10, 1.0]), np.array([0.13, 0.15, 0.19, 1.0])
 
 
@@ -452,6 +458,9 @@ class ParallelLinks(LeafSystem):
 
     These links carry nothing that the parallelogram's mimic joint does not, so the plant leaves
     them out and gains a tenth of its speed. State: none.
+
+    Bad input: of positions that are not finite, as of legs that cannot be built, all links are
+    drawn at the origin.
     """
 
     def __init__(self, model: PlatformModel, scene_graph: SceneGraph, size: int):
@@ -507,6 +516,11 @@ class ParallelLinks(LeafSystem):
     def _calc_poses(self, context: Any, output: Any) -> None:
         positions = read_array(self._positions, context)
         poses = FramePoseVector()
+        if not (np.abs(positions) < _NOWHERE).all():
+            for frame in self._frames:
+                poses.set_value(frame, RigidTransform())
+            output.set_value(poses)
+            return
         X_WF = self._model.base_pose(positions)
         legs = zip(self._model.geometry.legs, self._frames, strict=True)
         for i, (leg, frame) in enumerate(legs):

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from parapod.systems.core.elementwise import sin_cos
 from parapod.systems.levelling_platform.geometry import ARM_BASE, LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_motion, foot_to_centre
@@ -217,12 +218,13 @@ def _pressure_point(
 
 def centre_of_mass(params: KinematicPlatformParams, arm: list[float]) -> Vector3:
     """Centre of mass of platform and arm at angles (2) of turntable and arm [rad], from F [m]."""
-    turn, swing = arm
-    reach = params.arm_centre * math.sin(swing)
+    # Infinite angles give NaN.
+    (sin_turn, cos_turn), (sin_swing, cos_swing) = map(sin_cos, arm)
+    reach = params.arm_centre * sin_swing
     on_arm = (
-        params.arm_base[0] + reach * math.cos(turn),
-        params.arm_base[1] + reach * math.sin(turn),
-        params.arm_base[2] + params.arm_centre * math.cos(swing),
+        params.arm_base[0] + reach * cos_turn,
+        params.arm_base[1] + reach * sin_turn,
+        params.arm_base[2] + params.arm_centre * cos_swing,
     )
     return params.centre_with(on_arm)
 

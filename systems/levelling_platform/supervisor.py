@@ -544,7 +544,7 @@ class Supervisor(LeafSystem):
         signals = {
             name: read(self.GetInputPort(name), context)
             for name in _ALWAYS
-            if self.GetInputPort(name).HasValue(context)
+            if name != "severity" or self.GetInputPort(name).HasValue(context)
         }
         out = {name: elements(context.get_discrete_state(i)) for name, i in self._outputs.items()}
         memory = elements(context.get_discrete_state(self._memory))

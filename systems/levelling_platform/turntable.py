@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from parapod.systems.core.batching import of_width
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.plane import cross, dot, minus, upwards
@@ -193,9 +194,9 @@ def stability_margin(
     Returns:
         (...) [m]; negative where the machine would tip over.
     """
-    d = np.moveaxis(np.asarray(extension, dtype=float), -1, 0)
-    a = np.moveaxis(np.asarray(attitude, dtype=float), -1, 0)
-    c = tuple(np.moveaxis(np.asarray(centre_of_mass, dtype=float), -1, 0))
+    d = np.moveaxis(of_width(extension, LEG_COUNT, "extension"), -1, 0)
+    a = np.moveaxis(of_width(attitude, 2, "attitude"), -1, 0)
+    c = tuple(np.moveaxis(of_width(centre_of_mass, 3, "centre_of_mass"), -1, 0))
     up = upwards(a[0], a[1])
     to_centre = [foot_to_centre(leg, d[i]) for i, leg in enumerate(geometry.legs)]
     feet = [(-x, -y, -z) for x, y, z in to_centre]

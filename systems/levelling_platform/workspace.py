@@ -286,7 +286,7 @@ def surface_terms(point: ArrayLike) -> NDArray[np.float64]:
     Returns:
         (..., 7).
     """
-    x, y, z = np.moveaxis(np.asarray(point, dtype=float) - CENTRE, -1, 0)
+    x, y, z = np.moveaxis(of_width(point, 3, "point") - CENTRE, -1, 0)
     return np.stack([z * z, x * x, y * y, z, x, y, np.ones_like(x)], axis=-1)
 
 

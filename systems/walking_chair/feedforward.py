@@ -37,7 +37,8 @@ class ChairFeedforward(LeafSystem):
     State: none. Lengths are calculated without the rates, which nobody needs who controls
     positions from node to node.
 
-    Bad input: where a leg cannot reach, the outputs of its branches are NaN.
+    Bad input: where a leg cannot reach, the outputs of its branches are NaN; a number of a corner
+    that there is not is a ValueError.
     """
 
     def __init__(self, geometry: ChairGeometry = ChairGeometry()):
@@ -59,7 +60,7 @@ class ChairFeedforward(LeafSystem):
         position, velocity, acceleration = read_array(self._body, context).reshape(3, 3)
         body = BodyMotion(position, _LEVEL, velocity=velocity, acceleration=acceleration)
         feet = Motion(*read_array(self._feet, context).reshape(3, LEG_COUNT, 3))
-        return body, feet, read_array(self._references, context).astype(np.intp)
+        return body, feet, read_array(self._references, context)
 
     def _calc_length(self, context: Context, output: BasicVector) -> None:
         body, feet, references = self._inputs(context)

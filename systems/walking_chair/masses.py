@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from parapod.systems.core.batching import of_width
 from parapod.systems.walking_chair.geometry import LEG_COUNT
 
 GRAVITY = 9.81  # [m/s^2]
@@ -87,7 +88,7 @@ def centre_of_mass(
     Returns:
         Mass [kg] and (..., 3) place from S in {S} [m].
     """
-    places = np.asarray(feet, dtype=np.float64)
+    places = of_width(feet, 3, "feet")
     moment = masses.foot_end * places.sum(axis=-2)
     moment = moment + passenger.mass * passenger.place
     moment[..., 2] += masses.body * masses.body_height

@@ -184,7 +184,8 @@ class SupportMonitor(LeafSystem):
 
     State: discrete, whether the gait is held, updated every period.
 
-    Bad input: with a payload that is not finite the margin is minus infinity, and the gait held.
+    Bad input: with a payload or a time that is not finite the margin is minus infinity, and the
+    gait held.
 
     Args:
         walk: the gaits.
@@ -216,11 +217,12 @@ class SupportMonitor(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_hold)
 
     def _smallest_margin(self, context: Context) -> float:
-        mass, x, y = payload = read(self._payload, context)
-        if not all(map(math.isfinite, payload)):
+        (time,), payload = read(self._time, context), read(self._payload, context)
+        if not all(map(math.isfinite, (time, *payload))):
             return -math.inf
+        mass, x, y = payload
         passenger = Passenger(max(0.0, mass), x, y)
-        now = self._walk.phase_at(read(self._time, context)[0])
+        now = self._walk.phase_at(time)
         coming = range(now, min(now + 2, len(self._walk.phases)))
         return min(self._support.margin(phase, passenger) for phase in coming)
 

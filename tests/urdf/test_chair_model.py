@@ -12,7 +12,6 @@ from parapod.systems.walking_chair.gait import TrotGait, gait_branches, gait_mot
 from parapod.systems.walking_chair.masses import ChairMasses, Passenger
 from parapod.systems.walking_chair.model import CHAIR_GEOMETRY, ChairPose, ChairTruth
 from parapod.systems.walking_chair.payload import FORCE_LIMIT
-from parapod.urdf import MODELS_DIR
 
 LEG = CHAIR_GEOMETRY.leg
 GAIT = TrotGait()
@@ -196,10 +195,3 @@ def test_feet_have_contact_at_their_corners_only(machine):
         np.testing.assert_allclose(
             sorted(map(tuple, lowest)), sorted(map(tuple, LEG.corners)), rtol=0, atol=1e-9
         )
-
-
-def test_files_have_no_mesh_that_is_missing():
-    folder = MODELS_DIR / "walking_chair"
-    for urdf in folder.glob("*.urdf"):
-        for name in urdf.read_text().split("package://parapod/walking_chair/")[1:]:
-            assert (folder / name.split('"')[0]).is_file()

@@ -1,5 +1,4 @@
 import math
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +7,7 @@ from pydrake.geometry import Role, SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, SpatialInertia
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.levelling_platform.model import add_platform
@@ -21,10 +20,9 @@ from parapod.systems.levelling_platform.kinematics import (
 from parapod.systems.levelling_platform.leg import diagonal_angle, foot_to_centre, swing_angle
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, ParallelLinks
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
-from parapod.urdf import MODELS_DIR, configure_parser
+from parapod.urdf import configure_parser
 
 VARIANTS = ("full", "reduced")
-FOLDER = MODELS_DIR / "levelling_platform"
 LEGS = MODEL_GEOMETRY.legs
 
 
@@ -101,21 +99,6 @@ def test_directives_parse_on_their_own(variant):
         plant.GetModelInstanceName(instance)
         for instance in {body.model_instance() for body in bodies(plant)}
     }
-
-
-@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.[us][rd]*f")), ids=lambda path: path.name)
-def test_every_part_parses_without_warnings(path):
-    plant = MultibodyPlant(1e-3)
-    parser = Parser(plant)
-    parser.SetStrictParsing()
-    assert len(parser.AddModels(str(path))) == 1
-
-
-@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.dmd.yaml")), ids=lambda path: path.name)
-def test_directives_name_files_that_exist(path):
-    names = re.findall(r"package://parapod/levelling_platform/(\S+)", path.read_text())
-    assert names
-    assert all((FOLDER / name).is_file() for name in names)
 
 
 def test_unknown_variant_is_refused():
@@ -321,19 +304,6 @@ def test_legs_weigh_the_same_in_both_variants(full, reduced):
     ]
     assert masses[0] == pytest.approx(masses[1], abs=1e-9)
     assert masses[0] == pytest.approx(4.0 * 4.2, abs=1e-9)
-
-
-def test_every_inertia_is_physically_valid(machine):
-    for body in bodies(machine.plant):
-        if is_ground(body):
-            continue
-        inertia = machine.plant.get_body(body.index()).default_spatial_inertia()
-        assert isinstance(inertia, SpatialInertia)
-        assert inertia.IsPhysicallyValid(), body.name()
-        about_centre = inertia.Shift(inertia.get_com()).CalcRotationalInertia()
-        principal = np.sort(about_centre.CalcPrincipalMomentsOfInertia())
-        assert principal[0] > 0.0, body.name()
-        assert principal[0] + principal[1] >= principal[2] * (1.0 - 1e-9), body.name()
 
 
 def test_centre_of_mass_is_that_of_the_quasi_static_plant(machine):

@@ -232,17 +232,6 @@ def test_command_follows_its_inputs(fix, moved, mode, port, moves):
     assert found == ({"velocity_command"} if moves else set())
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_command_follows_the_state(fix, moved, mode):
-    controller = controller_with(mode=mode)
-    context = controller.CreateDefaultContext()
-    fix(controller, context, position_node=[0.602], position_measured=[0.6])
-    state = np.array([0.603, 0.6, 0.01, 1.0])
-    assert moved(controller, context, lambda: context.SetDiscreteState(0, state)) == {
-        "velocity_command"
-    }
-
-
 # Laws, with a drive
 
 

@@ -6,11 +6,7 @@ import pytest
 from pydrake.autodiffutils import InitializeAutoDiff
 from pydrake.systems.analysis import Simulator
 
-from parapod.systems.actuators.linear_actuator import (
-    LinearActuator,
-    LinearActuatorParams,
-    Stepper,
-)
+from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams, Stepper
 
 PARAMS = LinearActuatorParams()
 # Room to run: no end stop is met.
@@ -273,70 +269,11 @@ def test_nan_voltage_is_none_and_nan_load_is_none(fix):
     np.testing.assert_array_equal(bad, good)
 
 
-@pytest.mark.parametrize("load", [math.inf, -math.inf])
-@pytest.mark.parametrize("voltage", [-5.0, 0.0, 5.0])
-def test_infinite_load_leaves_a_finite_state(fix, load, voltage):
-    extension, velocity = run(LinearActuator(channels=1), fix, 0.05, voltage, load=load)
-    assert PARAMS.stop_min <= extension[0] <= PARAMS.stop_max
-    assert math.isfinite(velocity[0])
-
-
-def test_unconnected_load_is_no_load(fix):
-    actuator = LinearActuator(channels=2)
-    without = run(actuator, fix, 0.05, (5.0, -5.0))
-    np.testing.assert_array_equal(without, run(actuator, fix, 0.05, (5.0, -5.0), load=0.0))
-
-
 def test_rods_rest_in_the_middle_of_the_stops_by_default(read, fix):
     actuator = LinearActuator()
     context = actuator.CreateDefaultContext()
     fix(actuator, context, voltage=np.zeros(4))
     np.testing.assert_allclose(read(actuator, context)["extension"], 0.42, rtol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("change", "names"),
-    [
-        ("voltage", {"next_state"}),
-        ("load", {"next_state"}),
-        ("gain", {"next_state"}),
-        ("extension", {"extension", "next_state"}),
-    ],
-)
-def test_each_input_and_parameter_moves_what_depends_on_it(fix, moved, change, names):
-    actuator = LinearActuator(channels=2)
-    context = actuator.CreateDefaultContext()
-    fix(actuator, context, voltage=(5.0, 5.0), load_force=(0.0, 0.0))
-    changes = {
-        "voltage": lambda: fix(actuator, context, voltage=(6.0, 5.0)),
-        "load": lambda: fix(actuator, context, load_force=(700.0, 0.0)),
-        "gain": lambda: actuator.set_gain_scale(context, 1.1),
-        "extension": lambda: actuator.set_extension(context, (0.40, 0.41)),
-    }
-    assert moved(actuator, context, changes[change]) == names
-
-
-def test_measured_outputs_have_no_direct_feedthrough():
-    actuator = LinearActuator()
-    for port in ("extension", "velocity"):
-        output = actuator.GetOutputPort(port).get_index()
-        assert not any(actuator.HasDirectFeedthrough(i, output) for i in range(2))
-
-
-@pytest.mark.parametrize("model", ["dynamic", "integrator"])
-def test_derivatives_of_a_step_agree_with_differences(assert_gradient_agrees, fix, model):
-    actuator = LinearActuator(replace(FREE, model=model), channels=2)
-
-    def step(system, x):
-        context = system.CreateDefaultContext()
-        context.SetDiscreteState(0, x[:2])
-        context.SetDiscreteState(1, x[2:4])
-        fix(system, context, voltage=x[4:6], load_force=x[6:8])
-        return system.GetOutputPort("next_state").Eval(context)
-
-    # Moving fast enough that no step crosses a change of direction.
-    x = (0.40, 0.41, 0.05, -0.03, 5.0, -4.0, 300.0, 200.0)
-    assert_gradient_agrees(actuator, step, x, step=1e-5)
 
 
 def test_derivatives_through_a_change_of_direction_agree_with_differences():
@@ -355,14 +292,6 @@ def test_derivatives_through_a_change_of_direction_agree_with_differences():
             stepper.step(FREE.motor_constant, *behind.tolist(), load),
         ) / (2.0 * step)
         np.testing.assert_allclose([row[i] for row in exact], difference, rtol=0.0, atol=1e-7)
-
-
-def test_converted_system_keeps_its_settings():
-    params = replace(FREE, coulomb_friction=77.0)
-    converted = LinearActuator(params, channels=3, time_step=0.005).ToAutoDiffXd()
-    assert converted.params == params
-    assert (converted.channels, converted.time_step) == (3, 0.005)
-    assert converted.get_name() == "linear_actuator"
 
 
 # Stop
@@ -411,8 +340,3 @@ def test_an_actuator_goes_on_when_the_stop_ends(fix):
     fix(actuator, context, stop=(0.0,))
     simulator.AdvanceTo(0.6)
     assert min(state_of(actuator, context)[1]) > 0.04
-
-
-def test_a_stop_moves_the_next_state(fix, moved):
-    actuator, context, _ = stopped(fix, 0.0)
-    assert moved(actuator, context, lambda: fix(actuator, context, stop=(1.0,))) == {"next_state"}

@@ -224,18 +224,6 @@ def test_brake_that_is_nan_does_not_brake(fix):
     assert state_of(drive, context)[1][0] > 1.9
 
 
-@pytest.mark.parametrize(("name", "value"), [("velocity_command", (2.0,)), ("brake", (1.0,))])
-def test_each_input_moves_the_next_state(fix, name, value):
-    drive = make_drive(channels=1)
-    states = []
-    for change in ({}, {name: value}):
-        simulator, context = start(drive, fix, 1.0)
-        fix(drive, context, **change)
-        simulator.AdvanceTo(0.1)
-        states.append(drive.GetOutputPort("state").Eval(context).tolist())
-    assert states[0] != states[1]
-
-
 def test_a_finer_step_of_the_lag_changes_nothing_but_when_commands_arrive(fix):
     # The held goal is one step of the lag late.
     states = []
@@ -279,14 +267,6 @@ def test_state_moves_all_outputs(moved, fix):
         "state",
         "next_state",
     }
-
-
-@pytest.mark.parametrize("change", [{"velocity_command": (2.0,)}, {"brake": (1.0,)}])
-def test_inputs_move_the_state_ahead_and_nothing_else(moved, fix, change):
-    drive = make_drive(channels=1)
-    _, context = start(drive, fix, 1.0)
-    put(drive, context, 0.0, 0.5)
-    assert moved(drive, context, lambda: fix(drive, context, **change)) == {"next_state"}
 
 
 def test_imperfection_moves_the_state_ahead(moved, fix):

@@ -34,12 +34,6 @@ class Estimation:
         )
 
 
-def test_there_is_no_estimate_before_the_trigger(fix):
-    ground, valid = Estimation(fix).advance(20)
-    assert ground.tolist() == [0.0, 0.0]
-    assert valid.tolist() == [0.0]
-
-
 def test_estimate_is_the_ground_on_which_the_legs_stand(fix):
     ground, valid = Estimation(fix, trigger=(1.0,)).advance(2)
     np.testing.assert_allclose(ground, GROUND, rtol=0, atol=1e-13)
@@ -122,17 +116,3 @@ def test_encoder_count_moves_the_estimate_by_less_than_a_hundredth_of_a_degree(f
     counted = np.round(EXTENSION / 1e-5) * 1e-5
     rounded, _ = Estimation(fix, trigger=(1.0,), extension=counted).advance(2)
     assert 0.0 < np.abs(rounded - exact).max() < math.radians(0.01)
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("extension", EXTENSION * (1.002, 1.0, 1.0, 1.0)), ("attitude", (0.0, 0.0))],
-)
-def test_each_input_moves_the_estimate(fix, name, value):
-    one, _ = Estimation(fix, trigger=(1.0,)).advance(2)
-    other, _ = Estimation(fix, trigger=(1.0,), **{name: value}).advance(2)
-    assert (one != other).all()
-
-
-def test_no_output_depends_on_an_input_directly():
-    assert not GroundEstimator().HasAnyDirectFeedthrough()

@@ -425,53 +425,6 @@ def test_the_way_is_looked_at_only_when_a_request_changes(fix, monkeypatch):
     assert len(calls) == 4
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "expected"),
-    [
-        ("extension", np.add(EXTENSION, (0.001, 0.0, 0.0, 0.0)), {"margin"}),
-        ("attitude", (0.02, -0.015), {"margin"}),
-        ("ground", (0.03, 0.02), {"margin"}),
-        ("standing", LIFTED, {"margin"}),
-        ("arm_request", (0.1, 0.2), set()),
-        ("enable", (0.0,), set()),
-    ],
-)
-def test_only_the_present_margin_follows_the_sensors_at_once(fix, moved, name, value, expected):
-    monitor = Monitor(fix, arm_request=SIDEWAYS)
-    monitor.run(0.3)
-    change = {name: value}
-    assert moved(monitor.system, monitor.context, lambda: monitor.set(**change)) == expected
-
-
-def test_time_moves_command_and_margin(fix, moved):
-    monitor = Monitor(fix, arm_request=SIDEWAYS)
-    monitor.run(0.3)
-    names = moved(monitor.system, monitor.context, lambda: monitor.context.SetTime(0.304))
-    assert names == {"arm_command", "margin"}
-
-
-def test_the_state_moves_every_output(fix, moved):
-    monitor = Monitor(fix, arm_request=SIDEWAYS)
-    monitor.run(0.3)
-    initial = monitor.system.CreateDefaultContext().get_discrete_state_vector().CopyToVector()
-    names = moved(
-        monitor.system, monitor.context, lambda: monitor.context.SetDiscreteState(initial)
-    )
-    assert names == {"arm_command", "margin", "margin_requested", "refused"}
-
-
-def test_all_that_it_knows_is_in_the_context(fix):
-    monitor = Monitor(fix, arm_request=SIDEWAYS)
-    monitor.run(0.3)
-    monitor.set(arm_request=(0.1, 0.2))
-    monitor.run(0.1)
-    other = Monitor(fix)
-    other.context.SetTimeStateAndParametersFrom(monitor.context)
-    other.set(arm_request=(0.1, 0.2))
-    other.simulator.Initialize()
-    np.testing.assert_array_equal(other.run(4.0), monitor.run(4.0))
-
-
 def test_limits_are_those_of_the_context(fix):
     monitor = Monitor(fix)
     limits = monitor.context.get_mutable_numeric_parameter(0)

@@ -12,7 +12,6 @@ from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.levelling_platform.feedforward import KinematicFeedforward, PassiveLegSolver
 from parapod.systems.levelling_platform.geometry import LegDeviation, PlatformGeometry
 from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
-from parapod.systems.levelling_platform.inclination_loop import ForwardKinematics
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
     height_range,
@@ -126,17 +125,6 @@ def test_forward_kinematics_undoes_inverse_kinematics_on_offsets(geometry, legs)
 
 
 @pytest.mark.parametrize("legs", [None, (0, 1, 2), (3, 1, 0)])
-def test_a_batch_of_offsets_is_the_single_results(legs):
-    posture, ground, offsets = stances(6)
-    extension = inverse_kinematics(ROLLER, posture, ground, offsets)
-    whole = forward_kinematics(ROLLER, extension, ground, legs, offsets)
-    for k in range(6):
-        one = forward_kinematics(ROLLER, extension[k], ground[k], legs, offsets[k])
-        np.testing.assert_allclose(one, posture[k], rtol=0, atol=1e-12)
-        np.testing.assert_allclose(whole[k], one, rtol=0, atol=1e-14)
-
-
-@pytest.mark.parametrize("legs", [None, (0, 1, 2), (3, 1, 0)])
 def test_offsets_of_zero_change_nothing_even_where_the_feet_are_not_in_one_plane(legs):
     extension = 0.405 + np.random.default_rng(2).uniform(-0.002, 0.002, (50, 4))
     flat = forward_kinematics(ROLLER, extension, GROUND, legs)
@@ -148,15 +136,6 @@ def test_one_offset_under_all_feet_lifts_the_platform_by_as_much():
     extension = inverse_kinematics(ROLLER, POSTURE, GROUND)
     lifted = forward_kinematics(ROLLER, extension, GROUND, foot_offsets=[0.013] * 4)
     np.testing.assert_allclose(lifted, POSTURE + np.array((0.0, 0.0, 0.013)), rtol=0, atol=1e-13)
-
-
-def test_offsets_of_a_wrong_number_are_refused():
-    for call in (
-        lambda: forward_kinematics(ROLLER, [0.4] * 4, GROUND, foot_offsets=[0.0] * 3),
-        lambda: height_range(ROLLER, POSTURE[:2], GROUND, [0.0] * 3),
-    ):
-        with pytest.raises(ValueError, match=r"^foot_offsets must have shape"):
-            call()
 
 
 @GEOMETRIES
@@ -308,11 +287,6 @@ class Estimation:
         return self.system.GetOutputPort(name).Eval(self.context).copy()
 
 
-def test_there_are_no_offsets_before_the_trigger(fix):
-    extension = inverse_kinematics(ROLLER, POSTURE, GROUND, OFFSETS)
-    np.testing.assert_array_equal(Estimation(fix, extension, 0.0).read("foot_offsets"), 0.0)
-
-
 def test_estimated_ground_and_offsets_are_what_the_legs_stand_on(fix):
     extension = inverse_kinematics(ROLLER, POSTURE, GROUND, OFFSETS)
     estimation = Estimation(fix, extension, 1.0)
@@ -387,21 +361,6 @@ def test_offsets_move_the_extensions_of_the_exact_law_alone(fix, moved, law):
     assert names == ({"active_desired_state"} if law == "exact" else set())
 
 
-@pytest.mark.parametrize("system", [KinematicFeedforward(ROLLER), PassiveLegSolver(ROLLER)])
-def test_derivatives_by_the_offsets_agree_with_differences(assert_gradient_agrees, fix, system):
-    def evaluate(system, x):
-        context = system.CreateDefaultContext()
-        state = 0.0 * x[0] + np.append(POSTURE, RATE)
-        fix(system, context, posture_desired_state=state, ground=0.0 * x[0] + GROUND)
-        if system.HasInputPort("active_desired_state"):
-            active = np.array((0.405, 0.404, 0.406, 0.01, 0.02, 0.03))
-            fix(system, context, active_desired_state=0.0 * x[0] + active)
-        fix(system, context, foot_offsets=x)
-        return system.get_output_port().Eval(context)
-
-    assert_gradient_agrees(system, evaluate, OFFSETS)
-
-
 # Reference
 
 
@@ -418,13 +377,6 @@ def reference_from(fix, command, enable=1.0, **inputs):
     }
     fix(system, context, **(given | inputs))
     return simulator, lambda: system.get_output_port().Eval(context)[:3]
-
-
-@pytest.mark.parametrize("enable", [0.0, 1.0])
-def test_the_reference_starts_from_the_posture_on_the_offsets(fix, enable):
-    simulator, posture = reference_from(fix, POSTURE + np.array((0.01, 0.0, 0.01)), enable)
-    simulator.AdvanceTo(1e-9)
-    np.testing.assert_allclose(posture(), POSTURE, rtol=0, atol=1e-12)
 
 
 def test_a_command_that_only_offsets_put_out_of_reach_is_refused(fix):
@@ -444,41 +396,3 @@ def test_a_command_that_only_offsets_bring_into_reach_is_taken(fix):
     simulator, posture = reference_from(fix, command, foot_offsets=np.full(4, 0.002))
     simulator.AdvanceTo(20.0)
     np.testing.assert_allclose(posture(), command, rtol=0, atol=1e-12)
-
-
-# Without offsets
-
-
-@pytest.mark.parametrize(
-    ("make", "inputs"),
-    [
-        (ForwardKinematics, {"extension": (0.405, 0.404, 0.406, 0.403), "ground": GROUND}),
-        (
-            KinematicFeedforward,
-            {"posture_desired_state": np.append(POSTURE, RATE), "ground": GROUND},
-        ),
-        (
-            PassiveLegSolver,
-            {
-                "active_desired_state": (0.405, 0.404, 0.406, 0.01, 0.02, 0.03),
-                "posture_desired_state": np.append(POSTURE, RATE),
-                "ground": GROUND,
-            },
-        ),
-        (
-            PostureReference,
-            {"extension_measured": (0.405, 0.404, 0.406, 0.403), "ground": GROUND},
-        ),
-    ],
-    ids=lambda value: getattr(value, "__name__", ""),
-)
-def test_a_port_that_is_not_connected_is_a_plane(fix, read, make, inputs):
-    system = make(ROLLER)
-    outputs = []
-    for offsets in ({}, {"foot_offsets": np.zeros(4)}, {"foot_offsets": OFFSETS}):
-        context = system.CreateDefaultContext()
-        fix(system, context, **inputs, **offsets)
-        (output,) = read(system, context).values()
-        outputs.append(output)
-    np.testing.assert_array_equal(outputs[0], outputs[1])
-    assert (outputs[1] != outputs[2]).any()

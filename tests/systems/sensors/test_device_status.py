@@ -43,15 +43,6 @@ def test_age_stays_between_zero_and_the_period(period):
         assert age == pytest.approx(math.fmod(time, period), abs=1e-8)
 
 
-def test_age_follows_the_time_of_one_context():
-    status = DeviceStatus(("legs", "imu"), (0.0, PERIOD))
-    context = status.CreateDefaultContext()
-    for time in (0.001, 0.002, 0.011):
-        context.SetTime(time)
-        expected = math.fmod(time, PERIOD)
-        assert status.GetOutputPort("age").Eval(context)[1] == pytest.approx(expected)
-
-
 def test_devices_without_a_period_are_always_up_to_date():
     np.testing.assert_array_equal(ages(DeviceStatus(("a", "b"), (0.0, 0.0)), 12.3), np.zeros(2))
 

@@ -54,20 +54,6 @@ def test_values_that_are_not_finite_read_zero_and_large_ones_pass(resolution):
         np.testing.assert_array_equal(measured, (0.0, 0.0, 0.0, 1e308))
 
 
-def test_each_input_moves_its_output_and_no_other():
-    encoder = Encoder(2)
-    context = encoder.CreateDefaultContext()
-    for name in ("position", "velocity"):
-        encoder.GetInputPort(name).FixValue(context, (1.0, 2.0))
-    outputs = [encoder.get_output_port(i) for i in range(2)]
-    for i, name in enumerate(("position", "velocity")):
-        before = [port.Eval(context) for port in outputs]
-        encoder.GetInputPort(name).FixValue(context, (3.0, 4.0))
-        after = [port.Eval(context) for port in outputs]
-        np.testing.assert_allclose(after[i], (3.0, 4.0))
-        np.testing.assert_array_equal(after[1 - i], before[1 - i])
-
-
 @pytest.mark.parametrize(
     ("resolution", "gate_time"), [(-1e-5, 0.01), (math.nan, 0.01), (1e-5, 0.0)]
 )

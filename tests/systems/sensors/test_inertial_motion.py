@@ -78,15 +78,3 @@ def test_everything_is_seen_along_the_bodys_axes(attitude):
     np.testing.assert_allclose(shown[3:6], rotation.matrix().T @ spin, atol=1e-12)
     expected = rotation.matrix().T @ np.array((0.3, -0.2, 9.91))
     np.testing.assert_allclose(shown[6:], expected, atol=1e-9)
-
-
-def test_output_follows_the_present_and_the_last_state_and_nothing_else(fix, moved):
-    system = InertialMotion(SIZE, POSE, VELOCITY, PERIOD)
-    context = system.CreateDefaultContext()
-    rest = np.eye(SIZE)[POSE]
-    faster = rest + 0.1 * np.eye(SIZE)[VELOCITY + 3]
-    fix(system, context, state=rest, last_state=rest)
-    for name in ("state", "last_state"):
-        change = {name: faster}
-        assert moved(system, context, lambda c=change: fix(system, context, **c)) == {"motion"}
-    assert moved(system, context, lambda: context.SetTime(1.0)) == set()

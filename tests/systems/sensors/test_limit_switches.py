@@ -1,7 +1,6 @@
 import math
 
 import numpy as np
-import pytest
 
 from parapod.systems.levelling_platform.model import LIMIT_SWITCHES
 from parapod.systems.sensors.limit_switches import LimitSwitches, LimitSwitchesParams
@@ -36,11 +35,6 @@ def test_contact_closes_at_its_force():
     np.testing.assert_array_equal(contact, (0, 1, 0, 1))
 
 
-def test_unconnected_force_is_no_contact():
-    *_, contact = limits((0.42,) * 4, None)
-    np.testing.assert_array_equal(contact, np.zeros(4))
-
-
 def test_thresholds_come_from_the_params():
     switches = LimitSwitches(1, LimitSwitchesParams(0.3, 0.2, 1.0))
     for extension, force, expected in ((0.31, 0.5, (1, 0, 0)), (0.19, 1.5, (0, 1, 1))):
@@ -54,18 +48,3 @@ def test_nan_closes_no_switch_and_infinity_counts_as_large():
     np.testing.assert_array_equal(extended, (0, 1, 0, 0))
     np.testing.assert_array_equal(retracted, (0, 0, 1, 0))
     np.testing.assert_array_equal(contact, (0, 1, 0, 0))
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "row"), [("extension", (0.46,) * 4, 0), ("contact_force", STANDING, 2)]
-)
-def test_each_input_moves_the_output(name, value, row):
-    switches = LimitSwitches(4, LIMIT_SWITCHES)
-    context = switches.CreateDefaultContext()
-    switches.GetInputPort("extension").FixValue(context, (0.42,) * 4)
-    switches.GetInputPort("contact_force").FixValue(context, (0.0,) * 4)
-    np.testing.assert_array_equal(switches.get_output_port().Eval(context), np.zeros(12))
-    switches.GetInputPort(name).FixValue(context, value)
-    moved = switches.get_output_port().Eval(context).reshape(3, 4)
-    np.testing.assert_array_equal(moved[row], np.ones(4))
-    assert moved.sum() == 4.0

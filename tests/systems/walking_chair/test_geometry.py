@@ -4,7 +4,13 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from parapod.systems.walking_chair.geometry import ChairGeometry, LegGeometry, LegPlacement
+from parapod.systems.walking_chair.geometry import (
+    BRANCHES,
+    ChairGeometry,
+    LegGeometry,
+    LegPlacement,
+    branch_names,
+)
 
 LEG, CHAIR = LegGeometry(), ChairGeometry()
 
@@ -90,3 +96,13 @@ def test_a_wrong_number_of_legs_is_refused(count):
 def test_a_leg_without_a_place_is_refused(place):
     with pytest.raises(ValueError, match="a leg cannot be placed at"):
         LegPlacement(*place, turned=False)
+
+
+def test_branches_are_named_by_leg_and_number():
+    assert len(BRANCHES) == 12
+    assert BRANCHES[:4] == ("branch 11", "branch 12", "branch 13", "branch 21")
+    assert BRANCHES[-1] == "branch 43"
+
+
+def test_names_of_chosen_legs_alone():
+    assert branch_names((3,)) == ("branch 31", "branch 32", "branch 33")

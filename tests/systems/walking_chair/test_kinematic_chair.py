@@ -35,7 +35,7 @@ def start(fix, passenger=Passenger(), lengths=None, at=(0.0, 0.0)):
 @pytest.mark.parametrize("walk", [WALK, there_and_back(WALK.gaits[0])])
 def test_the_body_goes_where_the_gait_has_it(fix, read, walk):
     chair, simulator, context = start(fix)
-    for time in np.arange(0.0, walk.duration + 0.005, 0.01):
+    for time in np.arange(0.0, walk.duration + 0.005, 0.02):
         fix(chair, context, position=lengths_of(walk, time).ravel())
         simulator.AdvanceTo(time)
         if round(100 * time) % 50 == 0:
@@ -97,30 +97,6 @@ def test_lengths_that_no_leg_has_give_nan_and_leave_the_state_alone(fix, read):
     simulator.AdvanceTo(0.1)
     assert all(np.isnan(value).all() for value in read(chair, context).values())
     np.testing.assert_array_equal(context.get_discrete_state(1).value(), state)
-
-
-def test_position_moves_all_outputs(moved, fix):
-    chair, simulator, context = start(fix)
-    simulator.AdvanceTo(0.05)
-    other = lengths_of(WALK, 2.5).ravel() + np.linspace(0.0, 1e-3, 12)
-    names = moved(chair, context, lambda: fix(chair, context, position=other))
-    assert names == {
-        "body_position",
-        "body_attitude",
-        "force",
-        "contact_force",
-        "foot_height",
-        "body_pose",
-    }
-
-
-def test_passenger_moves_the_forces(moved, fix):
-    chair, _, context = start(fix)
-
-    def change():
-        chair.stand(context, (0.0, 0.0), Passenger(20.0))
-
-    assert {"force", "contact_force"} <= moved(chair, context, change)
 
 
 def test_a_default_context_has_the_passenger_and_the_place_of_the_constructor(fix):

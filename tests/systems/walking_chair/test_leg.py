@@ -1,3 +1,5 @@
+"""One leg: its branches from the place of its foot, and back."""
+
 import math
 
 import numpy as np
@@ -7,9 +9,14 @@ from parapod.systems.walking_chair.geometry import LegGeometry
 from parapod.systems.walking_chair.leg import (
     CORNERS,
     branch_lengths,
+    corner_numbers,
     leg_corners,
+    leg_forward,
     leg_inverse,
+    lowest_corner,
+    reference_corner,
     up_branch,
+    up_of_lengths,
 )
 
 LEG = LegGeometry()
@@ -197,3 +204,173 @@ def test_a_point_of_another_shape_is_refused(point):
 def test_an_unknown_corner_is_refused():
     with pytest.raises(ValueError, match="one of E1, E2, E3"):
         leg_inverse(LEG, (0.0, 0.0, -0.7), "E4")
+
+
+QUARTER = 0.5 * math.pi
+
+
+def assemblies(lengths):
+    """Angles (alpha, beta) within the joints' range: the polynomial of degree 4 in cos(alpha)."""
+    a, b, s_30, c_30 = LEG.a, LEG.b, 0.5, 0.5 * math.sqrt(3.0)
+    h = lengths[0] + LEG.x2 - LEG.x3
+    k_2, k_3 = (0.5 * (a**2 + b**2 + h**2 - length**2) for length in lengths[1:])
+    s, d = 0.5 * (k_2 + k_3), 0.5 * (k_2 - k_3)
+    rho, delta = math.hypot(b * c_30, h), math.atan2(h, b * c_30)
+    p, q = a * s_30 * b * s_30, a * c_30 * rho
+    polynomial = np.polymul((-1.0, 0.0, 1.0), (-p * p, 2.0 * s * p, q * q - s * s))
+    polynomial[-1] -= 3.0 * d * d
+    roots = np.roots(polynomial / np.abs(polynomial).max())
+    found = []
+    for root in roots[(np.abs(roots.imag) < 1e-6) & (np.abs(roots.real) < 1.0 + 1e-9)].real:
+        cosine = min(max(root, -1.0), 1.0)
+        psi = math.acos(min(max((s - p * cosine) / q, -1.0), 1.0))
+        alpha, beta = math.copysign(math.acos(cosine), d), psi - delta
+        if abs(alpha) < QUARTER and abs(beta) < QUARTER:
+            found.append((alpha, beta))
+    return np.array(found).reshape(-1, 2)
+
+
+def random_lengths(count, seed):
+    low, high = LEG.strokes.T
+    return np.random.default_rng(seed).uniform(low, high, (count, 3))
+
+
+def test_posture_is_recovered_from_its_lengths():
+    rng = np.random.default_rng(0)
+    up = rng.uniform((*LEG.up_stroke[:1], -0.7, -0.7), (LEG.up_stroke[1], 0.7, 0.7), (3000, 3))
+    found = leg_forward(LEG, branch_lengths(LEG, up))
+    np.testing.assert_allclose(found.alpha, up[:, 1], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.beta, up[:, 2], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.point, leg_corners(LEG, up)[:, 0], rtol=0, atol=1e-12)
+
+
+def test_lengths_are_recovered_from_their_posture_wherever_there_is_one():
+    lengths = random_lengths(5000, 1)
+    point, alpha, beta = leg_forward(LEG, lengths)
+    found = np.isfinite(alpha)
+    assert 0.67 < found.mean() < 0.72
+    again = leg_inverse(LEG, point[found])
+    np.testing.assert_allclose(again, lengths[found], rtol=0, atol=1e-12)
+    assert (np.abs(alpha[found]) < QUARTER).all()
+    assert (np.abs(beta[found]) < QUARTER).all()
+
+
+def test_a_posture_is_found_exactly_where_the_polynomial_has_one_and_it_is_that():
+    lengths = random_lengths(1500, 2)
+    up = up_of_lengths(LEG, lengths)
+    for triple, (_, *angles) in zip(lengths, up, strict=True):
+        expected = assemblies(triple)
+        assert np.isfinite(angles).all() == (len(expected) > 0)
+        if len(expected):
+            # The double root at alpha = 0 makes the polynomial's solutions poor.
+            assert np.abs(expected - angles).max(axis=1).min() < 1e-4
+
+
+def test_leg_without_side_swing_is_found_exactly_where_the_polynomial_has_a_double_root():
+    up = np.array((0.7, 0.0, -0.2))
+    alpha, beta = leg_forward(LEG, branch_lengths(LEG, up))[1:]
+    assert alpha == 0.0
+    assert beta == pytest.approx(-0.2, abs=1e-14)
+
+
+def test_hanging_straight_is_found_at_once():
+    point, alpha, beta = leg_forward(LEG, leg_inverse(LEG, (0.0, 0.0, -0.78)))
+    np.testing.assert_allclose(point, (0.0, 0.0, -0.78), rtol=0, atol=1e-15)
+    assert (alpha, beta) == pytest.approx((0.0, 0.0), abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    "lengths",
+    [
+        (0.8914, 0.574, 0.574),
+        (0.5914, 0.874, 0.874),
+        (0.7, 0.0, 0.0),
+        (0.7, -0.68, 0.68),
+        (-0.7, 0.68, 0.68),
+        (0.0, 0.0, 0.0),
+        (math.nan, 0.68, 0.68),
+        (0.7, math.inf, 0.68),
+        (1e6, 0.68, 0.68),
+    ],
+)
+def test_lengths_that_no_leg_can_have_give_nan(lengths):
+    for value in leg_forward(LEG, lengths):
+        assert np.isnan(value).all()
+
+
+def test_lengths_that_no_leg_can_have_leave_the_others_of_a_batch_alone():
+    good = leg_inverse(LEG, (0.05, -0.1, -0.75))
+    found = leg_forward(LEG, np.array((good, (0.8914, 0.574, 0.574), good)))
+    assert np.isnan(found.alpha).tolist() == [False, True, False]
+    for point in found.point[[0, 2]]:
+        np.testing.assert_allclose(point, (0.05, -0.1, -0.75), rtol=0, atol=1e-12)
+
+
+def test_whole_numbers_are_lengths_too():
+    found = leg_forward(LEG, np.ones((2, 5, 3), dtype=int)).point
+    assert found.shape == (2, 5, 3)
+    np.testing.assert_array_equal(found[1, 4], leg_forward(LEG, (1.0, 1.0, 1.0)).point)
+    assert np.isfinite(found).all()
+
+
+def test_lengths_of_another_shape_are_refused():
+    with pytest.raises(ValueError, match=r"lengths must have shape \(\.\.\., 3\)"):
+        leg_forward(LEG, (0.7, 0.7))
+
+
+def turned(angle):
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+
+
+def test_names_and_numbers_of_corners_mean_the_same():
+    assert corner_numbers("E2") == 2
+    assert corner_numbers(3) == 3
+    np.testing.assert_array_equal(corner_numbers(CORNERS), (1, 2, 3))
+    np.testing.assert_array_equal(corner_numbers(np.array([["E3", "E1"]])), [[3, 1]])
+    np.testing.assert_array_equal(corner_numbers([1, 2, 3]), (1, 2, 3))
+    np.testing.assert_array_equal(corner_numbers(np.array(["E1", "E2"], dtype=object)), (1, 2))
+
+
+@pytest.mark.parametrize(
+    "reference", ["E4", "e1", "", 0, 4, -1, 1.5, math.nan, None, True, ["E1", "E0"], [1, 4]]
+)
+def test_a_corner_that_does_not_exist_is_refused_with_those_that_do(reference):
+    with pytest.raises(ValueError, match=r"one of E1, E2, E3 or its number 1, 2, 3, not"):
+        corner_numbers(reference)
+
+
+def test_the_first_unknown_corner_is_named():
+    with pytest.raises(ValueError, match="not 'E9'"):
+        corner_numbers(["E1", "E9", "E8"])
+
+
+def test_corners_are_looked_up_per_element():
+    np.testing.assert_array_equal(reference_corner(LEG, ["E3", "E1"]), LEG.corners[[2, 0]])
+
+
+@pytest.mark.parametrize(("beta", "corner"), [(-0.1, 1), (0.0, 1), (0.1, 2)])
+def test_rule_of_the_lowest_corner_without_side_swing(beta, corner):
+    assert lowest_corner(LEG, (0.7, 0.0, beta)) == corner
+
+
+@pytest.mark.parametrize("reference", CORNERS)
+def test_the_rule_may_be_asked_with_any_corner(reference):
+    for ahead in (-0.1, -0.01, 0.01, 0.1):
+        point = LEG.corners[CORNERS.index(reference)] + (0.0, ahead, -0.78)
+        found = lowest_corner(LEG, up_branch(LEG, point, reference))
+        assert found == (2 if ahead > 0.0 else 1)
+
+
+def test_no_corner_is_lower_than_the_lowest_in_any_attitude_of_the_leg():
+    rng = np.random.default_rng(1)
+    up = rng.uniform((0.6, -0.5, -0.5), (0.85, 0.5, 0.5), (200, 3))
+    tilt = rng.uniform(-0.3, 0.3, 200)
+    c, s, o, i = np.cos(tilt), np.sin(tilt), np.zeros(200), np.ones(200)
+    rotation = turned(2.0) @ np.moveaxis(np.array(((i, o, o), (o, c, -s), (o, s, c))), -1, 0)
+    heights = np.einsum("nij,nkj->nki", rotation, leg_corners(LEG, up))[..., 2]
+    found = lowest_corner(LEG, up, rotation) - 1
+    assert set(found) == {0, 1, 2}
+    np.testing.assert_allclose(
+        np.take_along_axis(heights, found[:, None], axis=1)[:, 0], heights.min(axis=1), atol=1e-15
+    )

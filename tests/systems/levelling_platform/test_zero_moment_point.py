@@ -488,34 +488,6 @@ def test_between_the_instants_that_are_looked_at_nothing_hides():
         assert found == pytest.approx(exact, abs=5e-5)
 
 
-# Batches and bad input
-
-
-def test_batches_are_the_single_ones_stacked():
-    random = np.random.default_rng(8)
-    extension = random.uniform(0.39, 0.42, (3, 1, 4))
-    ground = random.uniform(-0.05, 0.05, (2, 2))
-    standing = (random.uniform(size=(3, 2, 4)) > 0.2).astype(float)
-    angle, rate = random.uniform(-1.0, 1.0, (2, 3, 2, 2))
-    footing = Footing(extension, (0.01, 0.02), ground, standing)
-    motion = ArmMotion(angle, rate, (1.0, 2.0))
-    batched = (
-        tipping_margin(GEOMETRY, PARAMS, footing, motion),
-        point(footing, motion),
-        support_polygon(GEOMETRY, footing),
-    )
-    assert [array.shape for array in batched] == [(3, 2), (3, 2, 2), (3, 2, 4, 2)]
-    for i in range(3):
-        for j in range(2):
-            one = Footing(extension[i, 0], (0.01, 0.02), ground[j], standing[i, j])
-            moving = ArmMotion(angle[i, j], rate[i, j], (1.0, 2.0))
-            assert batched[0][i, j] == pytest.approx(margin(one, moving), abs=1e-14)
-            np.testing.assert_allclose(batched[1][i, j], point(one, moving), atol=1e-14)
-            np.testing.assert_allclose(
-                batched[2][i, j], support_polygon(GEOMETRY, one), atol=1e-14
-            )
-
-
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("batch", [(), (2,)])
 @pytest.mark.parametrize(

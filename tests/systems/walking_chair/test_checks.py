@@ -1,18 +1,34 @@
+"""Refusals of lengths, speeds and forces that a branch cannot have."""
+
 import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.walking_chair.checks import (
+    ForceExceeded,
     SpeedExceeded,
     StrokeExceeded,
+    check_forces,
+    check_gait,
     check_speeds,
     check_strokes,
     stroke_excess,
 )
-from parapod.systems.walking_chair.geometry import LegGeometry
+from parapod.systems.walking_chair.gait import (
+    DIRECTIONS,
+    ORDERS,
+    TrotGait,
+    Walk,
+    gait_branches,
+    there_and_back,
+)
+from parapod.systems.walking_chair.geometry import ChairGeometry, LegGeometry
+from parapod.systems.walking_chair.masses import Passenger
+from parapod.systems.walking_chair.trajectories import MOTION_LAWS
 
 LEG = LegGeometry()
 
@@ -128,3 +144,103 @@ def test_errors_are_parapods_and_survive_the_way_from_another_process():
         again = pickle.loads(pickle.dumps(error))
         assert str(again) == str(error)
         assert again.branch == "branch 12"
+
+
+CHAIR, GAIT = ChairGeometry(), TrotGait()
+
+
+@pytest.mark.parametrize("law", MOTION_LAWS)
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_actuators_can_do_the_papers_gait_with_any_law(law, order, direction):
+    check_gait(CHAIR, TrotGait(order=order, direction=direction, body_law=law, cycles=2))
+
+
+def test_least_lift():
+    check_gait(CHAIR, replace(GAIT, lift=0.112513))
+    with pytest.raises(StrokeExceeded, match=r"branch 12 .* at 7\.58") as caught:
+        check_gait(CHAIR, replace(GAIT, lift=0.112512))
+    assert caught.value.length < 0.574
+    assert caught.value.missing < 1e-6
+
+
+def test_missing_length_for_a_lift_that_is_too_small_is_named():
+    with pytest.raises(StrokeExceeded) as caught:
+        check_gait(CHAIR, replace(GAIT, lift=0.100))
+    shortest = gait_branches(CHAIR, replace(GAIT, lift=0.100), np.linspace(5.0, 10.0, 20001))
+    assert caught.value.length == pytest.approx(shortest.length[..., 1].min(), abs=3e-7)
+    assert 5.0 < caught.value.time < 10.0
+
+
+def test_shortest_duration_of_a_phase():
+    check_gait(CHAIR, replace(GAIT, phase_duration=4.698))
+    with pytest.raises(SpeedExceeded, match="branch 12") as caught:
+        check_gait(CHAIR, replace(GAIT, phase_duration=4.697))
+    assert caught.value.limit == 0.080
+    assert 0.080 < caught.value.speed < 0.08002
+
+
+def test_fastest_branch_of_the_papers_gait_is_named_with_its_time():
+    with pytest.raises(SpeedExceeded, match="branch 12") as caught:
+        check_gait(CHAIR, GAIT, speed_limit=0.075)
+    assert 1e3 * caught.value.speed == pytest.approx(75.163, abs=1e-3)
+    assert caught.value.time == pytest.approx(6.308, abs=5e-3)
+    check_gait(CHAIR, GAIT, speed_limit=0.0752)
+
+
+def test_a_body_law_may_be_too_fast_although_the_swing_is_not():
+    slow = replace(GAIT, swing_height=0.010, step=0.010)
+    check_gait(CHAIR, slow, speed_limit=0.030)
+    with pytest.raises(SpeedExceeded) as caught:
+        check_gait(CHAIR, replace(slow, body_law="cycloid"), speed_limit=0.030)
+    assert 1e3 * caught.value.speed == pytest.approx(45.88, abs=0.01)
+
+
+@pytest.mark.parametrize("step", [0.3, 0.9])
+def test_a_step_that_is_too_long_is_refused(step):
+    with pytest.raises(StrokeExceeded):
+        check_gait(CHAIR, replace(GAIT, step=step))
+
+
+def test_a_swing_out_of_reach_is_refused():
+    with pytest.raises(StrokeExceeded, match="has no length"):
+        check_gait(CHAIR, replace(GAIT, swing_height=0.9))
+
+
+def test_many_cycles_are_checked_as_fast_as_one():
+    check_gait(CHAIR, replace(GAIT, cycles=10**6))
+
+
+GEOMETRY = ChairGeometry()
+
+
+def test_the_papers_passenger_is_carried():
+    check_forces(GEOMETRY, there_and_back(TrotGait()), Passenger(57.0))
+
+
+def test_equally_stiff_branches_carry_what_the_best_distribution_does():
+    # Linear programming gives 168.588 kg without friction; springs that share alike are near it.
+    check_forces(GEOMETRY, Walk(), Passenger(140.0))
+    with pytest.raises(ForceExceeded):
+        check_forces(GEOMETRY, Walk(), Passenger(175.0))
+
+
+def test_the_error_names_branch_time_and_limit():
+    with pytest.raises(ForceExceeded) as caught:
+        check_forces(GEOMETRY, Walk(), Passenger(57.0, 0.05, 0.0), limit=150.0)
+    error = caught.value
+    assert error.branch.startswith("branch ")
+    assert 0.0 <= error.time <= 25.0
+    assert abs(error.force) > error.limit == 150.0
+    text = str(error)
+    assert "\n" not in text
+    assert error.branch in text
+    assert f"{error.time:.3f} s" in text
+    assert "150.0 N" in text
+
+
+def test_the_largest_force_is_that_of_two_legs():
+    with pytest.raises(ForceExceeded) as caught:
+        check_forces(GEOMETRY, Walk(), Passenger(57.0), limit=1.0)
+    standing = np.array(Walk().standing)[Walk().phase_at(caught.value.time)]
+    assert standing.sum() == 2

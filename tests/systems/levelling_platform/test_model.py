@@ -75,19 +75,3 @@ def test_extension_that_cannot_be_built_gives_nan_for_its_leg_only(fix, read, ba
     output = evaluated(fix, read, rod_state=rods, extension=extension)
     assert np.isnan(output["swing_state"]).tolist() == [False, True, False, False] * 2
     assert np.isnan(output["load_force"]).tolist() == [False, True, False, False]
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "names"),
-    [
-        ("rod_state", np.concatenate([EXTENSION + 0.001, RATE]), {"swing_state"}),
-        ("rod_state", np.concatenate([EXTENSION, RATE + 0.001]), {"swing_state"}),
-        ("extension", EXTENSION + 0.001, {"load_force"}),
-        ("swing_torque", TORQUE + 1.0, {"load_force"}),
-    ],
-)
-def test_each_input_moves_what_depends_on_it(fix, moved, name, value, names):
-    system = LegTransmission()
-    context = system.CreateDefaultContext()
-    fix(system, context, **INPUTS)
-    assert moved(system, context, lambda: fix(system, context, **{name: value})) == names

@@ -1,8 +1,18 @@
+"""Kinematics of the chair as a system, and an eased start."""
+
+import math
+
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 
 from parapod.systems.walking_chair.chair import chair_motion
-from parapod.systems.walking_chair.feedforward import ChairFeedforward
+from parapod.systems.walking_chair.feedforward import (
+    FARTHEST,
+    ChairFeedforward,
+    EasedStart,
+    NotAtStart,
+)
 from parapod.systems.walking_chair.gait import TrotGait, gait_branches, gait_motion
 from parapod.systems.walking_chair.geometry import ChairGeometry
 
@@ -62,20 +72,6 @@ def test_a_leg_that_cannot_reach_is_nan_and_the_others_are_not(fix, read):
         assert known.tolist() == [True, False, True, True]
 
 
-@pytest.mark.parametrize("name", ["body_motion", "foot_motion", "references"])
-def test_each_input_moves_all_outputs(moved, fix, name):
-    system = ChairFeedforward()
-    context = system.CreateDefaultContext()
-    values = inputs(6.308)
-    fix(system, context, **values)
-    other = {"references": 4.0 - values["references"]}.get(name, values[name] + 1e-3)
-
-    def change():
-        fix(system, context, **{name: other})
-
-    assert moved(system, context, change) == {"length", "velocity", "acceleration"}
-
-
 def test_lengths_depend_on_positions_alone(fix, read):
     system = ChairFeedforward()
     context = system.CreateDefaultContext()
@@ -95,3 +91,79 @@ def test_the_chair_stays_level():
     a = chair_motion(GEOMETRY, motion.body, motion.feet, motion.references)
     b = chair_motion(GEOMETRY, turning, motion.feet, motion.references)
     np.testing.assert_array_equal(a.velocity, b.velocity)
+
+
+LENGTH = np.linspace(0.60, 0.71, 12)
+
+
+def start(fix, offset, **settings):
+    system = EasedStart(**settings)
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    fix(system, context, length=LENGTH, position_measured=LENGTH + offset)
+    return system, simulator, context
+
+
+def node(system, context):
+    return system.get_output_port().Eval(context).copy()
+
+
+def test_the_first_node_is_where_the_branches_are(fix):
+    offset = np.linspace(-0.01, 0.015, 12)
+    system, simulator, context = start(fix, offset)
+    np.testing.assert_allclose(node(system, context), LENGTH + offset, rtol=0, atol=1e-15)
+    simulator.AdvanceTo(0.005)
+    np.testing.assert_allclose(node(system, context), LENGTH + offset, rtol=0, atol=1e-6)
+
+
+def test_nodes_become_the_gaits_smoothly(fix):
+    system, simulator, context = start(fix, 0.015, duration=1.0)
+    nodes = []
+    for time in np.arange(0.0, 1.2, 0.01):
+        simulator.AdvanceTo(time + 0.005)
+        nodes.append(node(system, context)[0])
+    speed = np.diff(nodes) / 0.01
+    assert nodes[-1] == LENGTH[0]
+    # A quintic's largest slope is 15/8; it begins and ends at rest.
+    assert np.abs(speed).max() == pytest.approx(15.0 / 8.0 * 0.015, rel=1e-3)
+    assert abs(speed[0]) < 1e-3
+    assert abs(speed[99]) < 1e-3
+
+
+def test_measurements_after_the_first_do_not_count(fix):
+    system, simulator, context = start(fix, 0.01)
+    simulator.AdvanceTo(0.105)
+    before = node(system, context)
+    fix(system, context, position_measured=LENGTH + 0.5)
+    np.testing.assert_array_equal(node(system, context), before)
+
+
+def test_the_gait_is_followed_while_the_offset_fades(fix):
+    system, simulator, context = start(fix, 0.01)
+    simulator.AdvanceTo(0.505)
+    before = node(system, context)
+    fix(system, context, length=LENGTH + 0.02)
+    np.testing.assert_allclose(node(system, context) - before, 0.02, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_branch_that_is_too_far_off_is_refused_by_name(fix, sign):
+    offset = np.zeros(12)
+    offset[7] = sign * (FARTHEST + 1e-3)
+    _, simulator, _ = start(fix, offset)
+    with pytest.raises(NotAtStart, match="branch 32 is") as caught:
+        simulator.AdvanceTo(0.005)
+    assert caught.value.length == pytest.approx(LENGTH[7] + offset[7])
+    assert f"{1e3 * LENGTH[7]:.2f} mm" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_value_that_is_not_finite_has_no_offset(fix, bad):
+    measured = LENGTH.copy()
+    measured[3] = bad
+    system, simulator, context = start(fix, 0.0)
+    fix(system, context, position_measured=measured)
+    np.testing.assert_array_equal(node(system, context), LENGTH)
+    simulator.AdvanceTo(0.105)
+    np.testing.assert_array_equal(node(system, context), LENGTH)

@@ -1,9 +1,17 @@
+"""The outer inclination loop, and the kinematics that close it where it is linearised."""
+
 import math
 
 import numpy as np
 import pytest
 
-from parapod.systems.levelling_platform.inclination_loop import PostureLoop, PostureLoopParams
+from parapod.systems.levelling_platform.geometry import PlatformGeometry
+from parapod.systems.levelling_platform.inclination_loop import (
+    ForwardKinematics,
+    PostureLoop,
+    PostureLoopParams,
+)
+from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 
 PARAMS = PostureLoopParams(gain=1.5, lag=0.04, limit=0.02)
 PERIOD = 0.01
@@ -133,30 +141,6 @@ def test_a_height_that_is_not_finite_does_not_concern_the_loop(fix, element):
     np.testing.assert_allclose(correction, PARAMS.gain * PERIOD * ERROR, rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "moves"),
-    [
-        ("posture_desired_state", DESIRED + 0.001, True),
-        ("attitude", IN_STEP, False),
-        ("enable", (0.0,), False),
-    ],
-)
-def test_only_what_is_desired_moves_the_output_at_once(fix, moved, name, value, moves):
-    loop = Loop(fix)
-    loop.update(3)
-    names = moved(loop.system, loop.context, lambda: loop.set(**{name: value}))
-    assert names == ({"posture_corrected_state"} if moves else set())
-
-
-def test_the_state_moves_the_output(fix, moved):
-    loop = Loop(fix)
-
-    def change():
-        loop.correction = (0.001, 0.0)
-
-    assert moved(loop.system, loop.context, change) == {"posture_corrected_state"}
-
-
 def test_gain_lag_and_limit_are_those_of_the_context(fix):
     loop = Loop(fix)
     parameters = loop.context.get_mutable_numeric_parameter(0)
@@ -166,33 +150,60 @@ def test_gain_lag_and_limit_are_those_of_the_context(fix):
     np.testing.assert_allclose(loop.update(), np.clip(0.03 * error, -1e-4, 1e-4), rtol=1e-12)
 
 
-# Scalar types
+GEOMETRY = PlatformGeometry(foot_radius=0.025)
+GROUND = np.array((0.02, -0.03))
+OFFSETS = np.array((0.004, -0.003, 0.002, -0.005))
+POSTURE = np.array((0.01, -0.02, 0.475))
+EXTENSION = inverse_kinematics(GEOMETRY, POSTURE, GROUND, OFFSETS)
+INPUTS = {"extension": EXTENSION, "ground": GROUND, "foot_offsets": OFFSETS}
 
-X = np.concatenate([DESIRED, IN_STEP - ERROR, (0.002, -0.003)])
 
-
-def with_inputs(system, fix, x):
+def evaluated(fix, geometry=GEOMETRY, **inputs):
+    system = ForwardKinematics(geometry)
     context = system.CreateDefaultContext()
-    fix(system, context, posture_desired_state=x[:6], attitude=x[6:8], enable=0.0 * x[:1] + 1.0)
-    context.SetDiscreteState(x[8:10])
-    return context
+    fix(system, context, **(INPUTS | inputs))
+    return system.get_output_port().Eval(context).copy()
 
 
-def test_derivatives_of_the_output_agree_with_differences(assert_gradient_agrees, fix):
-    def evaluate(system, x):
-        return system.get_output_port().Eval(with_inputs(system, fix, x))
-
-    assert_gradient_agrees(PostureLoop(PARAMS, PERIOD), evaluate, X)
+def test_the_posture_is_the_one_whose_extensions_are_given(fix):
+    np.testing.assert_allclose(evaluated(fix), POSTURE, rtol=0, atol=1e-13)
 
 
-def test_derivatives_of_the_update_agree_with_differences(assert_gradient_agrees, fix):
-    def update(system, x):
-        state = system.EvalUniquePeriodicDiscreteUpdate(with_inputs(system, fix, x))
-        return np.asarray(state.value(0)).flatten()
+@pytest.mark.parametrize("geometry", [PlatformGeometry(), GEOMETRY], ids=["point", "roller"])
+def test_it_is_the_function_for_the_active_legs(fix, geometry):
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        extension, offsets = rng.uniform(0.39, 0.42, 4), rng.uniform(-0.02, 0.02, 4)
+        ground = rng.uniform(-0.08, 0.08, 2)
+        found = evaluated(fix, geometry, extension=extension, ground=ground, foot_offsets=offsets)
+        expected = forward_kinematics(geometry, extension, ground, (0, 1, 2), offsets)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
 
-    assert_gradient_agrees(PostureLoop(PARAMS, 0.5), update, X)
+
+@pytest.mark.parametrize("name", ["extension", "foot_offsets"])
+def test_a_leg_that_is_not_finite_gives_nan(fix, name):
+    bad = INPUTS[name].copy()
+    bad[1] = math.nan
+    assert np.isnan(evaluated(fix, **{name: bad})).all()
 
 
-def test_converted_system_keeps_its_settings():
-    system = PostureLoop(PARAMS, 0.004).ToAutoDiffXd()
-    assert (system.params, system.period) == (PARAMS, 0.004)
+@pytest.mark.parametrize(("element", "names"), [(0, [True, True]), (1, [False, True])])
+def test_ground_that_is_not_finite_gives_nan_angles_and_the_height_of_the_legs(
+    fix, element, names
+):
+    bad = GROUND.copy()
+    bad[element] = math.nan
+    found = evaluated(fix, ground=bad)
+    assert np.isnan(found[:2]).tolist() == names
+    assert found[2] == evaluated(fix)[2]
+
+
+def test_an_extension_that_cannot_be_built_gives_nan(fix):
+    assert np.isnan(evaluated(fix, extension=(0.4, 0.35, 0.4, 0.4))).all()
+
+
+def test_the_passive_leg_does_not_matter(fix):
+    extension, offsets = EXTENSION.copy(), OFFSETS.copy()
+    extension[3], offsets[3] = math.nan, math.nan
+    bare = evaluated(fix, extension=extension, foot_offsets=offsets)
+    np.testing.assert_array_equal(bare, evaluated(fix))

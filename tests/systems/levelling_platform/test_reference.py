@@ -8,14 +8,10 @@ from pydrake.systems.analysis import Simulator
 from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import (
-    forward_kinematics,
     height_range,
     inverse_kinematics,
 )
-from parapod.systems.levelling_platform.reference import (
-    PostureReference,
-    PostureReferenceParams,
-)
+from parapod.systems.levelling_platform.reference import PostureReference, PostureReferenceParams
 
 GEOMETRY = PlatformGeometry(foot_radius=0.025)
 PARAMS = PostureReferenceParams()
@@ -83,30 +79,6 @@ class Reference:
         samples = [self.run(float(t)) for t in times]
         postures, rates = np.array(samples).transpose(1, 0, 2)
         return times, postures, rates
-
-
-def halves_moved(reference, change):
-    """Which of posture and rate calling `change` moves."""
-    before = reference.output()
-    change()
-    after = reference.output()
-    return {
-        name
-        for name, one, other in zip(("posture", "rate"), before, after, strict=True)
-        if not np.array_equal(one, other)
-    }
-
-
-def test_before_it_is_enabled_it_follows_the_measured_posture(fix):
-    reference = Reference(fix, enable=(0.0,))
-    for _ in range(2):
-        np.testing.assert_allclose(reference.posture, START, rtol=0, atol=1e-13)
-        np.testing.assert_array_equal(reference.rate, np.zeros(3))
-        reference.run(0.1)
-    measured = np.array((0.40, 0.41, 0.40, 0.41))
-    reference.set(extension_measured=measured)
-    expected = forward_kinematics(GEOMETRY, measured, GROUND)
-    np.testing.assert_array_equal(reference.posture, expected)
 
 
 def test_it_starts_at_the_measured_posture_at_rest(fix):
@@ -364,52 +336,3 @@ def test_ground_that_changes_is_planned_for_anew(fix):
 def test_unknown_treatment_of_unreachable_commands_is_refused():
     with pytest.raises(ValueError, match="on_unreachable"):
         PostureReference(GEOMETRY, on_unreachable="stop")
-
-
-# Prerequisites
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("extension_measured", np.full(4, 0.41)), ("ground", np.zeros(2))],
-)
-def test_measured_posture_follows_its_inputs(fix, name, value):
-    reference = Reference(fix, enable=(0.0,))
-    assert halves_moved(reference, lambda: reference.set(**{name: value})) == {"posture"}
-
-
-def test_time_moves_posture_and_rate(fix):
-    reference = Reference(fix)
-    reference.run(0.5)
-    assert halves_moved(reference, lambda: reference.context.SetTime(0.6)) == {"posture", "rate"}
-
-
-def test_state_moves_posture_and_rate_at_the_same_time(fix):
-    reference = Reference(fix)
-    reference.run(0.5)
-    context = reference.context
-    idle = np.zeros(context.get_discrete_state_vector().size())
-    names = halves_moved(reference, lambda: context.SetDiscreteState(idle))
-    assert names == {"posture", "rate"}
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("posture_command", COMMAND + 0.001),
-        ("extension_measured", np.full(4, 0.41)),
-        ("ground", np.zeros(2)),
-        ("enable", (0.0,)),
-    ],
-)
-def test_each_input_moves_the_plan(fix, name, value):
-    one = Reference(fix).run(0.5)[0]
-    other = Reference(fix, **{name: value}).run(0.5)[0]
-    assert np.abs(one - other).max() > 1e-6
-
-
-def test_command_does_not_feed_through():
-    reference = PostureReference()
-    for port in ("posture_command", "enable"):
-        index = reference.GetInputPort(port).get_index()
-        assert not reference.HasDirectFeedthrough(index, 0)

@@ -1,3 +1,5 @@
+"""Kinematic feedforward of three legs, and the fourth one that follows from them."""
+
 import math
 
 import numpy as np
@@ -7,11 +9,11 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from parapod.systems.levelling_platform.feedforward import KinematicFeedforward
+from parapod.systems.levelling_platform.feedforward import KinematicFeedforward, PassiveLegSolver
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import (
-    forward_kinematics,
     inverse_kinematics,
+    passive_extension,
     posture_jacobian,
 )
 
@@ -34,11 +36,6 @@ def ports(**inputs):
     values = INPUTS | inputs
     state = np.concatenate([values.pop("posture"), values.pop("posture_rate")])
     return values | {"posture_desired_state": state}
-
-
-def changed(before, after):
-    """The entries of `after` that differ."""
-    return {name: after[name] for name in before if not np.array_equal(before[name], after[name])}
 
 
 def output_of(system, context):
@@ -113,38 +110,6 @@ def test_nan_input_gives_nan(fix, name):
 def test_unknown_law_is_refused():
     with pytest.raises(ValueError, match="law"):
         KinematicFeedforward(GEOMETRY, law="newton")
-
-
-BOTH = {"extension", "extension_rate"}
-
-
-@pytest.mark.parametrize(
-    ("law", "name", "value", "names"),
-    [
-        ("exact", "posture", POSTURE + 0.001, BOTH),
-        ("exact", "posture_rate", 2.0 * RATE, {"extension_rate"}),
-        ("exact", "ground", GROUND + 0.001, BOTH),
-        ("exact", "extension_measured", np.full(4, 0.41), set()),
-        ("exact", "enable", (1.0,), set()),
-        ("differential", "posture", POSTURE + 0.001, {"extension_rate"}),
-        ("differential", "posture_rate", 2.0 * RATE, {"extension_rate"}),
-        ("differential", "ground", GROUND + 0.001, {"extension_rate"}),
-        ("differential", "extension_measured", np.full(4, 0.41), BOTH),
-        ("differential", "enable", (1.0,), set()),
-    ],
-)
-def test_each_input_moves_what_depends_on_it(fix, law, name, value, names):
-    system = KinematicFeedforward(GEOMETRY, law=law)
-    context = system.CreateDefaultContext()
-    fix(system, context, **ports())
-    before = output_of(system, context)
-    # The other ports are left alone, so that they do not invalidate anything.
-    fix(system, context, **changed(ports(), ports(**{name: value})))
-    assert set(changed(before, output_of(system, context))) == names
-
-
-def test_exact_law_has_no_state():
-    assert KinematicFeedforward(GEOMETRY).CreateDefaultContext().is_stateless()
 
 
 # The differential law
@@ -246,45 +211,133 @@ def test_differential_law_at_rest_stays(fix):
     np.testing.assert_array_equal(extension, np.full(3, 0.405))
 
 
-# Scalar types
+EXTENSION = inverse_kinematics(GEOMETRY, POSTURE, GROUND)
+EXTENSION_RATE = posture_jacobian(GEOMETRY, POSTURE, GROUND) @ RATE
+SOLVED_TRIPLES = pytest.mark.parametrize(
+    "active", [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3), (3, 1, 0)]
+)
 
 
-@pytest.mark.parametrize("law", ["exact", "differential"])
-def test_derivatives_agree_with_differences(assert_gradient_agrees, fix, law):
-    def evaluate(system, x):
-        context = system.CreateDefaultContext()
-        fix(system, context, posture_desired_state=x[:6], ground=x[6:8])
-        fix(system, context, extension_measured=x[8:12], enable=0.0 * x[:1])
-        return system.GetOutputPort("active_desired_state").Eval(context)
-
-    x = np.concatenate([POSTURE, RATE, GROUND, (0.401, 0.404, 0.407, 0.41)])
-    system = KinematicFeedforward(GEOMETRY, law=law, active_legs=(1, 2, 3))
-    assert_gradient_agrees(system, evaluate, x)
+def inputs(active=(0, 1, 2)):
+    return {
+        "active": EXTENSION[list(active)],
+        "active_rate": EXTENSION_RATE[list(active)],
+        "posture": POSTURE,
+        "posture_rate": RATE,
+        "ground": GROUND,
+    }
 
 
-def test_derivatives_of_the_differential_laws_update_agree_with_differences(
-    assert_gradient_agrees, fix
-):
-    def update(system, x):
-        context = system.CreateDefaultContext()
-        fix(system, context, posture_desired_state=x[:6], ground=x[6:8])
-        fix(system, context, extension_measured=x[8:12], enable=0.0 * x[:1] + 1.0)
-        state = system.EvalUniquePeriodicDiscreteUpdate(context)
-        return np.asarray(state.value(0)).flatten()
-
-    x = np.concatenate([POSTURE, RATE, GROUND, (0.401, 0.404, 0.407, 0.41)])
-    system = KinematicFeedforward(GEOMETRY, law="differential", period=0.5)
-    assert_gradient_agrees(system, update, x)
+def ports_of(values):
+    """Values of the input ports_of, of which two hold values and rates in one."""
+    return {
+        "active_desired_state": np.concatenate([values["active"], values["active_rate"]]),
+        "posture_desired_state": np.concatenate([values["posture"], values["posture_rate"]]),
+        "ground": values["ground"],
+    }
 
 
-def test_converted_system_keeps_its_settings():
-    system = KinematicFeedforward(GEOMETRY, "differential", (3, 1, 0), 0.004).ToAutoDiffXd()
-    assert system.geometry == GEOMETRY
-    assert (system.law, system.active_legs, system.period) == ("differential", (3, 1, 0), 0.004)
+def legs_of(system, context):
+    """Extensions and rates by name."""
+    state = system.GetOutputPort("extension_desired_state").Eval(context).copy()
+    extension, rate = np.split(state, 2)
+    return {"extension": extension, "extension_rate": rate}
 
 
-def test_posture_comes_back_from_forward_kinematics(fix):
-    output = evaluated(KinematicFeedforward(GEOMETRY), fix)
-    extension = np.append(output["extension"], 0.4)
-    posture = forward_kinematics(GEOMETRY, extension, GROUND, legs=(0, 1, 2))
-    np.testing.assert_allclose(posture, POSTURE, rtol=0, atol=1e-13)
+def completed(system, fix, **changes):
+    context = system.CreateDefaultContext()
+    fix(system, context, **ports_of(inputs(system.active_legs) | changes))
+    return legs_of(system, context)
+
+
+@SOLVED_TRIPLES
+def test_consistent_legs_are_completed_to_inverse_kinematics(fix, active):
+    output = completed(PassiveLegSolver(GEOMETRY, active), fix)
+    np.testing.assert_allclose(output["extension"], EXTENSION, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(output["extension_rate"], EXTENSION_RATE, atol=1e-13)
+
+
+@SOLVED_TRIPLES
+def test_active_legs_pass_unchanged_and_the_passive_one_obeys_equation_31(fix, active):
+    drifted = EXTENSION[list(active)] + (0.001, -0.002, 0.0015)
+    solver = PassiveLegSolver(GEOMETRY, active)
+    extension = completed(solver, fix, active=drifted)["extension"]
+    np.testing.assert_array_equal(extension[list(active)], drifted)
+    (passive,) = set(range(4)) - set(active)
+    expected = passive_extension(GEOMETRY, drifted, GROUND, POSTURE[:2], legs=active)
+    assert extension[passive] == pytest.approx(expected, abs=1e-14)
+
+
+def test_height_comes_from_the_first_active_leg(fix):
+    solver = PassiveLegSolver(GEOMETRY)
+    for i, depends in enumerate((True, False, False)):
+        change = EXTENSION[:3].copy()
+        change[i] += 0.001
+        output = completed(solver, fix, active=change)
+        assert (output["extension"][3] != pytest.approx(EXTENSION[3], abs=1e-12)) == depends
+
+
+def test_rates_are_the_derivatives_along_the_motion(fix):
+    solver, step = PassiveLegSolver(GEOMETRY), 1e-6
+    ahead, behind = (
+        completed(
+            solver,
+            fix,
+            active=EXTENSION[:3] + t * EXTENSION_RATE[:3],
+            posture=POSTURE + t * RATE,
+        )["extension"]
+        for t in (step, -step)
+    )
+    rate = completed(solver, fix)["extension_rate"]
+    np.testing.assert_allclose(rate, (ahead - behind) / (2.0 * step), atol=1e-9)
+
+
+def test_passive_leg_that_cannot_reach_is_nan_and_the_active_ones_pass(fix):
+    output = completed(PassiveLegSolver(GEOMETRY), fix, posture=(0.0, 0.5, 0.475))
+    np.testing.assert_array_equal(output["extension"][:3], EXTENSION[:3])
+    assert math.isnan(output["extension"][3])
+    assert math.isnan(output["extension_rate"][3])
+
+
+@pytest.mark.parametrize("name", ["active", "ground", "posture"])
+def test_nan_input_gives_nan_for_the_passive_leg(fix, name):
+    bad = inputs()[name].copy()
+    bad[0] = math.nan
+    output = completed(PassiveLegSolver(GEOMETRY), fix, **{name: bad})
+    assert math.isnan(output["extension"][3])
+    assert math.isnan(output["extension_rate"][3])
+
+
+@pytest.mark.parametrize("name", ["active_rate", "posture_rate"])
+def test_nan_rate_gives_nan_for_the_rate_of_the_passive_leg_alone(fix, name):
+    bad = inputs()[name].copy()
+    bad[0] = math.nan
+    output = completed(PassiveLegSolver(GEOMETRY), fix, **{name: bad})
+    good = completed(PassiveLegSolver(GEOMETRY), fix)
+    np.testing.assert_array_equal(output["extension"], good["extension"])
+    assert math.isnan(output["extension_rate"][3])
+    active = bad if name == "active_rate" else EXTENSION_RATE[:3]
+    np.testing.assert_array_equal(output["extension_rate"][:3], active)
+
+
+def test_desired_height_does_not_matter(fix):
+    solver = PassiveLegSolver(GEOMETRY)
+    higher = completed(solver, fix, posture=np.append(POSTURE[:2], 0.6))
+    for name, value in completed(solver, fix).items():
+        np.testing.assert_array_equal(higher[name], value)
+
+
+def test_it_completes_what_the_feedforward_gives(fix):
+    active = (3, 0, 2)
+    feedforward = KinematicFeedforward(GEOMETRY, active_legs=active)
+    context = feedforward.CreateDefaultContext()
+    given = ports_of(inputs(active))
+    del given["active_desired_state"]
+    fix(feedforward, context, **given)
+    solver = PassiveLegSolver(GEOMETRY, active)
+    solver_context = solver.CreateDefaultContext()
+    three = feedforward.GetOutputPort("active_desired_state").Eval(context)
+    fix(solver, solver_context, **(given | {"active_desired_state": three}))
+    four = legs_of(solver, solver_context)
+    np.testing.assert_allclose(four["extension"], EXTENSION, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(four["extension_rate"], EXTENSION_RATE, rtol=0, atol=1e-13)

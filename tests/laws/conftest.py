@@ -1,0 +1,564 @@
+"""Every system that `parapod.systems` defines, for the laws of `test_systems.py`.
+
+`ENTRIES` holds what the laws must be told about a class. One that is made with its defaults, and
+whose inputs have names of `USUAL`, needs no entry. Devices have laws of their own.
+
+A test of one argument `system_kind` is proved for every class, one of `specimen` for every class
+with each of its variants, one of `convertible` for those that convert to AutoDiffXd.
+"""
+
+import importlib
+import inspect
+import math
+import pkgutil
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, PortDataType
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+import parapod.systems
+from parapod.diagrams.levelling_platform.model import add_platform
+from parapod.diagrams.walking_chair.model import add_chair
+from parapod.systems.actuators.linear_actuator import LinearActuatorParams
+from parapod.systems.actuators.pi_controller import PiControllerParams
+from parapod.systems.core.errors import UnreachablePosture
+from parapod.systems.levelling_platform.geometry import LegDeviation, PlatformGeometry
+from parapod.systems.levelling_platform.inclination_loop import PostureLoopParams
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
+from parapod.systems.levelling_platform.scripts import Step, Waypoint
+from parapod.systems.levelling_platform.supervisor import Command, Phase
+from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
+from parapod.systems.safety.faults import Fault
+from parapod.systems.sensors.imu import ImuParams, sample_period
+from parapod.systems.walking_chair.feedforward import NotAtStart
+from parapod.systems.walking_chair.gait import Walk, gait_motion, starting_lengths
+from parapod.systems.walking_chair.geometry import ChairGeometry
+
+ROW = re.compile(r"^\s*\| (in|out) `([a-z_0-9]+)` \|([^|]*)\|([^|]*)\|([^|]*)\|\s*$")
+
+# --- What flows into ports: functions of a generator and a size
+
+
+def around(centre, *spread):
+    """Values that differ in every element from one sample to the next."""
+    return lambda random, size: np.array(centre) + np.array(spread) * random.uniform(-1, 1, size)
+
+
+def one_of(*values):
+    return lambda random, size: random.choice(np.array(values, dtype=float), size)
+
+
+def pose(random, size):
+    """A quaternion, not normalised, and as many further numbers as there is room for."""
+    return np.array([1.0, *random.uniform(-0.2, 0.2, size - 1)])
+
+
+def pushing(random, size):
+    """Voltages that move an actuator against whatever load there is."""
+    return random.choice((-1.0, 1.0), size) * random.uniform(4.0, 7.0, size)
+
+
+EXTENSIONS = around((0.405,) * 4 + (0.0,) * 4, *(0.004,) * 4, *(0.003,) * 4)
+POSTURE = around((0.0, 0.0, 0.477), 0.02, 0.02, 0.003)
+NAMED = {
+    one_of(0.0, 1.0): "brake enable ground_valid hold limits posture_control stop trigger",
+    one_of(1.0, 1.0, 1.0, 1.0, 1.0, 0.0): "standing",
+    one_of(*Command): "operator",
+    one_of(*Phase): "phase",
+    one_of(0, 1, 2, 3, 4): "severity",
+    around(0.405, 0.004): "extension extension_measured",
+    around(0.405, 0.001): "measured",
+    EXTENSIONS: "extension_desired_state posture_extension_state rod_state",
+    around((0.405,) * 3 + (0.0,) * 3, *(0.004,) * 3, *(0.003,) * 3): "active_desired_state",
+    around((0.405,) * 4 + (0.0,) * 4, *(0.001,) * 4, *(0.003,) * 4): "desired_state",
+    POSTURE: "posture_command posture_request",
+    around((0.0, 0.0, 0.477, 0.0, 0.0, 0.0), *(0.02, 0.02, 0.003) * 2): "posture_desired_state",
+    around(0.0, 0.02): "attitude",
+    around(0.0, 0.01): "ground ground_estimated gyro leg_rate position_measured position_node",
+    around(0.0, 5e-4): "foot_offsets foot_offsets_estimated",
+    around((0.0, 0.0, 9.81), 0.1): "accel specific_force",
+    around(0.03, 0.03): "age wheel_velocity",
+    around(0.0, 0.05): "velocity",
+    around(0.0, 0.2): "angular_velocity arm_position arm_request position state velocity_command",
+    around(0.0, 1.0): "noise",
+    around(0.0, 2.0): "drive_request",
+    around(0.5, 0.5): "signal",
+    around(5.0, 5.0): "contact_force",
+    around(0.0, 20.0): "swing_torque",
+    around(0.0, 300.0): "load_force",
+    pose: "base_pose body_pose",
+    pushing: "voltage",
+}
+# By the name of the input.
+USUAL: Mapping[str, Callable[..., Any]] = {
+    name: sample for sample, names in NAMED.items() for name in names.split()
+}
+CHAIR, WALK = ChairGeometry(), Walk()
+LENGTH = starting_lengths(CHAIR, WALK).ravel()
+
+
+@cache
+def model_of(add):
+    """A machine's model, its plant's part of a context, and the root and diagram that own it."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    model = add(plant)
+    diagram = builder.Build()
+    root = diagram.CreateDefaultContext()
+    return model, plant.GetMyMutableContextFromRoot(root), root, diagram
+
+
+def of_plant(add, port):
+    """What an output of a model's plant shows, its feet somewhere about the ground."""
+
+    def sample(random, size):
+        model, context, root, diagram = model_of(add)
+        if add is add_platform:
+            q = model.standing_positions([0.405] * 4, [0.0, 0.0])
+        else:
+            q = model.standing_positions(LENGTH.reshape(4, 3), START.body.position)
+        q[6] -= 4e-3  # the height of the floating body: its feet go into the ground
+        q = np.array([*q, *np.zeros(model.plant.num_velocities())])
+        model.plant.SetPositionsAndVelocities(context, q + random.uniform(-2e-3, 2e-3, q.size))
+        diagram.ExecuteForcedEvents(root, False)  # the plant's step finds the contacts
+        value = model.plant.GetOutputPort(port).EvalAbstract(context)
+        return value.Clone() if size is None else value.get_value().value()[:size]
+
+    return sample
+
+
+def in_gait(*names):
+    """Parts of a gait's motion at some time, one after another."""
+
+    def sample(random, size):
+        motion = gait_motion(CHAIR, WALK.gaits[0], random.uniform(0.0, 10.0))
+        return np.concatenate([np.ravel(getattr(getattr(motion, *names), part)) for part in PARTS])
+
+    return sample
+
+
+PARTS = ("position", "velocity", "acceleration")
+START = gait_motion(CHAIR, WALK.gaits[0], 0.0)
+
+# --- What the laws must be told
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What is particular to a class.
+
+    Attributes:
+        arguments: those that it cannot be made without.
+        variants: others of its arguments, each with which all laws are proved as well.
+        inputs: usual values of its inputs that are not those of `USUAL`.
+        limits: of its outputs, whatever the inputs are; a number is one either way.
+        passes: names of outputs that may be other than finite, by the words of the docstring
+            that say so.
+        raises: what it may raise at bad input.
+        prepare: changes a context, where usual inputs do not lead to all states.
+        shares: whether its outputs follow from one solution, so that an input that moves one
+            counts as one that moves all.
+        begins: output that begins where something is measured, and where that is.
+        period: of its updates, where that is not an argument.
+    """
+
+    arguments: Callable[[], dict[str, Any]] = dict
+    variants: tuple[dict[str, Any], ...] = ()
+    inputs: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
+    limits: Mapping[str, float | tuple[float, float]] = field(default_factory=dict)
+    passes: Mapping[str, str] = field(default_factory=dict)
+    raises: tuple[type[Exception], ...] = ()
+    prepare: Callable[[Any, Any], object] = lambda context, random: None
+    shares: bool = False
+    begins: tuple[str, Callable[[dict[str, Any]], Any]] | None = None
+    period: Callable[[Any], float] | None = None
+
+
+def of_model(add, **arguments):
+    return lambda: {"model": model_of(add)[0]} | {name: f() for name, f in arguments.items()}
+
+
+def in_some_phase(context, random):
+    context.SetDiscreteState(0, [random.choice(list(Phase))])
+    context.SetDiscreteState(5, [1.0])  # the ground is being estimated
+    memory = context.get_mutable_discrete_state(11)
+    memory.SetAtIndex(3, random.integers(2))  # the platform goes down before its legs go up
+
+
+def tilt(given):
+    x, y, z = given["accel"]
+    return math.atan2(y, z), math.atan2(-x, math.hypot(y, z))
+
+
+def measured_posture(given):
+    ground, offsets = given["ground"], given["foot_offsets"]
+    posture = forward_kinematics(
+        PlatformGeometry(), given["extension_measured"], ground, foot_offsets=offsets
+    )
+    return np.append(posture, np.zeros(3))
+
+
+BINARY = (0.0, 1.0)
+BODIES = {
+    add: {port: of_plant(add, port) for port in ("contact_results", "body_poses", "state")}
+    for add in (add_platform, add_chair)
+}
+BRANCHES = {name: around(LENGTH, 1e-3) for name in ("position", "length", "position_measured")}
+BUILT = PlatformGeometry(deviations=(LegDeviation(l_3=1e-3, beta=2e-3),) + (LegDeviation(),) * 3)
+SLOW = PiControllerParams(pole=5.0, rate_feedforward=1.0, friction_feedforward=(0.2, 0.3))
+STEPS = (Step(Phase.TRANSPORT, 0.0, Command.GO), Step(Phase.HOLD, 0.0, arm=(0.1, 0.2)))
+DRIVES = {"params": WHEEL_DRIVE, "channels": 4}
+NOT_BUILT = "NaN where an extension cannot be built"
+OF_A_PLANT = "posture attitude angular_velocity specific_force contact_force load_force "
+OF_A_CHAIR = "body_position body_attitude force contact_force foot_height body_pose"
+
+ENTRIES: dict[str, Entry] = {
+    "AttitudeEstimator": Entry(
+        limits={"attitude": math.pi, "gyro_bias": 0.035}, begins=("attitude", tilt)
+    ),
+    "ChairFeedforward": Entry(
+        inputs={
+            "body_motion": in_gait("body"),
+            "foot_motion": in_gait("feet"),
+            "references": one_of(1, 2, 3),
+        },
+        passes={"branches are NaN": "length velocity acceleration"},
+        raises=(ValueError,),
+    ),
+    "ChairPose": Entry(
+        of_model(add_chair), inputs=BRANCHES, passes={"NaN for the joints": "positions"}
+    ),
+    "ChairTruth": Entry(of_model(add_chair), inputs=BODIES[add_chair], shares=True),
+    "CompoundPositionController": Entry(
+        variants=({"channels": 12, "period": 0.02},), limits={"velocity_command": 0.08}
+    ),
+    "ContactKeeper": Entry(
+        variants=({"patience": 0.015},),
+        limits={"standing": BINARY},
+        passes={"is passed on": "extension_trimmed_state"},
+    ),
+    "DeviceStatus": Entry(
+        variants=({"devices": "ab", "periods": (0.01, 0.02), "delays": (0.0, 0.1)},),
+        limits={"age": (0.0, 0.12), "fault": 0.0},
+    ),
+    "EasedStart": Entry(
+        inputs=BRANCHES,
+        passes={"nodes are the gait's": "position_node"},
+        raises=(NotAtStart,),
+        begins=("position_node", lambda given: given["position_measured"]),
+    ),
+    "Encoder": Entry(variants=({"channels": 3, "resolution": 0.0},)),
+    "FaultDetector": Entry(
+        inputs={
+            "extension": around(0.405, 3e-4),
+            "phase": one_of(Phase.POSTURE, Phase.HOLD, Phase.LOWER),
+        },
+        limits={"findings": BINARY, "severity": (0.0, 4.0)},
+    ),
+    "FaultInjector": Entry(
+        variants=(
+            {"size": 3, "faults": (Fault("wrong", 1, 0.02, 0.05), Fault("delayed", 2, 0.01))},
+            {"size": 2, "faults": (Fault("off", 0, 0.02), Fault("stuck", 1, 0.01))},
+            {"size": 2, "faults": (Fault("slow", 0), Fault("garbage", 1)), "span": (2.0, 3.0)},
+            {"faults": (Fault("intermittent", missing_time=0.02, good_time=0.03),)},
+        ),
+        limits={"extra_age": BINARY, "changed": BINARY},
+        passes={"a value that is not finite passes": "faulted"},
+    ),
+    "FootTruth": Entry(of_model(add_platform), inputs=BODIES[add_platform]),
+    "ForwardKinematics": Entry(variants=({"geometry": BUILT},), passes={NOT_BUILT: "posture"}),
+    "FunctionSystem": Entry(
+        lambda: {"inputs": {"signal": 2}, "outputs": {"norm": (1, lambda x: [x @ x])}},
+        passes={"handed to the functions as it is": "norm"},
+    ),
+    "GaitPlanner": Entry(
+        variants=({"begin": 0.02, "pause": 0.05},),
+        limits={"support": BINARY, "done": BINARY, "references": (1.0, 3.0)},
+    ),
+    "GroundEstimator": Entry(limits={"valid": BINARY}),
+    "Hold": Entry(variants=({"initial": (1.0, 2.0)},), passes={"passes as it is": "held"}),
+    "Imu": Entry(
+        variants=({"params": ImuParams.ideal(), "decimation": 2},),
+        inputs={"attitude": around(0.0, 0.5)},
+        limits={
+            "gyro": ImuParams().gyro_range,
+            "accel": ImuParams().accel_range,
+            "mag": ImuParams().mag_range,
+        },
+        period=lambda system: sample_period(system.decimation),
+    ),
+    "InertialMotion": Entry(
+        lambda: {"state_size": 13, "pose_start": 0, "velocity_start": 7, "period": 0.01},
+        inputs={"state": pose, "last_state": pose},
+        passes={"is passed on": "motion"},
+    ),
+    "KinematicChair": Entry(
+        inputs=BRANCHES, passes={"NaN where a leg cannot be assembled": OF_A_CHAIR}, shares=True
+    ),
+    "KinematicFeedforward": Entry(
+        variants=(
+            {"law": "differential", "active_legs": (3, 1, 0), "period": 0.02},
+            {"geometry": BUILT, "active_legs": (2, 0, 3)},
+        ),
+        passes={"gives NaN for that leg": "active_desired_state"},
+    ),
+    "KinematicPlatform": Entry(
+        variants=({"wheels": WheelGeometry(), "ground": (0.01, 0.0)},),
+        passes={NOT_BUILT: f"{OF_A_PLANT} foot_height base_pose"},
+        shares=True,
+    ),
+    "LegRamp": Entry(
+        passes={"is passed on": "extension_desired_state"},
+        begins=("extension_desired_state", lambda given: [*given["extension"], 0, 0, 0, 0]),
+    ),
+    "LegTransmission": Entry(passes={NOT_BUILT: "swing_state load_force"}),
+    "LimitSwitches": Entry(
+        inputs={"extension": one_of(-0.1, 0.5, 1.1)}, limits={"limits": BINARY}
+    ),
+    "LinearActuator": Entry(
+        variants=(
+            {"channels": 3, "extension": 0.41, "gain_scale": (1.0, 1.1, 0.9)},
+            {"params": LinearActuatorParams(model="integrator"), "time_step": 0.005},
+        ),
+        limits={"extension": (0.38, 0.46), "velocity": 0.14, "next_state": (-0.14, 0.46)},
+    ),
+    "NoiseSource": Entry(variants=({"size": 3, "seed": 5},)),
+    "OperatorScript": Entry(variants=({"steps": STEPS},)),
+    "ParallelLinks": Entry(
+        of_model(
+            add_platform,
+            scene_graph=SceneGraph,
+            size=lambda: model_of(add_platform)[0].plant.num_positions(),
+        ),
+        inputs={"positions": BODIES[add_platform]["state"]},
+    ),
+    "PassiveLegSolver": Entry(
+        variants=({"geometry": BUILT, "active_legs": (3, 1, 0)},),
+        passes={"NaN for the passive leg": "extension_desired_state"},
+    ),
+    "PayloadEstimator": Entry(inputs={**BRANCHES, "current": around(0.5, 0.1)}),
+    "PiController": Entry(variants=({"params": SLOW, "period": 0.005},), limits={"voltage": 10.0}),
+    "PlatformPose": Entry(of_model(add_platform), passes={NOT_BUILT: "positions"}),
+    "PlatformTruth": Entry(
+        of_model(add_platform),
+        inputs=BODIES[add_platform],
+        passes={"NaN for a pose that is not finite": "posture"},
+    ),
+    "PostureLoop": Entry(
+        variants=({"params": PostureLoopParams(2.0, 0.1, 0.02), "period": 0.02},),
+        passes={"is passed on": "posture_corrected_state"},
+    ),
+    "PostureReference": Entry(
+        variants=({"on_unreachable": "clamp"},),
+        passes={"measurements that are not": "posture_desired_state"},
+        raises=(UnreachablePosture,),
+        begins=("posture_desired_state", measured_posture),
+    ),
+    "PostureScript": Entry(
+        variants=({"waypoints": (Waypoint(0.0, 0.01), Waypoint(0.02, 0.0, 0.2))},),
+        limits={"posture_scale": BINARY},
+    ),
+    "PostureSliders": Entry(lambda: {"meshcat": Meshcat()}),
+    "ServoGoal": Entry(
+        lambda: DRIVES,
+        inputs={"velocity_command": around(0.0, 5.0), "state": around(0.0, 5.0)},
+        passes={"of a state that is not finite": "goal"},
+    ),
+    "StabilityMonitor": Entry(
+        limits={"refused": BINARY},
+        passes={"margin minus infinity": "margin", "refuses every request": "margin_requested"},
+    ),
+    "Supervisor": Entry(
+        inputs={"limits": one_of(1.0, 1.0, 0.0), "severity": one_of(0, 1)},
+        limits={
+            **{"phase": (0.0, 8.0), "leg_rate": 0.006, "refusal": (0.0, 8.0)},
+            **dict.fromkeys(("posture_control", "legs_enable", "legs_stop"), BINARY),
+            **dict.fromkeys(("estimate_ground", "wheel_brake", "arm_enable"), BINARY),
+        },
+        prepare=in_some_phase,
+    ),
+    "SupportMonitor": Entry(
+        inputs={
+            "gait_time": around(10.0, 10.0),
+            "payload": around((60.0, 0.0, 0.0), 10.0, 0.02, 0.02),
+        },
+        limits={"hold": BINARY},
+        passes={"the margin is minus infinity": "margin"},
+    ),
+    "VelocityServo": Entry(lambda: DRIVES, limits={"velocity_measured": 33.0}),
+}
+
+
+# --- Discovery
+
+
+def discovered():
+    """Classes of systems that modules define, templates by their form for floats."""
+    found, templates = {}, {}
+    for info in pkgutil.walk_packages(parapod.systems.__path__, "parapod.systems."):
+        if ".hardware" in info.name:
+            continue
+        module = importlib.import_module(info.name)
+        for name, value in vars(module).items():
+            if isinstance(value, TemplateSystem) and value.name == name:
+                templates[name.rstrip("_")] = found[name.rstrip("_")] = value[None]
+            elif (
+                inspect.isclass(value)
+                and issubclass(value, (LeafSystem, Diagram))
+                and value.__module__ == module.__name__
+                and name.isascii()  # not that of a template
+                and not name.startswith("_")
+            ):
+                found.setdefault(name, value)
+    # A base class declares parameters, not ports.
+    del found["OnInclinedGround"]
+    return dict(sorted(found.items())), templates
+
+
+SYSTEMS, TEMPLATES = discovered()
+
+
+def is_vector(port):
+    return port.get_data_type() == PortDataType.kVectorValued
+
+
+class Kind:
+    """A class of systems."""
+
+    def __init__(self, name):
+        self.name, self.type, self.entry = name, SYSTEMS[name], ENTRIES.get(name, Entry())
+        self.is_template = name in TEMPLATES
+        self.text = inspect.getdoc(self.type) or ""
+
+    @property
+    def specimens(self):
+        return [Specimen(self, {}), *(Specimen(self, made) for made in self.entry.variants)]
+
+    @property
+    def rows(self):
+        """Cells of the port table: direction, name, size, unit, meaning."""
+        found = map(ROW.match, self.text.splitlines())
+        return [[cell.strip() for cell in row.groups()] for row in found if row]
+
+    def make(self, **arguments):
+        """A system, made with what the entry says."""
+        try:
+            return self.type(**(self.entry.arguments() | arguments))
+        except TypeError as error:
+            pytest.fail(f"{self.name} needs arguments: add it to ENTRIES ({error})")
+
+
+class Specimen:
+    """A class of systems with some arguments, and what can be done to its system."""
+
+    def __init__(self, kind, arguments):
+        self.kind, self.entry, self._arguments = kind, kind.entry, arguments
+
+    @cached_property
+    def system(self):
+        return self.kind.make(**self._arguments)
+
+    @property
+    def inputs(self):
+        """Input ports by their names."""
+        ports = map(self.system.get_input_port, range(self.system.num_input_ports()))
+        return {port.get_name(): port for port in ports}
+
+    @property
+    def outputs(self):
+        ports = map(self.system.get_output_port, range(self.system.num_output_ports()))
+        return {port.get_name(): port for port in ports}
+
+    @property
+    def event(self):
+        """The periodic update; None if there is none."""
+        return self.system.GetUniquePeriodicDiscreteUpdateAttribute()
+
+    def sample(self, random, **switched):
+        """Usual values of all inputs, by their names; those that can be switched so."""
+        usual, values = {**USUAL, **self.entry.inputs}, {}
+        for name, port in self.inputs.items():
+            if name not in usual:
+                pytest.fail(f"{self.kind.name}: add what is usual at '{name}' to ENTRIES")
+            values[name] = usual[name](random, port.size() if is_vector(port) else None)
+        return values | {name: [v] for name, v in switched.items() if name in values}
+
+    def fix(self, context, values):
+        for name, value in values.items():
+            self.system.GetInputPort(name).FixValue(context, value)
+
+    def shown(self, context, order=1):
+        """Values of all outputs by their names, evaluated in that order."""
+        values = {}
+        for name in list(self.outputs)[::order]:
+            value = self.outputs[name].Eval(context)
+            if not is_vector(self.outputs[name]):  # poses of a SceneGraph's frames
+                frames = sorted(value.ids(), key=lambda frame: frame.get_value())
+                value = [value.value(frame).GetAsMatrix34() for frame in frames]
+            values[name] = np.array(value)
+        return values
+
+    def ahead(self, context):
+        """Discrete state after the next update, by groups; none if there is no update."""
+        if self.event is None:
+            return {}
+        state = self.system.EvalUniquePeriodicDiscreteUpdate(context)
+        return {i: state.value(i).copy() for i in range(state.num_groups())}
+
+    def all_of(self, context):
+        """Everything that follows from a context."""
+        return {**self.ahead(context), **self.shown(context)}
+
+    def step(self, context):
+        """Updates the discrete state, and lets a period pass."""
+        for i, value in self.ahead(context).items():
+            context.get_mutable_discrete_state().set_value(i, value)
+        if self.event is not None:
+            context.SetTime(context.get_time() + self.event.period_sec())
+
+    def moments(self, count=6, seed=0):
+        """Contexts at the beginning, and after some updates with usual inputs; a generator."""
+        random = np.random.default_rng(seed)
+        for number in range(count):
+            context = self.system.CreateDefaultContext()
+            self.entry.prepare(context, random)
+            given = self.sample(random)
+            is_on = number % 2 == 1
+            for k in range(number % 6):
+                # Off, and then on, or on all the time: what starts does so on the way.
+                self.fix(context, given | switched(given, is_on or k > 0))
+                self.step(context)
+            self.fix(context, given | (switched(given, is_on) if number < 4 else {}))
+            yield context, random
+
+
+def switched(values, on):
+    """Those of some values that let a system do something, or nothing."""
+    names = {"enable", "trigger", "ground_valid"} & set(values)
+    return {name: [float(on)] for name in names} | {
+        name: [0.0] for name in {"stop", "brake"} & set(values)
+    }
+
+
+def pytest_generate_tests(metafunc):
+    kinds = [Kind(name) for name in SYSTEMS]
+    specimens = [
+        pytest.param(specimen, id=f"{kind.name}-{i}" if i else kind.name)
+        for kind in kinds
+        for i, specimen in enumerate(kind.specimens)
+    ]
+    for name, values in (
+        ("system_kind", [pytest.param(kind, id=kind.name) for kind in kinds]),
+        ("specimen", specimens),
+        ("convertible", [one for one in specimens if one.values[0].kind.is_template]),
+    ):
+        if name in metafunc.fixturenames:
+            metafunc.parametrize(name, values)

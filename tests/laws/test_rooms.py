@@ -1,0 +1,36 @@
+"""Who may import whom: arrows between the rooms point one way."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+# By rooms, what their modules import neither as a whole nor in part.
+FORBIDDEN = {
+    ("systems",): ("parapod.diagrams", "parapod.sims"),
+    ("diagrams", "urdf"): ("parapod.sims",),
+    ("systems", "diagrams", "sims", "urdf", "benchmarks", "tests"): (
+        *("pydrake.all", "systems", "diagrams", "sims", "urdf"),
+    ),
+}
+
+
+def imported(path):
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} imports relatively"
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+@pytest.mark.parametrize(("rooms", "forbidden"), FORBIDDEN.items())
+def test_rooms_import_what_is_below_them(rooms, forbidden):
+    sources = [path for room in rooms for path in sorted((ROOT / room).rglob("*.py"))]
+    assert len(sources) > 5 * len(rooms)
+    for path in sources:
+        for name in imported(path):
+            assert not f"{name}.".startswith(tuple(f"{prefix}." for prefix in forbidden)), path
