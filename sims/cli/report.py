@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="one seed, shorter runs and larger time steps: about a minute",
+        help="one seed, shorter runs and larger time steps: a minute or two",
     )
     parser.add_argument(
         "--seeds",

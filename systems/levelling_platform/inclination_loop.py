@@ -62,7 +62,7 @@ def PostureLoop_(T: Any) -> Any:
         |---|---|---|---|
         | in `posture_desired_state` | 6 | rad, rad, m and rates | what is asked for |
         | in `attitude` | 2 | rad | estimated roll and pitch |
-        | in `trusted` | 1 | - | above 0.5: the attitude may be followed; unconnected: it may |
+        | in `trusted` | 1 | - | above 0.5: the attitude may be followed; unconnected: always |
         | in `enable` | 1 | - | above 0.5: correct; otherwise the correction is zero |
         | out `posture_corrected_state` | 6 | rad, rad, m and rates | what the legs are asked for |
 

@@ -211,7 +211,7 @@ class PostureSliders(_PostureControls):
     |---|---|---|---|
     | in `ground_estimated` | 2 | rad | estimated roll and pitch of the ground |
     | in `foot_offsets_estimated` | 4 | m | heights under the feet; unconnected: 0 |
-    | in `ground_valid` | 1 | - | above 0.5: sliders end where the legs do on this ground |
+    | in `ground_valid` | 1 | - | above 0.5: sliders end where legs do; unconnected: never |
     | out `posture_command` | 3 | rad, rad, m | commanded roll, pitch, height; jumps |
 
     The sliders exist while `shown` is entered, and start at the level posture. Controls with
@@ -248,7 +248,7 @@ class OperatorControls(_PostureControls):
     |---|---|---|---|
     | in `ground_estimated` | 2 | rad | estimated roll and pitch of the ground |
     | in `foot_offsets_estimated` | 4 | m | heights under the feet; unconnected: 0 |
-    | in `ground_valid` | 1 | - | above 0.5: sliders end where the legs do on this ground |
+    | in `ground_valid` | 1 | - | above 0.5: sliders end where legs do; unconnected: never |
     | out `operator` | 1 | - | a `Command`, for a moment after its button was clicked |
     | out `drive_request` | 2 | m/s, rad/s | forward speed and yaw rate |
     | out `posture_request` | 3 | rad, rad, m | posture to take |

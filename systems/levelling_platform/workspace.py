@@ -303,7 +303,7 @@ def margins_of_terms(
     Returns:
         (..., 8) [m^2]; positive inside.
     """
-    return np.asarray(terms) @ (coefficients * SIGNS[:, np.newaxis]).T
+    return of_width(terms, 7, "terms") @ (coefficients * SIGNS[:, np.newaxis]).T
 
 
 def surface_margins(point: ArrayLike) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -69,7 +69,7 @@ def pushing(random, size):
 EXTENSIONS = around((0.405,) * 4 + (0.0,) * 4, *(0.004,) * 4, *(0.003,) * 4)
 POSTURE = around((0.0, 0.0, 0.477), 0.02, 0.02, 0.003)
 NAMED = {
-    one_of(0.0, 1.0): "brake enable ground_valid hold limits posture_control stop trigger",
+    one_of(0.0, 1.0): "brake enable ground_valid hold limits posture_control stop trigger trusted",
     one_of(1.0, 1.0, 1.0, 1.0, 1.0, 0.0): "standing",
     one_of(*Command): "operator",
     one_of(*Phase): "phase",
@@ -204,6 +204,24 @@ def measured_posture(given):
         PlatformGeometry(), given["extension_measured"], ground, foot_offsets=offsets
     )
     return np.append(posture, np.zeros(3))
+
+
+class Moved:
+    """Controls that somebody has moved, and buttons that somebody has clicked."""
+
+    VALUES: ClassVar = {"roll [deg]": 1.0, "pitch [deg]": -0.5, "height [mm]": 480.0}
+
+    def GetSliderNames(self):
+        return list(self.VALUES)
+
+    def GetSliderValue(self, name):
+        return self.VALUES.get(name, 0.1)
+
+    def GetButtonClicks(self, name):
+        return 1
+
+    def SetSliderRange(self, name, low, high):
+        assert low <= high
 
 
 BINARY = (0.0, 1.0)
@@ -366,7 +384,8 @@ ENTRIES: dict[str, Entry] = {
         variants=({"waypoints": (Waypoint(0.0, 0.01), Waypoint(0.02, 0.0, 0.2))},),
         limits={"posture_scale": BINARY},
     ),
-    "PostureSliders": Entry(lambda: {"meshcat": Meshcat()}),
+    "OperatorControls": Entry(lambda: {"controls": Moved()}),
+    "PostureSliders": Entry(lambda: {"controls": Moved()}, variants=({"controls": Meshcat()},)),
     "ServoGoal": Entry(
         lambda: DRIVES,
         inputs={"velocity_command": around(0.0, 5.0), "state": around(0.0, 5.0)},

@@ -93,6 +93,7 @@ FIXED = {
 }
 # Arguments that are of another size in one function.
 OWN = {
+    "margins_of_terms": {"terms": near([0.1] * 7)},
     "passive_extension": {"extension": near([0.405] * 3)},
     "chair_motion": {
         "feet": several(Motion, near(START.feet.position), *[near(np.zeros((4, 3)))] * 2)
