@@ -79,7 +79,7 @@ def run(console: Console) -> list[Measurement]:
 
 
 def _levelling(backend: str, count: int) -> list[Measurement]:
-    """How far from level the platform is at worst, 6 s after it began."""
+    """Largest inclination of the platform, 6 s after it began."""
     scenario = LevellingScenario(backend=backend)
     loop = ClosedLoop(PLATFORM, scenario, log=_LOG)
     worst = np.zeros(3)

@@ -1,4 +1,4 @@
-"""How fast a closed loop is simulated."""
+"""Speed of a simulated closed loop."""
 
 import time
 from typing import Any

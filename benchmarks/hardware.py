@@ -49,7 +49,7 @@ def run(console: Console) -> list[Measurement]:
 
 
 def _punctuality(console: Console) -> list[Measurement]:
-    """Of the loop without devices; the machine's own wake-up beside it."""
+    """Punctuality of the loop without devices; the machine's own wake-up beside it."""
     results = []
     scenario = LevellingScenario(backend="mock")
     for p in bench_real_time(PLATFORM, scenario, (100.0, 200.0, 500.0), 5.0, console):

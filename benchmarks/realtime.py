@@ -41,7 +41,7 @@ def run(console: Console) -> list[Measurement]:
 
 
 def _real_time_factor(backend: str, leg_model: str, time_step: float) -> float:
-    """Of the whole loop: controller, sensors, actuators, plant."""
+    """Real-time factor of the whole loop: controller, sensors, actuators, plant."""
     scenario = LevellingScenario(backend=backend)
     scenario.plant.leg_model, scenario.plant.time_step = leg_model, time_step
     scenario.job.waypoints = [WaypointScenario(7.0, 1.0, -1.0, 10.0)]

@@ -1,4 +1,4 @@
-"""How a measurement is reported."""
+"""Report of a measurement."""
 
 from dataclasses import dataclass
 

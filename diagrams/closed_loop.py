@@ -58,7 +58,7 @@ class ClosedLoop[S](Diagram):
         Args:
             machine: the machine.
             scenario: one of its scenarios.
-            meshcat: where a simulated machine is drawn; None for no drawing.
+            meshcat: scene in which a simulated machine is drawn; None for no drawing.
             plant: a LeafSystem or Diagram with the station's ports, in place of the station.
             controller: a system in place of the machine's controller.
             sources: systems in place of the machine's sources of commands.

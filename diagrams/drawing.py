@@ -34,10 +34,10 @@ def publish(
     """Publishes what a scene graph holds, thirty times a second.
 
     Args:
-        builder: of the diagram that holds `scene_graph`.
-        scene_graph: what is drawn.
+        builder: builder of the diagram that holds `scene_graph`.
+        scene_graph: scene that is drawn.
         meshcat: where.
-        prefix: of the path there.
+        prefix: prefix of the path there.
     """
     # Not `ApplyVisualizationConfig`, which wants the plant to be part of the diagram.
     params = MeshcatVisualizerParams(
@@ -55,10 +55,10 @@ def draw(
     """Poses the geometry of a plant that is only drawn.
 
     Args:
-        builder: of the diagram that holds `scene_graph`.
+        builder: builder of the diagram that holds `scene_graph`.
         plant: finalized, registered with `scene_graph`, and no part of the diagram.
-        positions: of its joints.
-        scene_graph: what is drawn.
+        positions: positions of its joints.
+        scene_graph: scene that is drawn.
     """
     to_geometry = add(builder, MultibodyPositionToGeometryPose(plant))
     connect(builder, positions, to_geometry.get_input_port())
@@ -86,11 +86,11 @@ class View:
     """From where a picture is taken.
 
     Attributes:
-        camera: where the camera is (3) [m].
-        target: what is in the middle of the picture (3) [m].
-        angle: of view, from the lower to the upper edge [rad].
+        camera: place of the camera (3) [m].
+        target: point in the middle of the picture (3) [m].
+        angle: angle of view, from the lower to the upper edge [rad].
         size: width and height [pixel].
-        up: what is up in the picture (3).
+        up: direction that is up in the picture (3).
     """
 
     camera: tuple[float, float, float]
@@ -126,7 +126,7 @@ def take(
 
     Args:
         scene_graph: with a renderer, part of a diagram.
-        root_context: of the diagram.
+        root_context: root context of the diagram.
         views: from where; one picture each.
     """
     port = scene_graph.get_query_output_port()

@@ -122,8 +122,8 @@ def check_faults(
     Args:
         targets: the machine's.
         faults: as in a scenario.
-        seed: of garbage; faults with the same seed differ from each other.
-        key: where the scenario has them, for messages.
+        seed: seed of garbage; faults with the same seed differ from each other.
+        key: key of the scenario, for messages.
 
     Raises:
         ScenarioError: an index that the port does not have, a value that the kind does not have,

@@ -21,8 +21,8 @@ def add_discrete_plant(
     copies the whole state of the diagram. Whoever feeds one of them back samples that one.
 
     Args:
-        builder: of the diagram.
-        time_step: of the plant [s].
+        builder: builder of the diagram.
+        time_step: time step of the plant [s].
         contact_approximation: Drake's discrete contact approximation.
     """
     plant, scene_graph = AddMultibodyPlant(
@@ -41,7 +41,7 @@ def add_ground(parser: Parser) -> ModelInstanceIndex:
     """Adds the body `ground`, a plane drawn as a ruled slab; it is to be welded somewhere.
 
     Args:
-        parser: of the plant, which knows the models of `parapod.urdf`.
+        parser: parser of the plant, which knows the models of `parapod.urdf`.
     """
     (slab,) = parser.AddModels(url="package://parapod/ground/ground.sdf")
     return slab

@@ -23,7 +23,7 @@ def _nothing(root_context: Context, scenario: Any) -> None:
 
 @dataclass(frozen=True)
 class Behind:
-    """What stands behind the ports of a station: a simulated plant, a mock or devices.
+    """Part of a station behind its ports: a simulated plant, a mock or devices.
 
     Attributes:
         inputs: ports that take the commands, by the names of the machine's table.
@@ -51,7 +51,7 @@ class Station[S](Diagram):
     Attributes:
         machine: the machine.
         scenario: the scenario that it was built from.
-        behind: what stands behind the ports.
+        behind: systems behind the ports.
     """
 
     def __init__(self, machine: "Machine[S]", scenario: S, meshcat: Meshcat | None = None):

@@ -74,9 +74,9 @@ def add_posture_chain(
     `trigger`, the reference's `posture_command`, and `PostureChain.enable`.
 
     Args:
-        builder: of the controller.
+        builder: builder of the controller.
         scenario: its `control` part is used.
-        on_unreachable: what `PostureReference` does with a command outside the workspace.
+        on_unreachable: reaction of `PostureReference` to a command outside the workspace.
     """
     geometry, control = MODEL_GEOMETRY, scenario.control
     period = control.period
@@ -198,7 +198,7 @@ def add_position_control(
     """Adds the actuators' position controllers behind a posture chain; exports `legs.voltage`.
 
     Args:
-        builder: of the controller, with a posture chain.
+        builder: builder of the controller, with a posture chain.
         scenario: its `control` part is used.
         desired: extensions and rates (8) that the legs are asked for; exported too, as
             `extension_desired_state`.
@@ -239,7 +239,7 @@ def make_controller(
 
     Args:
         scenario: its `control` part is used.
-        on_unreachable: what `PostureReference` does with a command outside the workspace.
+        on_unreachable: reaction of `PostureReference` to a command outside the workspace.
     """
     builder = DiagramBuilder()
     chain = add_posture_chain(builder, scenario, on_unreachable)

@@ -1,4 +1,4 @@
-"""How stable the outer inclination loop is: its open loop, linearised, and its margins."""
+"""Stability of the outer inclination loop: its open loop, linearised, and its margins."""
 
 import math
 from dataclasses import dataclass
@@ -58,7 +58,7 @@ class OpenLoop:
         a: (n, n).
         b: (n, 2).
         c: (2, n).
-        period: of the discrete-time system [s].
+        period: period of the discrete-time system [s].
     """
 
     a: NDArray[np.float64]
@@ -71,7 +71,7 @@ class OpenLoop:
 
         Args:
             frequency: (m) [rad/s], below the Nyquist frequency pi / period.
-            delay: of the measurement, added to that of the sampling [s].
+            delay: delay of the measurement, added to that of the sampling [s].
         """
         w = np.asarray(frequency, dtype=float)[:, np.newaxis, np.newaxis]
         states = np.exp(1j * w * self.period) * np.eye(len(self.a)) - self.a
@@ -126,7 +126,7 @@ def margins(loop: OpenLoop, delay: float = 0.0) -> tuple[Margins, Margins]:
 
     Args:
         loop: the open loop.
-        delay: of the measurement [s].
+        delay: delay of the measurement [s].
     """
     nyquist = math.pi / loop.period
     frequency = np.geomspace(1e-3, 0.999 * nyquist, 4000)
@@ -157,7 +157,7 @@ def _margins(frequency: NDArray[np.float64], gain: NDArray[np.complex128]) -> Ma
 
 
 def _crossing(x: NDArray[np.float64], y: NDArray[np.float64], level: float) -> float:
-    """Where y first falls to the level."""
+    """Abscissa at which y first falls to the level."""
     k = max(1, int(np.argmax(y <= level)))
     return float(np.interp(level, [y[k], y[k - 1]], [x[k], x[k - 1]]))
 

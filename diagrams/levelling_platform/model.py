@@ -52,7 +52,7 @@ _PAD_COLOUR = np.array([0.45, 0.42, 0.38, 1.0])
 
 
 def geometry_as_built(scenario: LevellingScenario) -> PlatformGeometry:
-    """What the scenario's machine measures: the drawing, and errors drawn from the seed."""
+    """Geometry of the scenario's machine: the drawing, and errors drawn from the seed."""
     length, angle = scenario.plant.length_error_mm, scenario.plant.angle_error_deg
     if not (length or angle):
         return MODEL_GEOMETRY
@@ -170,10 +170,10 @@ def add_visualization(
     """Adds the links that the plant leaves out, and publishes the whole to Meshcat.
 
     Args:
-        builder: of the diagram that holds `scene_graph`.
+        builder: builder of the diagram that holds `scene_graph`.
         model: the platform.
-        positions: of the model's joints (or its whole state).
-        scene_graph: what is drawn.
+        positions: positions of the model's joints (or its whole state).
+        scene_graph: scene that is drawn.
         meshcat: where.
     """
     links = add(builder, ParallelLinks(model, scene_graph, positions.size()))
@@ -193,9 +193,9 @@ def add_drawing(
     """Adds a drawing of the full model for a plant that is simulated with fewer joints or none.
 
     Args:
-        builder: of the diagram that holds the plant.
+        builder: builder of the diagram that holds the plant.
         ground: roll and pitch that the drawn slab keeps [rad].
-        meshcat: where to draw.
+        meshcat: scene in which to draw.
         extension: extensions (4) [m].
         base_pose: quaternion and position (7) of the platform.
         arm_position: turntable and arm angle (2) [rad].

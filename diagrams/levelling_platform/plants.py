@@ -61,7 +61,7 @@ from parapod.systems.sensors.noise import NoiseSource
 
 @dataclass(frozen=True)
 class Drives:
-    """What moves a plant: the drives that all backends share.
+    """Drives that all backends share.
 
     Attributes:
         rods: outputs `extension`, `velocity`, `next_state` of the linear actuators.
@@ -78,7 +78,7 @@ class Drives:
 
 @dataclass(frozen=True)
 class Plant:
-    """What a plant offers to the sensors and to the truth.
+    """Signals of a plant for the sensors and the truth.
 
     Attributes:
         signals: ports by name: posture, attitude, angular_velocity, specific_force,

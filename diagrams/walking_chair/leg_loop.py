@@ -27,14 +27,14 @@ def _assumed_drive() -> VelocityServoParams:
 
 @dataclass(frozen=True)
 class LegLoopParams:
-    """What the loop is made of; the drives' values are assumptions, as the paper prints none.
+    """Parameters of the loop; the drives' values are assumptions, as the paper prints none.
 
     Attributes:
-        circle: what the foot follows, Eq. (49).
+        circle: path of the foot, Eq. (49).
         controller: gains and mode of the position controllers.
-        period: of these [s].
+        period: period of these [s].
         drive: each of the three drives; end stops are put at the ends of the strokes.
-        drive_step: of the drives' model, and between samples of the log [s].
+        drive_step: step of the drives' model, and between samples of the log [s].
         gain: (3) velocity of each drive by its command [-].
         offset: (3) velocity of each drive at a command of zero [m/s].
         geometry: the leg.
@@ -58,9 +58,9 @@ class LegLoop:
 
     Attributes:
         diagram: the whole.
-        params: what it was made of.
+        params: parameters that it was made with.
         drives: the drives in it.
-        log: where the drives really are (6) [m, m/s].
+        log: true state of the drives (6) [m, m/s].
     """
 
     diagram: Diagram

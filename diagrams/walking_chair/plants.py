@@ -68,7 +68,7 @@ class Beginning:
 
 @dataclass(frozen=True)
 class Plant:
-    """What a plant offers to the sensors and to the truth.
+    """Signals of a plant for the sensors and the truth.
 
     Attributes:
         signals: ports by name: body_position, body_attitude, force, contact_force, foot_height,
@@ -288,7 +288,7 @@ def _add_status(builder: DiagramBuilder) -> dict[str, OutputPort]:
 
 
 def drive_params(scenario: ChairScenario) -> VelocityServoParams:
-    """Of the twelve drives, with the stroke of each."""
+    """Parameters of the twelve drives, with the stroke of each."""
     drives, strokes = scenario.drives, CHAIR_GEOMETRY.leg.strokes
     return VelocityServoParams(
         resolution=1e-3 * drives.encoder_resolution_mm,

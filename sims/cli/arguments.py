@@ -1,4 +1,4 @@
-"""What several commands have in common: exit codes, usage errors, scenarios, files."""
+"""Parts that commands share: exit codes, usage errors, scenarios, files."""
 
 import argparse
 import os

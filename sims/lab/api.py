@@ -53,7 +53,7 @@ def closed_loop(
 
     Args:
         scenario: from `scenario`, or a machine's own.
-        meshcat: where the machine is drawn; None for no drawing.
+        meshcat: scene in which the machine is drawn; None for no drawing.
         plant: a LeafSystem or Diagram of your own with the station's ports, in its place.
         controller: a system of your own in place of the controller.
 

@@ -49,8 +49,8 @@ def simulate(simulator: Simulator, until: float, console: Console, what: str) ->
     Args:
         simulator: initialized; may have a target rate.
         until: simulated time at the end, unless a monitor ends it before [s].
-        console: where progress is shown.
-        what: what is going on, in a word or two.
+        console: console for progress.
+        what: name of the work, in a word or two.
 
     Returns:
         The wall-clock time that the simulation itself took [s].
@@ -87,8 +87,8 @@ def make_viewer(camera: Sequence[float], target: Sequence[float]) -> Meshcat:
     """A plain scene for one machine, served on a free port.
 
     Args:
-        camera: where the camera is at first (3) [m].
-        target: what it looks at (3) [m].
+        camera: first place of the camera (3) [m].
+        target: point at which it looks (3) [m].
     """
     log = logging.getLogger("drake")
     level = log.level
@@ -367,8 +367,8 @@ def stay_live(panel: Panel, live: Callable[[], str], console: Console, advice: s
     Args:
         panel: the page.
         live: goes on until somebody clicks a button, and returns which.
-        console: where it is said what to do.
-        advice: what the controls are for.
+        console: console for the advice.
+        advice: purpose of the controls.
     """
     text = f"{advice} '{RESTART}' begins anew; '{END}' or Ctrl-C ends."
     console.print(text, markup=False, highlight=False, soft_wrap=True)

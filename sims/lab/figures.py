@@ -52,7 +52,7 @@ def render(figure: Figure, suffix: str = "svg") -> bytes:
     """The figure as a file's content.
 
     Args:
-        figure: what to draw.
+        figure: figure to draw.
         suffix: one of `FORMATS`.
     """
     from cycler import cycler

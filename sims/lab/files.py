@@ -32,7 +32,7 @@ class Log:
     Attributes:
         time: (n,) [s].
         signals: port name -> (n, ...) array, one row per time.
-        metadata: how the run was made.
+        metadata: data about the run.
     """
 
     time: "NDArray[np.float64]"
@@ -109,7 +109,7 @@ def write_page(path: Path, html: str, title: str) -> None:
 
     Args:
         path: the file.
-        html: what `Meshcat.StaticHtml` gives.
+        html: page that `Meshcat.StaticHtml` gives.
         title: shown by browsers in tabs and bookmarks.
 
     Raises:
@@ -231,7 +231,7 @@ def write_experiment_log(
     Args:
         path: the file, *.npz, *.mcap or *.csv.
         experiment: its name.
-        scenario: what was run.
+        scenario: scenario that was run.
         time: (n) [s].
         signals: by port, the samples (n, ...) and their unit.
 

@@ -42,9 +42,9 @@ class McapLog:
         """Describes the log; the file is made by entering the context.
 
         Args:
-            path: of the file.
-            units: of each port that is logged, in the order in which `write` is given them.
-            metadata: how the run is made.
+            path: path of the file.
+            units: units of each port that is logged, in the order in which `write` is given them.
+            metadata: data about the run.
 
         Raises:
             OutputError: the file cannot be written.
@@ -64,7 +64,7 @@ class McapLog:
 
         Args:
             t: time of the loop [s].
-            values: of the ports, arrays that are not changed any more.
+            values: values of the ports, arrays that are not changed any more.
             stamp: stamp of the messages [ns]; None for the wall clock's.
         """
         self._queue.put((time.time_ns() if stamp is None else stamp, t, values))
@@ -139,7 +139,7 @@ def write_mcap(
         times: (n) [s].
         signals: port name -> (n, ...) samples; each becomes a list of numbers.
         units: port name -> unit.
-        metadata: how the run was made.
+        metadata: data about the run.
 
     Raises:
         OutputError: the file cannot be written.
@@ -187,7 +187,7 @@ def read_mcap(path: Path) -> Log:
 
 
 class _Contents:
-    """What has been read of a log."""
+    """Content of a log, as far as it has been read."""
 
     def __init__(self) -> None:
         self.has_begun = False

@@ -33,10 +33,10 @@ class Row:
 
     Attributes:
         label: a word or two.
-        asked: what is asked for; None where nothing is.
-        measured: what the machine measures; None where it does not.
-        true: what is true, which only a simulation knows.
-        unit: of all three.
+        asked: value that is asked for; None where none is.
+        measured: value that the machine measures; None where it does not.
+        true: true value, which only a simulation knows.
+        unit: unit of all three.
         decimals: that are shown.
     """
 
@@ -53,9 +53,9 @@ class Readout:
     """Everything that the page tells at one moment.
 
     Attributes:
-        state: what the machine is doing, in a few words.
+        state: state of the machine, in a few words.
         rows: its quantities.
-        remarks: what else there is to say: faults, refusals, a sentence each.
+        remarks: faults and refusals, a sentence each.
         is_alarming: whether the state is one that a person should look at.
     """
 
@@ -88,7 +88,7 @@ class Panel:
 
     Attributes:
         meshcat: the scene.
-        title: of the page.
+        title: title of the page.
     """
 
     def __init__(self, meshcat: Meshcat, title: str):
@@ -96,7 +96,7 @@ class Panel:
 
         Args:
             meshcat: the scene that is framed.
-            title: of the page.
+            title: title of the page.
 
         Raises:
             OSError: no port is free.
@@ -145,7 +145,7 @@ class Panel:
             return _delete(self._buttons, name, strict)
 
     def GetButtonClicks(self, name: str) -> int:
-        """How often a button has been clicked.
+        """Number of clicks on a button.
 
         Raises:
             KeyError: there is none of that name.
@@ -169,7 +169,7 @@ class Panel:
         """Adds a slider.
 
         Args:
-            name: of the slider, with the unit.
+            name: name of the slider, with the unit.
             min: smallest value.
             max: largest value.
             step: between two values.

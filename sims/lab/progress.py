@@ -22,8 +22,8 @@ def progress(
     a run that is over before the first.
 
     Args:
-        console: where to show it.
-        what: what is going on, in a word or two.
+        console: console to show it on.
+        what: name of the work, in a word or two.
         total_seconds: simulated time at the end [s].
         line_period: wall-clock time between two lines in a file or pipe [s].
     """
@@ -94,7 +94,7 @@ def counted(
     """Shows how much of a number of runs is done, and how long the rest will take.
 
     Args:
-        console: where to show it.
+        console: console to show it on.
         what: name of the work, in a word or two.
         total: number of runs.
         line_period: wall-clock time between two lines in a file or pipe [s].

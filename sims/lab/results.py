@@ -28,8 +28,8 @@ class Metric:
         unit: unit of value and bound; "" for none.
         bound: largest admissible |value|; None for none.
         at_least: smallest admissible value; None for none.
-        paper: what the paper reports, in the same unit, or in words; None if it does not.
-        meaning: what was measured, for people.
+        paper: value of the paper, in the same unit, or in words; None if it has none.
+        meaning: meaning of the number, for people.
     """
 
     key: str
@@ -92,12 +92,12 @@ class Result:
 
     Attributes:
         experiment: name of the experiment.
-        backend: what stood in for the machine.
+        backend: backend that stood in for the machine.
         seed: seed of every random number in the run.
-        metrics: what was measured, in the order in which it is shown.
+        metrics: numbers, in the order in which they are shown.
         notes: sentences shown below the metrics.
-        figures: what can be drawn of the run.
-        afterwards: what goes on once the result has been shown and written, or None.
+        figures: figures of the run.
+        afterwards: work that goes on once the result has been shown and written, or None.
         details: further content of the JSON document.
         scenario: the scenario that was run, or None.
     """
@@ -240,7 +240,7 @@ def _row(metric: Metric) -> tuple[Text, ...]:
 
 
 def as_words(paper: float | str | None) -> str:
-    """What a paper reports, as it is shown."""
+    """Value that a paper reports, as it is shown."""
     return amount(paper) if isinstance(paper, float | int) else paper or ""
 
 

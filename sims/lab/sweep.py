@@ -42,8 +42,8 @@ def run_seeds(
     Args:
         experiment: the experiment; its class must be one of a module.
         scenario: a scenario with a `seed`.
-        count: how many seeds.
-        console: where progress is shown.
+        count: number of seeds.
+        console: console for progress.
 
     Returns:
         The results in the order of the seeds, without figures.

@@ -300,10 +300,10 @@ def prediction_metrics(
     """Errors before and after, and what was gained.
 
     Args:
-        comparison: of poses that were not used.
+        comparison: comparison of poses that were not used.
         least: smallest improvement allowed, or None.
         is_bounded: whether the calibrated errors have bounds.
-        where: of which poses and against what, in words.
+        where: words that say of which poses and against what.
     """
     metrics = [
         Metric(
@@ -337,7 +337,7 @@ def prediction_metrics(
 
 
 def fit_metrics(calibration: Calibration) -> list[Metric]:
-    """How well data and model agree, and how sure the parameters are."""
+    """Measure how well data and model agree, and how sure the parameters are."""
     deviations = calibration.standard_deviations
     legs = deviations[: LEG_COUNT * LEG_WIDTH].reshape(LEG_COUNT, LEG_WIDTH)
     worst = dict(zip(LEG_PARAMETERS, legs.max(axis=0).tolist(), strict=True))
@@ -375,7 +375,7 @@ def fit_metrics(calibration: Calibration) -> list[Metric]:
 def truth_metrics(
     calibration: Calibration, machine: Machine, sensed: Comparison, is_tracked: bool
 ) -> list[Metric]:
-    """How far the calibration is from the machine that was simulated."""
+    """Measure how far the calibration is from the simulated machine."""
     bias = np.abs(calibration.bias - machine.bias).max()
     offset = np.abs(calibration.offsets - machine.offsets).max()
     return [
@@ -439,7 +439,7 @@ _SYMBOLS = {"beta": r"$\beta$", "alpha": r"$\alpha$", "offset": "offset"}
 def figures(
     calibration: Calibration, tolerance: Floats, truth: Floats | None, comparison: Comparison
 ) -> tuple[Figure, ...]:
-    """What can be drawn of a calibration.
+    """Figures of a calibration.
 
     Args:
         calibration: the result.

@@ -387,7 +387,7 @@ def _mark_phases(axes: "Axes", time: NDArray[np.float64], signals: Signals, name
 
 
 def phase_times(run: Run) -> dict[str, float]:
-    """How long each phase lasted, all its visits together [s]."""
+    """Durations of the phases, all visits of each together [s]."""
     phase = run["phase"][:, 0]
     period = float(run.time[1] - run.time[0])
     return {
@@ -476,7 +476,7 @@ def _smallest(values: NDArray[np.float64]) -> float:
 
 
 def _clearance(scenario: DeployScenario, posture: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of the wheels (n, 4) above the ground's plane [m]."""
+    """Clearance of the wheels (n, 4) above the ground's plane [m]."""
     wheels = WheelGeometry()
     normal = normal_of(*scenario.ground.inclination)
     g = np.array(to_platform(normal, posture[:, 0], posture[:, 1]))

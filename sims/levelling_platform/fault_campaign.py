@@ -140,7 +140,7 @@ class FaultCampaignScenario(Schema):
 
 @dataclass(frozen=True)
 class Cell:
-    """What a fault did.
+    """Outcome of a fault.
 
     Attributes:
         device: what failed.
@@ -259,7 +259,7 @@ def _count() -> None:
 
 @dataclass(frozen=True)
 class _Trace:
-    """What was recorded, one row a period."""
+    """Recording of a cell, one row a period."""
 
     time: NDArray[np.float64]
     posture: NDArray[np.float64]
@@ -493,7 +493,7 @@ def _short(cell: Cell | None) -> str:
 
 
 def _unnoticed(cells: Sequence[Cell]) -> list[str]:
-    """What is not found, in how many phases, and why."""
+    """Faults that are not found, in how many phases, and why."""
     counted = Counter((c.device, c.kind) for c in cells if c.injected and not c.findings)
     return ["not found:"] * bool(counted) + [
         f"{device}, {kind} (in {count} phases): {_REASONS.get((device, kind), 'UNEXPLAINED')}"

@@ -119,7 +119,7 @@ class IdentifyActuatorsScenario(Schema):
 
 @dataclass(frozen=True)
 class Recording:
-    """What is known about a case, and what only a simulation can tell.
+    """Recording of a case, with the truth that only a simulation can tell.
 
     Attributes:
         time: (n) [s].
@@ -151,7 +151,7 @@ class Recordings:
 
 @dataclass(frozen=True)
 class Steps:
-    """What the steps of a recording show.
+    """Gains that the steps of a recording show.
 
     Attributes:
         voltage: (steps) [V].
@@ -376,7 +376,7 @@ def find_steps(recording: Recording, transient: float) -> Steps:
     """Slope of each voltage step's ramp by least squares, from voltages and encoders alone.
 
     Args:
-        recording: of ten steps or of any number of them.
+        recording: recording of ten steps or of any number of them.
         transient: beginning of each step that does not count [s].
     """
     time, voltage = recording.time, recording.voltage[:, 0]
@@ -461,7 +461,7 @@ def separated_metrics(
 
 
 def stroke_metrics(recordings: Recordings) -> tuple[Metric, ...]:
-    """Where the legs and the platform went."""
+    """Measure how far legs and platform went."""
     both = [recordings.unloaded.extension, recordings.loaded.extension]
     low, high = (1e3 * limit for limit in STROKE)
     metrics = [
@@ -491,7 +491,7 @@ def figures(recordings: Recordings, cases: tuple[Steps, ...]) -> tuple[Figure, .
     """The paper's Figs. 13 to 15.
 
     Args:
-        recordings: of both cases.
+        recordings: recordings of both cases.
         cases: the steps in them.
     """
     return (

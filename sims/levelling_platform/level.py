@@ -258,7 +258,7 @@ _LEVEL = np.array([_ANGLE_BOUND, _ANGLE_BOUND, _HEIGHT_BOUND])  # of what counts
 def _settling_bound(
     scenario: LevellingScenario, time: NDArray[np.float64], posture: NDArray[np.float64]
 ) -> float:
-    """How long the way to the level posture may take [s].
+    """Longest duration of the way to the level posture [s].
 
     The reference moves at most so fast, and the position loops lag behind it.
     """
@@ -298,7 +298,7 @@ def _settling_time(
 
 
 def _stroke_left(scenario: LevellingScenario, run: Run) -> str:
-    """How much stroke the level posture leaves to the waypoints, in words."""
+    """Stroke that the level posture leaves to the waypoints, in words."""
     geometry = MODEL_GEOMETRY
     level = (0.0, 0.0, 1e-3 * scenario.job.height_mm)
     extension = inverse_kinematics(geometry, level, run["ground_estimated"][-1])

@@ -133,10 +133,10 @@ def error_metrics(
 
     Args:
         error: (n, 3) errors [deg, deg, mm].
-        prefix: of the keys.
-        bounds: of the angles [deg] and of the height [mm]; None for none.
-        paper: what the paper reports of roll, pitch [deg] and height [mm].
-        meaning: of the first metric, for people.
+        prefix: prefix of the keys.
+        bounds: bounds of the angles [deg] and of the height [mm]; None for none.
+        paper: values of the paper for roll, pitch [deg] and height [mm].
+        meaning: meaning of the first metric, for people.
     """
     largest = np.abs(error).max(axis=0)
     return [
@@ -163,7 +163,7 @@ def posture_figure(
     """Roll, pitch and height over time, above their errors against one of the lines.
 
     Args:
-        name: of the figure's file.
+        name: name of the figure's file.
         title: a few words.
         caption: a sentence or two.
         time: (n) [s].
@@ -237,7 +237,7 @@ def read_posture(
 
     Args:
         loop: with a controller that has the posture chain's outputs.
-        root_context: of the simulator.
+        root_context: root context of the simulator.
         asked_by: the controller's port that asks for the posture.
     """
     controller, station = loop.controller, loop.station
@@ -282,7 +282,7 @@ def _state(
     standing: tuple[NDArray[np.float64], NDArray[np.float64]],
     is_known: bool,
 ) -> str:
-    """What the platform is doing, in a few words."""
+    """State of the platform, in a few words."""
     if not is_known:
         return "waiting for the estimate of the ground"
     reached = inverse_kinematics(MODEL_GEOMETRY, asked, *standing, on_unreachable="nan")

@@ -1,4 +1,4 @@
-"""What is to be seen of an operation: its phase in the scene, and the page of its operator."""
+"""View of an operation: its phase in the scene, and the page of its operator."""
 
 from functools import partial
 from typing import Any
@@ -82,7 +82,7 @@ class LiveOperation(Live):
 
     Args:
         machine: the platform, which begins on its wheels.
-        height: of the posture that is asked for at first [m].
+        height: height of the posture that is asked for at first [m].
         panel: the page with the scene and the controls.
     """
 

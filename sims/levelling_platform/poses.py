@@ -38,7 +38,7 @@ _LEVEL = (0.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class Machine:
-    """What a simulation knows and calibration is to find.
+    """Machine that a simulation knows and calibration is to find.
 
     Attributes:
         geometry: dimensions as built.
@@ -56,7 +56,7 @@ class SimulatedPoses:
     """Recorded poses, and what they really were.
 
     Attributes:
-        recording: what was measured.
+        recording: measurements.
         posture: (n, 3) true roll, pitch, height [rad, rad, m].
         ground: (n, 2) true roll and pitch of the ground in the platform's heading [rad].
     """
@@ -139,8 +139,8 @@ def spread_commands(count: int, start: int) -> Floats:
     before it: corners of the workspace first, then its faces and its inside.
 
     Args:
-        count: how many.
-        start: which one of the grid is the first, modulo their number.
+        count: number of them.
+        start: first one of the grid, modulo their number.
     """
     stroke = np.linspace(MODEL_GEOMETRY.extension_min, MODEL_GEOMETRY.extension_max, _GRID)
     grid = np.stack(np.meshgrid(stroke, stroke, stroke), axis=-1).reshape(-1, 3)

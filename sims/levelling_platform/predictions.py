@@ -27,7 +27,7 @@ _FOLDS = 50
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """How far predicted postures are from what they are compared with.
+    """Errors of predicted postures.
 
     Attributes:
         posture: (n, 3) error of roll, pitch, height [rad, rad, m].
@@ -162,7 +162,7 @@ def _predicted(
 def _foot_errors(
     geometry: PlatformGeometry, extension: Floats, posture: Floats, error: Floats, ground: Floats
 ) -> Floats:
-    """How far feet (n, 4) that stand in a posture would be above the ground with its error [m]."""
+    """Heights (n, 4) that feet in a posture would have above the ground with its error [m]."""
     normal = normal_of(*ground.T)
     right, wrong = (to_platform(normal, *p[:, :2].T) for p in (posture, posture + error))
     feet = []

@@ -141,12 +141,12 @@ class SlipScenario(Schema):
 
     @property
     def braked_at(self) -> float:
-        """When the lift has settled and the actuators are braked [s]."""
+        """Time at which the lift has settled and the actuators are braked [s]."""
         return BEGIN + self.lift.duration + self.lift.settle
 
     @property
     def swing_at(self) -> float:
-        """When the arm begins to swing [s]."""
+        """Time at which the arm begins to swing [s]."""
         return self.braked_at + self.lift.rest
 
     @property
@@ -157,7 +157,7 @@ class SlipScenario(Schema):
 
 @dataclass(frozen=True)
 class Recording:
-    """What the plant did.
+    """Recording of the plant.
 
     Attributes:
         time: (n) [s].
@@ -370,7 +370,7 @@ def _monitor(
 
 
 def slip_metrics(scenario: SlipScenario, recording: Recording) -> tuple[Metric, ...]:
-    """How far the support points move while the legs lift, rest, and while the arm swings."""
+    """Measure how far the support points move during lift, rest and swing of the arm."""
     lifted = 1e3 * recording.displacement(BEGIN, scenario.braked_at)
     waiting = 1e3 * recording.displacement(scenario.braked_at + _STOPPING, scenario.swing_at)
     swinging = 1e3 * recording.displacement(scenario.swing_at)
@@ -418,7 +418,7 @@ def creep_metrics(scenario: SlipScenario, speeds: list[float]) -> tuple[Metric, 
     """The creep beside the time steps.
 
     Args:
-        scenario: what was run.
+        scenario: scenario that was run.
         speeds: at each of `CREEP_STEPS` [m/s].
     """
     still = f"standing still on {scenario.creep.pitch_deg:g} deg"

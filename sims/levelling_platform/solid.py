@@ -54,13 +54,13 @@ def face_colour(leg: int, is_long: bool) -> tuple[float, float, float]:
 
 
 def face_name(leg: int, is_long: bool) -> str:
-    """What a face is called: which leg is at which end of its stroke."""
+    """Name of a face: which leg is at which end of its stroke."""
     end = _GEOMETRY.extension_max if is_long else _GEOMETRY.extension_min
     return f"leg {leg + 1} at {1e3 * end:.0f} mm"
 
 
 def figures(scenario: "WorkspaceScenario") -> tuple[Figure, ...]:
-    """What can be drawn of the workspace."""
+    """Figures of the workspace."""
     arm = scenario.arm.upright
     solid = Figure(
         "workspace",

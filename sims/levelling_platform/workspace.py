@@ -189,7 +189,7 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Finding"]]):
 
 @dataclass(frozen=True)
 class Finding:
-    """What there is to say on one matter.
+    """Numbers and notes on one matter.
 
     Attributes:
         metrics: the numbers.
@@ -250,7 +250,7 @@ def _round_trip_error(scenario: WorkspaceScenario, arm: ArmGeometry) -> float:
 
 
 def compare_surfaces(scenario: WorkspaceScenario) -> Finding:
-    """How the eight printed surfaces compare with the workspace, and why so."""
+    """Compare the eight printed surfaces with the workspace, and say why they differ."""
     arm = scenario.arm.upright
     grid = posture_grid(GEOMETRY, scenario.resolution)
     volume, is_inside = _inside(arm, grid)
@@ -386,7 +386,7 @@ def check_inclined_ground(scenario: WorkspaceScenario) -> Finding:
 
 
 def measure_turntable(scenario: WorkspaceScenario) -> Finding:
-    """What a leaning arm reaches without and with the turntable, and whether that is stable."""
+    """Measure the reach of a leaning arm without and with the turntable, and its stability."""
     arm = replace(scenario.arm.upright, lean=scenario.arm.lean)
     leaning = _volume(arm, scenario.resolution)
     swept = swept_volume(GEOMETRY, arm, scenario.resolution)

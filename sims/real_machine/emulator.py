@@ -60,10 +60,10 @@ def emulated_devices(
 
     Args:
         drivers: whose devices are emulated.
-        path: of the wires, see `SharedHarness`; there already.
-        sizes: of the signals on them.
+        path: path of the wires, see `SharedHarness`; there already.
+        sizes: sizes of the signals on them.
         parts: whose misbehaviours they have.
-        seed: of garbage.
+        seed: seed of garbage.
 
     Raises:
         ScenarioError: a driver has no emulator, or an address that is not the emulator's.
@@ -235,7 +235,7 @@ class EmulatedMachine:
         return {spec.name: spec.unit for spec in specs}
 
     def values(self, root: Context) -> list[NDArray[np.float64]]:
-        """Of all ports that can be logged."""
+        """Values of all ports that can be logged."""
         machine, station = self.machine, self._station
         taken = [read_array(self._port(spec), root) for spec in self.machine.inputs]
         specs = (*machine.outputs, *machine.truth)
@@ -269,11 +269,11 @@ WELL = "well"
 
 @dataclass(frozen=True)
 class DeviceFaultRequest:
-    """What an emulated device is to do wrong.
+    """Fault that an emulated device is asked for.
 
     Attributes:
         at: from when on, since the emulator began [s].
-        part: of the machine.
+        part: part of the machine.
         kind: one of `KINDS`, or "well".
     """
 
@@ -286,8 +286,8 @@ def parsed_fault(text: str, parts: Sequence[str], at: float | None = None) -> De
     """A request such as "12 imu garbage", or "imu well" when the time is known.
 
     Args:
-        text: what was written.
-        parts: of the machine.
+        text: text that was written.
+        parts: parts of the machine.
         at: the time, if the text does not begin with it [s].
 
     Raises:
@@ -327,7 +327,7 @@ def emulate(
         requests: misbehaviours at their times.
         duration: [s].
         log: file for all ports, the truth among them, in MCAP; or None.
-        console: where it is said what is going on.
+        console: console for remarks.
         experiment: that another program may run with it; None for the machine's own.
 
     Raises:
@@ -371,7 +371,7 @@ def _introduce(scenario: Any, experiment: str, console: Console) -> None:
 
 
 class Schedule:
-    """What goes wrong when, asked for before and meanwhile."""
+    """Faults and their times, asked for before and meanwhile."""
 
     def __init__(
         self,
@@ -383,8 +383,8 @@ class Schedule:
 
         Args:
             misbehaviours: by part of the machine.
-            requests: what is asked for in advance.
-            console: where it is said what goes wrong.
+            requests: faults that are asked for in advance.
+            console: console for the faults.
         """
         self._misbehaviours, self._console = misbehaviours, console
         self._waiting = sorted(requests, key=lambda request: request.at)

@@ -49,8 +49,8 @@ class DeviceWatch:
         """Begins to watch.
 
         Args:
-            threads: of the devices.
-            patience: how long a device may be wrong [s].
+            threads: threads of the devices.
+            patience: time for which a device may be wrong [s].
         """
         self._threads, self._patience = threads, patience
         self._wrong = [0.0] * len(threads)
@@ -91,10 +91,10 @@ def run_on_hardware(
 
     Args:
         loop: built for the backend "hardware".
-        simulator: of its diagram.
-        until: when it ends [s].
-        options: where progress goes, and the log.
-        what: what is going on, for the progress and in the log.
+        simulator: simulator of its diagram.
+        until: end of the run [s].
+        options: console for progress, and file of the log.
+        what: name of the work, for the progress and in the log.
 
     Raises:
         DeviceError: a device is not there, is another one, or has failed.

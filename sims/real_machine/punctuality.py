@@ -28,12 +28,12 @@ from parapod.sims.real_machine.real_time import (
 
 @dataclass(frozen=True)
 class Punctuality:
-    """What came out at one rate; times are median, 99th percentile and largest [s].
+    """Punctuality at one rate; times are median, 99th percentile and largest [s].
 
     Attributes:
-        rate: of the loop [Hz].
+        rate: rate of the loop [Hz].
         period_error: by how much the time between two ticks differed from the period.
-        cost: how long a tick took.
+        cost: duration of a tick.
         missed: deadlines without a tick.
         wake_up: how long after its deadline a program that does nothing woke up, in turns
             with it, at the same rate.
@@ -66,9 +66,9 @@ def bench_real_time(
     Args:
         machine: the machine.
         scenario: one of its scenarios; its `control.period` is replaced.
-        rates: of the loop [Hz].
-        seconds: how long each is run [s].
-        console: where progress is shown.
+        rates: rates of the loop [Hz].
+        seconds: duration of each run [s].
+        console: console for progress.
     """
     results = []
     with progress(console, "real time", 2.0 * seconds * len(rates)) as report:
@@ -126,7 +126,7 @@ def _run(
 
 
 def wake_up_latency(period: float, duration: float) -> list[float]:
-    """How late a sleeping thread wakes up, once a period [s]: what cyclictest measures."""
+    """Delays of a thread that wakes up once a period [s], as cyclictest measures them."""
     due, late = time.monotonic(), []
     for _ in range(round(duration / period)):
         due += period
@@ -160,6 +160,6 @@ def _shown(seconds: NDArray[np.float64]) -> str:
 
 
 def _three_digits(ms: float) -> str:
-    """As many decimals as leave four characters, so that three times three fit a terminal."""
+    """Format a time with four characters, so that three times three fit a terminal."""
     decimals = 2 if ms < 9.995 else 1 if ms < 99.95 else 0
     return f"{ms:.{decimals}f}"

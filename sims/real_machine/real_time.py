@@ -37,17 +37,17 @@ class DeadlineError(ParapodError):
 
 @dataclass
 class Timing:
-    """How punctual a loop has been.
+    """Punctuality of a loop.
 
     A loop may run for days: `late` and `cost` are of its newest 100 000 ticks unless something
     else is said, and so is whatever is made of them. The counts are of all ticks.
 
     Attributes:
-        period: of the loop [s].
+        period: period of the loop [s].
         kept: how many of the newest ticks `late` and `cost` are of; None for all.
         late: by how much each tick began after its deadline [s].
-        cost: how long each tick took [s].
-        ticks: how many there were.
+        cost: duration of each tick [s].
+        ticks: number of ticks.
         missed: deadlines that passed without a tick.
     """
 
@@ -66,7 +66,7 @@ class Timing:
 
         Args:
             late: by how much it began after its deadline [s].
-            cost: how long it took [s].
+            cost: duration of the tick [s].
         """
         self.late.append(late)
         self.cost.append(cost)
@@ -108,7 +108,7 @@ class RealTimeLoop:
 
         Args:
             simulator: initialized.
-            period: of the diagram's controllers [s].
+            period: period of the diagram's controllers [s].
             on_tick: told the context after each tick; raises to end the loop.
             is_strict: missed deadlines end the loop, as said above.
             clock: monotonic [s].

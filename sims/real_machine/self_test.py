@@ -36,7 +36,7 @@ class Move:
     """A small motion of one actuator, there and back.
 
     Attributes:
-        index: of the actuator, counted from 0.
+        index: index of the actuator, counted from 0.
         command: while it moves, in the unit of the part's command; None: the usual one.
         duration: in each direction [s].
     """
@@ -63,9 +63,9 @@ def check_part(
     Args:
         machine: the machine.
         scenario: one of its scenarios; its `hardware` is taken.
-        part: of the machine.
-        move: what to move, or None.
-        seconds: how long is read [s].
+        part: part of the machine.
+        move: part to move, or None.
+        seconds: duration of the reading [s].
         say: told what is going on, a line each time.
 
     Returns:
@@ -167,7 +167,7 @@ def _read(thread: DeviceThread, seconds: float, say: Callable[[str], None]) -> l
 
 
 def _at_rest(accel: NDArray[np.float64], gyro: NDArray[np.float64]) -> list[Metric]:
-    """What an inertial sensor that does not move must show."""
+    """Check the values of an inertial sensor that does not move."""
     size = float(np.linalg.norm(accel.mean(axis=0)))
     error = 100.0 * abs(size / STANDARD_GRAVITY - 1.0)
     rate = float(np.degrees(np.abs(gyro.mean(axis=0)).max()))

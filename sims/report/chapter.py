@@ -1,4 +1,4 @@
-"""What a chapter of the report is made of: a machine, its paper, and what is said of it."""
+"""Parts of a chapter of the report: a machine, its paper, and what is said of it."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +19,7 @@ _ROUNDED = 1e-6
 
 @dataclass(frozen=True)
 class Numbers:
-    """What the experiments of a chapter measured.
+    """Metrics of the experiments of a chapter.
 
     Attributes:
         results: by the name of the chapter's part.
@@ -47,7 +47,7 @@ def _value(result: Result, key: str) -> float:
 
 
 class Relation(Enum):
-    """How a number here is held against the printed one."""
+    """Relation between a number here and the printed one."""
 
     AT_MOST = "an error: less is better"
     AT_LEAST = "more is better"
@@ -58,7 +58,7 @@ class Relation(Enum):
 
 
 class Tone(Enum):
-    """How good a verdict is."""
+    """Tone of a verdict."""
 
     GOOD = "good"
     NEUTRAL = "neutral"
@@ -82,13 +82,13 @@ class Claim:
 
     Attributes:
         where: section, figure, table or equation.
-        what: which number it is.
+        what: name of the number.
         printed: the number; text if it is more than one.
-        unit: of both.
+        unit: unit of both.
         here: gives the number here; None if there is none.
-        relation: how they are compared.
+        relation: way in which they are compared.
         tolerance: relative difference that still counts as equal, or, for `ALIKE`, the factor.
-        remark: what has to be said beside it.
+        remark: remark beside it.
         show: text for the number here instead of its value, if it is more than one.
         spread: part and key of the metric whose values over the seeds hold the printed number.
     """
@@ -121,7 +121,7 @@ class Claim:
         return f"{text} {self.unit}".rstrip()
 
     def verdict(self, numbers: Numbers) -> Verdict:
-        """How the two compare.
+        """Compare the two.
 
         For numbers printed as text, `here` tells by how much they differ, and `tolerance` is
         absolute.
@@ -166,7 +166,7 @@ def _factor(printed: float, value: float) -> str:
 
 @dataclass(frozen=True)
 class Check:
-    """What a check of an erratum computed.
+    """Result of the check of an erratum.
 
     Attributes:
         shows: the numbers, in a sentence or two.
@@ -202,8 +202,8 @@ class Part:
 
     Attributes:
         name: the chapter's own name of it.
-        title: of its section.
-        text: what the paper does, and what is done here.
+        title: title of its section.
+        text: work of the paper, and the work here.
         experiment: its name.
         overrides: `key=value` of the scenario.
         quick: more of them, for a report in a hurry.
@@ -227,7 +227,7 @@ class Picture:
 
     Attributes:
         title: a few words.
-        caption: what is to be seen, and which figure of the paper it is.
+        caption: content of the picture, and its figure in the paper.
         pixels: (height, width, 3).
     """
 
@@ -242,8 +242,8 @@ class Component:
 
     Attributes:
         part: as the paper calls it.
-        system: what simulates it; empty for nothing.
-        remark: what has to be said.
+        system: name of the system that simulates it; empty for none.
+        remark: remark.
     """
 
     part: str
@@ -256,16 +256,16 @@ class Chapter:
     """A machine in the report.
 
     Attributes:
-        title: of the chapter.
+        title: title of the chapter.
         paper: the citation.
         summary: one paragraph.
         parts: the experiments, in order.
         claims: every number that the paper prints.
-        errata: what is misprinted.
-        components: what the machine consists of.
+        errata: misprints.
+        components: components of the machine.
         drawings: figures that need no experiment.
         pictures: takes the pictures; raises RuntimeError where nothing can render.
-        missing: what could not be reproduced, a sentence each.
+        missing: results that could not be reproduced, a sentence each.
     """
 
     title: str

@@ -49,7 +49,7 @@ def make_page(runs: Sequence[ChapterRun], quick: bool, date: str) -> str:
 
 
 def counts(run: ChapterRun) -> dict[str, int]:
-    """How many claims there are of each verdict, the good ones first."""
+    """Number of claims of each verdict, the good ones first."""
     order = list(Tone)
     verdicts = [claim.verdict(run.numbers) for claim in run.chapter.claims]
     words = [
@@ -91,7 +91,7 @@ def _bounds(run: ChapterRun) -> dict[str, int]:
 
 
 def _part(run: PartRun, others: Mapping[str, Result]) -> dict[str, Any]:
-    """What is shown of a part; `others` are the results of all of them."""
+    """Content of a part; `others` are the results of all of them."""
     spreads = as_json(run.seeds) if run.seeds else {}
     before = others.get(run.part.adds_to)
     metrics, figures, notes = (

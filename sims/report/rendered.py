@@ -9,7 +9,7 @@ from parapod.sims.report.chapter import Picture
 
 
 def rendered(take: Callable[[], tuple[Picture, ...]]) -> tuple[Picture, ...]:
-    """What a function of a module takes; without OpenGL the renderer ends its process.
+    """Pictures that a function takes; without OpenGL the renderer ends its process.
 
     Raises:
         RuntimeError: there is no OpenGL to render with.

@@ -22,11 +22,11 @@ class PartRun:
     """An experiment that has been run for the report.
 
     Attributes:
-        part: which one.
-        result: what came out; None if it could not be run.
+        part: the part of the chapter.
+        result: result; None if it could not be run.
         seeds: further results, one a seed; empty for none.
         elapsed: wall-clock time [s].
-        problem: why it could not be run; empty if it could.
+        problem: reason why it could not be run; empty if it could.
     """
 
     part: Part
@@ -51,11 +51,11 @@ class ChapterRun:
     """A chapter with everything that has been computed for it.
 
     Attributes:
-        chapter: which one.
+        chapter: the chapter.
         parts: in the chapter's order.
-        checks: of the chapter's errata, in their order; a failed one says why.
-        pictures: of the machine; empty where nothing can render.
-        problem: why there are no pictures; empty if there are.
+        checks: checks of the chapter's errata, in their order; a failed one says why.
+        pictures: pictures of the machine; empty where nothing can render.
+        problem: reason why there are no pictures; empty if there are.
     """
 
     chapter: Chapter
@@ -66,7 +66,7 @@ class ChapterRun:
 
     @property
     def numbers(self) -> Numbers:
-        """What the experiments measured."""
+        """Metrics of the experiments."""
         return _numbers(self.parts)
 
     @property
@@ -85,10 +85,10 @@ def run_chapter(chapter: Chapter, quick: bool, seeds: int, console: Console) -> 
     """Runs a chapter.
 
     Args:
-        chapter: what to run.
+        chapter: chapter to run.
         quick: shorter runs, and no seeds.
         seeds: number of seeds with which each random experiment is repeated; 0 for none.
-        console: where progress is shown.
+        console: console for progress.
     """
     runs = []
     for i, part in enumerate(chapter.parts, start=1):

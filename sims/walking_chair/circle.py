@@ -220,7 +220,7 @@ class Recording:
     """A foot on its circle.
 
     Attributes:
-        circle: where it should be.
+        circle: path that it should follow.
         time: (n) [s].
         position: (n, 3) where the drives really are [m].
         velocity: (n, 3) likewise [m/s].
@@ -262,7 +262,7 @@ class Recording:
 
     @cached_property
     def planned(self) -> BranchMotion:
-        """What the branches should do, arrays (n, 3)."""
+        """Planned motion of the branches, arrays (n, 3)."""
         return leg_motion(GEOMETRY, self.circle.motion(self.time))
 
 
@@ -407,7 +407,7 @@ def error_metrics(
 def velocity_metrics(
     scenario: ChairCircleScenario, recordings: dict[str, Recording]
 ) -> tuple[Metric, ...]:
-    """How the branches move."""
+    """Measure how the branches move."""
     ripples = {mode: _ripple_mm_s(recording) for mode, recording in recordings.items()}
     compound = recordings["compound"]
     planned = compound.planned
@@ -456,7 +456,7 @@ def velocity_metrics(
 
 
 def sensitivity_metrics(circle: FootCircle) -> tuple[Metric, ...]:
-    """What wrong lengths of the branches do to the foot."""
+    """Measure the effect of wrong lengths of the branches on the foot."""
     any_way, radially = sensitivities(circle)
     return (
         Metric(

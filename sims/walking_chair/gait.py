@@ -263,7 +263,7 @@ def _joined(parts: list[BranchMotion]) -> BranchMotion:
 
 
 def gait_metrics(printed: SampledWalk, smooth: SampledWalk) -> tuple[Metric, ...]:
-    """Of a walk with the body moved by Eq. (45), and by a smooth law."""
+    """Measure a walk with the body moved by Eq. (45), and by a smooth law."""
     return (
         *_speed_metrics(printed, smooth),
         *_acceleration_metrics(printed, smooth),
@@ -422,7 +422,7 @@ def _pairs_differ(lengths: Floats, others: Floats | None = None) -> Floats:
 
 
 def _time_reversal_mm(walk: SampledWalk) -> float:
-    """How far one leg of a pair is from the other with the time reversed, in each gait."""
+    """Distance of one leg of a pair from the other with the time reversed, in each gait."""
     lengths = walk.branches.length
     ends = np.cumsum([len(gait.phases) for gait in walk.walk.gaits])
     parts = np.split(lengths, np.searchsorted(walk.phase, ends[:-1]))

@@ -139,7 +139,7 @@ class Instant(NamedTuple):
     Attributes:
         time: [s].
         phase: its name.
-        stand: how the chair stands, with the payload where it is.
+        stand: stance of the chair, with the payload where it is.
         frictionless: the largest payload without friction.
         friction: the largest payload with it.
         least_frictionless: the payload with as small a largest force as there can be.
@@ -255,7 +255,7 @@ def _spread(
 
 
 def stand_at(walk: Walk, time: float) -> Stand:
-    """How the chair stands at an instant, with a payload in the middle."""
+    """Stance of the chair at an instant, with a payload in the middle."""
     motion = walk.motion(GEOMETRY, time)
     body = np.asarray(motion.body.position)
     feet = motion.feet.position
@@ -327,7 +327,7 @@ def payload_metrics(scenario: ChairPayloadScenario, instants: list[Instant]) -> 
 
 
 def support_metrics(scenario: ChairPayloadScenario) -> tuple[Metric, ...]:
-    """How far the chair is from tipping over."""
+    """Measure how far the chair is from tipping over."""
     at_s = replace(MASSES, body=MASSES.body + LEG_COUNT * MASSES.foot_end, foot=0.0, rod=0.0)
     passenger = scenario.payload.passenger
     return tuple(
@@ -346,7 +346,7 @@ def support_metrics(scenario: ChairPayloadScenario) -> tuple[Metric, ...]:
 
 
 def paper_metrics(scenario: ChairPayloadScenario, instants: list[Instant]) -> tuple[Metric, ...]:
-    """What explains the paper's 57 kg: a payload in the middle, F_N of Eq. (53), two legs."""
+    """Explain the paper's 57 kg: a payload in the middle, F_N of Eq. (53), two legs."""
     (time, *_) = [instant.time for instant in instants if instant.swings]
     stand = stand_at(scenario.walk, time)
     on_corner = stand._replace(touching=stand.touching & _CORNER_E1)
@@ -418,7 +418,7 @@ def _balance_error(instant: Instant) -> float:
 
 
 def figures(scenario: ChairPayloadScenario, instants: list[Instant]) -> tuple[Figure, ...]:
-    """What can be drawn of the payload."""
+    """Figures of the payload."""
     mass, softness = scenario.payload.mass_kg, paper_stiffness(scenario.walk)
     return (
         Figure(

@@ -21,8 +21,8 @@ class CompoundPositionControllerParams:
         mode: "compound" corrects the velocity by the position's error (Eq. 47), "velocity" does
             not, and "position" runs at full speed until the node is reached.
         proportional: P of Eq. (47) [1/s].
-        k_p: of the velocity PI (Eq. 48) [-].
-        k_i: of the velocity PI, per sample [-].
+        k_p: gain k_p of the velocity PI (Eq. 48) [-].
+        k_i: gain k_i of the velocity PI, per sample [-].
         velocity_limit: largest command [m/s] (section "Trotting gait simulation": 80 mm/s).
         dead_band: error at which mode "position" stands still [m]: a count of the encoder.
     """

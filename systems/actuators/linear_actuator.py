@@ -70,7 +70,7 @@ class Stepper:
 
     Args:
         params: the actuator.
-        duration: of a step [s].
+        duration: duration of a step [s].
     """
 
     def __init__(self, params: LinearActuatorParams, duration: float):

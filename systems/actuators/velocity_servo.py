@@ -32,7 +32,7 @@ class VelocityServoParams:
 
     Attributes:
         resolution: one count of the encoder [m or rad]; 0 for a perfect one.
-        time_constant: of the velocity loop [s].
+        time_constant: time constant of the velocity loop [s].
         max_velocity: largest velocity [m/s or rad/s].
         acceleration: largest acceleration [m/s^2 or rad/s^2].
         stop_min: lower end of the stroke of each drive, or of all of them [m or rad].
@@ -73,7 +73,7 @@ class ServoGoal(LeafSystem):
     goal is not either.
 
     Args:
-        params: of each drive.
+        params: parameters of each drive.
         channels: number of drives n.
         period: for which a goal's limits hold [s].
         gain: gains (n or scalar) in a default context [-].
@@ -108,7 +108,7 @@ class ServoGoal(LeafSystem):
         """Lets the drives run off their command.
 
         Args:
-            context: of this system.
+            context: context of this system.
             gain: (n) velocity by command [-].
             offset: (n) velocity at a command of zero [m/s or rad/s].
         """
@@ -183,11 +183,11 @@ class VelocityServo(Diagram):
         """Builds the diagram.
 
         Args:
-            params: of each drive.
+            params: parameters of each drive.
             channels: number of drives n.
             period: at which commands are taken, and over which the encoder's counts make a
                 velocity [s].
-            time_step: of the lag [s]; None for the period.
+            time_step: time step of the lag [s]; None for the period.
             position: positions (n or scalar) in a default context, where the drives are at rest
                 [m or rad].
             gain: gains (n or scalar) in a default context, see `set_imperfection` [-].

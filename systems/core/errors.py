@@ -30,7 +30,7 @@ class UnreachablePosture(ParapodError):
         leg: number of the offending leg, counted from 1 as on the machine.
         extension: the extension that leg would need [m]; NaN if no extension would do.
         admissible: (smallest, largest) extension of that leg [m].
-        missing: how far the needed extension lies outside the admissible range [m].
+        missing: distance of the needed extension from the admissible range [m].
         index: index of the first offending posture in a batch, or None for a single one.
     """
 
@@ -64,7 +64,7 @@ class RefusedRequest(ParapodError):
     """Something asked of a machine that it does not do; it stays as it is.
 
     Attributes:
-        phase: what the machine was doing, and still is.
+        phase: phase in which the machine was, and still is.
     """
 
     def __init__(self, message: str, phase: str):
@@ -76,8 +76,8 @@ class UndeterminedCalibration(ParapodError):
     """A recording that leaves open what a calibration asks.
 
     Attributes:
-        directions: what is not determined, each a parameter or a few that change together.
-        advice: which poses would determine it.
+        directions: parameters that are not determined, each one or a few that change together.
+        advice: poses that would determine it.
     """
 
     # More than these make no line that anybody reads; the attributes have them all.
@@ -128,7 +128,7 @@ class MissingExtra(ParapodError):
     """A library that is needed for a part, and that is not installed.
 
     Attributes:
-        module: what cannot be imported.
+        module: module that cannot be imported.
         extra: the extra of parapod that brings it.
     """
 

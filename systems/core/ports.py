@@ -66,7 +66,7 @@ class Cached:
     """A declared cache entry.
 
     Attributes:
-        index: of the entry in its system.
+        index: index of the entry in its system.
         ticket: for the prerequisites of what uses it.
     """
 

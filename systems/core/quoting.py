@@ -52,7 +52,7 @@ def printable(text: object, longest: int = _LONGEST_MESSAGE) -> str:
     """Text in one line: line breaks are blanks, other control characters are escaped.
 
     Args:
-        text: of any origin.
+        text: text of any origin.
         longest: number of characters from which on the middle is left out.
     """
     line = str(text)

@@ -29,9 +29,9 @@ class Entry:
     """An entry of the object dictionary.
 
     Attributes:
-        index: of the object.
+        index: index of the object.
         subindex: within the object.
-        kind: how `struct` packs it; CANopen is little-endian.
+        kind: format for `struct`; CANopen is little-endian.
     """
 
     index: int
@@ -123,7 +123,7 @@ class BufferedPort:
         """Wraps a port.
 
         Args:
-            port: of pyserial, open.
+            port: port of pyserial, open.
         """
         self._port = port
         self._buffer = bytearray()
@@ -172,9 +172,9 @@ class CanopenBus:
         """Prepares a bus.
 
         Args:
-            name: what errors call it.
+            name: name in errors.
             node_ids: that are spoken to.
-            sdo_timeout: of one answer to a service data request [s].
+            sdo_timeout: longest wait for the answer to a service data request [s].
         """
         self._name = name
         self._inbox = _Inbox()
@@ -197,7 +197,7 @@ class CanopenBus:
         """Opens the bus.
 
         Args:
-            options: of `can.Bus`.
+            options: options of `can.Bus`.
 
         Raises:
             DeviceError: there is none.

@@ -48,7 +48,7 @@ class DeviceError(ParapodError):
     Attributes:
         device: its name and address.
         fault: in which way.
-        words: what it says, in one line and without its name.
+        words: message, in one line and without its name.
     """
 
     def __init__(self, device: str, message: str, fault: DeviceFault = DeviceFault.FAILED):
@@ -67,7 +67,7 @@ class Device(ABC):
     Calls block, but none for longer than the device's timeout.
 
     Attributes:
-        name: what the device is and where, as errors call it.
+        name: kind and place of the device, as errors call it.
         measures: the signals that `read` returns, and their sizes.
         commands: the signals that `write` takes, and their sizes.
     """
@@ -181,7 +181,7 @@ class NotFitted(Device):
         """Creates it.
 
         Args:
-            name: of the part.
+            name: name of the part.
             measures: signals that are shown as zeros, and their sizes.
             commands: signals that are ignored, and their sizes.
         """

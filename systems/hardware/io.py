@@ -41,10 +41,10 @@ class Sample(NamedTuple):
     """Newest values of a device, and its state.
 
     Attributes:
-        values: of its signals; empty before the first.
+        values: values of its signals; empty before the first.
         stamp: `time.monotonic` when the reading of them began [s].
-        fault: what is wrong since then.
-        words: what the device says about it, without its name; "" if nothing is wrong.
+        fault: fault since then.
+        words: message of the device about it, without its name; "" if nothing is wrong.
     """
 
     values: Mapping[str, tuple[float, ...]]
@@ -85,7 +85,7 @@ class DeviceThread:
 
         Args:
             device: that is read and written.
-            period: of the loop and of the readings [s].
+            period: period of the loop and of the readings [s].
             command_timeout: see the class [s].
             clock: monotonic [s].
         """
@@ -281,8 +281,8 @@ class PartReader(LeafSystem):
 
         Args:
             part: name of the part.
-            threads: of its devices; none for a part without.
-            period: of the loop [s].
+            threads: threads of its devices; none for a part without.
+            period: period of the loop [s].
             stale_after: see the class [s].
             clock: that of the threads [s].
         """
@@ -366,8 +366,8 @@ class PartWriter(LeafSystem):
 
         Args:
             part: name of the part.
-            threads: of its devices.
-            period: of the loop [s].
+            threads: threads of its devices.
+            period: period of the loop [s].
         """
         super().__init__()
         self.set_name(f"{part}_writer")

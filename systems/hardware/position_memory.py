@@ -28,7 +28,7 @@ class PositionMemory:
     wrong positions behind, and the next one refuses to begin.
 
     Attributes:
-        path: of the file; its folder must exist.
+        path: path of the file; its folder must exist.
         signal: that is remembered, as "position": errors and the scenario's keys are named
             after it.
     """
@@ -37,7 +37,7 @@ class PositionMemory:
         """Creates the memory; nothing is read or written.
 
         Args:
-            path: of the file.
+            path: path of the file.
             size: number of actuators.
             signal: see the class.
         """

@@ -47,12 +47,12 @@ class Rule:
 
     Attributes:
         finding: its name.
-        severity: what the machine does about it.
-        persists: how long the sign must last before it is believed [s].
+        severity: reaction of the machine.
+        persists: time for which the sign must last before it is believed [s].
         deadline: by when it is found [s], from the moment at which the signal is wrong, if that
             makes the platform move; what makes no difference may wait until it does.
-        device: which part may have failed; more than one where they cannot be told apart.
-        sign: what shows it.
+        device: part that may have failed; more than one where they cannot be told apart.
+        sign: observation that shows it.
     """
 
     finding: Finding
@@ -207,10 +207,10 @@ class FaultDetectorParams:
     """Limits of what is normal (design choices, each above what noise and motion do).
 
     Attributes:
-        shortest: of an extension that can be [m]; the end stop at .380 m less a tolerance.
+        shortest: least extension that can be [m]; the end stop at .380 m less a tolerance.
         longest: likewise, .460 m.
-        fastest: of an actuator [m/s]; 12 V make .12 m/s, and gains are off by up to 15 %.
-        oldest: of legs and inertial sensor [s].
+        fastest: speed of an actuator [m/s]; 12 V make .12 m/s, gains are off by up to 15 %.
+        oldest: largest age of legs and inertial sensor [s].
         gain: K of the actuators [(m/s)/V].
         gain_error: share by which it may be off [-].
         friction: largest voltage that friction and load take [V].
@@ -368,7 +368,7 @@ class _Look:
         return memory
 
     def signs(self) -> set[Finding]:
-        """What looks wrong at this instant."""
+        """Signs of faults at this instant."""
         signs = self._of_encoders() | self._of_inertial_sensor() | self._of_switches()
         if not signs & {Finding.ENCODER_INVALID, Finding.ENCODER_JUMP}:
             signs |= self._of_response()

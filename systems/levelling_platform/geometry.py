@@ -74,7 +74,7 @@ class LegGeometry:
 
 @dataclass(frozen=True)
 class LegDeviation:
-    """How one leg as built differs from its drawing; each is added to the field of that name.
+    """Difference of one leg as built from its drawing; each is added to the field of that name.
 
     The parallelogram stays one: opposite sides differ by the same amount.
 
@@ -123,7 +123,7 @@ class PlatformGeometry:
         foot_radius: radius of the foot's rollers [m]; the paper's model has points, 0.
         extension_min: smallest extension of the actuators on the ground (highest pose) [m].
         extension_max: largest extension on the ground (the wheels touch) [m].
-        deviations: of each leg from its drawing (4); empty for legs as drawn.
+        deviations: deviations of each leg from its drawing (4); empty for legs as drawn.
     """
 
     l_c1: float = 0.400
@@ -191,7 +191,7 @@ def drawn_deviations(
     """Deviations (4) of which each dimension is uniform within a tolerance.
 
     Args:
-        random: where they are drawn from.
+        random: generator from which they are drawn.
         length: tolerance of the lengths, either way [m].
         angle: tolerance of the angles, either way [rad].
     """

@@ -63,7 +63,7 @@ class KinematicPlatform(OnInclinedGround):
 
         Args:
             geometry: the platform.
-            params: what it weighs and how much it gives way.
+            params: masses and compliances.
             wheels: on which it stands where the feet do not hold it up; None for none.
             ground: roll and pitch (2) of the ground in a default context [rad].
             foot_offsets: heights under the feet (4) in a default context [m].

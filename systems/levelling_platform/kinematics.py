@@ -296,7 +296,7 @@ def estimate_ground(
 
 @nan_without_warning
 def unevenness(geometry: PlatformGeometry, extension: ArrayLike) -> NDArray[np.float64]:
-    """How far each foot is above the plane of least squares through all four.
+    """Height of each foot above the plane of least squares through all four.
 
     With all feet in contact, these are the `foot_offsets` of uneven ground, however it and the
     platform are inclined, and of legs that are not built as drawn.

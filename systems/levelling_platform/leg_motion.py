@@ -40,7 +40,7 @@ class LegRamp(LeafSystem):
 
         Args:
             acceleration: with which the rates change [m/s^2] (design choice).
-            period: of the updates [s].
+            period: period of the updates [s].
         """
         super().__init__()
         self.set_name("leg_ramp")
@@ -133,12 +133,12 @@ class ContactKeeper(LeafSystem):
         """Creates the keeper (all settings are design choices).
 
         Args:
-            rate: of the trim [m/s]; 3 mm/s at the foot.
-            limit: of the trim, either way [m].
+            rate: rate of the trim [m/s]; 3 mm/s at the foot.
+            limit: limit of the trim, either way [m].
             press: how far it goes on when the switches are closed again [m]; a tenth of a
                 millimetre at the foot.
-            patience: how long a switch may be open before its foot counts as lifted [s].
-            period: of the updates [s].
+            patience: time for which a switch may be open before its foot counts as lifted [s].
+            period: period of the updates [s].
         """
         super().__init__()
         self.set_name("contact_keeper")

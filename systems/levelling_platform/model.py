@@ -442,7 +442,7 @@ _ORANGE, _DARK = np.array([0.95, 0.45, 0.10, 1.0]), np.array([0.13, 0.15, 0.19, 
 
 
 def _perceived(colour: NDArray[np.float64]) -> PerceptionProperties:
-    """How a renderer sees a colour."""
+    """Colour as a renderer sees it."""
     properties = PerceptionProperties()
     properties.AddProperty("phong", "diffuse", Rgba(*colour))
     return properties
@@ -468,8 +468,8 @@ class ParallelLinks(LeafSystem):
 
         Args:
             model: the platform.
-            scene_graph: where the links are drawn.
-            size: of the input; positions come first.
+            scene_graph: scene graph in which the links are drawn.
+            size: size of the input; positions come first.
         """
         super().__init__()
         self.set_name("parallel_links")

@@ -80,7 +80,7 @@ def raised(
 
     Args:
         points: vectors from the feet to F (4).
-        offsets: how far each foot stands above the plane (4).
+        offsets: heights of the feet above the plane (4).
         legs: indices of the three feet that say where the plane is.
     """
     upright = normal_over([points[i] for i in legs], [offsets[i] for i in legs])[2]
@@ -88,7 +88,7 @@ def raised(
 
 
 def mismatch(points: Sequence[Vector3]) -> tuple[tuple[Elementwise, ...], Elementwise]:
-    """How far four points are from lying in one plane.
+    """Distance of four points from lying in one plane.
 
     Four points (x_i, y_i) have exactly one affine dependency: weights w with
     sum w = sum w x = sum w y = 0, the signed areas of the triangles opposite to them. The points

@@ -30,7 +30,7 @@ def printed_dz(leg: LegGeometry, d: float) -> float:
 
 
 def derivative_of_z(leg: LegGeometry, d: float) -> float:
-    """What a reader takes `printed_dz` for [rad/m]."""
+    """Derivative for which a reader takes `printed_dz` [rad/m]."""
     return -printed_dz(leg, d)
 
 

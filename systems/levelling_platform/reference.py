@@ -32,7 +32,7 @@ _CHECKS = np.linspace(0.0, 1.0, 17)
 
 @dataclass(frozen=True)
 class PostureReferenceParams:
-    """How fast a new posture is approached.
+    """Limits of the way to a new posture.
 
     Attributes:
         angle_rate: largest rate of roll and pitch between two postures at rest [rad/s].
@@ -213,7 +213,7 @@ class PostureReference(LeafSystem):
 
 
 class _Standing(NamedTuple):
-    """What the feet stand on."""
+    """Ground under the feet."""
 
     ground: NDArray[np.float64]
     foot_offsets: NDArray[np.float64]
@@ -225,7 +225,7 @@ def describe_range(
     ground: NDArray[np.float64],
     foot_offsets: ArrayLike = (0.0, 0.0, 0.0, 0.0),
 ) -> str:
-    """What can be reached at a posture's attitude on a ground, as the end of an error's line."""
+    """Describe the heights that can be reached at an attitude, as the end of an error's line."""
     low, high = height_range(geometry, posture[:2], ground, foot_offsets)
     roll, pitch, ground_roll, ground_pitch = np.degrees([*posture[:2], *ground])
     at = (

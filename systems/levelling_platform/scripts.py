@@ -67,10 +67,10 @@ class PostureScript(LeafSystem):
 
         Args:
             geometry: the platform.
-            height: of the level posture [m].
+            height: height of the level posture [m].
             waypoints: in the order of their times.
             margin: stroke that is left unused at each end by the waypoints [m].
-            period: of the check whether to begin [s].
+            period: period of the check whether to begin [s].
         """
         super().__init__()
         self.set_name("posture_script")
@@ -193,7 +193,7 @@ class OperatorScript(LeafSystem):
         Args:
             steps: in their order.
             posture: asked for until a step asks for another [rad, rad, m].
-            period: of the operator's attention [s].
+            period: period of the operator's attention [s].
         """
         super().__init__()
         self.set_name("operator_script")

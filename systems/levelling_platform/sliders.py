@@ -43,8 +43,8 @@ class PostureSlidersParams:
         angle: largest roll and pitch to either side [rad].
         height_min: smallest height [m].
         height_max: largest height [m].
-        angle_step: of the sliders of roll and pitch [rad].
-        height_step: of the slider of the height [m].
+        angle_step: step of the sliders of roll and pitch [rad].
+        height_step: step of the slider of the height [m].
     """
 
     angle: float = radians(7.0)
@@ -67,7 +67,7 @@ def posture_ranges(
     foot_offsets: ArrayLike = (0.0, 0.0, 0.0, 0.0),
     params: PostureSlidersParams = PostureSlidersParams(),
 ) -> NDArray[np.float64] | None:
-    """How far each element of a posture can be changed while the others stay.
+    """Range of each element of a posture while the others stay.
 
     Args:
         geometry: the platform.
@@ -117,11 +117,11 @@ class _PostureControls(LeafSystem):
         """Creates the source; shows nothing yet.
 
         Args:
-            controls: where sliders and buttons are: a `Meshcat`, or what has its names.
-            height: of the level posture [m].
+            controls: owner of sliders and buttons: a `Meshcat`, or one with its methods.
+            height: height of the level posture [m].
             geometry: the platform.
             params: range of the posture's sliders.
-            period: of reading the controls [s].
+            period: period of reading the controls [s].
         """
         super().__init__()
         self._controls, self._geometry, self._params = controls, geometry, params

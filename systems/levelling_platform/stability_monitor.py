@@ -31,7 +31,7 @@ _SIZE = 11
 
 @dataclass(frozen=True)
 class StabilityMonitorParams:
-    """What the arm may do.
+    """Limits of the arm's moves.
 
     Attributes:
         margin: smallest distance of the zero-moment point from the edge of the support polygon,
@@ -42,9 +42,9 @@ class StabilityMonitorParams:
             the same swing along a cubic (likewise).
         reach: largest angles of turntable and arm, either way [rad]; a turn and a quarter of
             one (assumption).
-        profile: of the moves: "cubic" has a continuous rate, "quintic" a continuous acceleration
+        profile: shape of moves: "cubic" has a continuous rate, "quintic" a continuous acceleration
             too.
-        platform: what platform and arm weigh.
+        platform: masses of platform and arm.
     """
 
     margin: float = 0.050

@@ -34,17 +34,17 @@ from parapod.systems.levelling_platform.wheels import WheelGeometry
 
 @dataclass(frozen=True)
 class KinematicPlatformParams:
-    """What the quasi-static plant weighs and how much it gives way.
+    """Masses and compliances of the quasi-static plant.
 
     Attributes:
         mass: platform without the arm [kg] (section 5.2).
-        centre_of_mass: of the platform without the arm, from F [m] (assumption).
+        centre_of_mass: centre of mass of the platform without the arm, from F [m] (assumption).
         arm_mass: arm with its camera [kg] (section 7).
         arm_base: base of the arm, from F [m] (fitted to the paper's workspace).
         arm_centre: distance of the arm's centre of mass from its base [m].
         foot_stiffness: stiffness of one foot with its leg [N/m]; decides how the load is shared
             by four legs whose feet do not lie in one plane exactly (assumption).
-        wheel_stiffness: of one wheel, likewise [N/m] (assumption).
+        wheel_stiffness: stiffness of one wheel [N/m] (assumption).
         gravity: [m/s^2].
     """
 
@@ -89,7 +89,7 @@ def stand(
 
     Args:
         geometry: the platform.
-        params: what it weighs and how much it gives way.
+        params: masses and compliances.
         extension: (4) of the actuators [m].
         velocity: (4) their rates [m/s].
         ground: (2) roll and pitch of the ground [rad].
@@ -194,7 +194,7 @@ def _pressure_point(
     n: Vector3,
     radius: float,
 ) -> tuple[tuple[float, float], float]:
-    """Where the line of gravity through the centre of mass meets the ground under three feet.
+    """Point in which the line of gravity of the centre of mass meets the ground under three feet.
 
     The ground is below the feet's centres by their radius; the point is told as if seen along
     the ground's normal from the plane of the centres.
@@ -276,7 +276,7 @@ def stand_on_feet_and_wheels(
     Args:
         geometry: the platform.
         wheels: its wheels, on the ground's plane.
-        params: what it weighs and how much it gives way.
+        params: masses and compliances.
         extension: (4) of the actuators [m].
         velocity: (4) their rates [m/s].
         ground: (2) roll and pitch of the ground [rad].
@@ -312,7 +312,7 @@ def stand_on_feet_and_wheels(
 
 
 def _clearance(wheels: WheelGeometry, stance: Stance) -> float:
-    """Of the lowest wheel above the ground [m]; below zero where the feet do not hold it up."""
+    """Clearance of the lowest wheel [m]; below zero where the feet do not hold it up."""
     x, y, z = stance.normal
     # The wheels stand symmetrically, and one of them is on each side.
     lowest = wheels.height * z - wheels.half_base * abs(x) - wheels.half_track * abs(y)
@@ -412,10 +412,10 @@ def _share(footing: _Footing, rises: list[float], stiffness: list[float], slope:
     """Share of a step at which the springs' energy is least; infinite if it falls for ever.
 
     Args:
-        footing: where the step begins.
-        rises: what the whole step adds to the supports' depths [m].
-        stiffness: of the supports [N/m].
-        slope: of the energy at the beginning, by the share; below zero [J].
+        footing: stance in which the step begins.
+        rises: change of the supports' depths over the whole step [m].
+        stiffness: stiffness of the supports [N/m].
+        slope: slope of the energy at the beginning, by the share; below zero [J].
     """
     springs = list(zip(footing.depths, rises, stiffness, strict=True))
     if all((depth > 0.0) == (depth + rise > 0.0) for depth, rise, _ in springs):

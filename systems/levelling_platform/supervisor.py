@@ -23,7 +23,7 @@ from parapod.systems.safety.faults import Severity
 
 
 class Phase(IntEnum):
-    """What the platform is doing; the numbers are those of the supervisor's port `phase`."""
+    """Phase of the operation; the numbers are those of the supervisor's port `phase`."""
 
     TRANSPORT = 0
     BRAKE = 1
@@ -37,7 +37,7 @@ class Phase(IntEnum):
 
 
 class Event(StrEnum):
-    """What makes the platform go from one phase to another."""
+    """Event that makes the platform go from one phase to another."""
 
     FAULT = "a fault of severity hold or more"
     GO = "the operator says go"
@@ -58,7 +58,7 @@ class Transition:
 
     Attributes:
         source: phase in which the event counts.
-        event: what happens.
+        event: event that happens.
         target: phase that follows.
     """
 
@@ -109,7 +109,7 @@ def as_mermaid() -> str:
 
 
 class Command(IntEnum):
-    """What an operator can ask for; the numbers are those of the port `operator`."""
+    """Command of an operator; the numbers are those of the port `operator`."""
 
     NONE = 0
     GO = 1
@@ -118,7 +118,7 @@ class Command(IntEnum):
 
 
 class Refusal(IntEnum):
-    """Why something asked for is not done; the numbers are those of the port `refusal`."""
+    """Reason why a request is not carried out; the numbers are those of the port `refusal`."""
 
     NONE = 0
     COMMAND = 1  # not in this phase; detail: the phase
@@ -143,17 +143,17 @@ class SupervisorParams:
 
     Attributes:
         raised: extension of a leg that is up [m]; beyond .42 m, where the feet are clear.
-        lowering_rate: of a leg that looks for the ground [m/s]; about six times that at the foot.
-        raising_rate: of a leg that goes up [m/s].
+        lowering_rate: rate of a leg that looks for ground [m/s]; about six times that at the foot.
+        raising_rate: rate of a leg that goes up [m/s].
         standstill: largest velocity of a wheel that stands [rad/s].
-        settle_time: how long wheels must stand, and switches stay closed [s].
+        settle_time: time for which wheels must stand, and switches stay closed [s].
         estimate_time: at rest on wheels and feet before the ground is estimated [s].
         approach: rate over distance with which a leg comes to its goal [1/s].
         touched: largest distance of a leg from where it touched the ground [m]; at the foot six
             times that.
         arrived: largest error of an extension at its goal [m].
-        arrive_time: how long a leg must stay at its goal [s].
-        clearance: of the wheels at the end of the way down, if the stroke leaves it [m].
+        arrive_time: time for which a leg must stay at its goal [s].
+        clearance: clearance of the wheels at the end of the way down, if the stroke leaves it [m].
     """
 
     raised: float = 0.450
@@ -171,13 +171,13 @@ class SupervisorParams:
 
 @dataclass(frozen=True)
 class Operation:
-    """What stays the same during an operation.
+    """Constants of an operation.
 
     Attributes:
         geometry: the platform.
         params: times, speeds and tolerances.
         lowest: height to which the platform is lowered before its legs are raised [m].
-        period: of the decisions [s].
+        period: period of the decisions [s].
     """
 
     geometry: PlatformGeometry
@@ -187,7 +187,7 @@ class Operation:
 
 
 class Decision:
-    """What has happened in a period, and what follows for the outputs and the memory."""
+    """Events of a period, and their consequences for the outputs and the memory."""
 
     def __init__(
         self,
@@ -201,12 +201,12 @@ class Decision:
         """Looks at one period.
 
         Args:
-            operation: what stays the same.
+            operation: constants of the operation.
             read: gives an input by its name; not all are needed in every phase.
             now: time [s].
             signals: inputs that every phase needs, by name.
             out: outputs of the last period by name, changed to those of the next.
-            memory: of the supervisor, changed likewise.
+            memory: memory of the supervisor, changed likewise.
         """
         self._operation, self._read, self._now = operation, read, now
         self._signals, self._out, self._memory = signals, out, memory
@@ -217,7 +217,7 @@ class Decision:
 
     @property
     def _severity(self) -> float:
-        """Of the worst fault; one that is NaN is the gravest."""
+        """Severity of the worst fault; one that is NaN is the gravest."""
         severity = self._signals.get("severity", [0.0])[0]
         return math.inf if math.isnan(severity) else severity
 
@@ -359,7 +359,7 @@ class Decision:
     # What follows
 
     def leave(self, phase: Phase, target: Phase) -> None:
-        """What is done once, on the way from one phase to another."""
+        """Do what is done once, on the way from one phase to another."""
         self._memory[_SINCE] = self._memory[_QUIET] = self._now
         out = self._out
         if target is Phase.POSTURE:
@@ -498,8 +498,8 @@ class Supervisor(LeafSystem):
         Args:
             geometry: the platform.
             params: its times, speeds and tolerances.
-            standing_height: of the platform on its wheels [m].
-            period: of its decisions [s].
+            standing_height: standing height of the platform on its wheels [m].
+            period: period of its decisions [s].
         """
         super().__init__()
         self.set_name("supervisor")

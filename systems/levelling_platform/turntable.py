@@ -1,4 +1,4 @@
-"""What the motor in the arm's base adds (section 8 of the paper leaves it to future work).
+"""Turntable in the arm's base (section 8 of the paper leaves it to future work).
 
 It turns the arm about the platform's z axis. An upright arm stays where it is; a leaning one
 sweeps a ring.
@@ -118,7 +118,7 @@ def swept_surface(
 
 
 def _ring(geometry: PlatformGeometry, arm: ArmGeometry) -> Ring:
-    """Where the tip can be, from the faces of the workspaces of some turns."""
+    """Ring in which the tip can be, from the faces of the workspaces of some turns."""
     middle = 0.5 * (geometry.extension_min + geometry.extension_max)
     axis = Workspace(geometry, replace(arm, lean=0.0)).tip_of_extensions((middle,) * 3)[:2]
     turn = 2.0 * math.pi * np.arange(_TURNS)[:, np.newaxis] / _TURNS

@@ -32,7 +32,7 @@ class WheelGeometry:
         half_base: half distance of the axles along x [m].
         half_track: half distance of the wheels along y [m].
         height: z of the axles from the platform's centre F [m].
-        radius: of the wheels [m].
+        radius: radius of the wheels [m].
     """
 
     half_base: float = 0.26

@@ -65,9 +65,9 @@ class ArmGeometry:
     Attributes:
         offset: from the platform's centre F to the arm's base, which is on the turntable's
             axis [m].
-        length: of the arm [m], section 4.
-        lean: of the arm from upright, about the turntable's y axis [rad].
-        turn: of the turntable about the platform's z axis; at zero the arm leans towards
+        length: length of the arm [m], section 4.
+        lean: lean of the arm from upright, about the turntable's y axis [rad].
+        turn: turn of the turntable about the platform's z axis; at zero the arm leans towards
             +x [rad].
     """
 
@@ -92,7 +92,7 @@ class ArmGeometry:
 
 @dataclass(frozen=True)
 class Workspace:
-    """Where the tip of an arm can be on some ground; NaN stands for what cannot be reached.
+    """Workspace of the tip of an arm on some ground; NaN stands for what cannot be reached.
 
     Attributes:
         geometry: the platform.
@@ -293,7 +293,7 @@ def surface_terms(point: ArrayLike) -> NDArray[np.float64]:
 def margins_of_terms(
     terms: ArrayLike, coefficients: NDArray[np.float64] = COEFFICIENTS
 ) -> NDArray[np.float64]:
-    """How far inside each surface a point is, by the value of its equation.
+    """Margin of a point inside each surface, by the value of its equation.
 
     Args:
         terms: (..., 7) of the point, as `surface_terms` gives them.
@@ -319,7 +319,7 @@ def surface_margins(point: ArrayLike) -> NDArray[np.float64]:
 
 
 def inside_surfaces(point: ArrayLike) -> NDArray[np.bool_]:
-    """Which of the eight printed conditions a point fulfils.
+    """Test a point against each of the eight printed conditions.
 
     Args:
         point: (..., 3) in frame {B} [m].
@@ -397,7 +397,7 @@ def posture_grid(geometry: PlatformGeometry, resolution: int) -> PostureGrid:
 def tips_and_volumes(
     geometry: PlatformGeometry, arm: ArmGeometry, grid: PostureGrid
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where the tip is in each posture, and the part of the workspace that it stands for.
+    """Tip in each posture, and the part of the workspace that it stands for.
 
     Args:
         geometry: the platform.

@@ -1,4 +1,4 @@
-"""How far the platform is from tipping over: support polygon, zero-moment point, margin.
+"""Distance of the platform from tipping over: support polygon, zero-moment point, margin.
 
 The platform stands still on its feet while the arm moves. The ground then has to bear gravity and
 what accelerating the arm takes: the resultant R and, about the platform's centre F, the moment
@@ -65,7 +65,7 @@ _ANGLE_STEP = 0.04
 
 
 class ArmMotion(NamedTuple):
-    """What turntable and arm do at an instant; at rest unless told otherwise.
+    """Motion of turntable and arm at an instant; at rest by default.
 
     Attributes:
         angle: (..., 2) turntable and arm [rad].
@@ -160,7 +160,7 @@ _TINY = 1e-300
 
 
 class Footing(NamedTuple):
-    """How the platform stands.
+    """Stance of the platform.
 
     Attributes:
         extension: (..., 4) of the actuators [m].
@@ -181,7 +181,7 @@ def support_polygon(geometry: PlatformGeometry, footing: Footing) -> NDArray[np.
 
     Args:
         geometry: the platform.
-        footing: how it stands.
+        footing: stance of the platform.
 
     Returns:
         (..., 4, 2) [m]. There are always four: a foot that does not stand is at the corner of the
@@ -200,13 +200,13 @@ def zero_moment_point(
     footing: Footing,
     motion: ArmMotion,
 ) -> NDArray[np.float64]:
-    """Where the resultant of gravity and of the moving arm's inertia meets the ground's plane.
+    """Point in which the resultant of gravity and of the arm's inertia meets the ground's plane.
 
     Args:
         geometry: the platform.
-        params: what it weighs.
-        footing: how it stands.
-        motion: of turntable and arm.
+        params: masses.
+        footing: stance of the platform.
+        motion: motion of turntable and arm.
 
     Returns:
         (..., 2) [m]; NaN where the resultant does not press on the ground, or no foot stands.
@@ -228,9 +228,9 @@ def tipping_margin(
 
     Args:
         geometry: the platform.
-        params: what it weighs.
-        footing: how it stands.
-        motion: of turntable and arm.
+        params: masses.
+        footing: stance of the platform.
+        motion: motion of turntable and arm.
 
     Returns:
         (...) [m]; negative outside. Minus infinity with fewer than three standing feet, where the
@@ -263,9 +263,9 @@ def move_margin(
 
     Args:
         geometry: the platform.
-        params: what it weighs.
-        footing: how it stands meanwhile; no batch.
-        move: of turntable and arm.
+        params: masses.
+        footing: stance of the platform meanwhile; no batch.
+        move: move of turntable and arm.
         with_acceleration: False counts gravity only, as if the arm moved slowly.
     """
     motion = move.sampled()

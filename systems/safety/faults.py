@@ -26,7 +26,7 @@ _SAME_INSTANT = 1e-9
 
 
 class FaultKind(StrEnum):
-    """What a device does wrong, named as by PX4's `failure` command.
+    """Kind of a fault, named as by PX4's `failure` command.
 
     Sample k of a signal is its value at k periods of the injector. A fault acts on whole samples:
     on the first at or after `begin` and on all that follow before `begin + duration`. The age
@@ -64,7 +64,7 @@ class FaultKind(StrEnum):
 
 
 class Severity(IntEnum):
-    """What a machine has to do about a finding; a higher one includes the lower ones."""
+    """Reaction that a finding demands of a machine; a higher one includes the lower ones."""
 
     NONE = 0
     """Nothing is wrong."""
@@ -90,17 +90,17 @@ class Fault:
     """A fault of a signal: what happens, to which element, from when to when.
 
     Attributes:
-        kind: what happens.
+        kind: kind of the fault.
         index: element, counted from 0; None for all of them.
         begin: time of its beginning [s].
         duration: [s]; infinite: it does not end.
-        seed: of garbage.
+        seed: seed of garbage.
         scale: factor of a wrong value [-]; None: 1 with an offset and -1, a reversed sign,
             without.
-        offset: of a wrong value, in the signal's unit.
-        sample_period: of a slow device [s].
-        delay: of a delayed one [s].
-        missing_time: how long an intermittent one is off [s].
+        offset: offset of a wrong value, in the signal's unit.
+        sample_period: sample period of a slow device [s].
+        delay: delay of a delayed one [s].
+        missing_time: time for which an intermittent one is off [s].
         good_time: and how long it is not, after that [s].
         nan_share: share of garbage that is NaN, 0 to 1 [-].
     """
@@ -147,7 +147,7 @@ class SampledFault:
 
     Attributes:
         fault: the fault.
-        period: of the samples [s].
+        period: period of the samples [s].
     """
 
     fault: Fault
@@ -189,7 +189,7 @@ class SampledFault:
         return first_sample(end, self.period) if math.isfinite(end) else math.inf
 
     def _turn(self, sample: int, cycle: float) -> int:
-        """How many cycles have passed since the fault began."""
+        """Number of cycles since the fault began."""
         elapsed = sample * self.period - self.fault.begin
         return math.floor((elapsed + _SAME_INSTANT) / cycle)
 
@@ -240,12 +240,12 @@ class FaultInjector(LeafSystem):
 
     Args:
         size: number of elements n.
-        faults: what happens.
-        period: of the samples [s].
-        off_value: what is shown of a device that does not publish, n values or one for all.
+        faults: faults to inject.
+        period: period of the samples [s].
+        off_value: value shown of a device that does not publish, n values or one for all.
         span: smallest and largest plausible value, likewise; garbage lies between them.
         is_binary: the signal's values are 0 and 1.
-        longest_delay: of the delayed faults that can be set [s].
+        longest_delay: longest delay of the delayed faults that can be set [s].
     """
 
     def __init__(
@@ -397,7 +397,7 @@ class FaultInjector(LeafSystem):
     def _shown(
         self, samples: "_Samples", sampled: SampledFault, i: int, now: int, value: float
     ) -> float:
-        """What element i shows in place of a value."""
+        """Value that element i shows in place of another."""
         fault = sampled.fault
         match fault.kind:
             case FaultKind.OFF | FaultKind.INTERMITTENT:
@@ -429,14 +429,14 @@ class FaultInjector(LeafSystem):
 
 @dataclass(frozen=True)
 class _Samples:
-    """What an injector remembers of its signal.
+    """Memory of an injector about its signal.
 
     Attributes:
         held: the sample that each element holds (n).
         held_number: its number (n), -1 for none.
         history: the last samples (capacity, n), newest first.
         newest: number of the newest one.
-        count: how many there are.
+        count: number of samples.
     """
 
     held: NDArray[np.float64]

@@ -40,7 +40,7 @@ class AttitudeEstimatorParams:
             choice: .5 m/s2 across it).
         fast: likewise, rate about any axis, bias taken off [rad/s] (design choice: three times
             what postures are taken with).
-        calm_time: how long samples have to be calm until the attitude is trusted again [s]
+        calm_time: time for which samples have to be calm until the attitude is trusted again [s]
             (design choice: twice the time constant, in which the filter forgets).
     """
 

@@ -10,7 +10,7 @@ _SAME_INSTANT = 1e-9
 
 
 class DeviceStatus(LeafSystem):
-    """How old each device's last sample is, and whether the device has failed.
+    """Age of each device's last sample, and whether the device has failed.
 
     | port | size | unit | meaning |
     |---|---|---|---|
@@ -25,7 +25,7 @@ class DeviceStatus(LeafSystem):
     Args:
         devices: names of the devices, in the ports' order.
         periods: their sampling periods [s]; 0 for one that is always up to date.
-        delays: how old a sample is already when it is shown [s]; empty for fresh ones.
+        delays: age of a sample when it is shown [s]; empty for fresh ones.
     """
 
     def __init__(

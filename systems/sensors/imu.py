@@ -23,10 +23,10 @@ from parapod.systems.sensors.noise import NoiseSource
 
 
 class SensorAxis(NamedTuple):
-    """How one axis turns a value into a reading.
+    """Model of one axis: from a value to a reading.
 
     Attributes:
-        deviation: of a sample's noise.
+        deviation: standard deviation of a sample's noise.
         resolution: one count; 0 for none.
         limit: largest reading.
     """
@@ -49,7 +49,7 @@ class SensorAxis(NamedTuple):
         """The reading, in whole counts and within the limit; zero for NaN.
 
         Args:
-            value: what is measured, with its biases.
+            value: measured value, with its biases.
             noise: unit Gaussian.
         """
         value += self.deviation * noise

@@ -1,4 +1,4 @@
-"""What an ideal inertial sensor in a simulated floating body would sense."""
+"""Motion that an ideal inertial sensor in a simulated floating body would sense."""
 
 from typing import Any
 
@@ -29,9 +29,9 @@ class InertialMotion(LeafSystem):
 
     Args:
         state_size: n, positions and velocities of the plant.
-        pose_start: where the body's quaternion and position begin in the state.
-        velocity_start: where its angular and translational velocity begin in the state.
-        period: of the sensor [s].
+        pose_start: index at which the body's quaternion and position begin in the state.
+        velocity_start: index at which its angular and translational velocity begin there.
+        period: period of the sensor [s].
         gravity: [m/s^2].
     """
 

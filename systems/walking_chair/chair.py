@@ -41,7 +41,7 @@ def chair_inverse(
         body_position: (..., 3) of S in the world [m].
         body_rotation: (..., 3, 3) of {S} in the world.
         feet: (..., 4, 3) places of the reference corners in the world [m].
-        references: which corner of each foot, "E1", "E2", "E3" or 1, 2, 3: (..., 4) or one.
+        references: corner of each foot, "E1", "E2", "E3" or 1, 2, 3: (..., 4) or one.
 
     Returns:
         (..., 4, 3) lengths [m]; NaN where a leg cannot reach.
@@ -93,7 +93,7 @@ def chair_motion(
         geometry: the chair.
         body: motion of {S} in the world, arrays (..., 3).
         feet: motion of the reference corners in the world, arrays (..., 4, 3).
-        references: which corner of each foot, "E1", "E2", "E3" or 1, 2, 3: (..., 4) or one.
+        references: corner of each foot, "E1", "E2", "E3" or 1, 2, 3: (..., 4) or one.
 
     Returns:
         Arrays (..., 4, 3); NaN where a leg cannot reach.
@@ -123,7 +123,7 @@ def _motion_in_legs(geometry: ChairGeometry, body: BodyMotion, feet: Motion) -> 
 def foot_corners(
     geometry: ChairGeometry, body_position: ArrayLike, body_rotation: ArrayLike, lengths: ArrayLike
 ) -> NDArray[np.float64]:
-    """Where the corners of all feet are, given the lengths of the branches.
+    """Corners of all feet, given the lengths of the branches.
 
     Args:
         geometry: the chair.
@@ -154,7 +154,7 @@ def standing_feet(
     Args:
         geometry: the chair, with a body that is level and looks ahead.
         body_position: (..., 3) of S in the world [m].
-        references: which corner of each foot: (..., 4) or one.
+        references: corner of each foot: (..., 4) or one.
 
     Returns:
         (..., 4, 3) in the world [m].

@@ -44,10 +44,10 @@ class StrokeExceeded(ParapodError):
 
     Attributes:
         branch: its name, as in "branch 12".
-        time: when [s]; None for a posture without time.
+        time: time [s]; None for a posture without time.
         length: the length that it would need [m]; NaN if no length would do.
         admissible: (smallest, largest) length [m].
-        missing: how far the length lies outside [m].
+        missing: distance of the length from its range [m].
     """
 
     def __init__(
@@ -72,9 +72,9 @@ class SpeedExceeded(ParapodError):
 
     Attributes:
         branch: its name, as in "branch 12".
-        time: when [s]; None for a state without time.
-        speed: how fast it would have to be, either way [m/s]; NaN if the foot is out of reach.
-        limit: how fast it can be [m/s].
+        time: time [s]; None for a state without time.
+        speed: speed that it would need, either way [m/s]; NaN if the foot is out of reach.
+        limit: largest speed [m/s].
     """
 
     def __init__(self, branch: str, time: float | None, speed: float, limit: float):
@@ -86,7 +86,7 @@ class SpeedExceeded(ParapodError):
 
 
 def stroke_excess(geometry: LegGeometry, length: ArrayLike) -> NDArray[np.float64]:
-    """How far each branch is outside its stroke.
+    """Excess of each branch over its stroke.
 
     Args:
         geometry: the leg.
@@ -219,8 +219,8 @@ class ForceExceeded(ParapodError):
     Attributes:
         branch: its name, as in "branch 12".
         time: when, in the gait's time [s].
-        force: how hard, positive where it pushes [N].
-        limit: how hard it can [N].
+        force: force, positive where it pushes [N].
+        limit: largest force [N].
     """
 
     def __init__(self, branch: str, time: float, force: float, limit: float):
@@ -246,7 +246,7 @@ def check_forces(
         geometry: the chair.
         walk: the gaits.
         passenger: who sits on it.
-        masses: of the chair.
+        masses: masses of the chair.
         limit: largest force of a branch, either way [N].
 
     Raises:

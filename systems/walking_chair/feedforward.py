@@ -114,8 +114,8 @@ class EasedStart(LeafSystem):
     `FARTHEST`; where a value is not finite, nodes are the gait's.
 
     Args:
-        duration: of the fading [s].
-        period: of the samples [s].
+        duration: duration of the fading [s].
+        period: period of the samples [s].
     """
 
     def __init__(self, duration: float = 1.0, period: float = 0.01):
@@ -140,7 +140,7 @@ class EasedStart(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_offset)
 
     def _offset(self, context: Context) -> np.ndarray:
-        """What the branches are off, without the fading."""
+        """Offset of the branches, without the fading."""
         offset = read_array(self._measured, context) - read_array(self._length, context)
         return np.where(np.isfinite(offset), offset, 0.0)
 

@@ -49,12 +49,12 @@ class TrotGait:
 
     Attributes:
         order: "13-24" for legs 1 and 3 first, "24-13" for legs 2 and 4 first.
-        cycles: how many.
+        cycles: number of cycles.
         direction: "forward" (along y) or "back".
-        lift: how far the body is lifted above the retracted height H_0, z_s [m].
+        lift: lift of the body above the retracted height H_0, z_s [m].
         step: length of the step S_0, and the body's way in a cycle [m].
         swing_height: height of the feet's swing H [m].
-        phase_duration: of each phase, T_m [s].
+        phase_duration: duration of each phase, T_m [s].
         body_law: how the body moves within a phase, by its name in `MOTION_LAWS`; "linear" is
             Eq. (45).
         start: x and y of the body's centre S in the world at the start [m].
@@ -95,7 +95,7 @@ class TrotGait:
 
     @property
     def duration(self) -> float:
-        """Of the whole gait [s]."""
+        """Duration of the whole gait [s]."""
         return len(self.phases) * self.phase_duration
 
     @property
@@ -105,7 +105,7 @@ class TrotGait:
 
     @property
     def end(self) -> tuple[float, float]:
-        """Where the body's centre S is at the end: x and y in the world [m]."""
+        """Place of the body's centre S at the end: x and y in the world [m]."""
         x, y = self.start
         return x, y + self.cycles * self.signed_step
 
@@ -116,7 +116,7 @@ class TrotGait:
 
     @property
     def swing(self) -> FootTrajectory:
-        """How a foot makes its step."""
+        """Swing with which a foot makes its step."""
         return FootTrajectory(self.signed_step, self.swing_height, self.phase_duration)
 
     @property
@@ -126,7 +126,7 @@ class TrotGait:
 
     @cached_property
     def standing(self) -> tuple[tuple[bool, ...], ...]:
-        """Which feet stand in each phase, (phases, 4)."""
+        """Stance of the feet in each phase, (phases, 4)."""
         swings = {FIRST_SWING: self.pairs[0], SECOND_SWING: self.pairs[1]}
         return tuple(
             tuple(leg not in swings.get(phase, ()) for leg in range(LEG_COUNT))
@@ -145,7 +145,7 @@ class TrotGait:
     def locate(
         self, time: ArrayLike, side: Literal["right", "left"] = "right"
     ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-        """Which phase each time falls into, and how much of it has passed.
+        """Phase into which each time falls, and the share of it that has passed.
 
         Args:
             time: (...) since the gait began [s].
@@ -262,7 +262,7 @@ def gait_references(geometry: ChairGeometry, gait: TrotGait) -> NDArray[np.intp]
 def _done_and_doing(
     gait: TrotGait, index: NDArray[np.intp], name: str
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """How many phases of a name are over at phases `index`, and whether they are one."""
+    """Number of phases of a name that are over at phases `index`, and whether they are one."""
     # At rest before the first phase and after the last one.
     is_one = np.array([phase == name for phase in (phases.REST, *gait.phases, phases.REST)])
     before = np.concatenate([[0], np.cumsum(is_one)[:-1]])
@@ -338,12 +338,12 @@ class Walk:
 
     @cached_property
     def _begins(self) -> tuple[float, ...]:
-        """When each gait begins, and when the last one ends [s]."""
+        """Times at which each gait begins, and at which the last one ends [s]."""
         return tuple(accumulate((gait.duration for gait in self.gaits), initial=0.0))
 
     @property
     def duration(self) -> float:
-        """Of all gaits [s]."""
+        """Duration of all gaits [s]."""
         return self._begins[-1]
 
     @cached_property
@@ -353,12 +353,12 @@ class Walk:
 
     @cached_property
     def standing(self) -> tuple[tuple[bool, ...], ...]:
-        """Which feet stand in each phase, (phases, 4)."""
+        """Stance of the feet in each phase, (phases, 4)."""
         return tuple(row for gait in self.gaits for row in gait.standing)
 
     @cached_property
     def ends(self) -> tuple[float, ...]:
-        """When each phase ends [s]."""
+        """Times at which the phases end [s]."""
         durations = [gait.phase_duration for gait in self.gaits for _ in gait.phases]
         return tuple(accumulate(durations))
 
@@ -374,7 +374,7 @@ class Walk:
         return before + self.gaits[k].phase_at(time - self._begins[k], side)
 
     def motion(self, geometry: ChairGeometry, time: float, side: Side = "right") -> GaitMotion:
-        """Where body and feet are at a time; see `gait_motion`.
+        """Motion of body and feet at a time; see `gait_motion`.
 
         Args:
             geometry: the chair.
@@ -385,7 +385,7 @@ class Walk:
         return gait_motion(geometry, self.gaits[k], time - self._begins[k], side)
 
     def motions(self, geometry: ChairGeometry, times: NDArray[np.float64]) -> GaitMotion:
-        """Where body and feet are at times (n), all at once; see `gait_motion`."""
+        """Motion of body and feet at times (n), all at once; see `gait_motion`."""
         each = np.array([self._gait_at(time, "right") for time in times.tolist()])
         parts = [
             gait_motion(geometry, self.gaits[k], times[each == k] - self._begins[k])

@@ -133,7 +133,7 @@ def _triangle(side: float, z_first: float, z_others: float) -> list[list[float]]
 
 @dataclass(frozen=True)
 class LegPlacement:
-    """Where an upper platform's centroid (the paper's frame {n}) is on the connection plate.
+    """Place of an upper platform's centroid (the paper's frame {n}) on the connection plate.
 
     Attributes:
         x: to the right of the body's centre S [m].
@@ -174,7 +174,7 @@ class ChairGeometry:
 
     Attributes:
         leg: the legs, which are equal.
-        placements: of the four legs, in the paper's order 1..4; assumed, not printed.
+        placements: placements of the four legs, in the paper's order 1..4; assumed, not printed.
     """
 
     leg: LegGeometry = LegGeometry()

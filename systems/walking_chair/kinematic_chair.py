@@ -74,7 +74,7 @@ class KinematicChair(LeafSystem):
 
         Args:
             geometry: the chair.
-            masses: what it weighs.
+            masses: masses of the chair.
             passenger: who sits on it in a default context.
             period: time between looks at what carries [s].
             place: x and y (2) of the body in a default context, where it looks ahead [m].

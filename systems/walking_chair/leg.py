@@ -60,7 +60,7 @@ class UpPose(NamedTuple):
 
 
 def pose_of_corner(geometry: LegGeometry, from_joint: Array, corner: Array) -> UpPose:
-    """How the UP branch must be to put a corner of the foot at a place.
+    """Pose of the UP branch that puts a corner of the foot at a place.
 
     Eqs. (10), (14), (16) and (18) for all three corners at once, with the roots that the legs
     take. With r^2 = t_m^2 + e_y^2, the corner (e_x, e_y) is `depth` = sqrt(r^2 - y^2) below the
@@ -258,7 +258,7 @@ def up_branch(
     Args:
         geometry: the leg.
         point: (..., 3) place of the reference corner in {A1} [m].
-        reference: which corner, "E1", "E2" or "E3" (or 1, 2, 3); one, or an array (...).
+        reference: corner, "E1", "E2" or "E3" (or 1, 2, 3); one, or an array (...).
 
     Returns:
         (..., 3) l_11 [m], alpha, beta [rad]; NaN where the leg cannot reach.
@@ -321,7 +321,7 @@ def leg_inverse(
     Args:
         geometry: the leg.
         point: (..., 3) place of the reference corner in {A1} [m].
-        reference: which corner, "E1", "E2" or "E3" (or 1, 2, 3); one, or an array (...).
+        reference: corner, "E1", "E2" or "E3" (or 1, 2, 3); one, or an array (...).
 
     Returns:
         (..., 3) lengths l_11, l_12, l_13 of the branches UP, UPS, UPS [m]; NaN where the leg
@@ -358,7 +358,7 @@ _TOLERANCE = 1e-10
 
 
 class LegPosture(NamedTuple):
-    """Where a foot is in its leg's frame {A1}.
+    """Posture of a leg: its foot in the leg's frame {A1}.
 
     Attributes:
         point: (..., 3) corner E_1 [m].
@@ -372,7 +372,7 @@ class LegPosture(NamedTuple):
 
 
 def leg_forward(geometry: LegGeometry, lengths: ArrayLike) -> LegPosture:
-    """Where the foot is, given the lengths of the branches.
+    """Place of the foot, given the lengths of the branches.
 
     Args:
         geometry: the leg.

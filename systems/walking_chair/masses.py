@@ -1,4 +1,4 @@
-"""What the walking chair and its passenger weigh, and where."""
+"""Masses of the walking chair and its passenger, and their places."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,11 +18,11 @@ class ChairMasses:
 
     Attributes:
         body: connection plate, seat, control box [kg].
-        body_height: of the body's centre of mass above S [m].
-        upper_platform: of a leg [kg].
-        yoke: of each of a leg's three universal joints [kg].
-        cylinder: of each of a leg's three actuators [kg].
-        rod: of each of a leg's two UPS branches [kg].
+        body_height: height of the body's centre of mass above S [m].
+        upper_platform: mass of a leg's upper platform [kg].
+        yoke: mass of each yoke of a leg's three universal joints [kg].
+        cylinder: mass of each cylinder of a leg's three actuators [kg].
+        rod: mass of each rod of a leg's two UPS branches [kg].
         foot: with the rod of the UP branch [kg].
     """
 
@@ -36,7 +36,7 @@ class ChairMasses:
 
     @property
     def foot_end(self) -> float:
-        """What a leg has on its foot, below the actuators [kg]."""
+        """Mass of a leg's foot end, below the actuators [kg]."""
         return self.foot + 2.0 * self.rod
 
     @property
@@ -56,7 +56,7 @@ class Passenger:
 
     Attributes:
         mass: [kg]; the paper's largest is 57 kg.
-        x: of its centre of mass, to the right of S [m].
+        x: x of its centre of mass, to the right of S [m].
         y: ahead of S [m].
         height: above S [m] (assumption: the belly of somebody who sits).
     """
@@ -81,7 +81,7 @@ def centre_of_mass(
     move.
 
     Args:
-        masses: of the chair.
+        masses: masses of the chair.
         passenger: on it.
         feet: (..., 4, 3) centroids of the feet from S in {S} [m].
 

@@ -57,7 +57,7 @@ class ChairModel:
 
     Attributes:
         plant: the plant.
-        geometry: what the files are drawn to.
+        geometry: geometry to which the files are drawn.
     """
 
     plant: MultibodyPlant
@@ -70,7 +70,7 @@ class ChairModel:
 
     @cached_property
     def passenger(self) -> RigidBody:
-        """Who sits on it; the body's origin is the centre of mass."""
+        """Body of the passenger; its origin is the centre of mass."""
         return self.plant.GetBodyByName("passenger")
 
     @cached_property
@@ -236,7 +236,7 @@ class ChairTruth(LeafSystem):
         )
 
     def shown(self, context: Context, index: int) -> NDArray[np.float64]:
-        """What follows from the poses: position, attitude, heights of corners, gaps of loops."""
+        """Position, attitude, heights of corners and gaps of loops, from the poses."""
         part: NDArray[np.float64] = self._shown.of(self, context)[index]
         return part
 

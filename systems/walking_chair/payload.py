@@ -35,7 +35,7 @@ _MISSED = 1e-4
 
 
 class Stand(NamedTuple):
-    """How the chair stands at an instant; its body is level.
+    """Stance of the chair at an instant; its body is level.
 
     Attributes:
         force_map: (12, 12, 3) see `statics.force_map`.
@@ -126,7 +126,7 @@ def least_branch_force(stand: Stand, mass: float, friction: float = 0.0) -> Payl
 
     Args:
         stand: the chair.
-        mass: of the payload [kg].
+        mass: mass of the payload [kg].
         friction: coefficient.
 
     Raises:
@@ -154,7 +154,7 @@ def elastic_forces(
 
     Args:
         stand: the chair.
-        mass: of the payload [kg].
+        mass: mass of the payload [kg].
         friction: coefficient.
         ups_stiffness: axial stiffness of a UPS branch by that of a UP branch.
 
@@ -222,11 +222,11 @@ _LIGHT = 5.0
 
 @dataclass(frozen=True)
 class PayloadEstimatorParams:
-    """How currents become forces, and forces a payload.
+    """Parameters by which currents become forces, and forces a payload.
 
     Attributes:
         force_per_current: C_t of Eq. (55) [N/A]: the largest thrust (Eq. 53) at the rated 3 A.
-        time_constant: of the estimate's filter [s].
+        time_constant: time constant of the estimate's filter [s].
     """
 
     force_per_current: float = 427.3 / 3.0
@@ -258,7 +258,7 @@ class PayloadEstimator(LeafSystem):
     Args:
         params: see `PayloadEstimatorParams`.
         geometry: the chair.
-        masses: of the chair without payload.
+        masses: masses of the chair without payload.
         period: between samples [s].
     """
 

@@ -43,7 +43,7 @@ class GaitPlanner(LeafSystem):
     Args:
         walk: the gaits.
         geometry: the chair.
-        period: of the controller [s].
+        period: period of the controller [s].
         begin: time at which the gait begins [s].
         pause: time that the clock takes to stop, and to run again [s].
     """
@@ -178,7 +178,7 @@ class CircleReference(LeafSystem):
     Bad input: there is none; for a circle out of the leg's reach the lengths are NaN.
 
     Args:
-        circle: what the foot follows, from time 0 on.
+        circle: path of the foot, from time 0 on.
         geometry: the leg.
         period: between two nodes [s].
     """

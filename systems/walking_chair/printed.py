@@ -40,8 +40,8 @@ def roots(
     Args:
         geometry: the leg.
         point: (3) E_2 in {A1} [m].
-        sign_v: of the root in Eq. (16).
-        sign_u: of the root in Eq. (18).
+        sign_v: sign of the root in Eq. (16).
+        sign_u: sign of the root in Eq. (18).
     """
     u, v = _half_tangents(geometry, point, sign_v, sign_u)
     return 2.0 * math.atan(u), 2.0 * math.atan(v)

@@ -50,7 +50,7 @@ def leg_jacobian(
     Args:
         geometry: the leg.
         point: (..., 3) place of the reference corner in {A1} [m].
-        reference: which corner, "E1", "E2" or "E3" (or 1, 2, 3); one, or an array (...).
+        reference: corner, "E1", "E2" or "E3" (or 1, 2, 3); one, or an array (...).
 
     Returns:
         (..., 3, 3) matrix d(lengths) / d(point) [-]; NaN where the leg cannot reach.
@@ -71,7 +71,7 @@ def leg_jacobian_rate(
         geometry: the leg.
         point: (..., 3) place of the reference corner in {A1} [m].
         velocity: (..., 3) its velocity [m/s].
-        reference: which corner, "E1", "E2" or "E3" (or 1, 2, 3); one, or an array (...).
+        reference: corner, "E1", "E2" or "E3" (or 1, 2, 3); one, or an array (...).
 
     Returns:
         (..., 3, 3) [1/s]; NaN where the leg cannot reach.
@@ -88,8 +88,8 @@ def leg_motion(geometry: LegGeometry, motion: Motion, reference: Reference = "E1
 
     Args:
         geometry: the leg.
-        motion: of the reference corner in {A1}, arrays (..., 3).
-        reference: which corner, "E1", "E2" or "E3" (or 1, 2, 3); one, or an array (...).
+        motion: motion of the reference corner in {A1}, arrays (..., 3).
+        reference: corner, "E1", "E2" or "E3" (or 1, 2, 3); one, or an array (...).
 
     Returns:
         Arrays (..., 3); NaN where the leg cannot reach.

@@ -50,7 +50,7 @@ def corner_jacobians(geometry: LegGeometry, up: ArrayLike) -> NDArray[np.float64
 
 
 def force_map(geometry: ChairGeometry, lengths: ArrayLike) -> NDArray[np.float64]:
-    """What forces of the ground on the corners do to the branches.
+    """Map from forces of the ground on the corners to forces of the branches.
 
     Args:
         geometry: the chair.
@@ -80,9 +80,9 @@ class Rest(NamedTuple):
     """The chair at rest.
 
     Attributes:
-        roll: of the body [rad].
-        pitch: of the body [rad].
-        height: of S above the ground [m].
+        roll: roll of the body [rad].
+        pitch: pitch of the body [rad].
+        height: height of S above the ground [m].
         loads: (12) forces of the ground on the corners [N].
         gaps: (12) of the corners above the ground [m].
         branch_forces: (12) [N].
@@ -103,14 +103,14 @@ def rest(
     centre: NDArray[np.float64],
     foot_weight: float = 0.0,
 ) -> Rest:
-    """How the chair rests.
+    """Find how the chair rests.
 
     Args:
         corners: (12, 3) of the unloaded feet, from S in {S} [m].
         by_vertical: (12, 12) branch forces by vertical forces on the corners [-].
-        weight: of the whole [N].
+        weight: weight of the whole [N].
         centre: (2) or (3) centre of mass from S in {S} [m].
-        foot_weight: of each foot, part of the whole [N].
+        foot_weight: weight of each foot, part of the whole [N].
     """
     x, y, z = corners.T
     # Heights are relative to the lowest one; S is found from it.

@@ -75,7 +75,7 @@ class SupportLost(ParapodError):
             outside.
         required: smallest admissible [m].
         phase: name of the phase.
-        time: when the phase begins, in the gait's time [s].
+        time: beginning of the phase, in the gait's time [s].
     """
 
     def __init__(self, margin: float, required: float, phase: str, time: float):
@@ -90,7 +90,7 @@ class _Phase(NamedTuple):
     """A phase of the gait.
 
     Attributes:
-        polygon: of the corners that touch the ground throughout.
+        polygon: polygon of the corners that touch the ground throughout.
         bodies: (2, 3) S in the world at its beginning and its end [m].
         feet: (2, 4, 3) centroids of the feet from S then [m].
     """
@@ -106,7 +106,7 @@ class GaitSupport:
     Args:
         geometry: the chair.
         walk: the gaits.
-        masses: of the chair.
+        masses: masses of the chair.
     """
 
     def __init__(self, geometry: ChairGeometry, walk: Walk, masses: ChairMasses = ChairMasses()):
@@ -160,7 +160,7 @@ class GaitSupport:
 
 @dataclass(frozen=True)
 class SupportMonitorParams:
-    """How far the centre of mass must be inside the support polygon.
+    """Margin that the centre of mass must keep inside the support polygon.
 
     Attributes:
         required: smallest margin with which a step is begun [m]. Feet and branches give way: of a
@@ -191,8 +191,8 @@ class SupportMonitor(LeafSystem):
         walk: the gaits.
         params: see `SupportMonitorParams`.
         geometry: the chair.
-        masses: of the chair without payload.
-        period: of the state [s].
+        masses: masses of the chair without payload.
+        period: period of the state [s].
     """
 
     def __init__(

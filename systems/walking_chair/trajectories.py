@@ -117,9 +117,9 @@ class FootCircle:
     It begins at its nearest point to the x axis and turns counter-clockwise seen from above.
 
     Attributes:
-        radius: of the circle [m].
+        radius: radius of the circle [m].
         centre_y: y of its centre [m].
-        z: of its plane [m].
+        z: z of its plane [m].
         period: duration of a lap at full speed [s].
         laps: number of laps, after which the foot rests.
         ramp: duration of the sines that lead up to full speed and down from it [s]; 0 for the
@@ -148,7 +148,7 @@ class FootCircle:
 
     @property
     def duration(self) -> float:
-        """Of the whole motion [s]."""
+        """Duration of the whole motion [s]."""
         return self.laps * self.period + self.ramp
 
     def motion(self, time: ArrayLike) -> Motion:
@@ -183,9 +183,9 @@ class FootTrajectory:
     """Trajectory of a swinging foot, Eqs. (40)-(44), from rest to rest.
 
     Attributes:
-        length: of the step S_0 along y [m]; negative for a step back.
+        length: length of the step S_0 along y [m]; negative for a step back.
         height: the highest point H, halfway [m].
-        duration: of the swing, T_m [s].
+        duration: duration of the swing, T_m [s].
     """
 
     length: float = 0.1027

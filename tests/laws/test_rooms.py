@@ -34,3 +34,16 @@ def test_rooms_import_what_is_below_them(rooms, forbidden):
     for path in sources:
         for name in imported(path):
             assert not f"{name}.".startswith(tuple(f"{prefix}." for prefix in forbidden)), path
+
+
+def test_docstrings_begin_with_an_imperative_or_a_noun():
+    for path in (
+        p for room in ("systems", "diagrams", "sims") for p in (ROOT / room).rglob("*.py")
+    ):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+                first = (ast.get_docstring(node) or "None").split()[0]
+                name = getattr(node, "name", "the module")
+                assert first not in ("What", "How", "Of", "As", "With", "Where", "When", "Why"), (
+                    f"{path.name}: {name} begins with '{first}'"
+                )

@@ -87,7 +87,7 @@ _NAMES = ("l_x", "l_y", "l_z")
 
 @cache
 def _masses() -> tuple[float, float]:
-    """Of the machine without its arm, and of the arm with its camera [kg]."""
+    """Masses of the machine without its arm, and of the arm with its camera [kg]."""
     plant = MultibodyPlant(1e-3)
     scene_graph = SceneGraph()
     plant.RegisterAsSourceForSceneGraph(scene_graph)

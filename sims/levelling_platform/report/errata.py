@@ -1,4 +1,4 @@
-"""What is misprinted in the levelling platform's paper, and the computation that shows it."""
+"""Misprints in the levelling platform's paper, and the computations that show them."""
 
 import math
 
@@ -30,7 +30,7 @@ _EXACT = 1e-9  # what rounding and differences leave of an equation that holds
 
 
 def _extension() -> list[float]:
-    """Of the three active legs in the posture above [m]."""
+    """Extensions of the three active legs in the posture above [m]."""
     return inverse_kinematics(_PLATFORM, [_PHI, _THETA, _HEIGHT], _GROUND)[:3].tolist()
 
 
@@ -113,7 +113,7 @@ def _appendix() -> Check:
 
 
 def _gradient_by_y() -> NDArray[np.float64]:
-    """Of Eq. (22) by theta, phi, h: central differences (3, 3)."""
+    """Gradient of Eq. (22) by theta, phi, h: central differences (3, 3)."""
     d, y = _extension(), np.array([_THETA, _PHI, _HEIGHT])
 
     def at(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -124,7 +124,7 @@ def _gradient_by_y() -> NDArray[np.float64]:
 
 
 def _gradient_by_d() -> NDArray[np.float64]:
-    """Of Eq. (22) by the three extensions: central differences (3, 3)."""
+    """Gradient of Eq. (22) by the three extensions: central differences (3, 3)."""
     d = np.array(_extension())
 
     def at(values: NDArray[np.float64]) -> NDArray[np.float64]:

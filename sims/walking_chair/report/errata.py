@@ -1,4 +1,4 @@
-"""What is misprinted in the walking chair's paper, and the computation that shows it."""
+"""Misprints in the walking chair's paper, and the computations that show them."""
 
 import math
 from collections.abc import Callable

@@ -58,11 +58,11 @@ class Adis16448Registers:
     everything else changes the outputs. Settings stay, unless `power_cycle` is called.
 
     Attributes:
-        product: what PROD_ID says.
+        product: content of PROD_ID.
         failed: bits of DIAG_STAT for failures that stay.
-        temperature: of the sensor [degC].
+        temperature: temperature of the sensor [degC].
         registers: the settings, by address.
-        transfers: how many there were.
+        transfers: number of transfers.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Adis16448Registers:
         Args:
             harness: wires to the simulated machine; with signals `gyro`, `accel` and `mag` of the
                 part.
-            misbehaviour: what it does wrong.
+            misbehaviour: faults of the device.
             start_up_time: time after a reset [s].
             part: part of the machine.
         """
@@ -226,16 +226,16 @@ class SpiSocketServer:
     is up to the chip.
 
     Attributes:
-        address: of the chip, for `SpiSettings.address`.
+        address: address of the chip, for `SpiSettings.address`.
     """
 
     def __init__(self, path: str | Path, bus: SpiBus, misbehaviour: Misbehaviour | None = None):
         """Creates a server that does not listen yet.
 
         Args:
-            path: of the socket; at most some 100 characters.
+            path: path of the socket; at most some 100 characters.
             bus: the chip.
-            misbehaviour: what it does wrong.
+            misbehaviour: faults of the device.
         """
         self._path, self._bus = Path(path), bus
         self.address = f"unix:{path}"

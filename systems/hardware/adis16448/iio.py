@@ -224,7 +224,7 @@ def _probe(uri: str, timeout: float) -> None:
     """Asks iiod for its version: libiio itself gives a computer that is away 5 s.
 
     Args:
-        uri: of a context; only those of a named host are asked.
+        uri: uri of a context; only those of a named host are asked.
         timeout: longest time for the connection, and for the answer [s].
 
     Raises:

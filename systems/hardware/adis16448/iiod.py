@@ -43,7 +43,7 @@ _RATE = "sampling_frequency"
 
 
 def is_available() -> str | None:
-    """Why an `IiodServer` cannot run here; None: it can."""
+    """Find the reason why no `IiodServer` can run here; None: one can."""
     missing = [program for program in _PROGRAMS if shutil.which(program) is None]
     if missing:
         return f"{', '.join(missing)} cannot be found"
@@ -66,8 +66,8 @@ class IiodServer:
     check what it reads; while it is unplugged, there is no iiod; everything else changes values.
 
     Attributes:
-        uri: of libiio's context.
-        temperature: of the sensor [degC].
+        uri: uri of libiio's context.
+        temperature: temperature of the sensor [degC].
         process: iiod, while it listens.
     """
 
@@ -84,7 +84,7 @@ class IiodServer:
         Args:
             harness: wires to the simulated machine; with signals `gyro`, `accel` and `mag` of the
                 part.
-            misbehaviour: what it does wrong.
+            misbehaviour: faults of the device.
             port: to listen at, on all of the computer's addresses; None: one that is free.
             device: the name that the driver gives to the sensor.
             part: part of the machine.

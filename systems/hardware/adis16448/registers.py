@@ -183,7 +183,7 @@ def mounting_axes(roll_pitch_yaw: Vector3) -> Axes | None:
     """The sensor's axes in the frame of the part that it is mounted on.
 
     Args:
-        roll_pitch_yaw: of the sensor in that frame [rad], R = R_z R_y R_x.
+        roll_pitch_yaw: roll, pitch and yaw of the sensor in that frame [rad], R = R_z R_y R_x.
 
     Returns:
         The axes; None if they are that frame's own.
@@ -217,7 +217,7 @@ def crc16(words: Sequence[int]) -> int:
     """The CRC of a burst.
 
     Args:
-        words: of the burst without DIAG_STAT, which it does not cover, and without the CRC.
+        words: words of the burst without DIAG_STAT, which it does not cover, and without the CRC.
 
     The method is that of Analog Devices' example for this sensor: the lower byte of each word
     first, shifted to the right with 0x1021, from 0xFFFF, complemented, bytes swapped. Shifted to

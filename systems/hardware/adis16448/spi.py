@@ -299,7 +299,7 @@ class SpiSocketClient:
         """Connects to a server.
 
         Args:
-            path: of its socket.
+            path: path of its socket.
             timeout: longest time for one transfer [s].
 
         Raises:

@@ -32,8 +32,8 @@ class SlaveLine:
         """Creates a line.
 
         Args:
-            can_bus: of python-can.
-            misbehaviour: of all nodes on the bus.
+            can_bus: bus of python-can.
+            misbehaviour: misbehaviour of all nodes on the bus.
             clock: monotonic [s].
         """
         self._bus, self._misbehaviour, self._clock = can_bus, misbehaviour, clock

@@ -202,7 +202,7 @@ class SharedHarness(Harness):
         """Opens the wires.
 
         Args:
-            path: of the file.
+            path: path of the file.
             sizes: the number of elements of each signal, by its port's name.
             parts: whose misbehaviours are shared as well.
             is_new: makes the file, with all wires at zero.
@@ -254,8 +254,8 @@ class SharedHarness(Harness):
         """Misbehaviour of the devices of a part, told by any process and done by another.
 
         Args:
-            part: of the machine.
-            seed: of garbage.
+            part: part of the machine.
+            seed: seed of garbage.
         """
         return SharedMisbehaviour(self._memory, self._states[part], seed)
 

@@ -31,7 +31,7 @@ class PtyPort:
         """Describes a port that is not plugged in.
 
         Args:
-            link: where to put the symbolic link.
+            link: path for the symbolic link.
         """
         self.link = Path(link)
         self._terminal: _Terminal | None = None
@@ -51,7 +51,7 @@ class PtyPort:
         """Plugs in or unplugs, unless it is so already.
 
         Args:
-            is_unplugged: what it shall be.
+            is_unplugged: whether it is to be unplugged.
         """
         if is_unplugged:
             self.unplug()

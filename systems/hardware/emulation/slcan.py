@@ -95,10 +95,10 @@ class SlcanPty:
         """Prepares the adapter; it is there within a `with` block.
 
         Args:
-            channel: of the interface `virtual`.
-            link: where to put a symbolic link to the terminal.
-            misbehaviour: what it does wrong.
-            bitrate: of the other nodes [bit/s]; nothing passes at another one.
+            channel: channel of the interface `virtual`.
+            link: path for a symbolic link to the terminal.
+            misbehaviour: faults of the device.
+            bitrate: bitrate of the other nodes [bit/s]; nothing passes at another one.
         """
         self._channel, self._bitrate = channel, bitrate
         self._port = PtyPort(link)

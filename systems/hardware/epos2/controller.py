@@ -56,7 +56,7 @@ class Sample(NamedTuple):
     """Sample of a motor, as its controller sends it.
 
     Attributes:
-        state: of the drive; None if the statusword has none of CiA 402's patterns.
+        state: state of the drive; None if the statusword has none of CiA 402's patterns.
         counts: position of the motor.
         rpm: velocity of the motor.
         milliamperes: current of the motor; 0 if it is not measured.

@@ -56,9 +56,9 @@ class MeasuredMotor(NamedTuple):
     """Measurements of a controller's sensors, in the unit of the axis.
 
     Attributes:
-        position: of the axis [rad or m].
-        velocity: of the axis [rad/s or m/s].
-        current: of the motor, positive where the axis pushes [A].
+        position: position of the axis [rad or m].
+        velocity: velocity of the axis [rad/s or m/s].
+        current: current of the motor, positive where the axis pushes [A].
     """
 
     position: float = 0.0
@@ -73,8 +73,8 @@ class Epos2Node:
     rpm, counts. How fast and how well the motor then follows the ramp is the machine's matter.
 
     Attributes:
-        state: of the drive.
-        measured: what its sensors show.
+        state: state of the drive.
+        measured: readings of its sensors.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class Epos2Node:
         """Makes the drive fail.
 
         Args:
-            code: of the error.
+            code: code of the error.
             register: bits of the error register.
         """
         if self.state is DriveState.FAULT:
@@ -256,12 +256,12 @@ class Epos2Nodes:
         Args:
             harness: the wires.
             node_ids: addresses, in the order of the axes.
-            channel: of the interface `virtual`.
-            link: where to put a symbolic link to the adapter's port; None: no adapter.
-            misbehaviour: what they do wrong.
+            channel: channel of the interface `virtual`.
+            link: path for a symbolic link to the adapter's port; None: no adapter.
+            misbehaviour: faults of the devices.
             motor: that each of them drives.
-            part: of the machine.
-            signs: of the motors, in place of the `motor`'s; empty: none.
+            part: part of the machine.
+            signs: signs of the motors, in place of the `motor`'s; empty: none.
             measures_current: whether the machine has the wire `current`; else it is zero.
             clock: monotonic [s].
         """
@@ -312,7 +312,7 @@ class Epos2Nodes:
 
         Args:
             node_id: its address.
-            code: of the error.
+            code: code of the error.
         """
         with self._lock:
             self.nodes[self._ids.index(node_id)].trip(code)

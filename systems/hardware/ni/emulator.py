@@ -90,8 +90,8 @@ class NiWiring:
 
         Args:
             harness: wires to the simulated machine.
-            misbehaviour: what is wrong with what the card measures.
-            supply_voltage: of the motor drivers [V].
+            misbehaviour: faults of the card's measurements.
+            supply_voltage: supply voltage of the motor drivers [V].
             metres_per_count: one edge of an encoder's signals [m].
             zero_extension: extensions at which the counters are zero [m]; None: those at which
                 they are started, as it is in truth.
@@ -199,7 +199,7 @@ class NiCard:
         """Creates a card without tasks.
 
         Args:
-            wiring: what it is connected to.
+            wiring: machine to which it is connected.
             device: its name.
             product: its type.
         """
@@ -461,7 +461,7 @@ class NiServer:
     Attributes:
         calls: number of calls of each function.
         card: the card.
-        wiring: what the card is connected to.
+        wiring: machine to which the card is connected.
         target: the server's address, for a gRPC channel.
     """
 
@@ -481,13 +481,13 @@ class NiServer:
         """Creates a server that does not listen yet.
 
         Args:
-            path: of the socket; at most some 100 characters.
+            path: path of the socket; at most some 100 characters.
             harness: wires to the simulated machine; with signals `voltage`, `stop`, `extension`
                 and `limits` of the part.
-            misbehaviour: what it does wrong.
+            misbehaviour: faults of the device.
             device: the card's name.
             product: the card's type.
-            supply_voltage: of the motor drivers [V].
+            supply_voltage: supply voltage of the motor drivers [V].
             metres_per_count: one edge of an encoder's signals [m].
             zero_extension: extensions at which the counters are zero [m]; None: those at which
                 their task starts.

@@ -85,7 +85,7 @@ class NiTasks:
 
         Args:
             settings: the channels, and how to reach them.
-            name: what errors call the card.
+            name: name of the card in errors.
 
         Raises:
             MissingExtra: the driver library is not installed.

@@ -63,11 +63,11 @@ class SabertoothPty:
         """Switches the drivers on; the port is there within a `with` block.
 
         Args:
-            link: where to put a symbolic link to the port.
+            link: path for a symbolic link to the port.
             harness: the wires.
-            misbehaviour: what they do wrong.
-            addresses: of the drivers.
-            supply_voltage: of the drivers [V].
+            misbehaviour: faults of the devices.
+            addresses: addresses of the drivers.
+            supply_voltage: supply voltage of the drivers [V].
             baud: speed at which they listen [bit/s].
             part: part of the machine.
             clock: monotonic [s].

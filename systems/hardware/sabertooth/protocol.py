@@ -61,7 +61,7 @@ class Packet(NamedTuple):
     """Contents of a packet.
 
     Attributes:
-        address: of the driver.
+        address: address of the driver.
         command: also one that is not of `Command`.
         data: 0..127.
     """
@@ -90,7 +90,7 @@ def packet(address: int, command: int, data: int) -> bytes:
     """The bytes of a packet.
 
     Args:
-        address: of the driver, 128..135.
+        address: address of the driver, 128..135.
         command: one of `Command`.
         data: 0..127.
 
@@ -116,9 +116,9 @@ def motor_packet(address: int, motor: int, power: Power) -> bytes:
     """The packet that drives a motor.
 
     Args:
-        address: of the driver.
+        address: address of the driver.
         motor: 1 or 2.
-        power: what it is told.
+        power: commanded power.
 
     Raises:
         ValueError: there is no such address or motor.
@@ -143,7 +143,7 @@ def timeout_packet(address: int, timeout: float) -> bytes:
     """The packet that sets a serial timeout.
 
     Args:
-        address: of the driver.
+        address: address of the driver.
         timeout: [s], a multiple of 0.1; 0 would switch it off and is refused.
 
     Raises:
@@ -163,7 +163,7 @@ def power(voltage: float, supply: float) -> Power:
 
     Args:
         voltage: mean one at the motor [V]; beyond the supply's: all of it; not finite: none.
-        supply: of the driver [V].
+        supply: supply of the driver [V].
     """
     if not math.isfinite(voltage):
         return STOPPED
@@ -177,8 +177,8 @@ def voltage(power: Power, supply: float) -> float:
     """Mean voltage at a motor that is told this [V].
 
     Args:
-        power: what it is told.
-        supply: of the driver [V].
+        power: commanded power.
+        supply: supply of the driver [V].
     """
     size = supply * power.data / FULL
     return -size if power.direction is Direction.BACKWARDS else size
@@ -202,7 +202,7 @@ class PacketParser:
         """The packets that these bytes complete.
 
         Args:
-            data: what has come next.
+            data: bytes that have come next.
         """
         found = (self._take(byte) for byte in data)
         return [packet for packet in found if packet is not None]

@@ -58,14 +58,14 @@ PARAMETER_COUNT = GROUND.stop
 
 @dataclass(frozen=True)
 class Tolerances:
-    """How far a parameter may be from nominal, either way; uniform within.
+    """Tolerance of each parameter, either way; uniform within.
 
     Attributes:
-        length: of the legs' lengths [m].
-        angle: of the legs' angles [rad].
-        offset: of the encoders [m].
-        bias: of the inertial sensor's roll and pitch [rad]; 1 mg of accelerometer bias is 1 mrad.
-        ground: of unknown ground from what the nominal legs make of it [rad].
+        length: tolerance of the legs' lengths [m].
+        angle: tolerance of the legs' angles [rad].
+        offset: tolerance of the encoders' offsets [m].
+        bias: tolerance of the inertial sensor's roll and pitch [rad]; 1 mg of bias is 1 mrad.
+        ground: tolerance of unknown ground from what the nominal legs make of it [rad].
     """
 
     length: float = 0.5e-3
@@ -92,7 +92,7 @@ class Tolerances:
 
 
 def parameter_names() -> tuple[str, ...]:
-    """What the parameters (36) are called in words."""
+    """Names of the parameters (36) in words."""
     legs = [f"leg {i + 1}: {name}" for i in range(LEG_COUNT) for name in LEG_PARAMETERS]
     axes = ("roll", "pitch")
     bias = [f"accelerometer bias in {axis}" for axis in axes]
@@ -125,7 +125,7 @@ def equivalent_parameters(
 
     Args:
         geometry: the machine as built.
-        nominal: what the parameters count from.
+        nominal: geometry from which the parameters count.
         offsets: (4) what is added to the encoders' extensions [m].
         bias: (2) error of roll and pitch [rad].
 
@@ -195,7 +195,7 @@ class StandingEquations:
     nominal: PlatformGeometry
 
     def residual(self, parameters: Floats) -> Floats:
-        """How far each foot is above the ground (n, 4) [m]; zero in the air."""
+        """Heights of the feet above the ground (n, 4) [m]; zero in the air."""
         return self._evaluate(parameters)[0]
 
     def jacobian(self, parameters: Floats) -> Floats:
@@ -204,7 +204,7 @@ class StandingEquations:
 
     @property
     def count(self) -> int:
-        """How many equations there are: of standing feet, and of the sensor's bias."""
+        """Number of equations: of standing feet, and of the sensor's bias."""
         recording = self.recording
         return int(recording.contact.sum()) + 2 * int(recording.referenced.sum())
 

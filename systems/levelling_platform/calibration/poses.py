@@ -18,10 +18,10 @@ class MeasurementNoise:
     """Standard deviations of what is recorded; independent from pose to pose.
 
     Attributes:
-        extension: of the actuators' encoders [m].
-        attitude: of the inertial sensor's roll and pitch, beside the constant bias [rad].
-        height: of the height [m].
-        reference: of the reference's roll and pitch [rad].
+        extension: deviation of the actuators' encoders [m].
+        attitude: deviation of the inertial sensor's roll and pitch, beside its bias [rad].
+        height: deviation of the height [m].
+        reference: deviation of the reference's roll and pitch [rad].
     """
 
     extension: float
@@ -44,7 +44,7 @@ class PoseRecording:
         height: (n) of the platform's centre F above the ground's plane [m]; None if it was not
             measured.
         contact: (n, 4) which feet stand; one in the air says nothing.
-        noise: how exact these are.
+        noise: deviations of these.
         ground: (n, 2) roll and pitch of the ground in the platform's heading [rad]; None for
             one unknown plane, which is then identified too.
         reference: (n, 2) roll and pitch by an instrument that has no bias against the platform's

@@ -60,7 +60,7 @@ def check_determined(equations: StandingEquations, tolerance: Floats, sensitivit
     """Refuses a recording that leaves open something that matters.
 
     Args:
-        equations: of the recording.
+        equations: equations of the recording.
         tolerance: (36) of the parameters.
         sensitivity: (m, 36) whitened equations by parameters in tolerances.
 
@@ -107,7 +107,7 @@ def undetermined_directions(
 
 @cache
 def _workspace_effect(nominal: PlatformGeometry) -> Floats:
-    """What parameters do in the workspace (k, 36): its squares' sum is that of the feet's motions.
+    """Effect of parameters in the workspace (k, 36), normed to that of the feet's motions.
 
     Root mean square over poses on known level ground, root of the sum of squares over feet.
     """
@@ -134,7 +134,7 @@ def _workspace_effect(nominal: PlatformGeometry) -> Floats:
 
 
 def _in_words(direction: Floats) -> str:
-    """As in "leg 3: l_4 and offset together"."""
+    """Put a direction into words, such as "leg 3: l_4 and offset together"."""
     names = parameter_names()
     takes_part = np.flatnonzero(np.abs(direction) >= _PART * np.abs(direction).max())
     groups: dict[str, list[str]] = {}
@@ -153,7 +153,7 @@ def listed(words: Sequence[str]) -> str:
 
 
 def _advice(equations: StandingEquations, directions: Floats) -> list[str]:
-    """What to record, from what the recording lacks."""
+    """Advice for the next recording, from what this one lacks."""
     recording, stroke = equations.recording, equations.nominal
     advice = []
     if recording.height is None:
@@ -190,7 +190,7 @@ _UNIFORM = np.sqrt(3.0)
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What a recording says about the machine.
+    """Result of a calibration: the machine according to a recording.
 
     Attributes:
         geometry: the calibrated dimensions. l_6 and l_7 are nominal: l_x, l_y and l_z answer for
@@ -225,7 +225,7 @@ class Calibration:
 
     @property
     def standard_deviations(self) -> Floats:
-        """Of the parameters (36)."""
+        """Standard deviations of the parameters (36)."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
@@ -244,7 +244,7 @@ def calibrate(
     Args:
         recording: the poses.
         nominal: the machine as drawn, or as calibrated before.
-        tolerances: how far it may be from that.
+        tolerances: tolerances of that.
 
     Raises:
         UndeterminedCalibration: the recording leaves open something that moves the platform; says
