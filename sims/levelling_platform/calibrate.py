@@ -383,7 +383,7 @@ def truth_metrics(
             "sensed_improvement_factor",
             sensed.improvement,
             at_least=IMPROVEMENT,
-            meaning="likewise, against the posture that the corrected inertial sensor shows",
+            meaning="largest, against the posture that the corrected inertial sensor shows",
         ),
         Metric(
             "accel_bias_error_mg",

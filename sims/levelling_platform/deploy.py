@@ -502,7 +502,7 @@ def _smoothness(scenario: DeployScenario, signals: Signals) -> list[Metric]:
             1e3 * float(np.abs(np.diff(desired, axis=0)).max()),
             "mm",
             fastest,
-            meaning="likewise of a desired extension",
+            meaning="largest change of a desired extension in a period",
         ),
     ]
 

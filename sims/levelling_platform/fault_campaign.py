@@ -151,7 +151,7 @@ class Cell:
         delay: from the change of the signal to the first finding [s]; NaN without one.
         reaction: the worst severity that was reached.
         stray_deg: how far roll and pitch left the path of the faultless run [deg].
-        stray_mm: likewise the height [mm].
+        stray_mm: the same of the height [mm].
         bounded: whether all outputs stayed finite and within their limits.
     """
 

@@ -185,7 +185,7 @@ class Separated:
     Attributes:
         gain: (4) K [(m/s)/V].
         extending: (4) voltage that friction and load take when the actuator extends [V].
-        retracting: (4) likewise when it retracts, which lifts the platform [V].
+        retracting: (4) the same when it retracts, which lifts the platform [V].
     """
 
     gain: NDArray[np.float64]

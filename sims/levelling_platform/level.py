@@ -170,7 +170,14 @@ def _posture_metrics(
             paper=0.2,
             meaning="largest after settling, against gravity",
         ),
-        Metric("pitch_error_deg", pitch, "deg", _ANGLE_BOUND, paper=0.2, meaning="likewise"),
+        Metric(
+            "pitch_error_deg",
+            pitch,
+            "deg",
+            _ANGLE_BOUND,
+            paper=0.2,
+            meaning="largest after settling, against gravity",
+        ),
         Metric(
             "height_error_mm",
             height,

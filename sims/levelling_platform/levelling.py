@@ -146,7 +146,7 @@ def error_metrics(
             unit,
             bounds[0] if unit == "deg" else bounds[1],
             paper=paper[i],
-            meaning="likewise" if i and meaning else meaning,
+            meaning=meaning,
         )
         for i, (key, unit, _) in enumerate(AXES)
     ]

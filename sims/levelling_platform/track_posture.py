@@ -209,7 +209,12 @@ def _moving(nominal: _Run, perturbed: _Run, outer: _Run) -> list[Metric]:
             "deg",
             meaning="inclination while moving, legs as built",
         ),
-        Metric("outer_loop_moving_rms_deg", outer.moving_error, "deg", meaning="likewise"),
+        Metric(
+            "outer_loop_moving_rms_deg",
+            outer.moving_error,
+            "deg",
+            meaning="inclination while moving, with the outer loop",
+        ),
         Metric(
             "outer_loop_moving_ratio",
             outer.moving_error / perturbed.moving_error,
@@ -248,7 +253,7 @@ def _stability(scenario: LevellingScenario) -> list[Metric]:
             math.degrees(min(axis.phase for axis in found)),
             "deg",
             at_least=_PHASE_MARGIN,
-            meaning="likewise",
+            meaning=of,
         ),
         Metric(
             "crossover_rad_s",

@@ -270,7 +270,7 @@ def compare_surfaces(scenario: WorkspaceScenario) -> Finding:
             "inside_fraction_counted",
             _share(grid.count, is_inside),
             paper=_PAPER_SHARE,
-            meaning="likewise of points that are uniform in the extensions of legs 1 to 3",
+            meaning="share of points that are uniform in the extensions of legs 1 to 3",
         ),
         Metric(
             "inside_fraction_best",

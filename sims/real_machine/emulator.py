@@ -131,7 +131,7 @@ def _serve(
 
 
 def _tell(connection: Connection, answer: object) -> None:
-    """Answers, unless nobody listens any more: another device has refused already."""
+    """Answers, unless no one listens any more: another device has refused already."""
     with suppress(ConnectionError):
         connection.send(answer)
 

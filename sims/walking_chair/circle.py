@@ -223,7 +223,7 @@ class Recording:
         circle: path that it should follow.
         time: (n) [s].
         position: (n, 3) where the drives really are [m].
-        velocity: (n, 3) likewise [m/s].
+        velocity: (n, 3) velocities of the branches [m/s].
         foot: (n, 3) where the corner E1 really is, in {A1} [m].
     """
 

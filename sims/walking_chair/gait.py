@@ -117,7 +117,7 @@ class SampledWalk:
         body: (n, 3) S in the world [m].
         branches: arrays (n, 4, 3).
         velocity_steps: (k, 4, 3) by which velocities jump where phases begin and end [m/s].
-        acceleration_steps: (k, 4, 3) likewise [m/s^2].
+        acceleration_steps: (k, 4, 3) steps of the acceleration [m/s^2].
     """
 
     geometry: ChairGeometry

@@ -143,9 +143,9 @@ class Instant(NamedTuple):
         frictionless: the largest payload without friction.
         friction: the largest payload with it.
         least_frictionless: the payload with as small a largest force as there can be.
-        least_friction: likewise with friction.
+        least_friction: the same with friction.
         equal: the payload, with friction, on branches that are all as stiff.
-        soft: likewise with UPS branches as soft as explains the paper's payload.
+        soft: the same with UPS branches as soft as explains the paper's payload.
     """
 
     time: float

@@ -36,7 +36,7 @@ class VelocityServoParams:
         max_velocity: largest velocity [m/s or rad/s].
         acceleration: largest acceleration [m/s^2 or rad/s^2].
         stop_min: lower end of the stroke of each drive, or of all of them [m or rad].
-        stop_max: upper end, likewise.
+        stop_max: upper end, in the same unit.
     """
 
     resolution: float

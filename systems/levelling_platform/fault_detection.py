@@ -208,7 +208,7 @@ class FaultDetectorParams:
 
     Attributes:
         shortest: least extension that can be [m]; the end stop at .380 m less a tolerance.
-        longest: likewise, .460 m.
+        longest: largest extension that can be [m], .460 m.
         fastest: speed of an actuator [m/s]; 12 V make .12 m/s, gains are off by up to 15 %.
         oldest: largest age of legs and inertial sensor [s].
         gain: K of the actuators [(m/s)/V].

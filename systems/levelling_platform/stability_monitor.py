@@ -39,7 +39,7 @@ class StabilityMonitorParams:
         rate: largest rates of turntable and arm [rad/s]; 67.5 deg/s, with which the arm swings by
             45 deg in a second (section 7; the turntable's is an assumption).
         acceleration: largest accelerations of turntable and arm [rad/s^2]; 270 deg/s^2, those of
-            the same swing along a cubic (likewise).
+            the same swing along a cubic (design choice).
         reach: largest angles of turntable and arm, either way [rad]; a turn and a quarter of
             one (assumption).
         profile: shape of moves: "cubic" has a continuous rate, "quintic" a continuous acceleration
@@ -89,8 +89,8 @@ class StabilityMonitor(LeafSystem):
 
     **Without `enable`** no move begins; one that is under way goes on to its end (eight seconds
     at most for a whole turn). All of it has been judged, including its end at rest; to stop
-    half-way would be a motion with accelerations of its own that nobody has judged. Likewise a
-    move goes on when a foot lifts: `margin` tells.
+    half-way would be a motion with accelerations of its own that has not been judged. A move
+    goes on, too, when a foot lifts: `margin` tells.
 
     State: discrete, start and goal of the move (4) [rad], when it began and its duration (2)
     [s], the request last judged (2) [rad], its margin (1) [m], whether it was admitted (1) and

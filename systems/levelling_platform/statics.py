@@ -531,7 +531,7 @@ def _share_of_middle(a: Vector3, b: Vector3, c: Vector3, down: Vector3) -> float
     """Share of a weight at F that the second of three feet carries.
 
     Args:
-        a: vector from the first foot to F; b and c likewise.
+        a: vector from the first foot to F; b and c from the second and third.
         b: in the middle between a and c.
         c: see a.
         down: direction of gravity, in the frame of the others.

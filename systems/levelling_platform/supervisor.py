@@ -123,7 +123,7 @@ class Refusal(IntEnum):
     NONE = 0
     COMMAND = 1  # not in this phase; detail: the phase
     GROUND = 2  # levelling does not fit the stroke; detail: the leg that misses most, 1..4
-    POSTURE = 3  # out of reach; detail likewise
+    POSTURE = 3  # out of reach; detail: the leg that misses most, 1..4
     NO_GROUND = 4  # a leg found none; detail: the leg, 1..4
 
 
@@ -206,7 +206,7 @@ class Decision:
             now: time [s].
             signals: inputs that every phase needs, by name.
             out: outputs of the last period by name, changed to those of the next.
-            memory: memory of the supervisor, changed likewise.
+            memory: memory of the supervisor, changed in place.
         """
         self._operation, self._read, self._now = operation, read, now
         self._signals, self._out, self._memory = signals, out, memory

@@ -82,7 +82,7 @@ class ArmGeometry:
         return self.point_at(1.0)
 
     def point_at(self, share: float) -> Vector3:
-        """Vector from F to the point at that share of the arm's length, likewise [m]."""
+        """Vector from F to the point at that share of the arm's length [m]."""
         (sin_turn, cos_turn), (sin_lean, cos_lean) = sin_cos(self.turn), sin_cos(self.lean)
         x, y, z = self.offset
         length = share * self.length

@@ -243,7 +243,7 @@ class FaultInjector(LeafSystem):
         faults: faults to inject.
         period: period of the samples [s].
         off_value: value shown of a device that does not publish, n values or one for all.
-        span: smallest and largest plausible value, likewise; garbage lies between them.
+        span: smallest and largest plausible value, n of each or one for all, of garbage.
         is_binary: the signal's values are 0 and 1.
         longest_delay: longest delay of the delayed faults that can be set [s].
     """

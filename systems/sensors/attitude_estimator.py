@@ -36,10 +36,10 @@ class AttitudeEstimatorParams:
         disturbance: departure of the accelerometer's norm from gravity with which a sample is no
             longer one of a body at rest or in a slow motion [m/s2] (design choice: 9 sigma of the
             noise).
-        misfit: likewise, angle between the accelerometer and the estimated vertical [rad] (design
+        misfit: angle between accelerometer and estimated vertical that does the same [rad] (design
             choice: .5 m/s2 across it).
-        fast: likewise, rate about any axis, bias taken off [rad/s] (design choice: three times
-            what postures are taken with).
+        fast: rate about any axis, bias taken off, that does the same [rad/s] (design choice:
+            three times what postures are taken with).
         calm_time: time for which samples have to be calm until the attitude is trusted again [s]
             (design choice: twice the time constant, in which the filter forgets).
     """

@@ -105,10 +105,10 @@ class ImuParams:
         accel_bias_instability: 0.25 mg [m/s2] (data sheet).
         gyro_bias_correlation_time: of the Gauss-Markov process [s] (assumption, the value of
             the RotorS simulator for this sensor).
-        accel_bias_correlation_time: likewise [s] (assumption, RotorS).
+        accel_bias_correlation_time: that of the accelerometer's [s] (assumption, RotorS).
         gyro_turn_on_bias: constant part of the bias [rad/s]; RotorS draws it with 0.5 deg/s
             (1 sigma), which is left to the user here.
-        accel_turn_on_bias: likewise [m/s2]; RotorS' 20 mg (1 sigma) are 1.15 deg of tilt.
+        accel_turn_on_bias: that of the accelerometer [m/s2]; RotorS' 20 mg (1 sigma) make 1.15 deg.
         gyro_resolution: one count, 0.04 deg/s [rad/s] (data sheet).
         accel_resolution: one count, 1/1200 g [m/s2] (data sheet).
         mag_resolution: one count, 1/7 mgauss [T] (data sheet).
@@ -173,7 +173,7 @@ class ImuParams:
         ]
 
     def drifts(self, period: float) -> list[Drift]:
-        """In-run biases of gyro and accelerometer, likewise."""
+        """In-run biases of gyro and accelerometer."""
         return [
             Drift.sampled(period, deviation, correlation_time)
             for deviation, correlation_time in (

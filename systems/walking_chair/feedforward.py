@@ -28,7 +28,7 @@ class ChairFeedforward(LeafSystem):
     | port | size | unit | meaning |
     |---|---|---|---|
     | in `body_motion` | 9 | m, m/s, m/s^2 | position, velocity, acceleration of S in the world |
-    | in `foot_motion` | 36 | m, m/s, m/s^2 | of the feet's reference corners, likewise by legs |
+    | in `foot_motion` | 36 | m, m/s, m/s^2 | of the feet's reference corners, leg by leg |
     | in `references` | 4 | - | numbers 1, 2, 3 of these corners |
     | out `length` | 12 | m | of the branches 11, 12, 13, 21, ... 43 (Eqs. 29-31) |
     | out `velocity` | 12 | m/s | their rates (Eqs. 33, 34, corrected) |

@@ -63,7 +63,7 @@ class Payload(NamedTuple):
     Attributes:
         mass: [kg]; minus infinity if there is none with which the chair can stand.
         forces: (12, 3) of the ground on the corners [N]; NaN if none will do.
-        branch_forces: (12) [N]; likewise.
+        branch_forces: (12) forces of the branches [N].
     """
 
     mass: float
@@ -77,8 +77,8 @@ class _Rays(NamedTuple):
     Attributes:
         corner: (n) number 0..11 of the corner that each pushes on.
         direction: (n, 3) force for a factor of 1.
-        branches: (12, n) forces of the branches, likewise.
-        wrenches: (6, n) force and moment about S, likewise.
+        branches: (12, n) forces of the branches.
+        wrenches: (6, n) force and moment about S.
     """
 
     corner: NDArray[np.intp]

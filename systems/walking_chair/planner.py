@@ -28,7 +28,7 @@ class GaitPlanner(LeafSystem):
     | out `support` | 4 | 0/1 | feet that stand now, as planned; a foot that swings does not |
     | out `done` | 1 | 0/1 | whether the gait is over |
     | out `body_motion` | 9 | m, m/s, m/s^2 | of S in the world, at the end of this period |
-    | out `foot_motion` | 36 | m, m/s, m/s^2 | of the feet's reference corners, likewise |
+    | out `foot_motion` | 36 | m, m/s, m/s^2 | of the feet's reference corners |
     | out `references` | 4 | - | numbers 1, 2, 3 of these corners |
 
     `foot_motion` has all positions, then all velocities, then all accelerations, each by legs.

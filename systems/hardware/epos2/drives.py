@@ -153,7 +153,7 @@ class Epos2(IncrementalDevice):
         """
         self._open_bus()
         if self._limits is not None and not self._is_referenced:
-            raise DeviceError(self.name, "nobody knows the positions, and there are limits")
+            raise DeviceError(self.name, "the positions are not known, and there are limits")
         for controller in self._controllers:
             controller.recover()
         self._is_active, self._is_braked = True, False

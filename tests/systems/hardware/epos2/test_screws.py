@@ -231,7 +231,7 @@ def test_a_reference_can_be_given_later_and_is_that_of_the_moment(make_screws):
 def test_with_limits_and_without_a_reference_nothing_gets_power(make_screws):
     with make_screws(limits=LIMITS, position_at_start=None) as rig:
         rig.drives.configure()
-        assert "nobody knows the positions, and there are limits" in str(
+        assert "the positions are not known, and there are limits" in str(
             fault_of(rig.drives.activate)
         )
         assert set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
