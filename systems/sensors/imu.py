@@ -108,7 +108,7 @@ class ImuParams:
         accel_bias_correlation_time: that of the accelerometer's [s] (assumption, RotorS).
         gyro_turn_on_bias: constant part of the bias [rad/s]; RotorS draws it with 0.5 deg/s
             (1 sigma), which is left to the user here.
-        accel_turn_on_bias: that of the accelerometer [m/s2]; RotorS' 20 mg (1 sigma) make 1.15 deg.
+        accel_turn_on_bias: accelerometer's [m/s2]; RotorS' 20 mg (1 sigma) are 1.15 deg.
         gyro_resolution: one count, 0.04 deg/s [rad/s] (data sheet).
         accel_resolution: one count, 1/1200 g [m/s2] (data sheet).
         mag_resolution: one count, 1/7 mgauss [T] (data sheet).
