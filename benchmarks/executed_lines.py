@@ -1,0 +1,227 @@
+"""Which tests execute which lines: recorded in a run of all tests, and read to choose some.
+
+As a plugin of pytest this records, or runs what was chosen. Lines are told by `sys.monitoring`,
+which reports each once a test: a run of all tests takes an eighth longer, with the contexts of
+`coverage` two thirds.
+"""
+
+import ast
+import json
+import os
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import CodeType
+from typing import Any
+
+import pytest
+
+from benchmarks.mutations import Mutant, name_of, targets_of
+
+PLAN = "MUTANTS_PLAN"  # environment variable: the file that tells a test run what to do
+_CHOSEN = 30.0  # duration of the tests of one mutant, as recorded [s]
+_LONGEST = 20.0  # tests that take longer are left out [s]
+
+# In the test run
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if PLAN in os.environ:
+        plan = json.loads(Path(os.environ[PLAN]).read_text())
+        config.pluginmanager.register(_Choice(plan) if "tests" in plan else _Record(plan))
+
+
+class _Record:
+    """Records the lines that each test executes, and how long it takes."""
+
+    def __init__(self, plan: dict[str, Any]) -> None:
+        self._root, self._out = plan["root"] + os.sep, Path(plan["out"])
+        self._seen: set[tuple[str, int]] = set()
+        self._lines: dict[tuple[str, int], list[int]] = defaultdict(list)
+        self._tests: list[str] = []
+        self._duration: Counter[str] = Counter()
+        self._passed: set[str] = set()
+        self._wide: set[str] = set()
+        self._shared: list[list[str]] = []
+        self._open: list[tuple[pytest.FixtureDef[Any], Any]] = []
+        watch = sys.monitoring
+        watch.use_tool_id(watch.COVERAGE_ID, "mutants")
+        watch.register_callback(watch.COVERAGE_ID, watch.events.LINE, self._line)
+        watch.set_events(watch.COVERAGE_ID, watch.events.LINE)
+
+    def _line(self, code: CodeType, line: int) -> object:
+        if code.co_filename and code.co_filename.startswith(self._root):
+            self._seen.add((code.co_filename, line))
+        return sys.monitoring.DISABLE  # until events are restarted
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(
+        self, fixturedef: pytest.FixtureDef[Any], request: Any
+    ) -> Iterator[None]:
+        if fixturedef.scope != "function" and fixturedef.baseid:
+            self._wide.add(fixturedef.argname)
+            if fixturedef.scope == "session":
+                self._open.append((fixturedef, request))
+        return (yield)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(
+        self, item: pytest.Item, nextitem: pytest.Item | None
+    ) -> Iterator[None]:
+        self._seen.clear()
+        sys.monitoring.restart_events()
+        result = yield
+        for line in self._seen:
+            self._lines[line].append(len(self._tests))
+        self._tests.append(item.nodeid)
+        self._shared.append(sorted(self._wide.intersection(getattr(item, "fixturenames", ()))))
+        if nextitem is None or nextitem.path != item.path:
+            # So that what a session shares is executed once for each file of tests.
+            for fixturedef, request in self._open:
+                fixturedef.finish(request)
+            self._open.clear()
+        return result
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self._duration[report.nodeid] += report.duration
+        if report.when == "call" and report.passed:
+            self._passed.add(report.nodeid)
+
+    def pytest_sessionfinish(self) -> None:
+        lines: dict[str, dict[int, list[int]]] = defaultdict(dict)
+        for (path, line), tests in self._lines.items():
+            lines[path.removeprefix(self._root)][line] = tests
+        tests = zip(self._tests, self._shared, strict=True)
+        found = [(t, self._duration[t], t in self._passed, shared) for t, shared in tests]
+        self._out.write_text(json.dumps({"tests": found, "lines": lines}))
+
+
+class _Choice:
+    """Keeps the tests that a plan names, in its order, and notes the first that fails."""
+
+    def __init__(self, plan: dict[str, Any]) -> None:
+        self._order = {test: i for i, test in enumerate(plan["tests"])}
+        self._out = Path(plan["out"])
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        chosen = [item for item in items if item.nodeid in self._order]
+        items[:] = sorted(chosen, key=lambda item: self._order[item.nodeid])
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        if report.failed:
+            self._note(f"{report.nodeid} (collection)")
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.failed:
+            self._note(report.nodeid)
+
+    def _note(self, name: str) -> None:
+        if not self._out.exists():
+            self._out.write_text(name)
+
+
+# After it
+
+
+class Tests:
+    """The tests, and which of them see a mutant."""
+
+    def __init__(self, record: dict[str, Any], root: Path) -> None:
+        self._names = [name for name, *_ in record["tests"]]
+        self._duration = [duration for _, duration, *_ in record["tests"]]
+        self._is_used = [ok and took <= _LONGEST for _, took, ok, _ in record["tests"]]
+        self._lines = record["lines"]
+        self._shared = [
+            {(name.partition("::")[0], fixture) for fixture in shared}
+            for name, _, _, shared in record["tests"]
+        ]
+        self._sharing: dict[tuple[str, str], set[int]] = defaultdict(set)
+        for i, shared in enumerate(self._shared):
+            for key in shared:
+                self._sharing[key].add(i)
+        self._imports = {
+            file: _imported(root / file) for file in {n.partition("::")[0] for n in self._names}
+        }
+        self._mentions: dict[str, list[tuple[str, int]]] = defaultdict(list)
+        self._passed_on: dict[str, set[str]] = defaultdict(set)
+        for path in self._lines:
+            self._index(path, ast.parse((root / path).read_text(encoding="utf-8")), False)
+
+    def _index(self, path: str, node: ast.AST, is_called: bool) -> None:
+        """Notes the lines that mention a name, or at import the names that depend on it."""
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.stmt) and not is_called:
+                targets = set(targets_of(child))
+                if isinstance(child, ast.FunctionDef):
+                    targets = {child.name}
+                if not isinstance(child, ast.ClassDef):
+                    for name in filter(None, map(name_of, _outside(child))):
+                        self._passed_on[name] |= targets
+            if is_called and (name := name_of(child)) and hasattr(child, "lineno"):
+                self._mentions[name].append((path, child.lineno))
+            if isinstance(child, ast.FunctionDef):
+                first, last = child.body[0].lineno, child.body[-1].end_lineno or 0
+                self._mentions[child.name] += [(path, n) for n in range(first, last + 1)]
+            is_body = isinstance(child, ast.FunctionDef | ast.Lambda)
+            self._index(path, child, is_called or is_body)
+
+    def _at(self, path: str, lines: Sequence[int]) -> set[int]:
+        seen = self._lines.get(path, {})
+        return {test for line in lines for test in seen.get(str(line), ())}
+
+    def of(self, mutant: Mutant) -> tuple[list[str], int]:
+        """Tests that may see a mutant, as many as there is time for, and how many there are.
+
+        First those of files that import the changed one, each kind by duration.
+        """
+        if mutant.names is None:
+            found = self._at(mutant.path, [mutant.line])
+            found = found or self._at(mutant.path, range(mutant.block[0], mutant.block[1] + 1))
+        else:
+            known, new = set(mutant.names), set(mutant.names)
+            while new:
+                new = set().union(*(self._passed_on[name] for name in new)) - known
+                known |= new
+            places = [place for name in known for place in self._mentions[name]]
+            found = set().union(*(self._at(path, [line]) for path, line in places))
+        found |= {t for i in set(found) for key in self._shared[i] for t in self._sharing[key]}
+        module = "parapod." + mutant.path.removesuffix(".py").replace("/", ".")
+
+        def rank(i: int) -> tuple[bool, float, int]:
+            is_near = module in self._imports[self._names[i].partition("::")[0]]
+            return not is_near, self._duration[i], i
+
+        used = sorted((i for i in found if self._is_used[i]), key=rank)
+        chosen, total, begun = [], 0.0, set[tuple[str, str]]()
+        for i in used:
+            new_shares = self._shared[i] - begun
+            total += max(
+                [self._duration[i]]
+                + [max(self._duration[t] for t in self._sharing[key]) for key in new_shares]
+            )
+            if total > _CHOSEN and chosen:
+                break
+            begun |= new_shares
+            chosen.append(self._names[i])
+        return chosen, len(used)
+
+
+def _outside(node: ast.stmt) -> Iterator[ast.AST]:
+    """What a statement executes itself: of a function only its decorators and defaults."""
+    if not isinstance(node, ast.FunctionDef):
+        yield from ast.walk(node)
+        return
+    for child in (*node.decorator_list, *node.args.defaults, *node.args.kw_defaults):
+        if child is not None:
+            yield from ast.walk(child)
+
+
+def _imported(path: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
