@@ -20,7 +20,7 @@ import pytest
 from benchmarks.mutations import Mutant, name_of, targets_of
 
 PLAN = "MUTANTS_PLAN"  # environment variable: the file that tells a test run what to do
-_CHOSEN = 30.0  # duration of the tests of one mutant, as recorded [s]
+_CHOSEN = 20.0  # duration of the tests of one mutant, as recorded [s]
 _LONGEST = 20.0  # tests that take longer are left out [s]
 
 # In the test run
@@ -42,8 +42,8 @@ class _Record:
         self._tests: list[str] = []
         self._duration: Counter[str] = Counter()
         self._passed: set[str] = set()
-        self._wide: set[str] = set()
-        self._shared: list[list[str]] = []
+        self._scopes: dict[str, str] = {}
+        self._shared: list[list[tuple[str, str]]] = []
         self._open: list[tuple[pytest.FixtureDef[Any], Any]] = []
         watch = sys.monitoring
         watch.use_tool_id(watch.COVERAGE_ID, "mutants")
@@ -60,7 +60,7 @@ class _Record:
         self, fixturedef: pytest.FixtureDef[Any], request: Any
     ) -> Iterator[None]:
         if fixturedef.scope != "function" and fixturedef.baseid:
-            self._wide.add(fixturedef.argname)
+            self._scopes[fixturedef.argname] = fixturedef.scope
             if fixturedef.scope == "session":
                 self._open.append((fixturedef, request))
         return (yield)
@@ -75,7 +75,8 @@ class _Record:
         for line in self._seen:
             self._lines[line].append(len(self._tests))
         self._tests.append(item.nodeid)
-        self._shared.append(sorted(self._wide.intersection(getattr(item, "fixturenames", ()))))
+        names = set(getattr(item, "fixturenames", ())) & self._scopes.keys()
+        self._shared.append([(name, self._scopes[name]) for name in sorted(names)])
         if nextitem is None or nextitem.path != item.path:
             # So that what a session shares is executed once for each file of tests.
             for fixturedef, request in self._open:
@@ -131,12 +132,14 @@ class Tests:
         self._names = [name for name, *_ in record["tests"]]
         self._duration = [duration for _, duration, *_ in record["tests"]]
         self._is_used = [ok and took <= _LONGEST for _, took, ok, _ in record["tests"]]
-        self._lines = record["lines"]
+        lines = record["lines"]
+        # Templates have lines too.
+        self._lines = {path: lines[path] for path in lines if path.endswith(".py")}
         self._shared = [
-            {(name.partition("::")[0], fixture) for fixture in shared}
+            {_sharing_key(name, *fixture) for fixture in shared}
             for name, _, _, shared in record["tests"]
         ]
-        self._sharing: dict[tuple[str, str], set[int]] = defaultdict(set)
+        self._sharing: dict[tuple[str, ...], set[int]] = defaultdict(set)
         for i, shared in enumerate(self._shared):
             for key in shared:
                 self._sharing[key].add(i)
@@ -193,18 +196,27 @@ class Tests:
             return not is_near, self._duration[i], i
 
         used = sorted((i for i in found if self._is_used[i]), key=rank)
-        chosen, total, begun = [], 0.0, set[tuple[str, str]]()
+        chosen, total, begun = [], 0.0, set[tuple[str, ...]]()
         for i in used:
-            new_shares = self._shared[i] - begun
-            total += max(
-                [self._duration[i]]
-                + [max(self._duration[t] for t in self._sharing[key]) for key in new_shares]
-            )
-            if total > _CHOSEN and chosen:
-                break
-            begun |= new_shares
-            chosen.append(self._names[i])
-        return chosen, len(used)
+            # Who begins what is shared pays for it.
+            shared = [
+                max(self._duration[t] for t in self._sharing[k]) for k in self._shared[i] - begun
+            ]
+            cost = max([self._duration[i], *shared])
+            if total + cost <= _CHOSEN:
+                total += cost
+                begun |= self._shared[i]
+                chosen.append(self._names[i])
+        return chosen or [self._names[i] for i in used[:1]], len(used)
+
+
+def _sharing_key(test: str, fixture: str, scope: str) -> tuple[str, ...]:
+    """What tests have in common that share a fixture's work.
+
+    A fixture of the session may do it when a test calls it, for that test's parameters.
+    """
+    file = test.partition("::")[0]
+    return (file, fixture) if scope != "session" else (file, fixture, test.partition("[")[2])
 
 
 def _outside(node: ast.stmt) -> Iterator[ast.AST]:

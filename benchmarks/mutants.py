@@ -38,7 +38,9 @@ from benchmarks.executed_lines import PLAN, Tests
 from benchmarks.mutations import Mutant, draw, list_mutants
 
 _ROOT = Path(__file__).resolve().parents[1]
-_LIMIT = 60.0  # for the tests of one mutant, twice what is chosen; beyond, it hangs [s]
+_LIMIT = 60.0  # for the tests of one mutant, three times what is chosen; beyond, it hangs [s]
+# Files on which it depends what tests execute.
+_SEEN = {".jinja", ".obj", ".py", ".sdf", ".toml", ".urdf", ".xml", ".yaml"}
 _KILLED = ("killed", "timeout")
 
 
@@ -97,11 +99,22 @@ class _Copy:
         except subprocess.TimeoutExpired:
             code = None
         finally:
-            # With the children that a test has left.
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
+            self._end_all(process.pid)
             process.wait()
         return code, self._out.read_text() if self._out.exists() else ""
+
+    def _end_all(self, group: int) -> None:
+        """Kills a test run and whatever it has left, in sessions of their own too.
+
+        Those are known by the plan in their environment, where there is a /proc.
+        """
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(group, signal.SIGKILL)
+        mark = f"{PLAN}={self._plan}".encode()
+        for environment in Path("/proc").glob("[0-9]*/environ"):
+            with contextlib.suppress(OSError):
+                if mark in environment.read_bytes().split(b"\0"):
+                    os.kill(int(environment.parent.name), signal.SIGKILL)
 
     @contextlib.contextmanager
     def changed(self, mutant: Mutant) -> Iterator[None]:
@@ -129,7 +142,8 @@ class Outcome:
 
     Attributes:
         mutant: the change.
-        verdict: killed, timeout (which is killed too), survived, or not covered.
+        verdict: killed; timeout, which is killed too; survived; not covered; too slow, where the
+            tests hang without the change as well.
         by: the test that failed.
         tests: number of tests that were chosen.
         of: number of tests that execute the line.
@@ -148,7 +162,7 @@ def _record(copy: _Copy, console: Console) -> dict[str, Any]:
     """Which test executes which lines: as kept, or recorded by a run of all tests."""
     digest = hashlib.sha256()
     for name in _files():
-        if PurePosixPath(name).suffix in (".py", ".yaml", ".toml", ".urdf", ".sdf", ".xml"):
+        if PurePosixPath(name).suffix in _SEEN and not name.startswith("benchmarks/"):
             digest.update(name.encode() + (_ROOT / name).read_bytes())
     kept = _ROOT / "build" / "mutants" / f"{digest.hexdigest()[:16]}.json"
     if not kept.exists():
@@ -169,10 +183,12 @@ def _try(mutant: Mutant, tests: Tests, copy: _Copy) -> Outcome:
     if not chosen:
         return Outcome(mutant, "not covered")
     files = list(dict.fromkeys(name.partition("::")[0] for name in chosen))
-    began = time.monotonic()
+    began, arguments = time.monotonic(), ["-x", *files]
     with copy.changed(mutant):
-        code, by = copy.pytest({"tests": chosen}, ["-x", *files], _LIMIT)
+        code, by = copy.pytest({"tests": chosen}, arguments, _LIMIT)
     verdict = {None: "timeout", 0: "survived"}.get(code, "killed")
+    if code is None and copy.pytest({"tests": chosen}, arguments, _LIMIT)[0] is None:
+        verdict = "too slow"
     if code not in (0, None) and not by:
         by = f"pytest ended with {code}"
     return Outcome(mutant, verdict, by, len(chosen), count, time.monotonic() - began)
