@@ -21,6 +21,7 @@ from benchmarks.mutations import Mutant, name_of, targets_of
 
 PLAN = "MUTANTS_PLAN"  # environment variable: the file that tells a test run what to do
 _CHOSEN = 20.0  # duration of the tests of one mutant, as recorded [s]
+_COLLECTED = 0.1  # to collect the tests of one file [s]
 _LONGEST = 20.0  # tests that take longer are left out [s]
 
 # In the test run
@@ -143,6 +144,9 @@ class Tests:
         for i, shared in enumerate(self._shared):
             for key in shared:
                 self._sharing[key].add(i)
+        self._largest = {
+            key: max(self._duration[i] for i in tests) for key, tests in self._sharing.items()
+        }
         self._imports = {
             file: _imported(root / file) for file in {n.partition("::")[0] for n in self._names}
         }
@@ -196,15 +200,16 @@ class Tests:
             return not is_near, self._duration[i], i
 
         used = sorted((i for i in found if self._is_used[i]), key=rank)
-        chosen, total, begun = [], 0.0, set[tuple[str, ...]]()
+        chosen, total = [], 0.0
+        files, begun = set[str](), set[tuple[str, ...]]()
         for i in used:
+            file = self._names[i].partition("::")[0]
             # Who begins what is shared pays for it.
-            shared = [
-                max(self._duration[t] for t in self._sharing[k]) for k in self._shared[i] - begun
-            ]
-            cost = max([self._duration[i], *shared])
+            shared = [self._largest[key] for key in self._shared[i] - begun]
+            cost = self._duration[i] + sum(shared) + (0.0 if file in files else _COLLECTED)
             if total + cost <= _CHOSEN:
                 total += cost
+                files.add(file)
                 begun |= self._shared[i]
                 chosen.append(self._names[i])
         return chosen or [self._names[i] for i in used[:1]], len(used)
