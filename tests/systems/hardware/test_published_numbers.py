@@ -4,6 +4,7 @@ import pytest
 
 from parapod.systems.hardware import canopen
 from parapod.systems.hardware.adis16448 import registers
+from parapod.systems.hardware.epos2 import objects
 
 # CiA 301 (2011), 7.2.8 NMT services and 7.3.3 generic pre-defined connection set.
 CANOPEN = {
@@ -25,3 +26,38 @@ ADIS16448 = {"START_UP_TIME": 0.205, "PRODUCT_ID": 16448, "BURST_WORDS": 13}
 )
 def test_shared_numbers_are_those_of_the_standard_or_the_maker(module, published):
     assert {name: getattr(module, name) for name in published} == published
+
+
+# Error codes of the EPOS2 Firmware Specification, chapter "Error Handling", by their groups.
+EPOS2_ERRORS = {
+    0x1000: (0x0,),
+    0x2310: (0x0,),
+    0x3210: (0x0, 0x10),
+    0x4210: (0x0,),
+    0x5113: (0x0, 0x1),
+    0x6100: (0x0, 0x220),
+    0x7320: (0x0,),
+    0x8110: (0x0, 0x1, 0x10, 0x20, 0x40, 0xED, 0xEE, 0xEF),
+    0x8210: (0x0, 0x401),
+    0xFF01: (0x0, 0x1, 0x5, 0x6, 0x8, 0x9, 0xA),
+}
+
+
+def test_the_errors_of_an_epos2_are_those_of_its_firmware():
+    published = {first + further for first, rest in EPOS2_ERRORS.items() for further in rest}
+    assert set(objects.ERRORS) == published
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (0x2310, "overcurrent"),
+        (0x8130, "heartbeat"),
+        (0x8611, "following error"),
+        (0xFF06, "negative limit switch"),
+        (0xFF09, "software position limit"),
+    ],
+)
+def test_an_error_is_told_with_its_code_and_in_words(code, words):
+    assert objects.described(code).startswith(f"EMCY 0x{code:04X} (")
+    assert words in objects.described(code)
