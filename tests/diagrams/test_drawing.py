@@ -9,6 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from parapod.diagrams.drawing import publish
 from parapod.diagrams.walking_chair import model as chair
 from parapod.diagrams.wiring import add
+from parapod.systems.levelling_platform.sliders import PostureSliders
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.gait import Walk
 from parapod.systems.walking_chair.masses import Passenger
@@ -20,6 +21,11 @@ def test_meshcat_is_told_thirty_times_a_second():
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(2.01)
     assert simulator.get_num_publishes() == 1 + 60
+
+
+def test_sliders_are_read_twenty_times_a_second():
+    timing = PostureSliders(Meshcat()).GetUniquePeriodicDiscreteUpdateAttribute()
+    assert (timing.period_sec(), timing.offset_sec()) == (0.05, 0.0)
 
 
 @pytest.mark.parametrize("passenger", [Passenger(), Passenger(0.0)], ids=["with", "without"])
