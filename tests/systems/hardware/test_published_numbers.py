@@ -1,10 +1,13 @@
 """Numbers that a driver shares with its emulator, so that both together would hide a wrong one."""
 
+import math
+
 import pytest
 
 from parapod.systems.hardware import canopen
 from parapod.systems.hardware.adis16448 import registers
 from parapod.systems.hardware.epos2 import objects
+from parapod.systems.sensors.imu import ImuParams
 
 # CiA 301 (2011), 7.2.8 NMT services and 7.3.3 generic pre-defined connection set.
 CANOPEN = {
@@ -61,3 +64,23 @@ def test_the_errors_of_an_epos2_are_those_of_its_firmware():
 def test_an_error_is_told_with_its_code_and_in_words(code, words):
     assert objects.described(code).startswith(f"EMCY 0x{code:04X} (")
     assert words in objects.described(code)
+
+
+@pytest.mark.parametrize(
+    ("kind", "unit", "noise", "instability", "resolution", "largest"),
+    [
+        ("gyro", math.radians(1.0), 0.0135, 14.5 / 3600.0, 0.04, 1000.0),
+        ("accel", 9.80665e-3, 0.23, 0.25, 1000.0 / 1200.0, 18e3),
+        ("mag", 1e-7, 0.06, None, 1.0 / 7.0, 1.9e3),
+    ],
+)
+def test_the_simulated_sensor_has_the_numbers_of_the_data_sheet(
+    kind, unit, noise, instability, resolution, largest
+):
+    """In deg/s, mg and mgauss; densities for the square root of a hertz."""
+    imu = ImuParams()
+    assert getattr(imu, f"{kind}_noise_density") == pytest.approx(noise * unit)
+    assert getattr(imu, f"{kind}_resolution") == pytest.approx(resolution * unit)
+    assert getattr(imu, f"{kind}_range") == pytest.approx(largest * unit)
+    if instability is not None:
+        assert getattr(imu, f"{kind}_bias_instability") == pytest.approx(instability * unit)
