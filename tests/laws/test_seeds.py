@@ -1,15 +1,15 @@
-"""Laws of the seed of every machine's scenario."""
+"""Laws of the seed of every machine's scenario, and of those that are made of their base."""
 
 import pytest
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.machine import list_machines
+from parapod.diagrams.machine import MachineScenario, list_machines
 from parapod.systems.core.errors import ScenarioError
 
-each_machine = pytest.mark.parametrize("machine", list_machines(), ids=lambda m: m.name)
+MACHINES = list_machines()
 
 
-@each_machine
+@pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.name)
 @pytest.mark.parametrize("seed", [0, 2**31 - 1])
 def test_every_seed_of_31_bits_begins_a_loop(machine, seed):
     scenario = machine.scenario(backend="kinematic", seed=seed)
@@ -18,8 +18,13 @@ def test_every_seed_of_31_bits_begins_a_loop(machine, seed):
     assert loop.CreateDefaultContext().get_time() == 0.0
 
 
-@each_machine
-@pytest.mark.parametrize("seed", [-1, 2**31])
-def test_a_seed_beyond_31_bits_is_refused(machine, seed):
-    with pytest.raises(ScenarioError, match="seed"):
-        machine.scenario(seed=seed)
+@pytest.mark.parametrize(
+    "schema",
+    [MachineScenario, *(machine.scenario for machine in MACHINES)],
+    ids=lambda schema: schema.__name__,
+)
+def test_seeds_have_31_bits(schema):
+    assert schema(seed=2**31 - 1).seed == 2**31 - 1
+    for seed in (-1, 2**31):
+        with pytest.raises(ScenarioError, match="seed"):
+            schema(seed=seed)
