@@ -244,8 +244,19 @@ def main(arguments: Sequence[str]) -> int:
         for mutant in drawn:
             print(f"{mutant.kind:18} {mutant}")
         return 0
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-    outcomes = []
+    # What is begun is ended and removed in both cases, and what is known is shown.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    outcomes: list[Outcome] = []
+    with contextlib.suppress(KeyboardInterrupt):
+        _run(drawn, outcomes, options.json, console)
+    _print(outcomes, console)
+    return 0 if len(outcomes) == len(drawn) else 130
+
+
+def _run(
+    drawn: Sequence[Mutant], outcomes: list[Outcome], report: Path | None, console: Console
+) -> None:
+    """Tries mutants one by one, and adds what became of them."""
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         copy = _Copy(Path(folder))
         tests = Tests(_record(copy, console), copy.tree)
@@ -254,10 +265,8 @@ def main(arguments: Sequence[str]) -> int:
             outcomes.append(outcome)
             told = f"{number}/{len(drawn)} {outcome.verdict:11} {outcome.seconds:5.1f} s  {mutant}"
             console.print(told, highlight=False, markup=False, soft_wrap=True)
-            if options.json:
-                _write(outcomes, options.json)
-    _print(outcomes, console)
-    return 0
+            if report:
+                _write(outcomes, report)
 
 
 def _write(outcomes: Sequence[Outcome], path: Path) -> None:
