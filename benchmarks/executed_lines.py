@@ -9,7 +9,7 @@ import ast
 import json
 import os
 import sys
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import CodeType
@@ -41,7 +41,7 @@ class _Record:
         self._seen: set[tuple[str, int]] = set()
         self._lines: dict[tuple[str, int], list[int]] = defaultdict(list)
         self._tests: list[str] = []
-        self._duration: Counter[str] = Counter()
+        self._duration: dict[str, float] = defaultdict(float)
         self._passed: set[str] = set()
         self._scopes: dict[str, str] = {}
         self._shared: list[list[tuple[str, str]]] = []
@@ -94,8 +94,10 @@ class _Record:
         lines: dict[str, dict[int, list[int]]] = defaultdict(dict)
         for (path, line), tests in self._lines.items():
             lines[path.removeprefix(self._root)][line] = tests
-        tests = zip(self._tests, self._shared, strict=True)
-        found = [(t, self._duration[t], t in self._passed, shared) for t, shared in tests]
+        found = [
+            (name, self._duration[name], name in self._passed, shared)
+            for name, shared in zip(self._tests, self._shared, strict=True)
+        ]
         self._out.write_text(json.dumps({"tests": found, "lines": lines}))
 
 

@@ -170,9 +170,11 @@ class _Finder(ast.NodeVisitor):
         around = self._source[first:start], self._source[end : max(end, last)]
         before = "".join((around[0], self._source[start:end], around[1]))
         after = "".join((around[0], text, around[1]))
-        shown = (" ".join(code.split()) for code in (before, after))
+        before, after = (" ".join(code.split()) for code in (before, after))
         self.found.append(
-            Mutant(self._path, line, kind, start, end, text, *shown, self._block, self._names)
+            Mutant(
+                self._path, line, kind, start, end, text, before, after, self._block, self._names
+            )
         )
 
     def _operator(
