@@ -10,7 +10,7 @@ import json
 import os
 import sys
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import CodeType
 from typing import Any
@@ -133,6 +133,8 @@ class Tests:
 
     def __init__(self, record: dict[str, Any], root: Path) -> None:
         self._names = [name for name, *_ in record["tests"]]
+        self._numbers = {name: i for i, name in enumerate(self._names)}
+        self._trusted: set[str] = set()
         self._duration = [duration for _, duration, *_ in record["tests"]]
         self._is_used = [ok and took <= _LONGEST for _, took, ok, _ in record["tests"]]
         lines = record["lines"]
@@ -178,6 +180,21 @@ class Tests:
     def _at(self, path: str, lines: Sequence[int]) -> set[int]:
         seen = self._lines.get(path, {})
         return {test for line in lines for test in seen.get(str(line), ())}
+
+    def is_trusted(self, test: str, passes: Callable[[str], bool]) -> bool:
+        """Whether a test that failed passes alone without a change; if not it is used no more.
+
+        Args:
+            test: its name, or what else a run says that failed.
+            passes: runs one test without a change.
+        """
+        if test in self._trusted or test not in self._numbers:
+            return True
+        if passes(test):
+            self._trusted.add(test)
+            return True
+        self._is_used[self._numbers[test]] = False
+        return False
 
     def of(self, mutant: Mutant) -> tuple[list[str], int]:
         """Tests that may see a mutant, as many as there is time for, and how many there are.

@@ -103,6 +103,11 @@ class _Copy:
             process.wait()
         return code, self._out.read_text() if self._out.exists() else ""
 
+    def run_tests(self, tests: Sequence[str]) -> tuple[int | None, str]:
+        """Runs some tests up to the first that fails: the exit code, and that test."""
+        files = dict.fromkeys(name.partition("::")[0] for name in tests)
+        return self.pytest({"tests": list(tests)}, ["-x", *files], _LIMIT)
+
     def _end_all(self, group: int) -> None:
         """Kills a test run and whatever it has left, in sessions of their own too.
 
@@ -179,17 +184,20 @@ def _record(copy: _Copy, console: Console) -> dict[str, Any]:
 
 
 def _try(mutant: Mutant, tests: Tests, copy: _Copy) -> Outcome:
-    chosen, count = tests.of(mutant)
-    if not chosen:
-        return Outcome(mutant, "not covered")
-    files = list(dict.fromkeys(name.partition("::")[0] for name in chosen))
-    began, arguments = time.monotonic(), ["-x", *files]
-    with copy.changed(mutant):
-        code, by = copy.pytest({"tests": chosen}, arguments, _LIMIT)
+    """Runs the tests of a mutant; one that fails alone without the change is left out for good."""
+    began = time.monotonic()
+    while True:
+        chosen, count = tests.of(mutant)
+        if not chosen:
+            return Outcome(mutant, "not covered")
+        with copy.changed(mutant):
+            code, by = copy.run_tests(chosen)
+        if not by or tests.is_trusted(by, lambda test: copy.run_tests([test])[0] == 0):
+            break
     verdict = {None: "timeout", 0: "survived"}.get(code, "killed")
-    if code is None and copy.pytest({"tests": chosen}, arguments, _LIMIT)[0] is None:
+    if code is None and copy.run_tests(chosen)[0] is None:
         verdict = "too slow"
-    if code not in (0, None) and not by:
+    if verdict == "killed" and not by:
         by = f"pytest ended with {code}"
     return Outcome(mutant, verdict, by, len(chosen), count, time.monotonic() - began)
 
