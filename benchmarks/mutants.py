@@ -184,18 +184,26 @@ def _record(copy: _Copy, console: Console) -> dict[str, Any]:
 
 
 def _try(mutant: Mutant, tests: Tests, copy: _Copy) -> Outcome:
-    """Runs the tests of a mutant; one that fails alone without the change is left out for good."""
-    began = time.monotonic()
+    """Runs the tests of a mutant.
+
+    A test that fails alone without the change is left out for good. Where the tests take too long
+    without it as well, a quarter of them has to do.
+    """
+    began, part = time.monotonic(), 1.0
     while True:
         chosen, count = tests.of(mutant)
         if not chosen:
             return Outcome(mutant, "not covered")
+        chosen = chosen[: max(1, int(part * len(chosen)))]
         with copy.changed(mutant):
             code, by = copy.run_tests(chosen)
-        if not by or tests.is_trusted(by, lambda test: copy.run_tests([test])[0] == 0):
+        is_slow = code is None and copy.run_tests(chosen)[0] is None
+        if is_slow and len(chosen) > 1:
+            part /= 4.0
+        elif not by or tests.is_trusted(by, lambda test: copy.run_tests([test])[0] == 0):
             break
     verdict = {None: "timeout", 0: "survived"}.get(code, "killed")
-    if code is None and copy.run_tests(chosen)[0] is None:
+    if is_slow:
         verdict = "too slow"
     if verdict == "killed" and not by:
         by = f"pytest ended with {code}"
