@@ -1,4 +1,5 @@
 """`python -m benchmarks [--strict] [GROUP ...]`: kinematics, realtime, accuracy, .. (see _GROUPS).
+`python -m benchmarks mutants [--help]`: how many single changes of the code the tests notice.
 
 Measures and prints: the groups that are named, or all but the day's run. With `--strict` a missed
 bound is an exit code of 1; what a busy machine misses is no error.
@@ -8,7 +9,7 @@ import sys
 
 from rich.console import Console
 
-from benchmarks import accuracy, chair, endurance, hardware, kinematics, realtime
+from benchmarks import accuracy, chair, endurance, hardware, kinematics, mutants, realtime
 from benchmarks.report import Measurement, print_measurements
 
 _GROUPS = ("kinematics", "realtime", "accuracy", "chair", "endurance", "hardware", "day")
@@ -16,6 +17,8 @@ _DEFAULT = tuple(name for name in _GROUPS if name != "day")
 
 
 def main(arguments: list[str]) -> int:
+    if arguments[:1] == ["mutants"]:
+        return mutants.main(arguments[1:])
     console = Console()
     names = [name for name in arguments if name != "--strict"]
     strict = len(names) < len(arguments)

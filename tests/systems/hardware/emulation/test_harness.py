@@ -5,6 +5,7 @@ import struct
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -174,6 +175,19 @@ while True:
                 assert count >= last
                 last = count
     assert last > 1000
+
+
+def test_wires_that_nobody_writes_are_read_without_waiting(harness, other, monkeypatch):
+    """Whatever the number of writes before: a reader that waited would ask for the time."""
+
+    def monotonic():
+        raise AssertionError("a reading at rest waits")
+
+    clock = SimpleNamespace(monotonic=monotonic)
+    monkeypatch.setattr("parapod.systems.hardware.emulation.harness.time", clock)
+    for k in range(4):
+        harness.set("legs.stop", [float(k)])
+        assert other.get("legs.stop") == (float(k),)
 
 
 # Misbehaviour

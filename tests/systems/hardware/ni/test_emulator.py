@@ -9,6 +9,7 @@ from nidaqmx._stubs import nidaqmx_pb2, nidaqmx_pb2_grpc
 from nidaqmx.constants import EncoderType
 from nidaqmx.error_codes import DAQmxErrors
 from nidaqmx.errors import DaqError
+from nidaqmx.stream_readers import CounterReader
 from nidaqmx.stream_writers import AnalogMultiChannelWriter
 
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
@@ -85,7 +86,7 @@ def encoder(made, counter="PXI1Slot2/ctr1", **settings):
 
 
 def read(made):
-    return nidaqmx.stream_readers.CounterReader(made.in_stream).read_one_sample_double()
+    return CounterReader(made.in_stream).read_one_sample_double()
 
 
 @pytest.mark.parametrize(

@@ -501,3 +501,14 @@ def test_drivers_do_without_a_wire_for_the_stop(tmp_path):
 def test_more_actuators_than_motors_are_refused(tmp_path):
     with pytest.raises(ValueError, match="5 elements for 4 motors"):
         SabertoothPty(tmp_path / "legs", Harness({"legs.voltage": 5}))
+
+
+def test_on_a_garbled_line_more_packets_are_lost_than_arrive(harness, misbehaviour, tmp_path):
+    link = tmp_path / "legs"
+    sent = [packet(128, 0, value) for value in range(1, 71)]
+    with SabertoothPty(link, harness, misbehaviour) as drivers:
+        misbehaviour.begin("garbage", time.monotonic())
+        with serial.Serial(str(link), 38400) as port:
+            port.write(b"".join(sent))
+            until(lambda: 2 * drivers.rejected > len(sent))
+            assert drivers.rejected < len(sent)

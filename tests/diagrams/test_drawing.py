@@ -1,0 +1,62 @@
+"""What is drawn, and when."""
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from parapod.diagrams.drawing import publish
+from parapod.diagrams.walking_chair import model as chair
+from parapod.diagrams.wiring import add
+from parapod.systems.levelling_platform.sliders import PostureSliders
+from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
+from parapod.systems.walking_chair.gait import Walk
+from parapod.systems.walking_chair.masses import Passenger
+
+
+def test_meshcat_is_told_thirty_times_a_second():
+    builder = DiagramBuilder()
+    publish(builder, add(builder, SceneGraph()), Meshcat(), "drawn")
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(2.01)
+    assert simulator.get_num_publishes() == 1 + 60
+
+
+def test_sliders_are_read_twenty_times_a_second():
+    timing = PostureSliders(Meshcat()).GetUniquePeriodicDiscreteUpdateAttribute()
+    assert (timing.period_sec(), timing.offset_sec()) == (0.05, 0.0)
+
+
+@pytest.mark.parametrize("passenger", [Passenger(), Passenger(0.0)], ids=["with", "without"])
+def test_a_picture_of_the_chair_shows_it_where_the_walk_is_at_that_time(monkeypatch, passenger):
+    """Without a renderer: what would be seen is read from the scene."""
+    seen = {}
+
+    def take(scene_graph, root_context, views):
+        scene = scene_graph.get_query_output_port().Eval(
+            scene_graph.GetMyContextFromRoot(root_context)
+        )
+        inspector = scene.inspector()
+        for frame in inspector.GetAllFrameIds():
+            seen[inspector.GetName(frame)] = scene.GetPoseInWorld(frame)
+        return list(views)
+
+    monkeypatch.setattr(chair, "add_renderer", lambda scene_graph: None)
+    monkeypatch.setattr(chair, "take", take)
+    walk, time = Walk(), 0.4 * Walk().duration
+    assert chair.photograph(["from the side"], walk, time, passenger) == ["from the side"]
+    motion = walk.motion(chair.CHAIR_GEOMETRY, time)
+    body = motion.body.position
+    np.testing.assert_allclose(seen["body::body"].translation(), body, atol=1e-12)
+    place = seen["passenger::passenger"].translation()
+    np.testing.assert_allclose(place, body + passenger.place, atol=1e-12)
+    lengths = chair_inverse(
+        chair.CHAIR_GEOMETRY, body, np.eye(3), motion.feet.position, motion.references
+    )
+    corners = foot_corners(chair.CHAIR_GEOMETRY, body, np.eye(3), lengths)
+    told = corners[np.arange(4), np.asarray(motion.references) - 1]
+    np.testing.assert_allclose(told, motion.feet.position, atol=1e-12)
+    feet = [seen[f"leg_{i}::foot"].translation() for i in (1, 2, 3, 4)]
+    np.testing.assert_allclose(feet, corners[:, 0], atol=1e-12)
+    assert max(foot[2] for foot in feet) > 0.01  # one is on its way

@@ -1,0 +1,86 @@
+"""Numbers that a driver shares with its emulator, so that both together would hide a wrong one."""
+
+import math
+
+import pytest
+
+from parapod.systems.hardware import canopen
+from parapod.systems.hardware.adis16448 import registers
+from parapod.systems.hardware.epos2 import objects
+from parapod.systems.sensors.imu import ImuParams
+
+# CiA 301 (2011), 7.2.8 NMT services and 7.3.3 generic pre-defined connection set.
+CANOPEN = {
+    "SYNC_ID": 0x080,
+    "NMT_ID": 0x000,
+    "HEARTBEAT_BASE": 0x700,
+    "NMT_START": 1,
+    "NMT_PRE_OPERATIONAL": 128,
+    "ON_SYNC": 1,
+    "ON_ARRIVAL": 255,
+    "NOT_VALID": 0x80000000,
+}
+# ADIS16448 data sheet: table 1 "Specifications", and the register that says 16448.
+ADIS16448 = {"START_UP_TIME": 0.205, "PRODUCT_ID": 16448, "BURST_WORDS": 13}
+
+
+@pytest.mark.parametrize(
+    ("module", "published"), [(canopen, CANOPEN), (registers, ADIS16448)], ids=["CiA 301", "ADIS"]
+)
+def test_shared_numbers_are_those_of_the_standard_or_the_maker(module, published):
+    assert {name: getattr(module, name) for name in published} == published
+
+
+# Error codes of the EPOS2 Firmware Specification, chapter "Error Handling", by their groups.
+EPOS2_ERRORS = {
+    0x1000: (0x0,),
+    0x2310: (0x0,),
+    0x3210: (0x0, 0x10),
+    0x4210: (0x0,),
+    0x5113: (0x0, 0x1),
+    0x6100: (0x0, 0x220),
+    0x7320: (0x0,),
+    0x8110: (0x0, 0x1, 0x10, 0x20, 0x40, 0xED, 0xEE, 0xEF),
+    0x8210: (0x0, 0x401),
+    0xFF01: (0x0, 0x1, 0x5, 0x6, 0x8, 0x9, 0xA),
+}
+
+
+def test_the_errors_of_an_epos2_are_those_of_its_firmware():
+    published = {first + further for first, rest in EPOS2_ERRORS.items() for further in rest}
+    assert set(objects.ERRORS) == published
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (0x2310, "overcurrent"),
+        (0x8130, "heartbeat"),
+        (0x8611, "following error"),
+        (0xFF06, "negative limit switch"),
+        (0xFF09, "software position limit"),
+    ],
+)
+def test_an_error_is_told_with_its_code_and_in_words(code, words):
+    assert objects.described(code).startswith(f"EMCY 0x{code:04X} (")
+    assert words in objects.described(code)
+
+
+@pytest.mark.parametrize(
+    ("kind", "unit", "noise", "instability", "resolution", "largest"),
+    [
+        ("gyro", math.radians(1.0), 0.0135, 14.5 / 3600.0, 0.04, 1000.0),
+        ("accel", 9.80665e-3, 0.23, 0.25, 1000.0 / 1200.0, 18e3),
+        ("mag", 1e-7, 0.06, None, 1.0 / 7.0, 1.9e3),
+    ],
+)
+def test_the_simulated_sensor_has_the_numbers_of_the_data_sheet(
+    kind, unit, noise, instability, resolution, largest
+):
+    """In deg/s, mg and mgauss; densities for the square root of a hertz."""
+    imu = ImuParams()
+    assert getattr(imu, f"{kind}_noise_density") == pytest.approx(noise * unit)
+    assert getattr(imu, f"{kind}_resolution") == pytest.approx(resolution * unit)
+    assert getattr(imu, f"{kind}_range") == pytest.approx(largest * unit)
+    if instability is not None:
+        assert getattr(imu, f"{kind}_bias_instability") == pytest.approx(instability * unit)
