@@ -315,12 +315,16 @@ def test_limits_are_kept_before_the_first_reading_after_a_reference(make_screws)
         assert rig.drives._targets() == [-3000 * sign for sign in SIGNS]
 
 
-def test_limits_leave_commands_in_the_middle_of_the_stroke_alone(make_screws):
+def test_limits_leave_commands_in_the_middle_of_the_stroke_alone(make_screws, judge):
     with make_screws(limits=LIMITS) as rig:
         rig.activate()
         for velocity in (0.08, -0.08):
-            driven(rig, 0.15, lambda _, v=velocity: legs(v))
-            assert rig.command == pytest.approx((velocity,) * AXES, abs=RPM)
+            with judge() as judged:
+                driven(rig, 0.15, lambda _, v=velocity: legs(v))
+                commanded = rig.command
+            if commanded == (0.0,) * AXES and judged.late > 0.05:  # heartbeats came too late
+                pytest.skip(f"the machine was late by {judged.late:.3f} s")
+            assert commanded == pytest.approx((velocity,) * AXES, abs=RPM)
 
 
 # --- failures
