@@ -208,7 +208,6 @@ def test_drives_that_fail_end_the_run_within_a_second_and_are_named(
 # --- programs that are killed
 
 
-@pytest.mark.slow
 def test_all_drives_stand_soon_after_the_controller_is_killed(here, in_time, capsys):
     program = here.driving({"legs.velocity_command": [0.02] * 12, "legs.brake": [0.0]})
     at = time.time()

@@ -270,17 +270,24 @@ def run_with(here, capsys):
     put_back(here, before)
 
 
-@pytest.mark.slow
+# The others in `make test-all`.
+SLOW = pytest.mark.slow
+
+
 @pytest.mark.parametrize(
     ("part", "kind", "words"),
     [
         ("imu", "off", r"ADIS16448 at unix:\S+/spi\.sock: does not answer"),
-        ("imu", "garbage", r"ADIS16448 at \S+: .*0x[0-9A-F]{4}"),
-        ("imu", "intermittent", r"ADIS16448 at \S+: does not answer"),
-        ("imu", "unplugged", r"ADIS16448 at \S+: cannot (be reached|transfer)"),
-        ("wheels", "off", r"EPOS2 on slcan \S+/can: node 1 does not answer SYNC"),
-        ("wheels", "garbage", r"EPOS2 on slcan \S+/can: node \d .*"),
         ("wheels", "unplugged", r"EPOS2 on slcan \S+/can: no bus"),
+        pytest.param("imu", "garbage", r"ADIS16448 at \S+: .*0x[0-9A-F]{4}", marks=SLOW),
+        pytest.param("imu", "intermittent", r"ADIS16448 at \S+: does not answer", marks=SLOW),
+        pytest.param(
+            *("imu", "unplugged", r"ADIS16448 at \S+: cannot (be reached|transfer)"), marks=SLOW
+        ),
+        pytest.param(
+            *("wheels", "off", r"EPOS2 on slcan \S+/can: node 1 does not answer SYNC"), marks=SLOW
+        ),
+        pytest.param("wheels", "garbage", r"EPOS2 on slcan \S+/can: node \d .*", marks=SLOW),
     ],
 )
 def test_a_device_that_fails_ends_the_run_within_a_second_and_is_named(

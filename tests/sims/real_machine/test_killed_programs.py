@@ -16,10 +16,7 @@ from parapod.sims.lab.mcap import read_mcap
 for library in ("nidaqmx", "grpc", "canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc"),
-]
+pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 
 # Where programs may not have a priority, others delay heartbeats by more than a wheel bears.
 PATIENT = "hardware.drivers.2.heartbeat_timeout_ms=500"
@@ -108,7 +105,7 @@ def killed(program):
 # --- the controller ends ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
+@pytest.mark.parametrize("name", [pytest.param("SIGINT", marks=pytest.mark.slow), "SIGTERM"])
 def test_a_controller_that_is_asked_to_end_leaves_the_machine_neutral(
     machine, stamped, in_time, name
 ):
@@ -137,6 +134,7 @@ def test_a_controller_that_is_asked_to_end_leaves_the_machine_neutral(
     in_time(took, 2.0, f"end after {name} [s]")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("part", "dead"), [("imu", 0.08), ("legs", 0.25)])
 def test_the_loop_keeps_its_rate_while_a_bus_is_stalled(
     machine, stamped, in_time, part, dead, capsys
@@ -157,6 +155,7 @@ def test_the_loop_keeps_its_rate_while_a_bus_is_stalled(
     in_time(stalled.max(), 0.1, "longest pause of the loop [s]")
 
 
+@pytest.mark.slow
 def test_the_log_of_a_killed_controller_is_readable_up_to_the_last_second(machine, stamped):
     path = machine.directory / "killed.mcap"
     at = killed(levelling(machine, "--log", path))
@@ -196,6 +195,7 @@ def test_wheels_stop_when_the_controller_is_killed_and_analog_outputs_hold(
     in_time(took, 0.2, "wheels stopped after the kill [s]")
 
 
+@pytest.mark.slow
 def test_serial_drivers_stop_the_legs_when_the_controller_is_killed(serial, in_time):
     at = killed(serial.driving(DRIVING))
     time.sleep(0.5)
@@ -214,6 +214,7 @@ def test_serial_drivers_stop_the_legs_when_the_controller_is_killed(serial, in_t
 # --- the emulator is killed: the last tests, there is none afterwards -----------------------
 
 
+@pytest.mark.slow
 def test_a_controller_whose_machine_is_gone_ends_and_names_a_device(machine, in_time):
     controller = machine.parapod(*job(estimate_at=20.0))
     assert machine.until(lambda: machine.has_power, 30.0), controller.communicate()
@@ -228,6 +229,7 @@ def test_a_controller_whose_machine_is_gone_ends_and_names_a_device(machine, in_
     in_time(took, 2.0, "end after the emulator was killed [s]")
 
 
+@pytest.mark.slow
 def test_processes_of_the_devices_end_with_the_emulator(serial):
     assert len(members(serial)) >= 5
     serial.process.kill()
