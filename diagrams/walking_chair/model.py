@@ -54,6 +54,14 @@ def add_chair(plant: MultibodyPlant, passenger: Passenger = Passenger()) -> Chai
     return ChairModel(plant)
 
 
+def add_passenger(plant: MultibodyPlant) -> None:
+    """Adds a passenger who floats to a plant that is drawn, and finalizes it."""
+    parser = Parser(plant)
+    configure_parser(parser)
+    parser.AddModels(url=f"{_FOLDER}/passenger.urdf")
+    plant.Finalize()
+
+
 def _weigh(passenger: Passenger, robot: Element) -> None:
     """Gives the model of a passenger its mass and moments of inertia."""
     mass, inertia = robot.find("link/inertial/mass"), robot.find("link/inertial/inertia")

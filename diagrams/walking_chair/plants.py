@@ -14,7 +14,7 @@ from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, ZeroOrd
 from parapod.diagrams.drawing import draw, publish, remove_visuals
 from parapod.diagrams.multibody import add_discrete_plant
 from parapod.diagrams.station import Behind
-from parapod.diagrams.walking_chair.model import add_chair
+from parapod.diagrams.walking_chair.model import add_chair, add_passenger
 from parapod.diagrams.walking_chair.ports import PARTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect, split_states
@@ -156,7 +156,7 @@ def _add_kinematic_plant(
     no_loops = add(builder, ConstantVectorSource(np.zeros(2 * LEG_COUNT)), "no_loops")
     signals["loop_error"] = no_loops.get_output_port()
     if meshcat is not None:
-        _draw(builder, scenario, drives, chair.GetOutputPort("body_pose"), meshcat)
+        _draw(builder, scenario, drives, chair, meshcat)
 
     def stand(root_context: Context, begun: Beginning) -> None:
         chair.stand(root_context, begun.body[:2], begun.passenger)
@@ -168,18 +168,22 @@ def _draw(
     builder: DiagramBuilder,
     scenario: ChairScenario,
     drives: VelocityServo,
-    body_pose: OutputPort,
+    chair: KinematicChair,
     meshcat: Meshcat,
 ) -> None:
-    """Draws the bodies where the statics have them."""
-    plant = MultibodyPlant(time_step=1.0)
+    """Draws the bodies where the statics have them; the passenger is moved on the seat."""
+    plant, figure = MultibodyPlant(time_step=1.0), MultibodyPlant(time_step=1.0)
     scene_graph = add(builder, SceneGraph(), "drawing")
     plant.RegisterAsSourceForSceneGraph(scene_graph)
-    model = add_chair(plant, scenario.passenger.passenger)
+    model = add_chair(plant, replace(scenario.passenger.passenger, mass=0.0))
     pose = add(builder, ChairPose(model))
     connect(builder, drives.GetOutputPort("position"), pose.GetInputPort("position"))
-    connect(builder, body_pose, pose.GetInputPort("body_pose"))
+    connect(builder, chair.GetOutputPort("body_pose"), pose.GetInputPort("body_pose"))
     draw(builder, plant, pose.get_output_port(), scene_graph)
+    if scenario.passenger.mass_kg > 0.0:
+        figure.RegisterAsSourceForSceneGraph(scene_graph)
+        add_passenger(figure)
+        draw(builder, figure, chair.GetOutputPort("passenger_pose"), scene_graph)
     publish(builder, scene_graph, meshcat, "chair")
 
 

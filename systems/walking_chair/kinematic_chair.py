@@ -33,6 +33,7 @@ class _Stance(NamedTuple):
     contact_force: NDArray[np.float64]
     foot_height: NDArray[np.float64]
     body_pose: NDArray[np.float64]
+    passenger_pose: NDArray[np.float64]  # (7)
     places: NDArray[np.float64]  # (12, 2) corners in the world
     carry: NDArray[np.bool_]  # (12)
 
@@ -49,6 +50,7 @@ class KinematicChair(LeafSystem):
     | out `contact_force` | 4 | N | of the ground on the feet, upwards |
     | out `foot_height` | 12 | m | corners E_1, E_2, E_3 of each foot above the ground |
     | out `body_pose` | 7 | -, m | quaternion (w, x, y, z) and position of the body |
+    | out `passenger_pose` | 7 | -, m | the same of the passenger, from the centre of mass |
 
     Branches are springs on a rigid ground, see `standing`: they share the load, and feet that
     would have to pull lift. A corner that carries stays where it has come to carry; body and
@@ -99,6 +101,7 @@ class KinematicChair(LeafSystem):
             ("contact_force", LEG_COUNT),
             ("foot_height", _CORNERS),
             ("body_pose", 7),
+            ("passenger_pose", 7),
         ):
             calc = functools.partial(_copy_signal, weakref.ref(self), name)
             self.DeclareVectorOutputPort(name, size, calc, {self._stance.ticket})
@@ -139,9 +142,8 @@ class KinematicChair(LeafSystem):
         if not np.isfinite(corners).all():
             return _unknown()
         seat: Any = context.get_numeric_parameter(self._passenger)
-        mass, centre = centre_of_mass(
-            self._masses, Passenger(*seat.value()), corners.mean(axis=-2)
-        )
+        passenger = Passenger(*seat.value())
+        mass, centre = centre_of_mass(self._masses, passenger, corners.mean(axis=-2))
         flat = corners.reshape(_CORNERS, 3)
         vertical = force_map(self._geometry, lengths)[..., 2]
         foot_weight = self._masses.foot_end * GRAVITY
@@ -152,13 +154,16 @@ class KinematicChair(LeafSystem):
         x, y, yaw = self._place(context, turned[:, :2], np.where(carry, at_rest.loads, 0.0))
         attitude = RollPitchYaw(at_rest.roll, at_rest.pitch, yaw)
         position = np.array((x, y, at_rest.height))
+        turn = attitude.ToQuaternion().wxyz()
+        seated = position + attitude.ToRotationMatrix().matrix() @ passenger.place
         return _Stance(
             position,
             attitude.vector(),
             at_rest.branch_forces,
             at_rest.loads.reshape(LEG_COUNT, 3).sum(axis=1),
             at_rest.gaps,
-            np.concatenate((attitude.ToQuaternion().wxyz(), position)),
+            np.concatenate((turn, position)),
+            np.concatenate((turn, seated)),
             turned[:, :2] @ _heading(yaw).T + (x, y),
             carry,
         )
@@ -218,6 +223,7 @@ def _unknown() -> _Stance:
         contact_force=np.full(LEG_COUNT, np.nan),
         foot_height=np.full(_CORNERS, np.nan),
         body_pose=np.full(7, np.nan),
+        passenger_pose=np.full(7, np.nan),
         places=np.full((_CORNERS, 2), np.nan),
         carry=np.zeros(_CORNERS, dtype=np.bool_),
     )

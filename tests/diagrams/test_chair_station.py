@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
@@ -10,6 +10,7 @@ from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import SIMULATED, ChairScenario
 from parapod.diagrams.wiring import idle_inputs
 from parapod.systems.walking_chair.gait import starting_lengths
+from parapod.systems.walking_chair.masses import Passenger
 from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 
 
@@ -137,3 +138,27 @@ def test_the_chair_is_drawn(backend):
     simulator.AdvanceTo(0.05)
     for path in ("chair/body/body", "chair/leg_3/foot", "chair/passenger/passenger"):
         assert meshcat.HasPath(path)
+
+
+@pytest.mark.parametrize("backend", SIMULATED)
+def test_the_figure_of_the_passenger_sits_where_the_passenger_does(backend):
+    loop = ClosedLoop(CHAIR, scenario_for(backend), meshcat=Meshcat(), log=())
+    simulator = Simulator(loop)
+    context = simulator.get_mutable_context()
+    (scene,) = (s for s in loop.station.GetSystems() if isinstance(s, SceneGraph))
+
+    def place(frame):
+        query = scene.get_query_output_port().Eval(scene.GetMyContextFromRoot(context))
+        inspector = query.inspector()
+        (found,) = (
+            i
+            for i in inspector.GetAllFrameIds()
+            if inspector.GetName(i).endswith(f"::{frame}") and inspector.NumGeometriesForFrame(i)
+        )
+        return query.GetPoseInWorld(found).translation()
+
+    first = place("passenger") - place("body")
+    np.testing.assert_allclose(first, Passenger().place, atol=1e-3)
+    loop.station.behind.handle.plant.seat(context, Passenger(57.0, 0.05, -0.04))
+    moved = place("passenger") - place("body") - first
+    np.testing.assert_allclose(moved, (0.05, -0.04, 0.0), atol=1e-3)

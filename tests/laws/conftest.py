@@ -236,7 +236,7 @@ STEPS = (Step(Phase.TRANSPORT, 0.0, Command.GO), Step(Phase.HOLD, 0.0, arm=(0.1,
 DRIVES = {"params": WHEEL_DRIVE, "channels": 4}
 NOT_BUILT = "NaN where an extension cannot be built"
 OF_A_PLANT = "posture attitude angular_velocity specific_force contact_force load_force "
-OF_A_CHAIR = "body_position body_attitude force contact_force foot_height body_pose"
+OF_A_CHAIR = "body_position body_attitude force contact_force foot_height body_pose passenger_pose"
 
 ENTRIES: dict[str, Entry] = {
     "AttitudeEstimator": Entry(
