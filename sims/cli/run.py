@@ -58,7 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
-    check_outputs({option: getattr(arguments, option) for option in _OUTPUTS})
+    files = {option: getattr(arguments, option) for option in _OUTPUTS}
+    check_outputs(files, {"figures": arguments.figures})
     experiment, scenario = load(arguments)
     if arguments.seeds is not None:
         return _sweep(experiment, scenario, arguments)

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from parapod.sims.lab.files import atomic_output
-from parapod.systems.core.errors import OutputError
-from parapod.systems.core.quoting import quoted_path
+from parapod.sims.lab.files import atomic_output, check_folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -75,13 +73,8 @@ def write_figures(folder: Path, figures: Sequence[Figure], suffix: str = "svg") 
     Raises:
         OutputError: a file or the folder cannot be written.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(
-            f"cannot make the folder {quoted_path(folder)}: {reason}", folder
-        ) from error
+    check_folder(folder)
+    folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for figure in figures:
         path = folder / f"{figure.name}.{suffix}"
