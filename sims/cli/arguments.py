@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -157,7 +158,8 @@ def load(arguments: argparse.Namespace) -> "tuple[Experiment[Any, Any], Any]":
     from parapod.diagrams.drivers.external import load_drivers, load_installed_drivers
     from parapod.systems.core.scenario_file import load_scenario
 
-    load_installed_drivers()
+    for problem in load_installed_drivers():
+        print(f"parapod: warning: {problem}", file=sys.stderr)
     if arguments.drivers is not None:
         load_drivers(arguments.drivers)
     experiment = entry.load()
