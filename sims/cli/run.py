@@ -44,7 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --meshcat: end with the scripted job instead of staying for the sliders",
     )
     parser.add_argument(
-        "--figures", type=Path, metavar="DIR", help="draw the figures into DIR, as SVG"
+        "--figures",
+        type=Path,
+        metavar="DIR",
+        help="draw the figures into DIR, as SVG with their captions",
     )
     parser.add_argument(
         "--seeds",
