@@ -6,23 +6,32 @@ import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 
+from parapod.diagrams.drivers.driver import Driver
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import quoted_path
 
 GROUP = "parapod.drivers"
 
 
-def load_installed_drivers() -> None:
+def load_installed_drivers() -> tuple[str, ...]:
     """Import the modules that installed packages name under the entry point `parapod.drivers`.
 
-    Raises:
-        ScenarioError: one cannot be imported; names it.
+    A package that cannot be imported leaves the others usable. A scenario that names one of its
+    drivers is refused, and told why there is none.
+
+    Returns:
+        A sentence for each package that cannot be imported, which names it and the reason.
     """
+    problems = []
     for entry in entry_points(group=GROUP):
         try:
             entry.load()
-        except Exception as error:
-            raise _failed(f"the drivers '{entry.name}' ({entry.value})", error) from error
+        except (Exception, SystemExit) as error:  # nor may a program that is named by mistake end
+            package = entry.dist.name if entry.dist is not None else entry.module
+            what = f"the drivers '{entry.name}' of the package '{package}'"
+            problems.append(str(_failed(what, error)))
+    Driver.not_imported = tuple(problems)
+    return Driver.not_imported
 
 
 def load_drivers(path: Path) -> None:
@@ -43,5 +52,5 @@ def load_drivers(path: Path) -> None:
         raise _failed(f"the drivers {quoted_path(path)}", error) from error
 
 
-def _failed(what: str, error: Exception) -> ScenarioError:
+def _failed(what: str, error: BaseException) -> ScenarioError:
     return ScenarioError(f"{what} cannot be imported: {type(error).__name__}: {error}")

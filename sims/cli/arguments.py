@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -65,22 +66,27 @@ def count(text: str) -> int:
     return int(text)
 
 
-def check_outputs(paths: Mapping[str, Path | None]) -> None:
+def check_outputs(
+    paths: Mapping[str, Path | None], folders: Mapping[str, Path | None] | None = None
+) -> None:
     """Refuse, before anything slow, files that could not be written after it.
 
     Args:
         paths: option -> file, or None if it was not given.
+        folders: option -> folder in which files are written; likewise.
 
     Raises:
         OutputError: names the file, or the two options that would write the same.
     """
-    from parapod.sims.lab.files import check_writable
+    from parapod.sims.lab.files import check_folder, check_writable
 
     taken: dict[str, str] = {}
-    for option, path in paths.items():
+    folders = folders or {}
+    for option, path in (*paths.items(), *folders.items()):
         if path is None:
             continue
-        check_writable(path)
+        check = check_folder if option in folders else check_writable
+        check(path)
         other = taken.setdefault(os.path.realpath(path), option)
         if other != option:
             raise OutputError(
@@ -152,7 +158,8 @@ def load(arguments: argparse.Namespace) -> "tuple[Experiment[Any, Any], Any]":
     from parapod.diagrams.drivers.external import load_drivers, load_installed_drivers
     from parapod.systems.core.scenario_file import load_scenario
 
-    load_installed_drivers()
+    for problem in load_installed_drivers():
+        print(f"parapod: warning: {problem}", file=sys.stderr)
     if arguments.drivers is not None:
         load_drivers(arguments.drivers)
     experiment = entry.load()

@@ -17,7 +17,8 @@ DESCRIPTION = (
     "Simulates the machine in real time behind emulators of its devices, which speak the makers' "
     "protocols. Another program then runs `parapod run NAME --backend hardware` as on the real "
     "machine. Lines on standard input, PART KIND, make a device misbehave, as in `imu garbage`, "
-    "and `imu well` ends it. Ctrl-C ends the emulator."
+    "and `imu well` ends it. The emulator ends with Ctrl-C, and with the program that began it; "
+    "`setsid --fork parapod emulate NAME` lets it outlive a shell."
 )
 
 
@@ -42,18 +43,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     import math
+    import os
 
+    parent = os.getppid()  # before the imports, which take seconds
     check_outputs({"log": arguments.log})
     experiment, scenario = load(arguments)
     machine = machine_of(experiment, scenario)
 
     from parapod.sims.real_machine.emulator import emulate, parsed_fault
+    from parapod.sims.real_machine.real_time import ended_by_signals, ended_with_parent
 
     parts = sorted({driver.part for driver in scenario.hardware.drivers})
     requests = [parsed_fault(text, parts) for text in arguments.fault]
     duration = math.inf if arguments.duration is None else arguments.duration
     try:
-        emulate(machine, scenario, requests, duration, arguments.log, experiment=arguments.name)
+        with ended_by_signals(), ended_with_parent(parent):
+            emulate(
+                machine, scenario, requests, duration, arguments.log, experiment=arguments.name
+            )
     except KeyboardInterrupt:
         print("the emulator has ended", file=sys.stderr)  # as it is meant to
     return HELD

@@ -44,7 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --meshcat: end with the scripted job instead of staying for the sliders",
     )
     parser.add_argument(
-        "--figures", type=Path, metavar="DIR", help="draw the figures into DIR, as SVG"
+        "--figures",
+        type=Path,
+        metavar="DIR",
+        help="draw the figures into DIR, as SVG with their captions",
     )
     parser.add_argument(
         "--seeds",
@@ -58,7 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
-    check_outputs({option: getattr(arguments, option) for option in _OUTPUTS})
+    files = {option: getattr(arguments, option) for option in _OUTPUTS}
+    check_outputs(files, {"figures": arguments.figures})
     experiment, scenario = load(arguments)
     if arguments.seeds is not None:
         return _sweep(experiment, scenario, arguments)

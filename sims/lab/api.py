@@ -1,5 +1,6 @@
 """Scenarios, closed loops and runs by the names of experiments, for scripts and notebooks."""
 
+import warnings
 from typing import Any
 
 from pydrake.geometry import Meshcat
@@ -34,7 +35,8 @@ def scenario(experiment: str, *overrides: str, **values: Any) -> Any:
         ScenarioError: a key or a value that is not admissible; names those that are.
     """
     entry = find_entry(experiment)
-    load_installed_drivers()
+    for problem in load_installed_drivers():
+        warnings.warn(problem, stacklevel=2)
     made: Any = load_scenario(entry.load().schema, entry.default_scenario, None, overrides)
     for key, value in values.items():
         setattr(made, key, value)

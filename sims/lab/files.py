@@ -5,7 +5,7 @@ import os
 import re
 import secrets
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from html import escape
 from importlib.metadata import version
@@ -68,14 +68,42 @@ def check_writable(path: Path) -> None:
             raise _cannot_write(path, "it is not a regular file")
         if not os.access(target, os.W_OK):
             raise _cannot_write(path, "no permission to replace it")
-    # What the permissions promise, some file systems do not keep.
-    probe = os.path.join(folder, f".parapod-{secrets.token_hex(6)}")
     try:
-        with open(probe, "xb"):
-            pass
-        os.unlink(probe)
+        _probe(folder)
     except OSError as error:
         raise _cannot_write(path, error.strerror or str(error)) from None
+
+
+def check_folder(path: Path) -> None:
+    """Refuses a folder that could not be made or written in, before a long run is spent on it.
+
+    Raises:
+        OutputError: there is no permission, or something is in the way.
+    """
+    # The folder itself, or the one in which the missing ones would be made.
+    there = os.path.realpath(path)
+    while not os.path.lexists(there) and there != os.path.dirname(there):
+        there = os.path.dirname(there)
+    if os.path.islink(path) and not os.path.exists(path):
+        raise _cannot_make(path, "it is a link to nothing")
+    if not os.path.isdir(there):
+        raise _cannot_make(path, f"{quoted_path(there)} is not a directory")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise _cannot_make(path, f"no permission to write in {quoted_path(there)}")
+    try:
+        with suppress(FileNotFoundError):
+            os.stat(path)  # a name may be too long
+        _probe(there)
+    except OSError as error:
+        raise _cannot_make(path, error.strerror or str(error)) from None
+
+
+def _probe(folder: str) -> None:
+    """Writes a file there: what permissions promise, some file systems do not keep."""
+    probe = os.path.join(folder, f".parapod-{secrets.token_hex(6)}")
+    with open(probe, "xb"):
+        pass
+    os.unlink(probe)
 
 
 @contextmanager
@@ -217,6 +245,10 @@ def read_log(path: Path) -> Log:
 
 def _cannot_write(path: Path, reason: str) -> OutputError:
     return OutputError(f"cannot write {quoted_path(path)}: {reason}", path)
+
+
+def _cannot_make(path: Path, reason: str) -> OutputError:
+    return OutputError(f"cannot make the folder {quoted_path(path)}: {reason}", path)
 
 
 def write_experiment_log(

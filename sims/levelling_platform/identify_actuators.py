@@ -571,7 +571,7 @@ def _draw_gain(cases: tuple[Steps, ...], canvas: "Canvas") -> None:
         number = np.arange(1, middle.size + 1) + aside
         axes.errorbar(number, middle, around, marker=marker, ls="", capsize=3, label=case)
     axes.set_xticks(np.arange(1, cases[0].voltage.size + 1))
-    axes.set_xlabel("step")
+    axes.set_xlabel("number of the step [-]")
     axes.set_ylabel("K [(m/s)/V]")
     axes.grid(visible=False, axis="x")
     canvas.legend(

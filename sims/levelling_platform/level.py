@@ -93,7 +93,7 @@ class Level(LevellingExperiment[Run]):
 
     def draw(self, scenario: LevellingScenario, run: Run) -> Iterator[Figure]:
         """The posture over the job."""
-        yield _figure(run)
+        yield _figure(scenario, run)
 
     def live(
         self, scenario: LevellingScenario, panel: Panel, run: Run, console: Console
@@ -314,7 +314,7 @@ def _stroke_left(scenario: LevellingScenario, run: Run) -> str:
     return f"once level, the ground leaves leg {leg + 1} only {1e3 * left[leg]:.1f} mm of stroke"
 
 
-def _figure(run: Run) -> Figure:
+def _figure(scenario: LevellingScenario, run: Run) -> Figure:
     desired = run["posture_desired_state"][:, :3]
     started = desired[:, 2] > 0.0
     name, posture = "true", run.signals.get("truth.posture")
@@ -331,4 +331,5 @@ def _figure(run: Run) -> Figure:
         run.time[started],
         lines,
         "asked for",
+        scenario.job.estimate_at + scenario.job.settled_after,
     )

@@ -159,8 +159,11 @@ def posture_figure(
     time: NDArray[np.float64],
     lines: dict[str, NDArray[np.float64]],
     reference: str,
+    counts_from: float = -math.inf,
 ) -> Figure:
     """Roll, pitch and height over time, above their errors against one of the lines.
+
+    The axes of the errors are those of the errors that count; what is larger before leaves them.
 
     Args:
         name: name of the figure's file.
@@ -169,24 +172,42 @@ def posture_figure(
         time: (n) [s].
         lines: label -> (n, 3) posture [deg, deg, mm].
         reference: label of the line that the others are compared with.
+        counts_from: time from which on errors count, which is marked [s].
     """
+    counts = time >= counts_from
 
     def draw(canvas: "Canvas") -> None:
         axes: Any = canvas.subplots(2, 3, sharex=True, height_ratios=(2, 1))
         for i, (_, _, label) in enumerate(AXES):
+            errors = []
             for k, (line, posture) in enumerate(lines.items()):
                 width = 2.2 if line == reference else 1.0
                 colour = COLOURS[k % len(COLOURS)]
                 axes[0, i].plot(time, posture[:, i], color=colour, linewidth=width, label=line)
                 if line != reference:
-                    error = posture[:, i] - lines[reference][:, i]
-                    axes[1, i].plot(time, error, color=colour, linewidth=1.0)
+                    errors.append(posture[:, i] - lines[reference][:, i])
+                    axes[1, i].plot(time, errors[-1], color=colour, linewidth=1.0)
+            axes[1, i].set_ylim(_limits(np.array(errors)[:, counts]))
             axes[0, i].set_ylabel(label)
             axes[1, i].set_ylabel(f"error [{label.split('[')[1]}")
             axes[1, i].set_xlabel("time [s]")
-        canvas.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+            if not counts.all():
+                for row in axes[:, i]:
+                    row.axvspan(time[0], counts_from, color="0.93", zorder=0, label=_UNCOUNTED)
+        canvas.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
 
     return Figure(name, title, caption, draw, (9.0, 4.4))
+
+
+_UNCOUNTED = "errors do not count yet"
+
+
+def _limits(errors: NDArray[np.float64]) -> tuple[float, float] | None:
+    """Ends of an axis on which all these errors are seen beside zero; None if there are none."""
+    known = errors[np.isfinite(errors)]
+    low, high = min(0.0, known.min(initial=0.0)), max(0.0, known.max(initial=0.0))
+    margin = 0.08 * (high - low)
+    return (low - margin, high + margin) if margin > 0.0 else None
 
 
 LIVE_HELP = (

@@ -33,6 +33,7 @@ from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.results import Metric
 from parapod.sims.levelling_platform.driven import make_simulator, on_level_ground
 from parapod.systems.actuators.pi_controller import PiController
+from parapod.systems.core.errors import ScenarioError, UnreachablePosture
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
@@ -212,12 +213,20 @@ class Slip(Experiment[SlipScenario, Slipped]):
     backends = ("multibody",)
     takes = "30 s"
 
-    def run(self, scenario: SlipScenario, bench: Bench) -> Slipped:
-        """Lifts and swings on level ground, then stands still on a slope.
+    def check(self, scenario: SlipScenario) -> None:
+        """Refuses a height that the legs do not reach.
 
         Raises:
-            UnreachablePosture: a height outside the stroke.
+            ScenarioError: names the key.
         """
+        key, height = "lift.height_mm", scenario.lift.height_mm
+        try:
+            inverse_kinematics(MODEL_GEOMETRY, (0.0, 0.0, 1e-3 * height), _LEVEL)
+        except UnreachablePosture as error:
+            raise ScenarioError(f"{key} = {height:g} is out of reach: {error}", key) from error
+
+    def run(self, scenario: SlipScenario, bench: Bench) -> Slipped:
+        """Lifts and swings on level ground, then stands still on a slope."""
         recording = lift_and_swing(scenario, bench)
         return Slipped(recording, [creep(scenario, step, bench) for step in CREEP_STEPS])
 

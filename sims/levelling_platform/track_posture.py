@@ -164,7 +164,8 @@ class TrackPosture(LevellingExperiment[Runs]):
 
     def draw(self, scenario: LevellingScenario, data: Runs) -> Iterator[Figure]:
         """Postures and extensions (Figs. 20 to 22), and the outer loop's Bode plot."""
-        yield from _tracking(data.nominal, data.perturbed, data.outer)
+        began = scenario.job.estimate_at + scenario.job.settled_after
+        yield from _tracking(data.nominal, data.perturbed, data.outer, began)
         yield _bode(_outer(scenario))
 
 
@@ -264,7 +265,7 @@ def _stability(scenario: LevellingScenario) -> list[Metric]:
     ]
 
 
-def _tracking(nominal: _Run, perturbed: _Run, outer: _Run) -> tuple[Figure, ...]:
+def _tracking(nominal: _Run, perturbed: _Run, outer: _Run, began: float) -> tuple[Figure, ...]:
     lines = {
         "asked for": nominal.desired,
         "as drawn": nominal.truth,
@@ -295,6 +296,7 @@ def _tracking(nominal: _Run, perturbed: _Run, outer: _Run) -> tuple[Figure, ...]
             nominal.run.time,
             lines,
             "asked for",
+            began,
         ),
         Figure(
             "fig22",

@@ -56,6 +56,7 @@ class UnevenGround(LevellingExperiment[Run]):
             run.time,
             {"asked for": _desired(run), "true": _truth(scenario, run)},
             "asked for",
+            scenario.job.estimate_at + scenario.job.settled_after,
         )
 
 

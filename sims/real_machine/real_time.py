@@ -29,6 +29,7 @@ SWITCH_INTERVAL = 1e-4
 # The timing of so many ticks is kept: a quarter of an hour at 100 Hz.
 KEPT = 100_000
 _PRIORITY = 40
+_PARENT_PERIOD = 0.2  # between two looks at the program that began this one [s]
 
 
 class DeadlineError(ParapodError):
@@ -206,6 +207,32 @@ def take_priority() -> bool:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
         return True
     return False
+
+
+@contextmanager
+def ended_with_parent(parent: int) -> Iterator[None]:
+    """Ends this program, as SIGTERM does, once the program that began it has ended.
+
+    A shell or a test that is killed asks nobody to end, and a loop in real time goes on for ever.
+
+    Args:
+        parent: process that began this one, as `os.getppid` told at the beginning.
+    """
+    over = threading.Event()
+
+    def watch() -> None:
+        while not over.wait(_PARENT_PERIOD):
+            if os.getppid() != parent:
+                os.kill(os.getpid(), signal.SIGTERM)
+                return
+
+    thread = threading.Thread(target=watch, name="parent", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 @contextmanager

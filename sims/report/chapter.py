@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -67,10 +67,17 @@ class Tone(Enum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """The comparison in a word or two."""
+    """The comparison in a word or two.
+
+    Attributes:
+        word: how the two numbers compare.
+        tone: how good that is.
+        remark: what has to be said beside it; empty for nothing.
+    """
 
     word: str
     tone: Tone
+    remark: str = ""
 
 
 _DIFFERS = Verdict("differs", Tone.BAD)
@@ -91,6 +98,7 @@ class Claim:
         remark: remark beside it.
         show: text for the number here instead of its value, if it is more than one.
         spread: part and key of the metric whose values over the seeds hold the printed number.
+        is_measured: whether the paper measured it on its machine, where it is simulated here.
     """
 
     where: str
@@ -103,6 +111,7 @@ class Claim:
     remark: str = ""
     show: Callable[[Numbers], str] | None = None
     spread: tuple[str, str] | None = None
+    is_measured: bool = False
 
     def shown(self, numbers: Numbers) -> str:
         """The number here, as it is printed beside the paper's."""
@@ -135,7 +144,8 @@ class Claim:
         if self.spread is not None and (ends := numbers.spread(*self.spread)) is not None:
             is_within = ends[0] <= printed <= ends[1]
             return Verdict("within the seeds", Tone.GOOD) if is_within else _DIFFERS
-        return self._compare(value, printed)
+        verdict = self._compare(value, printed)
+        return replace(verdict, remark="simulated here") if self.is_measured else verdict
 
     def _compare(self, value: float, printed: float) -> Verdict:
         scale = abs(printed) or 1.0
@@ -207,6 +217,7 @@ class Part:
         experiment: its name.
         overrides: `key=value` of the scenario.
         quick: more of them, for a report in a hurry.
+        quick_text: what is done here in a hurry, where `text` says more than that.
         is_random: whether seeds make a difference.
         adds_to: name of an earlier part; what that one shows too is not shown again.
     """
@@ -217,6 +228,7 @@ class Part:
     experiment: str
     overrides: tuple[str, ...] = ()
     quick: tuple[str, ...] = ()
+    quick_text: str = ""
     is_random: bool = True
     adds_to: str = ""
 

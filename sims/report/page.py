@@ -3,6 +3,7 @@
 import base64
 import io
 import re
+import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
@@ -41,7 +42,7 @@ def make_page(runs: Sequence[ChapterRun], quick: bool, date: str) -> str:
         indexed=_indexed, coded=_coded, drawn=_drawn, photo=_photo, amount=amount, words=as_words
     )
     return environment.get_template("page.html.jinja").render(
-        chapters=[_chapter(run) for run in runs],
+        chapters=[_chapter(run, quick) for run in runs],
         quick=quick,
         date=date,
         versions={name: version(name) for name in ("parapod", "drake", "numpy")},
@@ -59,8 +60,9 @@ def counts(run: ChapterRun) -> dict[str, int]:
     return dict(Counter(words))
 
 
-def _chapter(run: ChapterRun) -> dict[str, Any]:
+def _chapter(run: ChapterRun, quick: bool) -> dict[str, Any]:
     numbers = run.numbers
+    used = [claim for claim in run.chapter.claims if claim.relation is Relation.USED]
     return {
         "run": run,
         "chapter": run.chapter,
@@ -72,10 +74,11 @@ def _chapter(run: ChapterRun) -> dict[str, Any]:
             ]
             for is_input in (False, True)
         ],
+        "used": sum(claim.verdict(numbers).tone is not Tone.BAD for claim in used),
         "counts": counts(run),
         "bounds": _bounds(run),
         "errata": list(zip(run.chapter.errata, run.checks, strict=True)),
-        "parts": [_part(part, numbers.results) for part in run.parts],
+        "parts": [_part(part, numbers.results, quick) for part in run.parts],
     }
 
 
@@ -90,20 +93,22 @@ def _bounds(run: ChapterRun) -> dict[str, int]:
     return {"held": sum(metric.passed for metric in metrics), "all": len(metrics)}
 
 
-def _part(run: PartRun, others: Mapping[str, Result]) -> dict[str, Any]:
+def _part(run: PartRun, others: Mapping[str, Result], quick: bool) -> dict[str, Any]:
     """Content of a part; `others` are the results of all of them."""
+    part = run.part
+    overrides = [*part.overrides, *(part.quick if quick else ())]
     spreads = as_json(run.seeds) if run.seeds else {}
-    before = others.get(run.part.adds_to)
+    before = others.get(part.adds_to)
     metrics, figures, notes = (
         [item for item in _shown(run.result, what) if not _is_among(item, _shown(before, what))]
         for what in ("metrics", "figures", "notes")
     )
     return {
         "run": run,
-        "part": run.part,
-        "command": " ".join(
-            ["parapod run", run.part.experiment]
-            + ([f"--set {' '.join(run.part.overrides)}"] if run.part.overrides else [])
+        "part": part,
+        "text": (quick and part.quick_text) or part.text,
+        "command": shlex.join(
+            ["parapod", "run", part.experiment, *(["--set", *overrides] if overrides else [])]
         ),
         "metrics": [(metric, _spread(spreads.get(metric.key))) for metric in metrics],
         "figures": figures,

@@ -582,12 +582,13 @@ def _draw_circle(recordings: dict[str, Recording], canvas: "Canvas") -> None:
         radius = circle.radius + _MAGNIFIED * recording.radial_error[:, np.newaxis]
         drawn = (0.0, circle.centre_y) + radius * outwards
         axes.plot(*1e3 * planned.T, color=_PLANNED, linewidth=0.9, label="Eq. (49)")
-        axes.plot(*1e3 * drawn.T, color=_MODE_COLOURS[mode], linewidth=0.9)
+        foot = f"foot, its error\n{_MAGNIFIED:g} times as large"
+        axes.plot(*1e3 * drawn.T, color=_MODE_COLOURS[mode], linewidth=0.9, label=foot)
+        axes.legend(loc="center", fontsize=8)
         axes.set_aspect("equal")
         axes.set_title(f"mode {mode}", fontsize=_PANEL)
         axes.set_xlabel("x [mm]")
     panels[0].set_ylabel("y [mm]")
-    panels[0].legend(loc="center", fontsize=8)
 
 
 def _draw_errors(recordings: dict[str, Recording], canvas: "Canvas") -> None:

@@ -349,8 +349,8 @@ def _margin(scenario: ChairScenario, time: NDArray[np.float64], signals: Signals
     payload = signals["payload_estimated"]
 
     def draw(canvas: "Canvas") -> None:
-        left, right = canvas.subplots(1, 2, sharex=True)
-        for panel in (left, right):
+        left, middle, right = canvas.subplots(1, 3, sharex=True)
+        for panel in (left, middle, right):
             _shade_swings(panel, time, signals)
             panel.set_xlabel("time [s]")
         left.plot(time, margin, label="this phase and the next")
@@ -360,13 +360,14 @@ def _margin(scenario: ChairScenario, time: NDArray[np.float64], signals: Signals
         left.legend(ncols=2, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0))
         known = time >= scenario.begin
         mass = payload[known, 0] - scenario.passenger.mass_kg
-        right.plot(time[known], mass, label="mass [kg]")
+        middle.plot(time[known], mass)
+        middle.set_ylabel("error of the payload's mass [kg]")
         places = (scenario.passenger.x_mm, scenario.passenger.y_mm)
         for axis, (name, place) in enumerate(zip("xy", places, strict=True), start=1):
             away = 1e3 * payload[known, axis] - place
-            right.plot(time[known], away, label=f"{name} of its centre [mm]")
-        right.set_ylabel("error of the estimated payload")
-        right.legend(ncols=3, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+            right.plot(time[known], away, color=COLOURS[axis], label=name)
+        right.set_ylabel("error of its centre of mass [mm]")
+        right.legend(ncols=2, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0))
 
     return Figure(
         "chair_walk_margin",

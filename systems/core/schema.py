@@ -118,6 +118,9 @@ class Variant(Schema):
     whatever package, can be chosen by its name as soon as it is defined.
     """
 
+    # Reasons for which variants of a family may be missing; said where a tag is not known.
+    not_imported: ClassVar[tuple[str, ...]] = ()
+
     @classmethod
     def variants(cls) -> dict[str, type]:
         """The dataclasses of a family by their names, in the order of their definition.
@@ -373,8 +376,12 @@ class Reader:
         if name not in known:
             hint = did_you_mean(name, known)
             given = show(value) if tag is None else printable(tag, _LONGEST_KEY)
+            known_tags, why = (
+                _tags(family),
+                "".join(f"; {reason}" for reason in family.not_imported),
+            )
             self._refuse(
-                key, f"must begin with one of the tags {_tags(family)}, not {given}{hint}"
+                key, f"must begin with one of the tags {known_tags}, not {given}{hint}{why}"
             )
         fields = {k: item for k, item in value.items() if k != TAG}
         return {TAG: f"!{name}"} | self._read_mapping(known[name], fields, key)

@@ -18,6 +18,13 @@ FIGURES = {
 }
 
 
+# Where the papers print what they measured on their machines.
+MEASURED = {
+    "The levelling platform": ("section 6.4, Figs. 20, 21", "Fig. 15"),
+    "The walking chair": ("Fig. 14", "Fig. 17"),
+}
+
+
 @pytest.fixture
 def quick(chapter, finished_chapter):
     """Everything in the chapter run once, in a hurry."""
@@ -45,6 +52,19 @@ def test_the_paper_s_number_is_what_is_put_in(chapter):
     assert len(claims) >= 18
     for claim in claims:
         assert claim.verdict(Numbers({})).word == "used", claim.what
+
+
+@each_chapter
+def test_what_is_better_than_a_measurement_is_said_to_be_simulated(quick):
+    better = [
+        (claim.where, claim.verdict(quick.numbers))
+        for claim in quick.chapter.claims
+        if claim.relation is Relation.AT_MOST
+    ]
+    places = MEASURED[quick.chapter.title]
+    assert {where for where, verdict in better if verdict.remark == "simulated here"} == {*places}
+    for where, verdict in better:
+        assert bool(verdict.remark) == (where in places), where
 
 
 @each_chapter

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from parapod.sims.lab.discovery import find_entry, list_entries
 from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.lab.figures import render
+from parapod.sims.lab.figures import draw, render
 from parapod.sims.lab.results import print_table
 from parapod.sims.report.run import list_chapters
 from parapod.systems.core.errors import OutputError, ScenarioError
@@ -25,6 +25,7 @@ from parapod.systems.core.schema import fields_of, is_schema
 
 OWN = [entry for entry in list_entries() if entry.package == "parapod"]
 PARTS = [part for chapter in list_chapters() for part in chapter.parts]
+DRAWINGS = [drawing for chapter in list_chapters() for drawing in chapter.drawings]
 each_entry = pytest.mark.parametrize("entry", list_entries(), ids=lambda entry: entry.name)
 each_part = pytest.mark.parametrize("part", [part.name for part in PARTS])
 # The options that need a hook, and the hook.
@@ -242,6 +243,33 @@ def test_every_figure_is_drawn_and_says_what_it_shows(part, finished):
         assert re.fullmatch(r"[A-Z].+\.", figure.caption, re.DOTALL)
         root = xml.etree.ElementTree.fromstring(render(figure))
         assert root.tag == "{http://www.w3.org/2000/svg}svg"
+
+
+def check_units(figure):
+    """Proves that each axis says one unit, which no name in a legend changes."""
+    canvas = draw(figure)
+    texts = []
+    for axes in canvas.axes:
+        found = [axis.get_label_text() for axis in (axes.xaxis, axes.yaxis)]
+        found += [axes.zaxis.get_label_text()] if hasattr(axes, "zaxis") else []
+        texts += filter(None, found)
+    wrong = [text for text in texts if not re.fullmatch(r"[^\[\]]*\S \[[^\[\],]+\]", text)]
+    assert wrong == [], figure.name
+    legends = [*canvas.legends, *(axes.get_legend() for axes in canvas.axes)]
+    names = [text.get_text() for legend in legends if legend for text in legend.get_texts()]
+    assert [name for name in names if "[" in name] == [], figure.name
+    return texts
+
+
+@each_part
+def test_every_axis_of_its_figures_has_one_unit(part, finished):
+    for figure in finished(part).result.figures:
+        assert check_units(figure), figure.name
+
+
+@pytest.mark.parametrize("drawing", DRAWINGS, ids=lambda drawing: drawing.name)
+def test_every_axis_of_a_chapter_s_drawings_has_one_unit(drawing):
+    check_units(drawing)
 
 
 @each_part

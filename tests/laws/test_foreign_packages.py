@@ -8,6 +8,8 @@ import sys
 
 import pytest
 
+import parapod
+from parapod.diagrams.drivers.driver import Driver
 from parapod.diagrams.machine import find_machine
 from parapod.sims.cli.main import main
 from parapod.sims.lab.discovery import find_entry, list_entries
@@ -137,3 +139,31 @@ def test_a_machine_that_cannot_be_loaded_is_named_and_the_others_stay_usable(ins
     assert capsys.readouterr().err == (
         "parapod: error: 'chair-gait' has no machine that can be emulated\n"
     )
+
+
+def test_drivers_that_cannot_be_imported_are_named_and_the_others_stay_usable(
+    install, pendula, capsys, monkeypatch
+):
+    monkeypatch.setattr(Driver, "not_imported", ())  # and empty again afterwards
+    for package, module in (("broken", "1 / 0\n"), ("ended", "exit(3)\n"), ("sound", "")):
+        points = f"[parapod.drivers]\narm = {package}.arm\n"
+        install(package, points, {f"{package}/__init__.py": "", f"{package}/arm.py": module})
+    said = [
+        f"the drivers 'arm' of the package '{package}' cannot be imported: {reason}"
+        for package, reason in (
+            ("broken", "ZeroDivisionError: division by zero"),
+            ("ended", "SystemExit: 3"),
+        )
+    ]
+    assert main(["run", "swing"]) == 0
+    warned = capsys.readouterr().err.splitlines()
+    assert sorted(warned) == [f"parapod: warning: {words}" for words in said]
+    assert "sound.arm" in sys.modules
+    # A run that needs one of them says why there is none.
+    assert main(["run", "level", "--set", "hardware.drivers=[!BrokenArm {part: arm}]"]) == 2
+    refusal = capsys.readouterr().err.splitlines()[-1]
+    assert refusal.startswith("parapod: error: hardware.drivers.0 must begin with one of the tags")
+    assert all(words in refusal for words in said)
+    with pytest.warns(UserWarning, match="cannot be imported") as caught:
+        parapod.scenario("swing")
+    assert sorted(str(warning.message) for warning in caught) == said

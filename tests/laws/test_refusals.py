@@ -83,6 +83,15 @@ REFUSALS = [
         )
     ),
     ("run level --json x --log ./x", r"--json and --log would both write 'x'"),
+    ("run level --json x --figures ./x", r"--json and --figures would both write 'x'"),
+    *(
+        (["run", "level", "--figures", folder], words)
+        for folder, words in (
+            ("/dev/null", r"cannot make the folder '/dev/null': '/dev/null' is not a directory"),
+            ("/dev/null/x", r"cannot make the folder '/dev/null/x': '/dev/null' is not a .*"),
+            (_LONG, r"cannot make the folder 'xxx.*: File name too long"),
+        )
+    ),
     ("run level --log x.txt", r"cannot write 'x\.txt': a log's suffix must be one of \.npz, .*"),
     (
         "run level --graphviz x.xyz --backend kinematic",
@@ -181,7 +190,10 @@ REFUSALS = [
             ("steps.voltages=[1,-1,1,-1,1,-1,1,-1,1,-1]", "steps.voltages"),
         )
     ),
-    ("run slip --set lift.height_mm=590", r".*leg \d would need .* outside its stroke .*"),
+    (
+        "run slip --set lift.height_mm=590",
+        r"lift\.height_mm = 590 is out of reach: leg \d would need .* outside its stroke .*",
+    ),
     ("run calibrate --set recording=nowhere.npz", r".*'nowhere\.npz'.*No such file.*"),
     ("run calibrate --set poses.count=2", r".*15 poses or more.*"),
     ("run calibrate --set ground.known=false", r".*the ground's roll.*"),

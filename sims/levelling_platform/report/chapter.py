@@ -125,6 +125,9 @@ _PARTS = (
         "what is found, after how long, and how the machine reacts.",
         "fault-campaign",
         quick=("device=encoder", "phase=posture", "window=3"),
+        quick_text="Beyond the paper: every kind of fault of an encoder while the platform takes "
+        "a posture, what is found, after how long, and how the machine reacts. The whole campaign "
+        "has every device and phase.",
         is_random=False,
     ),
     Part(

@@ -3,7 +3,9 @@
 import re
 import xml.etree.ElementTree
 
+import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from parapod.sims.lab.figures import FORMATS, Figure, render, write_figures
 from parapod.systems.core.errors import OutputError
@@ -16,6 +18,7 @@ def draw(canvas):
     axes.legend()
 
 
+SVG = "{http://www.w3.org/2000/svg}"
 TILT = Figure("tilt", "Tilt", "What is to be seen.", draw)
 OTHER = Figure("other", "Other", "Nothing.", lambda canvas: canvas.text(0.5, 0.5, "nothing"))
 
@@ -27,13 +30,50 @@ def test_figures_are_written_as_svg_under_their_names(tmp_path):
     assert sorted(folder.iterdir()) == sorted(paths)
     for path in paths:
         root = xml.etree.ElementTree.parse(path).getroot()
-        assert root.tag == "{http://www.w3.org/2000/svg}svg"
+        assert root.tag == f"{SVG}svg"
 
 
 def test_text_in_a_figure_stays_text():
     text = render(TILT).decode()
     for word in ("roll", "deg"):
         assert re.search(rf">{re.escape(word)}<", text)
+
+
+LONG = Figure("long", "Long", "A price of $5 < $6, & more. " * 20, draw)
+
+
+def shown(svg):
+    """Width and height [pt] and all text of an SVG file."""
+    root = xml.etree.ElementTree.fromstring(svg)
+    size = [float(root.get(name).removesuffix("pt")) for name in ("width", "height")]
+    words = [" ".join(element.itertext()) for element in root.iter(f"{SVG}text")]
+    return *size, " ".join(" ".join(words).split())
+
+
+@pytest.mark.parametrize("figure", [TILT, LONG])
+def test_a_figure_that_is_written_has_its_caption_below_the_drawing(figure, tmp_path):
+    (path,) = write_figures(tmp_path, [figure])
+    width, height, words = shown(path.read_bytes())
+    alone = shown(render(figure))
+    assert " ".join(f"{figure.title}. {figure.caption}".split()) in words
+    assert figure.title not in alone[2]
+    assert width == pytest.approx(72.0 * figure.size[0])
+    assert alone[:2] == pytest.approx([72.0 * length for length in figure.size])
+    assert height > alone[1] + 8.0  # a line of eight points at least
+
+
+def test_the_caption_is_as_wide_as_the_drawing_and_all_in_the_file(tmp_path):
+    (path,) = write_figures(tmp_path, [LONG], "png")
+    pixels = imread(path)[..., :3].min(axis=2)
+    height, width = pixels.shape
+    above = round(150 * LONG.size[1])
+    assert width == round(150 * LONG.size[0])
+    rows, columns = np.nonzero(pixels[above:] < 0.6)
+    assert columns.min() > 5
+    assert columns.max() < width - 5
+    assert columns.max() - columns.min() > 0.7 * width
+    assert 2 < rows.min() < 30
+    assert rows.max() < height - above - 5
 
 
 @pytest.mark.parametrize("suffix", ["svg", "png"])

@@ -8,6 +8,7 @@ from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.levelling_platform.slip import (
     Recording,
+    Slip,
     SlipScenario,
     control_trajectory,
     lift_and_swing,
@@ -16,6 +17,7 @@ from parapod.sims.levelling_platform.slip import (
     slip_metrics,
     swing_trajectory,
 )
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
@@ -77,6 +79,14 @@ def test_the_seed_decides_how_the_legs_move():
     )
     assert np.array_equal(first, again)
     assert np.abs(first - other).max() > 1e-5
+
+
+@pytest.mark.parametrize("height", [590, 599.5])
+def test_a_height_out_of_reach_is_refused_by_its_key_and_by_the_leg(height):
+    scenario = scenario_with(f"lift.height_mm={height}")
+    with pytest.raises(ScenarioError, match=rf"^lift\.height_mm = {height} .*: leg \d") as refused:
+        Slip("slip").check(scenario)
+    assert refused.value.key == "lift.height_mm"
 
 
 def test_lift_and_swing_go_from_rest_to_rest():

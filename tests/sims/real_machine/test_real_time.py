@@ -1,8 +1,10 @@
 import gc
 import os
 import signal
+import subprocess
 import sys
 import time
+from contextlib import suppress
 
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -17,6 +19,7 @@ from parapod.sims.real_machine.real_time import (
     percentiles,
     undisturbed,
 )
+from parapod.systems.hardware.addresses import WIRES
 
 PERIOD = 0.01
 
@@ -149,3 +152,42 @@ def test_signals_that_end_programs_pass_through_finally(name):
         killed()
     assert ended
     assert signal.getsignal(number) == before
+
+
+# Begins a program in a session of its own, as a test or a shell does, and tells its number.
+PARENT = """
+import subprocess, sys
+child = subprocess.Popen(sys.argv[1:], stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                         start_new_session=True)
+while "ready" not in child.stderr.readline():
+    assert child.poll() is None
+print(child.pid, flush=True)
+child.wait()
+"""
+
+
+def test_an_emulator_ends_with_the_program_that_began_it(tmp_path, in_time):
+    directory = tmp_path / "e"
+    emulator = (sys.executable, "-m", "parapod.sims", "emulate", "level", "--backend", "kinematic")
+    parent = subprocess.Popen(
+        (sys.executable, "-c", PARENT, *emulator, "--set", "hardware.drivers=[]"),
+        env=os.environ | {"PARAPOD_EMULATOR": str(directory)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    number = int(parent.stdout.readline())
+    try:
+        time.sleep(0.5)
+        os.kill(number, 0)  # it lives, like its parent
+        assert (directory / WIRES).exists()
+        parent.kill()
+        parent.wait()
+        began = time.monotonic()
+        while (directory / WIRES).exists() and time.monotonic() < began + 10.0:
+            time.sleep(0.01)
+        # In peace: it has taken its wires with it.
+        assert not (directory / WIRES).exists()
+        in_time(time.monotonic() - began, 2.0, "end after the parent was killed [s]")
+    finally:
+        with suppress(ProcessLookupError):
+            os.kill(number, signal.SIGKILL)

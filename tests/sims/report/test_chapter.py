@@ -49,6 +49,16 @@ def test_the_verdict_follows_from_both_numbers(relation, options, value, word, t
     assert (verdict.word, verdict.tone) == (word, tone)
 
 
+@pytest.mark.parametrize("value", [0.1, 1.9, 2.1])
+def test_a_verdict_on_what_the_paper_measured_says_that_it_is_simulated_here(value):
+    of_machine = claim(2.0, Relation.AT_MOST, is_measured=True).verdict(numbers(value))
+    of_numbers = claim(2.0, Relation.AT_MOST).verdict(numbers(value))
+    assert (of_machine.remark, of_numbers.remark) == ("simulated here", "")
+    assert (of_machine.word, of_machine.tone) == (of_numbers.word, of_numbers.tone)
+    without = claim(2.0, Relation.AT_MOST, is_measured=True).verdict(Numbers({}))
+    assert (without.word, without.remark) == ("not run", "")
+
+
 @pytest.mark.parametrize("relation", list(Relation))
 def test_a_number_that_is_not_there_is_never_good(relation):
     for without in (Numbers({}), numbers(math.nan), numbers(math.inf)):

@@ -115,11 +115,62 @@ def test_the_page_says_what_was_printed_what_came_out_and_the_verdict(page):
     assert "A &lt;line&gt;." in text
 
 
+def test_the_contents_list_all_chapters_with_their_sections_first(page):
+    run, _ = page()
+    other = replace(run, chapter=replace(CHAPTER, title="Another thing"))
+    text = make_page([run, other], True, "2020-02-02")
+    assert set(Tags(text).targets) <= set(Tags(text).ids)
+    above, *chapters = text.split("<section>")
+    assert len(chapters) == 2
+    sections = []
+    for at, title in ((1, CHAPTER.title), (2, "Another thing")):
+        links = [f"numbers-{at}", f"missing-{at}", f"machine-{at}", f"swing-{at}", f"errata-{at}"]
+        sections += [f"chapter-{at}", *links]
+        assert re.search(rf'<a href="#chapter-{at}">{title}</a>', above)
+        # A chapter's own contents stay.
+        assert (
+            Tags(f"<section>{chapters[at - 1].split('</section>')[0]}</section>").targets == links
+        )
+    assert Tags(above.split("<header>")[1].split("</header>")[0]).targets == sections
+
+
+def test_what_is_put_in_and_the_components_are_folded_away_and_counted(page):
+    _, text = page()
+    folded = re.findall(r"<details>(.*?)</details>", text, re.DOTALL)
+    assert text.count("<details") == len(folded) == 2  # closed, each of them
+    used, components = folded
+    assert re.search(r"<summary>What is put in <small>\(1 numbers?, 1 of them as ", used)
+    assert '<td data-is="printed" class="number">50 kg</td>' in used
+    assert re.search(r"<summary>Components <small>\(1 of the paper's, ", components)
+    assert "<code>Motor</code>" in components
+    assert "4 times better" not in used
+
+
+def test_what_is_folded_away_is_printed(page):
+    _, text = page()
+    (printed,) = re.findall(r"@media print \{(.*?)\n\}", text, re.DOTALL)
+    assert "details::details-content { content-visibility: visible; " in printed
+    (script,) = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
+    assert re.search(r'"beforeprint".*details:not\(\[open\]\).*open = .*true', script, re.DOTALL)
+    assert re.search(r'"afterprint".*open = false', script, re.DOTALL)
+
+
+def test_a_number_that_the_paper_measured_is_said_to_be_simulated_here(page):
+    measured = replace(CHAPTER.claims[0], is_measured=True)
+    for claim, count in ((CHAPTER.claims[0], 0), (measured, 1)):
+        run, text = page(replace(CHAPTER, claims=(claim,)))
+        assert counts(run) == {"better": 1}
+        assert text.count("simulated here") == count
+
+
 def test_pictures_and_figures_are_in_the_page(page):
     _, text = page()
     png, *svgs = (base64.b64decode(source.split(",", 1)[1]) for source in Tags(text).fetched)
     assert png.startswith(b"\x89PNG")
     assert all(b"<svg" in svg for svg in svgs)
+    # In a grid, each as wide as its size on paper asks for.
+    grids = re.findall(r'<div class="figures">(.*?)</div>', text, re.DOTALL)
+    assert [grid.count('style="--inches: 7.0"') for grid in grids] == [1, 1]
 
 
 def test_numbers_are_counted_good_ones_first(page):
@@ -132,6 +183,16 @@ def test_a_quick_report_takes_the_parts_quick_overrides_and_no_seeds(page):
     assert run.numbers("swing", "period_s") == pytest.approx(1.4185, rel=1e-4)
     assert run.parts[0].seeds == ()
     assert "quick report" in text
+    assert "<code>parapod run swing --set length_m=0.5</code>" in text
+    assert "<code>parapod run swing</code>" in page()[1]
+
+
+def test_a_quick_report_does_not_say_more_than_it_did(page):
+    brief = replace(CHAPTER.parts[0], text="All of it.", quick_text="A part of it.")
+    for quick, said, unsaid in ((True, "A part of it.", "All of it."), (False, "All", "A part")):
+        _, text = page(replace(CHAPTER, parts=(brief,)), quick=quick)
+        assert said in text
+        assert unsaid not in text
 
 
 def test_a_broken_bound_or_an_erratum_that_is_not_borne_out_fails_the_report(page):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from parapod.sims.lab.figures import draw
 from parapod.sims.walking_chair.circle import (
     PAPER_RADIAL_MM,
     ChairCircleScenario,
@@ -44,6 +45,15 @@ def test_the_modes_differ_as_the_equations_have_it(values):
     assert values["ripple_compound_mm_s"] == pytest.approx(0.21, abs=0.02)
     assert values["ripple_velocity_mm_s"] == pytest.approx(1.25, abs=0.03)
     assert values["ripple_position_mm_s"] == pytest.approx(4.9, abs=0.3)
+
+
+def test_the_drawing_of_the_circle_says_how_much_larger_its_errors_are(finished):
+    (figure,) = (f for f in finished("chair-circle").result.figures if f.name == "fig14_circle")
+    for axes in draw(figure).axes:
+        _, foot = axes.get_lines()
+        assert "error\n20 times as large" in foot.get_label()
+        named = [text.get_text() for text in axes.get_legend().get_texts()]
+        assert foot.get_label() in named
 
 
 def test_what_the_circle_asks_of_the_branches(values):
