@@ -18,17 +18,11 @@ import pytest
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from rich.console import Console
 
-# Where tests are judged by the clock: devices, their emulators, programs beside each other.
-REAL_TIME = (
-    "diagrams/test_hardware_station.py",
-    "laws/test_devices.py",
-    "sims/levelling_platform/test_live.py",
-    "sims/real_machine",
-    "systems/hardware",
-)
+# Where programs beside each other are judged by the clock.
+REAL_TIME = ("diagrams/test_hardware_station.py", "sims/real_machine")
 
 
-# Where tests share whole runs of experiments, which one process therefore makes.
+# Where tests share whole runs of experiments, which one process a machine therefore makes.
 SHARED_RUNS = (
     "tests/laws/test_chapters.py",
     "tests/laws/test_experiments.py",
@@ -48,12 +42,14 @@ def pytest_itemcollected(item):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Gives each process files, and one of them all that share runs."""
+    """Gives each process files, and all that share a machine's runs to the same one."""
     from xdist.scheduler import LoadScopeScheduling
 
     class Scheduling(LoadScopeScheduling):
         def _split_scope(self, nodeid):
-            return "shared runs" if nodeid.startswith(SHARED_RUNS) else nodeid.split("::")[0]
+            if nodeid.startswith(SHARED_RUNS):
+                return "runs of the chair" if "chair" in nodeid else "runs of the platform"
+            return nodeid.split("::")[0]
 
     return Scheduling(config, log)
 
