@@ -31,9 +31,10 @@ demo: setup
 	@mkdir -p out
 	$(BIN)/parapod run level --meshcat --html out/level.html --json out/level.json $(ARGS)
 
-# For everyday work, under a minute: no whole run of an experiment, and nothing by the clock.
+# For everyday work: no devices on their emulators, and no whole run of an experiment.
 check: lint types
-	$(TOGETHER) -m "not real_time and not slow and not whole_run" tests/laws tests/systems
+	$(TOGETHER) -m "not real_time and not slow and not whole_run" tests/laws tests/systems \
+	  --ignore tests/laws/test_devices.py --ignore tests/systems/hardware
 
 test: lint types pytest
 
