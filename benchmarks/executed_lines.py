@@ -235,7 +235,7 @@ class Tests:
 
 
 def _sharing_key(test: str, fixture: str, scope: str) -> tuple[str, ...]:
-    """What tests have in common that share a fixture's work.
+    """Lines that tests share through a fixture's work.
 
     A fixture of the session may do it when a test calls it, for that test's parameters.
     """
@@ -244,7 +244,7 @@ def _sharing_key(test: str, fixture: str, scope: str) -> tuple[str, ...]:
 
 
 def _outside(node: ast.stmt) -> Iterator[ast.AST]:
-    """What a statement executes itself: of a function only its decorators and defaults."""
+    """Lines that a statement executes itself: of a function only its decorators and defaults."""
     if not isinstance(node, ast.FunctionDef):
         yield from ast.walk(node)
         return

@@ -143,7 +143,7 @@ def _files() -> list[str]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a mutant.
+    """Fate of a mutant.
 
     Attributes:
         mutant: the change.

@@ -273,7 +273,7 @@ class Bench:
         return simulate(simulator, until, self.console, what or self.name)
 
 
-def say_where(page: Panel | Meshcat, what: str, console: Console) -> None:
+def say_where(page: Panel, what: str, console: Console) -> None:
     """Prints the address at which something is shown."""
     where = f"{what[:1].upper()}{what[1:]} is shown at {page.web_url()}"
     console.print(where, markup=False, highlight=False, soft_wrap=True)

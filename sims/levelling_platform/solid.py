@@ -14,8 +14,9 @@ from rich.console import Console
 
 from parapod.diagrams.levelling_platform.model import add_drawing
 from parapod.diagrams.wiring import add
-from parapod.sims.lab.bench import make_viewer
+from parapod.sims.lab.bench import END, LOOK_PERIOD, make_viewer
 from parapod.sims.lab.figures import COLOURS, Figure
+from parapod.sims.lab.panel import Panel
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
@@ -208,8 +209,6 @@ def _fill_from_above(axes: "Axes", arm: ArmGeometry, colour: str) -> None:
 _LEVEL = (0.0, 0.0)
 _FACE_EDGE = 25
 _AROUND, _ACROSS = 73, 145
-_STOP = "Stop"
-_LOOK_PERIOD = 0.1  # [s]
 # Axes of frame {B}: colours, lengths [0.1 m], half a tick's length [m].
 _AXES = {"x": Rgba(0.80, 0.15, 0.10), "y": Rgba(0.10, 0.55, 0.15), "z": Rgba(0.10, 0.25, 0.80)}
 _LENGTHS = (15, 12, 28)
@@ -247,19 +246,19 @@ def draw(scenario: "WorkspaceScenario") -> Meshcat:
     return meshcat
 
 
-def wait(meshcat: Meshcat, console: Console) -> None:
-    """Keeps the picture until the viewer says that it is enough, or Ctrl-C."""
+def wait(panel: Panel, console: Console) -> None:
+    """Keeps the page until the viewer says that it is enough, or Ctrl-C."""
     console.print(
-        f"'{_STOP}' in the browser or Ctrl-C ends.", markup=False, highlight=False, soft_wrap=True
+        f"'{END}' in the browser or Ctrl-C ends.", markup=False, highlight=False, soft_wrap=True
     )
-    meshcat.AddButton(_STOP)
+    panel.AddButton(END)
     try:
-        while meshcat.GetButtonClicks(_STOP) == 0:
-            time.sleep(_LOOK_PERIOD)
+        while panel.GetButtonClicks(END) == 0:
+            time.sleep(LOOK_PERIOD)
     except KeyboardInterrupt:
         pass
     finally:
-        meshcat.DeleteButton(_STOP)
+        panel.close()
 
 
 def _draw_machine(meshcat: Meshcat, lean: float) -> NDArray[np.float64]:

@@ -18,6 +18,7 @@ from scipy.optimize import minimize  # type: ignore[import-untyped]
 from parapod.sims.lab.bench import Bench, say_where
 from parapod.sims.lab.experiment import Experiment, RunOptions
 from parapod.sims.lab.figures import Figure
+from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.results import Metric
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import ARM_BASE, PlatformGeometry
@@ -182,9 +183,18 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Finding"]]):
             return None
         from parapod.sims.levelling_platform.solid import wait
 
-        meshcat = self.scene(scenario)
-        say_where(meshcat, "the workspace", options.console)
-        return partial(wait, meshcat, options.console) if options.live else None
+        found = {metric.key: metric.value for metric in self.measure(scenario, data)}
+        rows = [
+            Row(f"extent along {axis}", true=found[f"extent_{axis}_mm"], unit="mm", decimals=0)
+            for axis in "xyz"
+        ]
+        panel = Panel(self.scene(scenario), f"{self.name}: the reach of the arm's tip")
+        panel.show(Readout("exact, in closed form", rows))
+        say_where(panel, "the workspace", options.console)
+        if options.live:
+            return partial(wait, panel, options.console)
+        panel.close()
+        return None
 
 
 @dataclass(frozen=True)

@@ -117,7 +117,7 @@ def model_of(add):
 
 
 def of_plant(add, port):
-    """What an output of a model's plant shows, its feet somewhere about the ground."""
+    """Value of an output of a model's plant, its feet somewhere about the ground."""
 
     def sample(random, size):
         model, context, root, diagram = model_of(add)
@@ -153,7 +153,7 @@ START = gait_motion(CHAIR, WALK.gaits[0], 0.0)
 
 @dataclass(frozen=True)
 class Entry:
-    """What is particular to a class.
+    """Particulars of a class.
 
     Attributes:
         arguments: those that it cannot be made without.

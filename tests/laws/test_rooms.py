@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
+ROOMS = ("systems", "diagrams", "sims", "urdf", "benchmarks", "examples")
 # By rooms, what their modules import neither as a whole nor in part.
 FORBIDDEN = {
     ("systems",): ("parapod.diagrams", "parapod.sims"),
@@ -37,9 +38,7 @@ def test_rooms_import_what_is_below_them(rooms, forbidden):
 
 
 def test_docstrings_begin_with_an_imperative_or_a_noun():
-    for path in (
-        p for room in ("systems", "diagrams", "sims") for p in (ROOT / room).rglob("*.py")
-    ):
+    for path in (p for room in ROOMS for p in (ROOT / room).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
                 first = (ast.get_docstring(node) or "None").split()[0]

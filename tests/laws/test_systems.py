@@ -253,7 +253,7 @@ def test_the_systems_that_convert_are_the_documented_ones(system_kind):
 
 @pytest.mark.parametrize("number", [1, 3, 5])
 def test_gradients_agree_with_differences(convertible, number, assert_gradient_agrees):
-    """Of outputs and updates by inputs, state and parameters, with all settings kept."""
+    """Gradients of outputs and updates by inputs, state and parameters, all settings kept."""
     context = list(convertible.moments(6, seed=4))[number][0]
     given = {name: port.Eval(context).copy() for name, port in convertible.inputs.items()}
     switches = {name: given.pop(name) for name in ("enable", "stop") if name in given}

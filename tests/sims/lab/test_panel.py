@@ -38,7 +38,7 @@ def state(panel):
 
 
 def send(panel, body):
-    """As the panel's own page does."""
+    """Status of what the panel's own page sends."""
     return ask(panel, "/", body, Origin=panel.web_url())[0]
 
 

@@ -96,7 +96,7 @@ def test_the_log_says_which_fault_was_injected(faulty, tmp_path):
 
 
 def messages_of(html):
-    """What a recording tells the browser."""
+    """Commands of a recording to the browser."""
     blobs = re.findall(r"data:application/octet-binary;base64,([A-Za-z0-9+/=]+)", html)
     return [umsgpack.unpackb(base64.b64decode(blob)) for blob in blobs]
 

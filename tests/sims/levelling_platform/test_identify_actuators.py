@@ -64,7 +64,7 @@ def test_a_direction_without_steps_takes_nothing_from_the_gain():
 
 
 def drawn_gains(scenario):
-    """As the machine's reset draws them."""
+    """Gains that the machine's reset draws."""
     error = scenario.actuators.gain_error
     return 0.01 * (1.0 + np.random.default_rng(scenario.seed).uniform(-error, error, 4))
 

@@ -42,7 +42,7 @@ def here(chair, monkeypatch):
 
 
 def share_in_time(said):
-    """Of the commands: those made of measurements that were younger than a period."""
+    """Share of the commands made of measurements that were younger than a period."""
     (line,) = [line for line in said.splitlines() if line.startswith("EPOS2")]
     late, of = map(int, re.search(r"(\d+) of (\d+) above one period", line).groups())
     return 1.0 - late / of
