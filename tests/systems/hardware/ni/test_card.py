@@ -307,11 +307,12 @@ def test_relay_is_written_again_after_a_write_that_failed(card, misbehaviour, se
 def test_stalled_server_delays_configure_and_close_no_longer_than_their_time(
     server, misbehaviour, monkeypatch, judge
 ):
-    monkeypatch.setattr(ni_card, "_CONFIGURE_TIMEOUT", 0.3)
     card = device(server)
     misbehaviour.begin("off", time.monotonic())
-    with judge() as judged:
-        assert fails(card.configure).fault is DeviceFault.SILENT
+    with monkeypatch.context() as patience:
+        patience.setattr(ni_card, "_CONFIGURE_TIMEOUT", 0.3)
+        with judge() as judged:
+            assert fails(card.configure).fault is DeviceFault.SILENT
     judged.check(0.3 + TIMEOUT + MARGIN)
     misbehaviour.end()
     card.configure()
