@@ -2,7 +2,9 @@
 SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
-TOGETHER := $(BIN)/pytest -n auto
+# Compiled once for all the programs that tests start, whatever the environment says.
+PYTEST := env -u PYTHONDONTWRITEBYTECODE PYTHONPYCACHEPREFIX=$(CURDIR)/build/pycache $(BIN)/pytest
+TOGETHER := $(PYTEST) -n auto
 ARGS ?=
 
 # The newest interpreter that is new enough; PYTHON=/path/to/python overrides it.
@@ -40,7 +42,7 @@ test: lint types pytest
 
 # With the tests that are left out of the everyday ones.
 test-all: test
-	$(BIN)/pytest -m slow $(ARGS)
+	$(PYTEST) -m slow $(ARGS)
 
 lint: setup
 	$(BIN)/ruff check .
@@ -56,7 +58,7 @@ types: setup
 # What can run beside each other does, on all cores; what is judged by the clock then runs alone.
 pytest: setup
 	$(TOGETHER) -m "not real_time and not slow" $(ARGS) || [ $$? = 5 ]
-	$(BIN)/pytest -m "real_time and not slow" $(ARGS) || [ $$? = 5 ]  # 5: none of those asked for
+	$(PYTEST) -m "real_time and not slow" $(ARGS) || [ $$? = 5 ]  # 5: none of those asked for
 
 bench: setup
 	$(BIN)/python -m benchmarks $(ARGS)

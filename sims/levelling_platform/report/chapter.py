@@ -60,10 +60,9 @@ _PARTS = (
         "off by up to .5 mm and every angle by up to .2 deg.",
         "validate-kinematics",
         quick=(
-            "job.settled_after=3",
-            "job.waypoints=[{time: 4, roll_deg: 2, height_mm: 10},"
-            " {time: 6, pitch_deg: -2, height_mm: -10}]",
-            "job.end=9",
+            "job.settled_after=2.5",
+            "job.waypoints=[{time: 3, roll_deg: 2, pitch_deg: -2, height_mm: 10}]",
+            "job.end=6",
         ),
     ),
     Part(
@@ -80,6 +79,7 @@ _PARTS = (
         "Ten voltage steps with legs lifted and under the platform's weight; K from voltages and "
         "encoders alone.",
         "identify-actuators",
+        quick=_COARSE,
     ),
     Part(
         "track-posture",
@@ -88,8 +88,9 @@ _PARTS = (
         "outer inclination loop that the paper leaves as its next step.",
         "track-posture",
         quick=(
-            "job.waypoints=[{time: 9, roll_deg: 3, pitch_deg: -2, height_mm: 30}, {time: 18}]",
-            "job.end=26",
+            "job.settled_after=5",
+            "job.waypoints=[{time: 6, roll_deg: 3, pitch_deg: -2, height_mm: 30}, {time: 13}]",
+            "job.end=22",
         ),
     ),
     Part(
@@ -116,7 +117,12 @@ _PARTS = (
         "its legs until they touch, and takes a posture. Here it does so under a supervisor, on "
         "ground that is inclined and uneven, and drives away again.",
         "deploy",
-        quick=("plant.leg_model=reduced", *_COARSE),
+        quick=(
+            "plant.leg_model=reduced",
+            "plant.time_step=0.01",
+            "drive.distance_m=0.2",
+            "work.hold_s=1",
+        ),
     ),
     Part(
         "fault-campaign",
