@@ -260,6 +260,22 @@ class Recording:
         """(n) times of the circle without its first second."""
         return self.moves & (self.time >= SETTLING)
 
+    @property
+    def foot_error_mm(self) -> float:
+        """Largest error of the foot on the circle, the first second left out [mm]."""
+        return 1e3 * float(self.distance[self.is_settled].max())
+
+    @property
+    def radial_error_mm(self) -> float:
+        """Largest error of the trajectory's radius on the circle, either way [mm]."""
+        return 1e3 * float(np.abs(self.radial_error[self.moves]).max())
+
+    @property
+    def ripple_mm_s(self) -> float:
+        """Root mean square of the velocities about the planned ones [mm/s]."""
+        about: Floats = self.velocity - self.planned.velocity
+        return 1e3 * float(np.sqrt(np.mean(about[self.is_settled] ** 2)))
+
     @cached_property
     def planned(self) -> BranchMotion:
         """Planned motion of the branches, arrays (n, 3)."""
@@ -275,7 +291,12 @@ class ChairCircle(Experiment[ChairCircleScenario, dict[str, Recording]]):
 
     def check(self, scenario: ChairCircleScenario) -> None:
         """Refuses a circle that takes a branch out of its stroke, or is too fast for it."""
-        check_circle(scenario)
+        circle = scenario.circle.circle
+        time = np.linspace(0.0, circle.duration, round(circle.duration / _CHECKED) + 1)
+        motion = leg_motion(GEOMETRY, circle.motion(time))
+        check_strokes(GEOMETRY, motion.length[:, np.newaxis], time, _LEGS)
+        limit = 1e-3 * scenario.drives.max_velocity_mm_s
+        check_speeds(motion.velocity[:, np.newaxis], limit, time, _LEGS)
 
     def loop(self, scenario: ChairCircleScenario, **options: Any) -> Diagram:
         """The leg in the first mode."""
@@ -303,33 +324,64 @@ class ChairCircle(Experiment[ChairCircleScenario, dict[str, Recording]]):
         self, scenario: ChairCircleScenario, data: dict[str, Recording]
     ) -> Iterator[Metric]:
         """Errors of foot and velocities, and how errors of lengths move the foot."""
-        yield from error_metrics(scenario, data)
-        yield from velocity_metrics(scenario, data)
-        yield from sensitivity_metrics(scenario.circle.circle)
+        yield from _errors(scenario, data)
+        yield from _velocities(scenario, data)
+        yield from _effects(scenario.circle.circle)
 
     def note(self, scenario: ChairCircleScenario, data: dict[str, Recording]) -> Iterable[str]:
         """Causes of the errors."""
-        return _notes(data)
+        compound = data["compound"]
+        any_way, radially = sensitivities(compound.circle)
+        return (
+            f"The {PAPER_RADIAL_MM:g} mm by which the paper's radius is off are not the "
+            f"control's: that leaves {compound.radial_error_mm:.2f} mm here. They are what "
+            f"lengths can do that are off by {PAPER_RADIAL_MM / radially:.2f} mm (root of the sum "
+            "of squares over the three branches): play in the joints, homing, the leg's "
+            "dimensions. The paper puts them down to the mechanism too. For each mm of such an "
+            f"error the foot moves by up to {any_way:.2f} mm.",
+            "The mode velocity keeps what it loses at the start: its sum of velocity errors is a "
+            "position, without which it would drift. The mode position runs to every node at full "
+            "speed and stops there.",
+            "Without circle.ramp the foot is asked to move at full speed at once, and to stop at "
+            "once; that is where the largest errors are.",
+        )
 
     def draw(self, scenario: ChairCircleScenario, data: dict[str, Recording]) -> Iterable[Figure]:
         """Branches, circle and errors (Figs. 10, 11 and 14)."""
-        return figures(data)
-
-
-def check_circle(scenario: ChairCircleScenario) -> None:
-    """Refuses a circle that the branches cannot do.
-
-    Raises:
-        ScenarioError: the circle's parts do not fit together.
-        StrokeExceeded: names the branch and the time of the largest excess.
-        SpeedExceeded: names the branch and the time of the largest speed.
-    """
-    circle = scenario.circle.circle
-    time = np.linspace(0.0, circle.duration, round(circle.duration / _CHECKED) + 1)
-    motion = leg_motion(GEOMETRY, circle.motion(time))
-    check_strokes(GEOMETRY, motion.length[:, np.newaxis], time, _LEGS)
-    limit = 1e-3 * scenario.drives.max_velocity_mm_s
-    check_speeds(motion.velocity[:, np.newaxis], limit, time, _LEGS)
+        return (
+            Figure(
+                "fig11_circle_branches",
+                "Branches of the leg on the circle",
+                "Lengths and velocities of the three branches for a lap of Eq. (49) (Fig. 11).",
+                partial(_draw_branches, data["compound"]),
+                (9.0, 3.2),
+            ),
+            Figure(
+                "fig14_circle",
+                "The foot's trajectory in three control modes",
+                f"From above: the circle of Eq. (49), and the foot's trajectory with errors of "
+                f"the radius {_MAGNIFIED:g} times as large (Fig. 14). All laps. That the mode "
+                "velocity is late does not show here.",
+                partial(_draw_circle, data),
+                (9.6, 3.7),
+            ),
+            Figure(
+                "circle_errors",
+                "Error of the foot over time",
+                "Above the distance from where the foot should be at the same instant; below the "
+                "error of the trajectory's radius, which a foot that is late has not.",
+                partial(_draw_errors, data),
+                (8.0, 4.6),
+            ),
+            Figure(
+                "circle_ripple",
+                "Velocity of a branch in three control modes",
+                f"{branch_names((1,))[_FASTEST].capitalize()} at its fastest: what is planned, "
+                "and what the drive does.",
+                partial(_draw_ripple, data),
+                (9.0, 3.0),
+            ),
+        )
 
 
 def _record(scenario: ChairCircleScenario, mode: str, bench: Bench) -> Recording:
@@ -344,137 +396,101 @@ def _record(scenario: ChairCircleScenario, mode: str, bench: Bench) -> Recording
     return Recording(params.circle, time, position, velocity, foot)
 
 
-def error_metrics(
-    scenario: ChairCircleScenario, recordings: dict[str, Recording]
-) -> tuple[Metric, ...]:
+def _errors(scenario: ChairCircleScenario, recordings: dict[str, Recording]) -> Iterator[Metric]:
     """Errors of the foot in every mode, and how they compare."""
-    errors = {mode: foot_error_mm(recording) for mode, recording in recordings.items()}
-    compound = recordings["compound"]
+    errors = {mode: recording.foot_error_mm for mode, recording in recordings.items()}
     bounds = {"compound": _ERROR_BY_PERIOD * scenario.control.period}
-    metrics = [
-        Metric(
-            f"foot_error_{mode}_mm",
-            error,
-            "mm",
-            bounds.get(mode),
-            meaning=f"largest on the circle from {SETTLING:g} s on, mode {mode}",
-        )
-        for mode, error in errors.items()
-    ]
-    metrics.append(
-        Metric(
-            "compound_by_velocity",
-            errors["compound"] / errors["velocity"],
-            "",
-            _COMPOUND_BY_VELOCITY,
-            meaning="these errors: what correcting the velocity by the position is worth",
-        )
+    for mode, error in errors.items():
+        meaning = f"largest on the circle from {SETTLING:g} s on, mode {mode}"
+        yield Metric(f"foot_error_{mode}_mm", error, "mm", bounds.get(mode), meaning=meaning)
+    yield Metric(
+        "compound_by_velocity",
+        errors["compound"] / errors["velocity"],
+        "",
+        _COMPOUND_BY_VELOCITY,
+        meaning="these errors: what correcting the velocity by the position is worth",
     )
-    metrics += [
-        Metric(
+    for mode, recording in recordings.items():
+        yield Metric(
             f"largest_error_{mode}_mm",
             1e3 * float(recording.distance.max()),
             "mm",
             paper="at both ends" if mode == "compound" else None,
             meaning=f"of the whole run, its steps of the speed included, mode {mode}",
         )
-        for mode, recording in recordings.items()
-    ]
-    metrics += [
-        Metric(
+    for mode, recording in recordings.items():
+        yield Metric(
             f"radial_error_{mode}_mm",
-            radial_error_mm(recording),
+            recording.radial_error_mm,
             "mm",
             paper=PAPER_RADIAL_MM if mode == "compound" else None,
             meaning=f"largest of the trajectory's radius on the circle, mode {mode}",
         )
-        for mode, recording in recordings.items()
-    ]
     if scenario.circle.laps > 1:
-        metrics.append(
-            Metric(
-                "growth_compound_mm",
-                _growth_mm(compound, scenario.circle.lap_duration),
-                "mm",
-                _GROWTH_MM,
-                paper=0.0,
-                meaning="largest error of the last lap less that of the first, mode compound",
-            )
-        )
-    return tuple(metrics)
-
-
-def velocity_metrics(
-    scenario: ChairCircleScenario, recordings: dict[str, Recording]
-) -> tuple[Metric, ...]:
-    """Measure how the branches move."""
-    ripples = {mode: _ripple_mm_s(recording) for mode, recording in recordings.items()}
-    compound = recordings["compound"]
-    planned = compound.planned
-    limit = scenario.drives.max_velocity_mm_s
-    left = -1e3 * float(stroke_excess(GEOMETRY, planned.length).max())
-    return (
-        *(
-            Metric(
-                f"ripple_{mode}_mm_s",
-                ripple,
-                "mm/s",
-                paper="little noticeable" if mode == "compound" else None,
-                meaning=f"rms of the branches' velocities about the planned ones, mode {mode}",
-            )
-            for mode, ripple in ripples.items()
-        ),
-        Metric(
-            "ripple_by_position",
-            ripples["compound"] / ripples["position"],
-            "",
-            _COMPOUND_BY_POSITION,
-            meaning="these ripples: what leading the drives at a velocity is worth",
-        ),
-        Metric(
-            "planned_branch_speed_mm_s",
-            1e3 * float(np.abs(planned.velocity).max()),
-            "mm/s",
-            limit,
-            meaning="largest that the circle asks of a branch",
-        ),
-        Metric(
-            "max_branch_speed_mm_s",
-            1e3 * float(np.abs(compound.velocity).max()),
-            "mm/s",
-            limit,
-            meaning="largest of a branch, mode compound",
-        ),
-        Metric(
-            "stroke_left_mm",
-            left,
+        yield Metric(
+            "growth_compound_mm",
+            _growth_mm(recordings["compound"], scenario.circle.lap_duration),
             "mm",
-            at_least=0.0,
-            meaning="smallest distance of a branch from the ends of its stroke, as planned",
-        ),
+            _GROWTH_MM,
+            paper=0.0,
+            meaning="largest error of the last lap less that of the first, mode compound",
+        )
+
+
+def _velocities(
+    scenario: ChairCircleScenario, recordings: dict[str, Recording]
+) -> Iterator[Metric]:
+    """How the branches move."""
+    ripples = {mode: recording.ripple_mm_s for mode, recording in recordings.items()}
+    for mode, ripple in ripples.items():
+        yield Metric(
+            f"ripple_{mode}_mm_s",
+            ripple,
+            "mm/s",
+            paper="little noticeable" if mode == "compound" else None,
+            meaning=f"rms of the branches' velocities about the planned ones, mode {mode}",
+        )
+    yield Metric(
+        "ripple_by_position",
+        ripples["compound"] / ripples["position"],
+        "",
+        _COMPOUND_BY_POSITION,
+        meaning="these ripples: what leading the drives at a velocity is worth",
+    )
+    compound, limit = recordings["compound"], scenario.drives.max_velocity_mm_s
+    for key, velocity, meaning in (
+        ("planned", compound.planned.velocity, "largest that the circle asks of a branch"),
+        ("max", compound.velocity, "largest of a branch, mode compound"),
+    ):
+        largest = 1e3 * float(np.abs(velocity).max())
+        yield Metric(f"{key}_branch_speed_mm_s", largest, "mm/s", limit, meaning=meaning)
+    yield Metric(
+        "stroke_left_mm",
+        -1e3 * float(stroke_excess(GEOMETRY, compound.planned.length).max()),
+        "mm",
+        at_least=0.0,
+        meaning="smallest distance of a branch from the ends of its stroke, as planned",
     )
 
 
-def sensitivity_metrics(circle: FootCircle) -> tuple[Metric, ...]:
-    """Measure the effect of wrong lengths of the branches on the foot."""
+def _effects(circle: FootCircle) -> Iterator[Metric]:
+    """Effects of wrong lengths of the branches on the foot."""
     any_way, radially = sensitivities(circle)
-    return (
-        Metric(
-            "foot_error_by_branch_error",
-            any_way,
-            meaning="largest of the foot by that of the lengths (root of squares), on the circle",
-        ),
-        Metric(
-            "radial_error_by_branch_error",
-            radially,
-            meaning="largest of the radius by that of the lengths (root of squares)",
-        ),
-        Metric(
-            "branch_error_for_paper_mm",
-            PAPER_RADIAL_MM / radially,
-            "mm",
-            meaning="of the lengths (root of squares) that can explain the paper's radial error",
-        ),
+    yield Metric(
+        "foot_error_by_branch_error",
+        any_way,
+        meaning="largest of the foot by that of the lengths (root of squares), on the circle",
+    )
+    yield Metric(
+        "radial_error_by_branch_error",
+        radially,
+        meaning="largest of the radius by that of the lengths (root of squares)",
+    )
+    yield Metric(
+        "branch_error_for_paper_mm",
+        PAPER_RADIAL_MM / radially,
+        "mm",
+        meaning="of the lengths (root of squares) that can explain the paper's radial error",
     )
 
 
@@ -493,64 +509,11 @@ def sensitivities(circle: FootCircle) -> tuple[float, float]:
     return float(any_way), float(np.linalg.norm(rows, axis=-1).max())
 
 
-def foot_error_mm(recording: Recording) -> float:
-    """Largest error of the foot on the circle, the first second left out [mm]."""
-    return 1e3 * float(recording.distance[recording.is_settled].max())
-
-
-def radial_error_mm(recording: Recording) -> float:
-    """Largest error of the trajectory's radius on the circle, either way [mm]."""
-    return 1e3 * float(np.abs(recording.radial_error[recording.moves]).max())
-
-
 def _growth_mm(recording: Recording, lap: float) -> float:
     time, distance = recording.time, recording.distance
     first = recording.is_settled & (time <= SETTLING + lap)
     last = recording.moves & (time >= recording.circle.duration - lap)
     return 1e3 * float(distance[last].max() - distance[first].max())
-
-
-def _ripple_mm_s(recording: Recording) -> float:
-    about: Floats = recording.velocity - recording.planned.velocity
-    return 1e3 * float(np.sqrt(np.mean(about[recording.is_settled] ** 2)))
-
-
-def figures(recordings: dict[str, Recording]) -> tuple[Figure, ...]:
-    """The paper's Figs. 11 and 14, and what is behind the latter."""
-    return (
-        Figure(
-            "fig11_circle_branches",
-            "Branches of the leg on the circle",
-            "Lengths and velocities of the three branches for a lap of Eq. (49) (Fig. 11).",
-            partial(_draw_branches, recordings["compound"]),
-            (9.0, 3.2),
-        ),
-        Figure(
-            "fig14_circle",
-            "The foot's trajectory in three control modes",
-            f"From above: the circle of Eq. (49), and the foot's trajectory with errors of the "
-            f"radius {_MAGNIFIED:g} times as large (Fig. 14). All laps. That the mode velocity is "
-            "late does not show here.",
-            partial(_draw_circle, recordings),
-            (9.6, 3.7),
-        ),
-        Figure(
-            "circle_errors",
-            "Error of the foot over time",
-            "Above the distance from where the foot should be at the same instant; below the "
-            "error of the trajectory's radius, which a foot that is late has not.",
-            partial(_draw_errors, recordings),
-            (8.0, 4.6),
-        ),
-        Figure(
-            "circle_ripple",
-            "Velocity of a branch in three control modes",
-            f"{branch_names((1,))[_FASTEST].capitalize()} at its fastest: what is planned, and "
-            "what the drive does.",
-            partial(_draw_ripple, recordings),
-            (9.0, 3.0),
-        ),
-    )
 
 
 def _draw_branches(recording: Recording, canvas: "Canvas") -> None:
@@ -623,22 +586,4 @@ def _draw_ripple(recordings: dict[str, Recording], canvas: "Canvas") -> None:
     panels[0].set_ylabel("velocity [mm/s]")
     canvas.legend(
         *panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2, fontsize=8
-    )
-
-
-def _notes(recordings: dict[str, Recording]) -> tuple[str, ...]:
-    compound = recordings["compound"]
-    any_way, radially = sensitivities(compound.circle)
-    return (
-        f"The {PAPER_RADIAL_MM:g} mm by which the paper's radius is off are not the control's: "
-        f"that leaves {radial_error_mm(compound):.2f} mm here. They are what lengths can do that "
-        f"are off by {PAPER_RADIAL_MM / radially:.2f} mm (root of the sum of squares over the "
-        "three branches): play in the joints, homing, the leg's dimensions. The paper puts them "
-        f"down to the mechanism too. For each mm of such an error the foot moves by up to "
-        f"{any_way:.2f} mm.",
-        "The mode velocity keeps what it loses at the start: its sum of velocity errors is a "
-        "position, without which it would drift. The mode position runs to every node at full "
-        "speed and stops there.",
-        "Without circle.ramp the foot is asked to move at full speed at once, and to stop at "
-        "once; that is where the largest errors are.",
     )
