@@ -16,11 +16,11 @@ GROUP = "parapod.drivers"
 def load_installed_drivers() -> tuple[str, ...]:
     """Import the modules that installed packages name under the entry point `parapod.drivers`.
 
-    A package that cannot be imported leaves the others usable. A scenario that names one of its
-    drivers is refused, and told why there is none.
+    A package that cannot be imported, or whose driver has the name of another one, leaves the
+    others usable. A scenario that names one of its drivers is refused, and told why there is none.
 
     Returns:
-        A sentence for each package that cannot be imported, which names it and the reason.
+        A sentence for each package that cannot be imported and each name that is taken twice.
     """
     problems = []
     for entry in entry_points(group=GROUP):
@@ -31,14 +31,15 @@ def load_installed_drivers() -> tuple[str, ...]:
             what = f"the drivers '{entry.name}' of the package '{package}'"
             problems.append(str(_failed(what, error)))
     Driver.not_imported = tuple(problems)
-    return Driver.not_imported
+    return (*problems, *Driver.clashes())
 
 
 def load_drivers(path: Path) -> None:
     """Import a Python file that defines drivers, by its name, as if it lay beside the program.
 
     Raises:
-        ScenarioError: it is not there, or cannot be imported.
+        ScenarioError: it is not there, cannot be imported, or defines a driver whose name another
+            one has.
     """
     if not os.path.isfile(path) or path.suffix != ".py":
         raise ScenarioError(f"drivers {quoted_path(path)}: there is no such Python file")
@@ -46,10 +47,14 @@ def load_drivers(path: Path) -> None:
     folder = str(path.resolve().parent)
     if folder not in sys.path:
         sys.path.insert(0, folder)
+    before = Driver.clashes()
     try:
         importlib.import_module(path.stem)
     except Exception as error:
         raise _failed(f"the drivers {quoted_path(path)}", error) from error
+    for clash in Driver.clashes():
+        if clash not in before:
+            raise ScenarioError(f"drivers {quoted_path(path)}: {clash}")
 
 
 def _failed(what: str, error: BaseException) -> ScenarioError:

@@ -158,11 +158,11 @@ def load(arguments: argparse.Namespace) -> "tuple[Experiment[Any, Any], Any]":
     from parapod.diagrams.drivers.external import load_drivers, load_installed_drivers
     from parapod.systems.core.scenario_file import load_scenario
 
+    experiment = entry.load()
     for problem in load_installed_drivers():
         print(f"parapod: warning: {problem}", file=sys.stderr)
     if arguments.drivers is not None:
         load_drivers(arguments.drivers)
-    experiment = entry.load()
     overrides = [*arguments.overrides, *_switched(entry, arguments.switches)]
     for key in ("backend", "seed"):
         value = getattr(arguments, key)

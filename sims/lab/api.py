@@ -35,9 +35,10 @@ def scenario(experiment: str, *overrides: str, **values: Any) -> Any:
         ScenarioError: a key or a value that is not admissible; names those that are.
     """
     entry = find_entry(experiment)
+    schema = entry.load().schema
     for problem in load_installed_drivers():
         warnings.warn(problem, stacklevel=2)
-    made: Any = load_scenario(entry.load().schema, entry.default_scenario, None, overrides)
+    made: Any = load_scenario(schema, entry.default_scenario, None, overrides)
     for key, value in values.items():
         setattr(made, key, value)
     object.__setattr__(made, "_experiment", experiment)

@@ -125,20 +125,37 @@ class Variant(Schema):
     def variants(cls) -> dict[str, type]:
         """The dataclasses of a family by their names, in the order of their definition.
 
-        Raises:
-            ScenarioError: two have the same name.
+        Where several packages have one of the same name, that of the family's own package counts,
+        or none: see `clashes`.
         """
-        found: dict[str, type] = {}
+        return {name: kinds[0] for name, kinds in cls._by_name().items() if len(kinds) == 1}
+
+    @classmethod
+    def clashes(cls) -> tuple[str, ...]:
+        """A sentence for each name that was taken already, or that two others both define."""
+        chosen, said = cls._by_name(), []
         for variant in cls._descendants():
-            other = found.get(variant.__name__)
+            name, module = variant.__name__, variant.__module__
+            modules = [kind.__module__ for kind in chosen[name]]
+            if module not in modules:
+                said.append(f"!{name} of {module} is not used: {modules[0]} has one of that name")
+            elif len(modules) > 1:
+                said.append(f"!{name} is defined by {' and by '.join(modules)}: none is used")
+        return tuple(dict.fromkeys(said))
+
+    @classmethod
+    def _by_name(cls) -> dict[str, list[type["Variant"]]]:
+        """Those of the own package, if it has any of that name, or else all others."""
+        home = cls.__module__.partition(".")[0]
+        found: dict[str, dict[str, type[Variant]]] = {}
+        for variant in cls._descendants():
             # In the same module the later one takes the place of the earlier.
-            if other is not None and other.__module__ != variant.__module__:
-                raise ScenarioError(
-                    f"!{variant.__name__} is defined twice, in {other.__module__} and in "
-                    f"{variant.__module__}"
-                )
-            found[variant.__name__] = variant
-        return found
+            found.setdefault(variant.__name__, {})[variant.__module__] = variant
+        return {
+            name: [kind for module, kind in kinds.items() if module.partition(".")[0] == home]
+            or [*kinds.values()]
+            for name, kinds in found.items()
+        }
 
     @classmethod
     def _descendants(cls) -> Iterator[type["Variant"]]:
@@ -376,12 +393,10 @@ class Reader:
         if name not in known:
             hint = did_you_mean(name, known)
             given = show(value) if tag is None else printable(tag, _LONGEST_KEY)
-            known_tags, why = (
-                _tags(family),
-                "".join(f"; {reason}" for reason in family.not_imported),
-            )
+            missing = "".join(f"; {why}" for why in (*family.not_imported, *family.clashes()))
+            known_tags = _tags(family)
             self._refuse(
-                key, f"must begin with one of the tags {known_tags}, not {given}{hint}{why}"
+                key, f"must begin with one of the tags {known_tags}, not {given}{hint}{missing}"
             )
         fields = {k: item for k, item in value.items() if k != TAG}
         return {TAG: f"!{name}"} | self._read_mapping(known[name], fields, key)

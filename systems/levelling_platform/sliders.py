@@ -135,11 +135,11 @@ class _PostureControls(LeafSystem):
 
     def _declare(self) -> None:
         """Declares the outputs and their state."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} does not define _declare")
 
     def _update(self, context: Context, discrete_state: Any) -> None:
         """Reads the controls."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} does not define _update")
 
     def _sliders(self) -> list[tuple[str, float, float, float, float]]:
         """Name, smallest and largest value, step and first value of each."""

@@ -167,3 +167,34 @@ def test_drivers_that_cannot_be_imported_are_named_and_the_others_stay_usable(
     with pytest.warns(UserWarning, match="cannot be imported") as caught:
         parapod.scenario("swing")
     assert sorted(str(warning.message) for warning in caught) == said
+
+
+TAKEN = """
+from dataclasses import dataclass
+from parapod.diagrams.drivers.driver import Driver
+
+@dataclass
+class NiDaqLegs(Driver):
+    pass
+"""
+
+
+def test_a_driver_with_the_name_of_parapod_s_own_takes_nobody_s_place(install, tmp_path, work):
+    files = {"taken/__init__.py": "", "taken/legs.py": TAKEN}
+    install("taken", "[parapod.drivers]\nlegs = taken.legs\n", files)
+    (work / "my_legs.py").write_text(TAKEN)
+    said = r"!NiDaqLegs of {} is not used: parapod\.\S+ has one of that name\n"
+    # A class cannot be taken back, hence in a program of its own.
+    program = (
+        "from parapod.sims.cli.main import main\n"
+        "assert main(['scenario', 'level']) == 0\n"
+        "assert main(['scenario', 'level', '--drivers', 'my_legs.py']) == 2\n"
+    )
+    environment = os.environ | {"PYTHONPATH": str(tmp_path / "site")}
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    # A file is named on purpose.
+    warning = "parapod: warning: " + said.format(r"taken\.legs")
+    refusal = r"parapod: error: drivers '?my_legs\.py'?: " + said.format("my_legs")
+    assert re.fullmatch(2 * warning + refusal, done.stderr)

@@ -449,9 +449,38 @@ def test_two_variants_of_one_name_are_refused_and_a_later_one_of_a_module_counts
     assert load_scenario(Room, overrides=override).lamp == Spot(watts=5.0)
     with pytest.raises(ScenarioError, match="one of the tags !Bulb, !Spot, not !_Hidden"):
         load_scenario(Room, overrides=["lamp=!_Hidden {}"])
-    type("Spot", (Lamp,), {"__module__": "elsewhere"})
-    with pytest.raises(ScenarioError, match=r"!Spot is defined twice, in .* and in elsewhere"):
-        load_scenario(Room, overrides=override)
+
+
+def test_a_name_that_two_packages_give_is_of_the_family_s_own_or_of_none():
+    @dataclass
+    class Shade(Variant):
+        pass
+
+    @dataclass
+    class Wide(Shade):
+        pass
+
+    @dataclass
+    class Room(Schema):
+        shade: Shade = field(default_factory=Wide)
+
+    kinds = [
+        dataclass(type(name, (Shade,), {"__module__": module}))
+        for name, module in (
+            *(("Wide", "north.shades"), ("Round", "north.shades")),
+            *(("Round", "south.shades"), ("Flat", "south.shades")),
+        )
+    ]
+    assert Shade.variants() == {"Wide": Wide, "Flat": kinds[3]}
+    taken = f"!Wide of north.shades is not used: {__name__} has one of that name"
+    both = "!Round is defined by north.shades and by south.shades: none is used"
+    assert Shade.clashes() == (taken, both)
+    assert load_scenario(Room, overrides=["shade=!Wide {}"]).shade == Wide()
+    with pytest.raises(
+        ScenarioError, match=r"one of the tags !Wide, !Flat, not !Round.*; "
+    ) as told:
+        load_scenario(Room, overrides=["shade=!Round {}"])
+    assert str(told.value).endswith(both)
 
 
 # Writing
