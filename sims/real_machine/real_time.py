@@ -237,7 +237,10 @@ def ended_with_parent(parent: int) -> Iterator[None]:
 
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """Makes the signals that end programs end this one as Ctrl-C does: through every `finally`."""
+    """Makes the signals that end programs end this one as Ctrl-C does: through every `finally`.
+
+    One that is ignored stays so: under `nohup` a program outlives its terminal.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -245,8 +248,9 @@ def ended_by_signals() -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt(signal.Signals(number).name)
 
-    signals = [s for s in ("SIGTERM", "SIGHUP") if hasattr(signal, s)]
-    before = {getattr(signal, s): signal.signal(getattr(signal, s), interrupt) for s in signals}
+    numbers = [getattr(signal, s) for s in ("SIGTERM", "SIGHUP") if hasattr(signal, s)]
+    heard = [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, interrupt) for number in heard}
     try:
         yield
     finally:

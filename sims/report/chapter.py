@@ -275,6 +275,7 @@ class Chapter:
         claims: every number that the paper prints.
         errata: misprints.
         components: components of the machine.
+        components_in: figure of the paper that lists them.
         drawings: figures that need no experiment.
         pictures: takes the pictures; raises RuntimeError where nothing can render.
         missing: results that could not be reproduced, a sentence each.
@@ -287,6 +288,7 @@ class Chapter:
     claims: tuple[Claim, ...]
     errata: tuple[Erratum, ...] = ()
     components: tuple[Component, ...] = ()
+    components_in: str = ""
     drawings: tuple[Figure, ...] = ()
     pictures: Callable[[], Sequence[Picture]] = field(default=tuple)
     missing: tuple[str, ...] = ()

@@ -211,6 +211,7 @@ CHAPTER = Chapter(
     claims=CLAIMS,
     errata=ERRATA,
     components=_COMPONENTS,
+    components_in="Fig. 2",
     drawings=DRAWINGS,
     pictures=pictures,
     missing=_MISSING,

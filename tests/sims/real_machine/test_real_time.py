@@ -154,6 +154,16 @@ def test_signals_that_end_programs_pass_through_finally(name):
     assert signal.getsignal(number) == before
 
 
+def test_a_signal_that_is_ignored_under_nohup_ends_nothing():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with ended_by_signals():
+            os.kill(os.getpid(), signal.SIGHUP)
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 # Begins a program in a session of its own, as a test or a shell does, and tells its number.
 PARENT = """
 import subprocess, sys

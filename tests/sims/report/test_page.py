@@ -44,6 +44,7 @@ CHAPTER = Chapter(
     ),
     errata=(Erratum("E1", "Eq. (1)", "x", "y", lambda _: Check("1 is not 2", True)),),
     components=(Component("a motor", "Motor"),),
+    components_in="Table 9",
     drawings=(Figure("d", "D", "A drawing.", lambda canvas: None),),
     pictures=picture,
     missing=("The photograph.",),
@@ -142,6 +143,7 @@ def test_what_is_put_in_and_the_components_are_folded_away_and_counted(page):
     assert re.search(r"<summary>What is put in <small>\(1 numbers?, 1 of them as ", used)
     assert '<td data-is="printed" class="number">50 kg</td>' in used
     assert re.search(r"<summary>Components <small>\(1 of the paper's, ", components)
+    assert "<th>component in the paper (Table 9)</th>" in components
     assert "<code>Motor</code>" in components
     assert "4 times better" not in used
 
