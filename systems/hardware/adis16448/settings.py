@@ -10,8 +10,26 @@ from parapod.systems.core.schema import Schema, quantity
 from parapod.systems.hardware.addresses import resolved
 
 
+class _Sensor:
+    """Settings of a sensor in SI units, whatever it is connected to."""
+
+    mounting_deg: list[float]
+    timeout_ms: float
+
+    @property
+    def mounting(self) -> tuple[float, float, float]:
+        """Roll, pitch and yaw of the sensor in the platform's frame [rad]."""
+        roll, pitch, yaw = map(math.radians, self.mounting_deg)
+        return roll, pitch, yaw
+
+    @property
+    def timeout(self) -> float:
+        """Longest time for one call [s]."""
+        return 1e-3 * self.timeout_ms
+
+
 @dataclass
-class SpiSettings(Schema):
+class SpiSettings(_Sensor, Schema):
     """Sensor on an SPI bus of this computer, or an emulated one.
 
     Attributes:
@@ -44,20 +62,9 @@ class SpiSettings(Schema):
         """Clock of the bus [Hz]."""
         return 1e3 * self.clock_khz
 
-    @property
-    def mounting(self) -> tuple[float, float, float]:
-        """Roll, pitch and yaw of the sensor in the platform's frame [rad]."""
-        roll, pitch, yaw = map(math.radians, self.mounting_deg)
-        return roll, pitch, yaw
-
-    @property
-    def timeout(self) -> float:
-        """Longest time for one call [s]."""
-        return 1e-3 * self.timeout_ms
-
 
 @dataclass
-class IioSettings(Schema):
+class IioSettings(_Sensor, Schema):
     """Sensor behind Linux's driver, here or on another computer that runs iiod.
 
     Attributes:
@@ -77,14 +84,3 @@ class IioSettings(Schema):
     decimation: int = quantity(3, 0, 12)
     mounting_deg: list[float] = quantity([0.0] * 3, -180.0, 180.0, length=3)
     timeout_ms: float = quantity(500.0, 1.0, 10000.0)
-
-    @property
-    def mounting(self) -> tuple[float, float, float]:
-        """Roll, pitch and yaw of the sensor in the platform's frame [rad]."""
-        roll, pitch, yaw = map(math.radians, self.mounting_deg)
-        return roll, pitch, yaw
-
-    @property
-    def timeout(self) -> float:
-        """Longest time for one call [s]."""
-        return 1e-3 * self.timeout_ms
