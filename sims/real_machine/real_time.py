@@ -21,7 +21,7 @@ from parapod.systems.core.errors import ParapodError
 
 # A controller that is this late is not in control [s].
 _HOPELESS = 0.1
-# More than this share of missed deadlines within a second is a computer that is too slow [-].
+# This share of missed deadlines within a second is a computer that is too slow [-].
 _TOLERATED_SHARE = 0.5
 _WINDOW = 1.0  # [s]
 # What a thread may compute while others wait for the interpreter [s]; Python's own is 5 ms.
@@ -91,8 +91,9 @@ class RealTimeLoop:
     comes so late that the next one is due as well, the schedule is moved: ticks are left out and
     counted, and never run in a burst, because each would command a machine of the past.
 
-    The loop ends with an error when a tick is 0.1 s late, or when half of the deadlines of a
-    second are missed; whoever runs it then stops the machine.
+    The loop ends with an error when a tick would begin, or has ended, 0.1 s too late, or when half
+    of the deadlines of a second are missed, whether ticks took long or began late; whoever runs it
+    then stops the machine.
     """
 
     def __init__(
@@ -120,7 +121,7 @@ class RealTimeLoop:
         self._is_strict, self._clock, self._sleep = is_strict, clock, sleep
         self.timing = Timing(period, kept)
         self._window = max(10, round(_WINDOW / period))
-        self._slow: deque[bool] = deque(maxlen=self._window)
+        self._is_missed: deque[bool] = deque(maxlen=self._window)
 
     def run(self, until: float) -> None:
         """Runs to a time of the simulation.
@@ -139,17 +140,21 @@ class RealTimeLoop:
         for k in range(ticks):
             self._wait(due)
             started = self._clock()
+            if self._is_strict and started - due > _HOPELESS:
+                late = 1e3 * (started - due)
+                raise DeadlineError(f"a tick would have begun {late:.0f} ms late")
             # Half a period beyond the tick, so that its writing events are in it.
             self._simulator.AdvanceTo(begin + (k + 0.5) * period)
             if self._on_tick is not None:
                 self._on_tick(context)
             ended = self._clock()
             timing.add(started - due, ended - started)
-            self._slow.append(ended - started > period)
+            self._is_missed.append(False)
             due += period
             if (behind := ended - due) > 0.0:
                 left_out = int(behind / period) + 1
                 timing.missed += left_out
+                self._is_missed.extend([True] * min(left_out, self._window))
                 due += left_out * period
                 if self._is_strict:
                     self._judge(behind)
@@ -162,10 +167,10 @@ class RealTimeLoop:
         timing = self.timing
         if behind > _HOPELESS:
             raise DeadlineError(f"a tick ended {1e3 * behind:.0f} ms after the next was due")
-        slow = sum(self._slow)
-        if slow > _TOLERATED_SHARE * self._window:
+        missed = sum(self._is_missed)
+        if missed >= _TOLERATED_SHARE * self._window:
             raise DeadlineError(
-                f"{slow} of {self._window} ticks took longer than the period of "
+                f"{missed} of {self._window} deadlines were missed at a period of "
                 f"{1e3 * timing.period:g} ms; this computer is too slow for it"
             )
 

@@ -183,7 +183,8 @@ class DeviceThread:
             if command is not None and command is not self._written:
                 self._write(command)
             now = self._clock()
-            if command is not None and now - command.posted > self._timeout:
+            newest = self._command  # by now: a slow device's write may have taken longer than that
+            if newest is not None and now - newest.posted > self._timeout:
                 self._fall_silent()
             if now >= self._due:
                 self._due = max(self._due + self.period, now)  # unless a loop says otherwise

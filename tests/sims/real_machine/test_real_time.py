@@ -27,14 +27,15 @@ PERIOD = 0.01
 class World:
     """A clock that stands still unless somebody sleeps or a tick takes its time."""
 
-    def __init__(self, costs=()):
+    def __init__(self, costs=(), oversleeps=()):
         self.now, self.costs, self.started = 50.0, dict(costs), []
+        self.oversleeps = dict(oversleeps)  # by tick [s]
 
     def clock(self):
         return self.now
 
     def sleep(self, duration):
-        self.now += duration
+        self.now += duration + self.oversleeps.get(len(self.started), 0.0)
 
     def tick(self, context):
         self.started.append(self.now)
@@ -78,6 +79,24 @@ def test_a_tick_that_is_far_too_late_ends_the_loop():
 def test_a_computer_that_is_too_slow_ends_the_loop(kept):
     with pytest.raises(DeadlineError, match="too slow"):
         run(World(dict.fromkeys(range(400), 0.012)), 400, kept=kept)
+
+
+@pytest.mark.parametrize("late", [0.012, 0.025, 0.098])
+def test_ticks_that_begin_late_miss_deadlines_like_those_that_take_long(late):
+    world = World(oversleeps=dict.fromkeys(range(100, 400), late))
+    with pytest.raises(DeadlineError, match=r"\d+ of 100 deadlines were missed at a period of 10"):
+        run(world, 400)
+    # At the latest when a second has passed.
+    assert 0.4 < world.now - 51.0 < 1.1
+    # Late, but before the next is due.
+    assert run(World(oversleeps=dict.fromkeys(range(400), 0.008)), 400).missed == 0
+
+
+def test_a_tick_that_would_begin_far_too_late_is_not_begun():
+    world = World(oversleeps={3: 0.11})
+    with pytest.raises(DeadlineError, match="would have begun 110 ms late"):
+        run(world, 8)
+    assert len(world.started) == 3
 
 
 def test_a_computer_that_is_slow_for_less_than_half_of_a_second_goes_on():

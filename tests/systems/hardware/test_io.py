@@ -249,3 +249,25 @@ def test_a_thread_that_is_started_again_waits_for_a_new_sample(running, fake):
     thread.device.stall = 0.2
     with pytest.raises(DeviceError, match="no sample yet"):
         thread.start(timeout=0.05)
+
+
+def test_commands_that_arrive_during_a_slow_write_are_no_silence(running, fake, judge):
+    device = fake()
+    write, faults = device.write, set()
+
+    def slow(signals):
+        time.sleep(0.15)
+        write(signals)
+
+    device.write = slow
+    thread = running(device, command_timeout=0.1)
+    end = time.monotonic() + 0.6
+    with judge() as judged:
+        while time.monotonic() < end:
+            thread.post(COMMAND, time.monotonic())
+            time.sleep(0.005)
+            faults.add(thread.sample.fault)
+    if DeviceFault.NO_COMMAND in faults and judged.late > 0.05:
+        pytest.skip(f"the machine was late by {judged.late:.3f} s")
+    assert faults == {DeviceFault.NONE}
+    assert "neutral" not in device.events
