@@ -7,12 +7,14 @@ names the extra that brings it. A part that the machine does not have is `NotFit
 import importlib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from enum import IntEnum
 from types import ModuleType, TracebackType
 from typing import Self
 
 from parapod.systems.core.errors import MissingExtra, ParapodError
 from parapod.systems.core.quoting import printable
+from parapod.systems.hardware.exclusive import InUse, only_program
 
 type Signals = Mapping[str, Sequence[float]]
 
@@ -68,11 +70,13 @@ class Device(ABC):
 
     Attributes:
         name: kind and place of the device, as errors call it.
+        place: what no two programs may command, see `only_program`; "": nothing.
         measures: the signals that `read` returns, and their sizes.
         commands: the signals that `write` takes, and their sizes.
     """
 
     name: str
+    place: str = ""
     measures: Mapping[str, int] = {}
     commands: Mapping[str, int] = {}
 
@@ -127,11 +131,20 @@ class Device(ABC):
         """Makes the outputs neutral if it can and ends the connection; never raises."""
 
     def __enter__(self) -> Self:
-        try:
+        """Configures the device, which no other program may have open.
+
+        Raises:
+            MissingExtra: the library is not installed.
+            DeviceError: see `configure`; or another program has it open.
+        """
+        with ExitStack() as stack:
+            try:
+                stack.enter_context(only_program(self.place))
+            except (InUse, OSError) as error:
+                raise DeviceError(self.name, str(error)) from error
+            stack.callback(self.close)
             self.configure()
-        except BaseException:
-            self.close()
-            raise
+            self._program = stack.pop_all()
         return self
 
     def __exit__(
@@ -140,7 +153,7 @@ class Device(ABC):
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self.close()
+        self._program.close()
 
 
 # The extra of `pip install "parapod[extra]"` that brings each module.

@@ -380,6 +380,14 @@ def test_missing_library_is_named_with_the_command_that_installs_it(place, name,
     assert str(caught.value).endswith(f'pip install "parapod[{EXTRAS[library]}]"')
 
 
+@pytest.mark.parametrize("name", [name for name in EMULATED if name != "Adis16448IioImu"])
+def test_what_no_two_programs_may_open_follows_from_the_address(place, name):
+    # The kernel's driver of a sensor may be read by several.
+    assert place in Rig(name).device().place
+    (real,) = ROWS[name].real.values()
+    assert real in Rig(name, **ROWS[name].real).device().place
+
+
 # Settings
 
 

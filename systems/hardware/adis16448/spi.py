@@ -100,7 +100,8 @@ class Adis16448Spi(Device):
         """
         _check(settings)
         self._settings, self._given, self._start_up_time = settings, bus, start_up_time
-        self.name = f"ADIS16448 at {settings.place if bus is None else type(bus).__name__}"
+        self.place = settings.place if bus is None else ""
+        self.name = f"ADIS16448 at {self.place or type(bus).__name__}"
         self._axes = mounting_axes(settings.mounting)
         self._bus: SpiBus | None = None
         self._is_configured = self._is_set_up = False

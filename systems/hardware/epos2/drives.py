@@ -86,7 +86,7 @@ class Epos2(IncrementalDevice):
         self._settings, self._timing, self._clock = settings, timing, clock
         self._is_synchronous = is_synchronous
         self._limits, self._directions = settings.limits, settings.directions
-        self.name = settings.name
+        self.name, self.place = settings.name, settings.address
         axes = len(settings.node_ids)
         super().__init__(settings.positions_path, axes, settings.part)
         self.measures = {"position": axes, "velocity": axes}

@@ -78,6 +78,7 @@ class NiDaq(IncrementalDevice):
         self._settings, self._drives_motors = settings, drives_motors
         place = f" at {settings.address}" if settings.target else ""
         self.name = f"{settings.product} {settings.device}{place}"
+        self.place = f"{settings.device}{place}"
         self._size = len(settings.counter_names)
         super().__init__(settings.extensions_path, self._size, settings.part)
         inputs = len(expand_channels(settings.inputs))

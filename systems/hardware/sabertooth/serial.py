@@ -92,7 +92,7 @@ class SabertoothSerial(Device):
             ValueError: settings that do not fit together.
         """
         self._settings, self._power_on_baud, self._clock = settings, power_on_baud, clock
-        self.name = f"Sabertooth on {settings.path}"
+        self.name, self.place = f"Sabertooth on {settings.path}", settings.path
         self._motors = settings.motors[:actuators]
         self._size = len(self._motors)
         _check(settings, self._size, power_on_baud)

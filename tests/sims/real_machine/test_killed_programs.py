@@ -171,7 +171,12 @@ def test_the_log_of_a_killed_controller_is_readable_up_to_the_last_second(machin
 def test_wheels_stop_when_the_controller_is_killed_and_analog_outputs_hold(
     machine, in_time, capsys
 ):
-    at = killed(machine.driving(DRIVING))
+    driving = machine.driving(DRIVING)
+    # One program at a time: a second one changes nothing.
+    assert main(["check", "legs", "--seconds", "0.1"]) == 2
+    words = rf"parapod: error: PXIe-6363 .*: process {driving.pid} has it open; end that .*\n"
+    assert re.fullmatch(words, capsys.readouterr().err)
+    at = killed(driving)
     time.sleep(0.5)
     stamps, speed, brake, voltage, stop = machine.logged(
         "wheels.velocity_command", "wheels.brake", "legs.voltage", "legs.stop"
