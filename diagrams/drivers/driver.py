@@ -13,10 +13,11 @@ from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import escaped, quoted_path
 from parapod.systems.core.schema import Variant
 from parapod.systems.hardware.addresses import (
-    WIRES,
     emulator_directory,
+    emulator_lock,
     resolved,
 )
+from parapod.systems.hardware.exclusive import is_kept
 
 if TYPE_CHECKING:
     from parapod.systems.hardware.device import Device
@@ -119,9 +120,9 @@ def refuse_without_emulator(drivers: Sequence[Driver], experiment: str) -> None:
     Raises:
         ScenarioError: a driver has such an address, and no emulator runs.
     """
-    directory = emulator_directory()
-    if (directory / WIRES).exists():
+    if is_kept(emulator_lock()):
         return
+    directory = emulator_directory()
     for driver in drivers:
         for key, value in vars(driver).items():
             if isinstance(value, str) and resolved(value) != value:

@@ -1,6 +1,7 @@
 """Drivers that are not parapod's own: from installed packages and from files."""
 
 import importlib
+import importlib.util
 import os
 import sys
 from importlib.metadata import entry_points
@@ -35,18 +36,27 @@ def load_installed_drivers() -> tuple[str, ...]:
 
 
 def load_drivers(path: Path) -> None:
-    """Import a Python file that defines drivers, by its name, as if it lay beside the program.
+    """Import a Python file that defines drivers, by its name.
+
+    Its folder comes last on the path: what else is in it takes nobody's place.
 
     Raises:
-        ScenarioError: it is not there, cannot be imported, or defines a driver whose name another
-            one has.
+        ScenarioError: it is not there, has the name of another module, cannot be imported, or
+            defines a driver whose name another one has.
     """
     if not os.path.isfile(path) or path.suffix != ".py":
         raise ScenarioError(f"drivers {quoted_path(path)}: there is no such Python file")
     # By name and through the path, so that processes that are started from here find it too.
     folder = str(path.resolve().parent)
     if folder not in sys.path:
-        sys.path.insert(0, folder)
+        sys.path.append(folder)
+    found = importlib.util.find_spec(path.stem)
+    origin = found.origin if found is not None else None
+    if origin is None or not os.path.isfile(origin) or not os.path.samefile(origin, path):
+        raise ScenarioError(
+            f"drivers {quoted_path(path)}: there is another module of that name, "
+            f"{quoted_path(Path(str(origin)))}; rename the file"
+        )
     before = Driver.clashes()
     try:
         importlib.import_module(path.stem)

@@ -1,6 +1,5 @@
 """Emulated devices run for a controller in another program, and made to misbehave."""
 
-import fcntl
 import itertools
 import math
 import multiprocessing
@@ -15,7 +14,7 @@ from importlib.metadata import version
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +38,14 @@ from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.quoting import quoted, quoted_path
 from parapod.systems.core.scenario_file import dump_scenario
-from parapod.systems.hardware.addresses import WIRES, emulator_directory
+from parapod.systems.hardware.addresses import (
+    WIRES,
+    emulator_directory,
+    emulator_lock,
+    make_emulator_directory,
+)
 from parapod.systems.hardware.emulation.harness import KINDS, Misbehaviour, SharedHarness
+from parapod.systems.hardware.exclusive import InUse, is_kept, only_program
 
 # How long a process may take until its device answers: Drake is imported in each [s].
 _TIMEOUT = 60.0
@@ -173,10 +178,8 @@ class EmulatedMachine:
         self._context = self._simulator.get_mutable_context()
         self._sizes = {spec.name: spec.size for spec in (*machine.inputs, *machine.outputs)}
         self._parts = sorted({driver.part for driver in scenario.hardware.drivers})
-        directory = emulator_directory()
-        directory.mkdir(mode=0o700, parents=True, exist_ok=True)
-        self._lock = _locked(directory)
-        self._wires = directory / WIRES
+        self._wires = make_emulator_directory() / WIRES
+        self._program = _only_emulator()
         self.harness = SharedHarness(self._wires, self._sizes, self._parts, is_new=True)
         self.misbehaviours = {part: self.harness.misbehaviour(part) for part in self._parts}
         station = self._station
@@ -203,7 +206,7 @@ class EmulatedMachine:
                 yield
         finally:
             self._wires.unlink(missing_ok=True)
-            self._lock.close()
+            self._program.close()
 
     def run(self, duration: float, on_tick: Callable[[Context], None]) -> None:
         """Simulates in real time; late ticks are left out.
@@ -243,22 +246,20 @@ class EmulatedMachine:
         return taken + shown
 
 
-def _locked(directory: Path) -> IO[str]:
-    """The folder's lock file, locked until it is closed or the process ends.
+def _only_emulator() -> ExitStack:
+    """Keeps other emulators from the folder until it is closed or the process ends.
 
     Raises:
-        ScenarioError: another process has locked it.
+        ScenarioError: another one runs in it.
     """
-    lock = open(directory / "lock", "w")  # noqa: SIM115 (kept open on purpose)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        lock.close()
-        raise ScenarioError(
-            f"an emulator runs in {quoted_path(directory)} already; end it, or name another "
-            "folder in the environment's PARAPOD_EMULATOR"
-        ) from None
-    return lock
+    with ExitStack() as stack, suppress(InUse):
+        if not is_kept(emulator_lock()):  # nor may this program have two
+            stack.enter_context(only_program(emulator_lock()))
+            return stack.pop_all()
+    raise ScenarioError(
+        f"an emulator runs in {quoted_path(emulator_directory())} already; end it, or name "
+        "another folder in the environment's PARAPOD_EMULATOR"
+    )
 
 
 _LOG_PERIOD = 0.01  # [s]

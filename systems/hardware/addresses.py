@@ -2,8 +2,12 @@
 
 import getpass
 import os
+import stat
 import tempfile
 from pathlib import Path
+
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import quoted_path
 
 # Addresses that begin so are of devices in the emulator's directory.
 PREFIX = "emulator/"
@@ -24,6 +28,35 @@ def emulator_directory() -> Path:
     if run and Path(run).is_dir():
         return Path(run) / "parapod-emulator"
     return Path(tempfile.gettempdir()) / f"parapod-emulator-{getpass.getuser()}"
+
+
+def make_emulator_directory() -> Path:
+    """The emulator's directory, made if it is not there: a real one, of this user alone.
+
+    Raises:
+        ScenarioError: somebody else may have made it, or may change what is in it.
+    """
+    directory = emulator_directory()
+    directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+    found = os.lstat(directory)
+    why = ""
+    if stat.S_ISLNK(found.st_mode):
+        why = "is a symbolic link"
+    elif found.st_uid != os.geteuid():
+        why = "belongs to another user"
+    elif found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        why = "can be written by other users"
+    if why:
+        raise ScenarioError(
+            f"the emulator's folder {quoted_path(directory)} {why}; remove it, or name another "
+            f"one in the environment's {_VARIABLE}"
+        )
+    return directory
+
+
+def emulator_lock() -> str:
+    """What a running emulator keeps other programs from, see `only_program`."""
+    return f"emulator in {emulator_directory()}"
 
 
 def resolved(address: str) -> str:

@@ -10,14 +10,17 @@ import hashlib
 import os
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from parapod.systems.core.errors import ParapodError
 
 # Where programs of all users find each other's locks.
 _SHARED = Path("/run/lock")
+# How long [s] and how often one waits for a program that only looks whether there is a lock.
+_LOOK, _LOOKS = 5e-3, 10
 _FLAGS = os.O_NOFOLLOW | os.O_CLOEXEC
 # Of this program: file and number of users of each place.
 _held: dict[str, tuple[int, int]] = {}
@@ -43,7 +46,7 @@ def only_program(place: str) -> Iterator[None]:
         return
     with _guard:
         file, users = _held.get(place, (-1, 0))
-        _held[place] = (file if users else _locked(place), users + 1)
+        _held[place] = (file if users else _locked(lock_path(place)), users + 1)
     try:
         yield
     finally:
@@ -52,31 +55,54 @@ def only_program(place: str) -> Iterator[None]:
             if users > 1:
                 _held[place] = (file, users - 1)
             else:
+                with suppress(OSError):  # another user's file stays
+                    lock_path(place).unlink()
                 os.close(file)
 
 
+def is_kept(place: str) -> bool:
+    """Whether a program keeps others from a place now."""
+    try:
+        file = os.open(lock_path(place), os.O_RDONLY | _FLAGS)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(file)
+    return False
+
+
 def lock_path(place: str) -> Path:
-    """The file that is locked for a place."""
+    """The file that is locked for a place; there while somebody keeps it."""
     folder = _SHARED if os.access(_SHARED, os.W_OK) else Path(tempfile.gettempdir())
     return folder / f"parapod-{hashlib.sha256(place.encode()).hexdigest()[:16]}"
 
 
-def _locked(place: str) -> int:
-    path = lock_path(place)
-    file = _opened(path)
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+def _locked(path: Path) -> int:
+    for _ in range(_LOOKS):
+        file = _opened(path)
+        with suppress(BlockingIOError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if _is_there(path, file):
+                with suppress(OSError):  # another user's file: the lock holds all the same
+                    os.ftruncate(file, 0)
+                    os.pwrite(file, f"{os.getpid()}\n".encode(), 0)
+                return file
         owner = os.pread(file, 32, 0).decode(errors="replace").strip()
         os.close(file)
-        who = f"process {owner}" if owner.isdigit() else "another program"
-        raise InUse(f"{who} has it open; end that program first") from None
-    try:
-        os.ftruncate(file, 0)
-        os.pwrite(file, f"{os.getpid()}\n".encode(), 0)
-    except OSError:
-        pass  # another user's file: the lock holds all the same
-    return file
+        time.sleep(_LOOK)
+    who = f"process {owner}" if owner.isdigit() else "another program"
+    raise InUse(f"{who} has it open; end that program first")
+
+
+def _is_there(path: Path, file: int) -> bool:
+    """Whether a file is still what its path leads to: who had it before may have removed it."""
+    with suppress(FileNotFoundError):
+        return os.path.samestat(os.stat(path), os.fstat(file))
+    return False
 
 
 def _opened(path: Path) -> int:

@@ -169,6 +169,17 @@ def test_drivers_that_cannot_be_imported_are_named_and_the_others_stay_usable(
     assert sorted(str(warning.message) for warning in caught) == said
 
 
+def test_a_file_of_drivers_and_its_neighbours_take_no_module_s_place(work, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    for name in ("serial", "json"):
+        (work / f"{name}.py").write_text("raise AssertionError('imported')\n")
+    (work / "my_lift.py").write_text("import serial\nserial.Serial\n")
+    assert main(["scenario", "level", "--drivers", "my_lift.py"]) == 0
+    assert main(["scenario", "level", "--drivers", "json.py"]) == 2
+    words = r"parapod: error: drivers '?json\.py'?: there is another module of that name, .*"
+    assert re.fullmatch(rf"{words}__init__\.py'?; rename the file\n", capsys.readouterr().err)
+
+
 TAKEN = """
 from dataclasses import dataclass
 from parapod.diagrams.drivers.driver import Driver

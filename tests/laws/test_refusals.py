@@ -299,3 +299,10 @@ def test_a_mistake_is_one_line_exit_code_2_and_leaves_nothing(
     assert len(line) < 700
     assert list(work.iterdir()) == []
     assert not nowhere.exists() or list(Path(nowhere).iterdir()) == []
+
+
+def test_what_a_killed_emulator_left_behind_is_no_emulator(tmp_path, monkeypatch, capsys):
+    (tmp_path / "wires").write_bytes(bytes(1000))
+    monkeypatch.setenv("PARAPOD_EMULATOR", str(tmp_path))
+    assert main(["run", "level", "--backend", "hardware"]) == 2
+    assert "but no emulator runs in" in capsys.readouterr().err

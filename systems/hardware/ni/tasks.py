@@ -19,6 +19,8 @@ _CONNECTION = (
     ("grpc.min_reconnect_backoff_ms", 100),
     ("grpc.max_reconnect_backoff_ms", 500),
     ("grpc.use_local_subchannel_pool", 1),
+    # A machine is on no other side of a proxy, whatever the environment says.
+    ("grpc.enable_http_proxy", 0),
 )
 
 # Range of the outputs [V]: that of a Sabertooth 2x25 in analog mode (its manual, "Mode 1: analog

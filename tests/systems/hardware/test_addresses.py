@@ -1,12 +1,19 @@
 """Addresses of emulated devices."""
 
 import getpass
+import os
+import stat
 import tempfile
 from pathlib import Path
 
 import pytest
 
-from parapod.systems.hardware.addresses import emulator_directory, resolved
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.hardware.addresses import (
+    emulator_directory,
+    make_emulator_directory,
+    resolved,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -39,6 +46,41 @@ def test_nothing_is_made_by_asking(tmp_path, monkeypatch):
     monkeypatch.setenv("PARAPOD_EMULATOR", str(tmp_path / "new"))
     resolved("emulator/can")
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("plant", "why"),
+    [
+        (lambda path, target: path.symlink_to(target), "is a symbolic link"),
+        (lambda path, target: path.mkdir() or path.chmod(0o777), "can be written by other users"),
+        (
+            lambda path, target: path.mkdir() or os.chown(path, 65534, 65534),
+            "belongs to another user",
+        ),
+    ],
+    ids=["link", "open to all", "another user's"],
+)
+def test_a_directory_that_somebody_else_may_have_planted_is_refused(
+    tmp_path, monkeypatch, plant, why
+):
+    target, path = tmp_path / "victim", tmp_path / "planted"
+    target.mkdir()
+    try:
+        plant(path, target)
+    except PermissionError:
+        pytest.skip("only root can give a folder to another user")
+    monkeypatch.setenv("PARAPOD_EMULATOR", str(path))
+    with pytest.raises(
+        ScenarioError, match=f"^the emulator's folder .*planted.* {why}; remove it"
+    ):
+        make_emulator_directory()
+    assert list(target.iterdir()) == []
+
+
+def test_a_directory_is_made_for_this_user_alone(tmp_path, monkeypatch):
+    monkeypatch.setenv("PARAPOD_EMULATOR", str(tmp_path / "new" / "one"))
+    for _ in range(2):
+        assert stat.S_IMODE(make_emulator_directory().stat().st_mode) == 0o700
 
 
 @pytest.mark.parametrize(

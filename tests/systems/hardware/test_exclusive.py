@@ -3,11 +3,12 @@
 import os
 import subprocess
 import sys
+import threading
 
 import pytest
 
 from parapod.systems.hardware.device import Device, DeviceError
-from parapod.systems.hardware.exclusive import lock_path, only_program
+from parapod.systems.hardware.exclusive import is_kept, lock_path, only_program
 
 # Says whether it could have the place, and keeps it until its input ends.
 PROGRAM = """
@@ -108,9 +109,30 @@ def test_a_planted_link_is_not_followed(place, tmp_path):
 
 
 def test_a_lock_that_cannot_be_written_holds_all_the_same(place, other):
+    lock_path(place).touch(0o444)  # as another user's, for all but root
     with only_program(place):
-        pass
-    lock_path(place).chmod(0o444)  # as another user's, for all but root
-    with only_program(place):
+        assert is_kept(place)
         assert other()[1].endswith("has it open; end that program first")
     assert other()[1] == "has it"
+
+
+def test_nothing_is_left_of_a_lock_and_looking_at_one_takes_it_from_nobody(place):
+    assert not is_kept(place)
+    looked = []
+    over = threading.Event()
+
+    def look():
+        while not over.is_set():
+            looked.append(is_kept(place))
+
+    looking = threading.Thread(target=look)
+    looking.start()
+    try:
+        for _ in range(200):
+            with only_program(place):
+                assert is_kept(place)
+    finally:
+        over.set()
+        looking.join()
+    assert looked
+    assert not lock_path(place).exists()

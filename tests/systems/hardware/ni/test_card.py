@@ -1,5 +1,6 @@
 import math
 import random
+import socket
 import tempfile
 import time
 
@@ -378,3 +379,18 @@ def test_intermittent_server_delays_but_does_not_fail(server, misbehaviour):
         begin = time.monotonic()
         card.read()
         assert time.monotonic() - begin > 0.05
+
+
+def test_no_proxy_of_the_environment_comes_between_program_and_card(monkeypatch):
+    with socket.create_server(("127.0.0.1", 0)) as proxy:
+        for name in ("http_proxy", "https_proxy", "grpc_proxy"):
+            monkeypatch.setenv(name, f"http://127.0.0.1:{proxy.getsockname()[1]}")
+        for name in ("no_proxy", "NO_PROXY", "no_grpc_proxy"):
+            monkeypatch.delenv(name, raising=False)
+        settings = NiDaqSettings(target="127.0.0.1:1", extension_file="", timeout_ms=100.0)
+        with monkeypatch.context() as patience:
+            patience.setattr(ni_card, "_CONFIGURE_TIMEOUT", 0.5)
+            assert fails(NiDaq(settings).configure).fault is DeviceFault.UNPLUGGED
+        proxy.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            proxy.accept()
