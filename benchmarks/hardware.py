@@ -6,6 +6,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -18,8 +19,12 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.real_machine.job import run_on_hardware
 from parapod.sims.real_machine.punctuality import bench_real_time
+from parapod.sims.real_machine.real_time import DeadlineError, Timing
+from parapod.systems.hardware.device import DeviceError
 
 _DURATION = 15.0  # [s]
+# Runs with and without a log, and how long each is [s].
+_TURNS, _TURN = 3, 5.0
 
 
 def run(console: Console) -> list[Measurement]:
@@ -45,7 +50,63 @@ def run(console: Console) -> list[Measurement]:
             ),
             Measurement(f"{part}: writes younger than a period", share, "%", 80, 99),
         ]
+    return results + _logging(console)
+
+
+def _logging(console: Console) -> list[Measurement]:
+    """Deadlines that are missed with a log and without, in turns; alone and on a busy computer."""
+    results = []
+    for others in (0, 2 * len(os.sched_getaffinity(0))):
+        missed: dict[bool, list[float]] = {False: [], True: []}
+        late: dict[bool, list[float]] = {False: [], True: []}
+        with _emulator(), _busy(others), tempfile.TemporaryDirectory() as folder:
+            for is_logged in (False, True) * _TURNS:
+                log = Path(folder, "log.mcap") if is_logged else None
+                timing = _timing_of_a_turn(RunOptions(console=console, log=log))
+                missed[is_logged].append(timing.missed)
+                late[is_logged] += timing.period_error
+        where = f"{others} busy processes" if others else "alone"
+        for is_logged, words in ((False, "no log"), (True, "a log")):
+            turns = ", ".join(f"{count:g}" for count in missed[is_logged])
+            error = 1e3 * float(np.percentile(late[is_logged], 99.0))
+            results += [
+                Measurement(
+                    f"missed of {_TURNS} x {_TURN:g} s with {words}, {where} ({turns})",
+                    sum(missed[is_logged]),
+                    "",
+                ),
+                Measurement(f"period error, 99 %, with {words}, {where}", error, "ms"),
+            ]
     return results
+
+
+def _timing_of_a_turn(options: RunOptions) -> Timing:
+    """Timing of a short run, all of whose deadlines count as missed if it was ended early."""
+    scenario = LevellingScenario(backend="hardware")
+    scenario.hardware.drivers[2].heartbeat_timeout_ms = 1000.0
+    loop = ClosedLoop(PLATFORM, scenario)
+    try:
+        return run_on_hardware(loop, Simulator(loop), _TURN, options, "logging")
+    except (DeadlineError, DeviceError) as error:
+        options.console.print(f"  {error}", highlight=False)
+        every = round(_TURN / scenario.control.period)
+        timing = Timing(scenario.control.period, missed=every)
+        timing.add(0.0, 0.0)
+        timing.add(_TURN, 0.0)
+        return timing
+
+
+@contextmanager
+def _busy(count: int) -> Iterator[None]:
+    """While it lasts so many other programs compute."""
+    command = [sys.executable, "-c", "while True: pass"]
+    processes = [subprocess.Popen(command) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
 
 
 def _punctuality(console: Console) -> list[Measurement]:

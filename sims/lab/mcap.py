@@ -1,25 +1,19 @@
-"""Logs that grow while the machine moves and survive its end: one MCAP topic for each port."""
+"""Logs in MCAP files, one topic for each port."""
 
 import json
-import queue
 import struct
-import threading
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from parapod.sims.lab.files import Log, atomic_output, check_writable
+from parapod.sims.lab.files import Log, atomic_output
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
 from parapod.systems.hardware.device import need
 
-# Longest time for which what has happened is not in the file [s].
-_FLUSH_PERIOD = 0.2
 _SCHEMA = {
     "type": "object",
     "properties": {
@@ -29,100 +23,53 @@ _SCHEMA = {
 }
 
 
-class McapLog:
-    """Writes samples from a thread of its own; whoever logs never waits for the disk.
+class McapWriter:
+    """Writes samples into a stream, readable up to wherever it ends.
 
     Each message is `{"t": time, "value": [...]}` in JSON, which Foxglove and every other reader of
-    MCAP shows; a number that is not finite is null. The messages are stamped with the wall clock,
-    so that logs of several programs can be laid over each other. There are no chunks: a file that
-    ends in the middle can be read up to there (`read_mcap`, or `mcap recover`).
+    MCAP shows; a number that is not finite is null. There are no chunks: a file that ends in the
+    middle can be read up to there (`read_mcap`, or `mcap recover`).
     """
 
-    def __init__(self, path: Path, units: Mapping[str, str], metadata: Mapping[str, str]):
-        """Describes the log; the file is made by entering the context.
+    def __init__(self, stream: IO[bytes], units: Mapping[str, str], metadata: Mapping[str, str]):
+        """Writes what comes before the first sample.
 
         Args:
-            path: path of the file.
-            units: units of each port that is logged, in the order in which `write` is given them.
+            stream: open for writing.
+            units: units of each port, in the order in which `write` is given them.
             metadata: data about the run.
 
         Raises:
-            OutputError: the file cannot be written.
             MissingExtra: mcap is not installed.
         """
-        check_writable(path)
-        self._path, self._units, self._metadata = path, dict(units), dict(metadata)
-        self._queue: queue.SimpleQueue[tuple[int, float, Sequence[Any]] | None] = (
-            queue.SimpleQueue()
-        )
-        self._mcap = need("mcap.writer")
-        self._thread = threading.Thread(target=self._run, name="log", daemon=True)
-        self._error: OSError | None = None
-
-    def write(self, t: float, values: Sequence[Any], stamp: int | None = None) -> None:
-        """Hands over the values of all ports at one time.
-
-        Args:
-            t: time of the loop [s].
-            values: values of the ports, arrays that are not changed any more.
-            stamp: stamp of the messages [ns]; None for the wall clock's.
-        """
-        self._queue.put((time.time_ns() if stamp is None else stamp, t, values))
-
-    def _run(self) -> None:
-        try:
-            with open(self._path, "wb") as stream:
-                self._write_all(stream)
-        except OSError as error:
-            self._error = error
-
-    def _write_all(self, stream: Any) -> None:
-        writer = self._mcap.Writer(stream, use_chunking=False)
-        writer.start(profile="", library="parapod")
-        writer.add_metadata("parapod", self._metadata)
-        schema = writer.register_schema(
+        self._writer = need("mcap.writer").Writer(stream, use_chunking=False)
+        self._writer.start(profile="", library="parapod")
+        self._writer.add_metadata("parapod", dict(metadata))
+        schema = self._writer.register_schema(
             "parapod.Sample", "jsonschema", json.dumps(_SCHEMA).encode()
         )
-        channels = [
-            writer.register_channel(name, "json", schema, {"unit": unit})
-            for name, unit in self._units.items()
+        self._channels = [
+            self._writer.register_channel(name, "json", schema, {"unit": unit})
+            for name, unit in units.items()
         ]
-        stream.flush()
-        flushed = time.monotonic()
-        sequence = 0
-        while (item := self._next()) is not None:
-            if item:
-                stamp, t, values = item
-                for channel, value in zip(channels, values, strict=True):
-                    writer.add_message(channel, stamp, _encoded(t, value), stamp, sequence)
-                sequence += 1
-            if time.monotonic() - flushed >= _FLUSH_PERIOD:
-                stream.flush()
-                flushed = time.monotonic()
-        writer.finish()
+        self._count = 0
 
-    def _next(self) -> Any:
-        """The next samples; () if there are none for a while; None at the end."""
-        try:
-            return self._queue.get(timeout=_FLUSH_PERIOD)
-        except queue.Empty:
-            return ()
+    def write(self, stamp: int, t: float, values: Sequence[Sequence[float]]) -> None:
+        """Writes the values of all ports at one time.
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
+        Args:
+            stamp: of the messages [ns].
+            t: time of the loop [s].
+            values: numbers of each port.
+        """
+        for channel, numbers in zip(self._channels, values, strict=True):
+            data = _encoded(t, numbers)
+            self._writer.add_message(channel, stamp, data, stamp, self._count)
+        self._count += 1
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._queue.put(None)
-        self._thread.join()
-        if self._error is not None and error is None:
-            reason = self._error.strerror or str(self._error)
-            raise OutputError(f"cannot write {quoted_path(self._path)}: {reason}", self._path)
+    def finish(self) -> None:
+        """Writes what comes after the last sample."""
+        self._writer.finish()
 
 
 def write_mcap(
@@ -148,13 +95,15 @@ def write_mcap(
     times = np.asarray(times, dtype=float)
     arrays = [np.asarray(signals[name], dtype=float) for name in units]
     rows = [array.reshape(len(times), -1) for array in arrays]
-    with atomic_output(path) as temporary, McapLog(temporary, units, metadata) as log:
+    lists = [row.tolist() for row in rows]
+    with atomic_output(path) as temporary, open(temporary, "wb") as stream:
+        writer = McapWriter(stream, units, metadata)
         for k, t in enumerate(times.tolist()):
-            log.write(t, [row[k] for row in rows], stamp=round(1e9 * t))
+            writer.write(round(1e9 * t), t, [each[k] for each in lists])
+        writer.finish()
 
 
-def _encoded(t: float, value: Any) -> bytes:
-    numbers = value.tolist()
+def _encoded(t: float, numbers: Sequence[float]) -> bytes:
     try:
         return json.dumps({"t": t, "value": numbers}, allow_nan=False).encode()
     except ValueError:

@@ -26,7 +26,7 @@ from parapod.diagrams.drivers.driver import Driver
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.machine import Machine, Port
 from parapod.diagrams.station import Station
-from parapod.sims.lab.mcap import McapLog
+from parapod.sims.lab.live_log import LiveLog
 from parapod.sims.real_machine.real_time import (
     SWITCH_INTERVAL,
     RealTimeLoop,
@@ -231,11 +231,11 @@ class EmulatedMachine:
         for name, port in self._outputs:
             self.harness.set(name, np.asarray(port.Eval(self._context)).tolist())
 
-    def ports(self) -> dict[str, str]:
-        """Names and units of what can be logged."""
+    def ports(self) -> tuple[dict[str, str], list[int]]:
+        """Units by the names of what can be logged, and their sizes."""
         machine = self.machine
         specs = (*machine.inputs, *machine.outputs, *machine.truth)
-        return {spec.name: spec.unit for spec in specs}
+        return {spec.name: spec.unit for spec in specs}, [spec.size for spec in specs]
 
     def values(self, root: Context) -> list[NDArray[np.float64]]:
         """Values of all ports that can be logged."""
@@ -341,9 +341,10 @@ def emulate(
     with ExitStack() as stack:
         stack.enter_context(ended_by_signals())
         metadata = {"scenario": dump_scenario(scenario), "parapod": version("parapod")}
-        record = McapLog(log, emulated.ports(), metadata) if log is not None else None
-        if record is not None:
-            stack.enter_context(record)
+        record: LiveLog | None = None
+        if log is not None:
+            units, sizes = emulated.ports()
+            record = stack.enter_context(LiveLog(log, units, sizes, metadata, schedule.say))
         stack.enter_context(emulated.devices())
         _introduce(scenario, experiment or machine.experiment, said)
         schedule.listen()
@@ -408,7 +409,7 @@ class Schedule:
             try:
                 self._do(parsed_fault(line.strip(), list(self._misbehaviours), self._now))
             except ScenarioError as error:
-                self._say(str(error))
+                self.say(str(error))
 
     def _do(self, request: DeviceFaultRequest) -> None:
         misbehaviour = self._misbehaviours[request.part]
@@ -416,7 +417,8 @@ class Schedule:
             misbehaviour.end()
         else:
             misbehaviour.begin(request.kind, time.monotonic())
-        self._say(f"{self._now:.2f} s: {request.part} {request.kind}")
+        self.say(f"{self._now:.2f} s: {request.part} {request.kind}")
 
-    def _say(self, text: str) -> None:
+    def say(self, text: str) -> None:
+        """Prints a remark."""
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)

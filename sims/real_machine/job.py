@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from parapod.diagrams.devices import Parts
 from parapod.diagrams.drivers.driver import refuse_without_emulator
 from parapod.diagrams.station import Station
 from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.lab.mcap import McapLog
+from parapod.sims.lab.live_log import LiveLog
 from parapod.sims.lab.progress import progress
 from parapod.sims.real_machine.real_time import (
     RealTimeLoop,
@@ -109,7 +108,7 @@ def run_on_hardware(
     watch = DeviceWatch(parts.all_threads)
     with ExitStack() as stack:
         stack.enter_context(ended_by_signals())
-        write = stack.enter_context(_log(options.log, loop, root, what))
+        write = stack.enter_context(_log(options, loop, root, what))
         # Before any device waits for heartbeats, because a collection stops all threads; and the
         # devices' threads, which send them, inherit the priority.
         stack.enter_context(undisturbed())
@@ -130,9 +129,10 @@ def run_on_hardware(
 
 @contextmanager
 def _log(
-    path: Path | None, loop: ClosedLoop[Any], root: Context, what: str
+    options: RunOptions, loop: ClosedLoop[Any], root: Context, what: str
 ) -> Iterator[Callable[[float], None]]:
     """Yields what writes all ports to an MCAP file; without one, nothing."""
+    path = options.log
     if path is None:
         yield lambda _: None
         return
@@ -149,7 +149,12 @@ def _log(
     contexts = [system.GetMyContextFromRoot(root) for system in systems]
     sources = list(zip(loop.ports.values(), contexts, strict=True))
     units = {name: loop.machine.unit(name) for name in loop.ports}
-    with McapLog(path, units, metadata) as log:
+    sizes = [port.size() for port in loop.ports.values()]
+
+    def tell(text: str) -> None:
+        options.console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    with LiveLog(path, units, sizes, metadata, tell) as log:
         yield lambda t: log.write(t, [port.Eval(context) for port, context in sources])
 
 

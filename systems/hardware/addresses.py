@@ -55,7 +55,7 @@ def make_emulator_directory() -> Path:
 
 
 def emulator_lock() -> str:
-    """What a running emulator keeps other programs from, see `only_program`."""
+    """Name of the place that a running emulator keeps, see `only_program`."""
     return f"emulator in {emulator_directory()}"
 
 

@@ -1,4 +1,4 @@
-"""What no two programs may have open, seen by two programs."""
+"""Devices that no two programs may have open, seen by two programs."""
 
 import os
 import subprocess

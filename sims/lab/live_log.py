@@ -1,0 +1,241 @@
+"""A log that grows while the machine moves, written by a process of its own.
+
+Whoever logs hands the numbers to the kernel and goes on: encoding them would keep Python's lock
+from the threads that talk to the devices, and a disk may stand still for a second. The process
+reads them from a pipe, which holds some seconds. It ends when the pipe does, however the program
+at its other end has ended, and leaves a whole file.
+"""
+
+import fcntl
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from parapod.sims.lab.files import check_writable
+from parapod.sims.lab.mcap import McapWriter
+from parapod.systems.core.errors import OutputError, ParapodError
+from parapod.systems.core.quoting import quoted_path
+from parapod.systems.hardware.device import need
+
+# Longest time for which what has been read is not in the file [s].
+_FLUSH_PERIOD = 0.2
+# What the pipe holds, as much as the kernel gives to everybody; and what is read at once [bytes].
+_CAPACITY, _PIECE = 1 << 20, 1 << 16
+# How long the process may take to write what is left [s], and how often one looks.
+_ENDING, _LOOK = 30.0, 0.01
+_READY = b"ready\n"
+# Numbers before those of the ports: stamp [ns], as bits of an integer, and time.
+_HEAD = 2
+
+
+class LiveLog:
+    """Writes samples to an MCAP file; whoever logs waits neither for the disk nor for an encoder.
+
+    The messages (see `McapWriter`) are stamped with the wall clock, so that logs of several
+    programs can be laid over each other. A file that cannot be written any more is told at once,
+    and again by an error at the end; meanwhile the program goes on.
+
+    Attributes:
+        lost: number of samples that are not in the file, because the disk was too slow.
+        process: number of the process that writes; None before the beginning.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        units: Mapping[str, str],
+        sizes: Sequence[int],
+        metadata: Mapping[str, str],
+        tell: Callable[[str], None] = lambda text: None,
+    ):
+        """Describes the log; the file is made by entering the context.
+
+        Args:
+            path: path of the file.
+            units: units of each port that is logged, in the order in which `write` is given them.
+            sizes: number of elements of each of them.
+            metadata: data about the run.
+            tell: is told what is wrong as soon as it is, perhaps from another thread.
+
+        Raises:
+            OutputError: the file cannot be written.
+            MissingExtra: mcap is not installed.
+        """
+        check_writable(path)
+        need("mcap.writer")
+        self.lost = 0
+        self.process: int | None = None
+        self._path, self._tell = path, tell
+        described = {"path": str(path.absolute()), "units": dict(units), "sizes": [*sizes]}
+        self._beginning = json.dumps(described | {"metadata": dict(metadata)})
+        self._row = np.zeros(_HEAD + sum(sizes))
+        self._stamp = self._row.view(np.int64)
+        self._places = list(_parts(self._row, sizes))
+        self._rest, self._wrong = b"", ""
+
+    def write(self, t: float, values: Sequence[Any]) -> None:
+        """Hands over the values of all ports at one time.
+
+        Args:
+            t: time of the loop [s].
+            values: arrays with the values of the ports.
+        """
+        if self._wrong:
+            return
+        self._stamp[0], self._row[1] = time.time_ns(), t
+        for place, value in zip(self._places, values, strict=True):
+            place[:] = value
+        row = self._row.tobytes()
+        if len(self._rest) < len(row):
+            self._rest += row
+        else:
+            self._lose()
+        with suppress(BlockingIOError):
+            try:
+                self._rest = self._rest[os.write(self._pipe, self._rest) :]
+            except BrokenPipeError:
+                self._fail("its process has ended")
+
+    def _lose(self) -> None:
+        self.lost += 1
+        if self.lost == 1:
+            self._tell(f"{quoted_path(self._path)}: the disk is too slow; samples are left out")
+
+    def _fail(self, reason: str) -> None:
+        if not self._wrong:
+            self._wrong = f"cannot write {quoted_path(self._path)}: {reason}"
+            self._tell(self._wrong)
+
+    def __enter__(self) -> Self:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "parapod.sims.lab.live_log"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            bufsize=0,
+            start_new_session=True,  # where Ctrl-C does not reach it
+        )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self.process, self._pipe = self._process.pid, self._process.stdin.fileno()
+        self._process.stdin.write(f"{self._beginning}\n".encode())
+        said = self._process.stdout.readline()
+        if said != _READY:
+            self._end()
+            reason = said.decode(errors="replace").strip() or "its process does not begin"
+            raise OutputError(f"cannot write {quoted_path(self._path)}: {reason}", self._path)
+        with suppress(OSError, AttributeError):  # elsewhere than on Linux it holds less
+            fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, _CAPACITY)
+        os.set_blocking(self._pipe, False)
+        self._thread = threading.Thread(target=self._listen, name="log", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        deadline = time.monotonic() + _ENDING
+        while self._rest and not self._wrong and time.monotonic() < deadline:
+            try:
+                self._rest = self._rest[os.write(self._pipe, self._rest) :]
+            except BlockingIOError:
+                time.sleep(_LOOK)
+            except BrokenPipeError:
+                self._fail("its process has ended")
+        if self._end() != 0:
+            self._fail("its process has ended")
+        self._thread.join()
+        if self.lost:
+            self._tell(f"{quoted_path(self._path)}: {self.lost} samples are missing")
+        if self._wrong and error is None:
+            raise OutputError(self._wrong, self._path)
+
+    def _listen(self) -> None:
+        """Tells what goes wrong in the process while it writes."""
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self._fail(line.decode(errors="replace").strip())
+
+    def _end(self) -> int:
+        """Ends the pipe and waits for the process; its exit code."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        try:
+            return self._process.wait(_ENDING)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            return self._process.wait()
+
+
+def _parts(row: Any, sizes: Sequence[int]) -> Iterator[Any]:
+    """The places of each port's numbers in a row."""
+    end = _HEAD
+    for size in sizes:
+        begin, end = end, end + size
+        yield row[begin:end]
+
+
+def _write_all(source: int) -> None:
+    """Writes what comes through a pipe to the file that is named at its beginning."""
+    beginning, _, rest = _until_newline(source)
+    described = json.loads(beginning)
+    sizes = described["sizes"]
+    length = 8 * (_HEAD + sum(sizes))
+    with open(described["path"], "wb") as stream:
+        writer = McapWriter(stream, described["units"], described["metadata"])
+        stream.flush()
+        os.write(sys.stdout.fileno(), _READY)
+        flushed = time.monotonic()
+        is_over = False
+        while not is_over:
+            if select.select([source], [], [], _FLUSH_PERIOD)[0]:
+                piece = os.read(source, _PIECE)
+                rest, is_over = rest + piece, not piece
+            whole = len(rest) - len(rest) % length
+            for begin in range(0, whole, length):
+                row = np.frombuffer(rest, count=length // 8, offset=begin)
+                values = [part.tolist() for part in _parts(row, sizes)]
+                writer.write(int(row.view(np.int64)[0]), float(row[1]), values)
+            rest = rest[whole:]
+            if time.monotonic() - flushed >= _FLUSH_PERIOD:
+                stream.flush()
+                flushed = time.monotonic()
+        writer.finish()
+
+
+def _until_newline(source: int) -> tuple[bytes, bytes, bytes]:
+    data = b""
+    while b"\n" not in data and (piece := os.read(source, _PIECE)):
+        data += piece
+    return data.partition(b"\n")
+
+
+def main() -> int:
+    """Writes a log in a process of its own; its exit code."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # it ends when there is nothing more to write
+        signal.signal(getattr(signal, name), signal.SIG_IGN)
+    try:
+        _write_all(sys.stdin.fileno())
+    except (OSError, ParapodError) as error:
+        reason = getattr(error, "strerror", None) or error
+        os.write(sys.stdout.fileno(), f"{reason}\n".encode())
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
