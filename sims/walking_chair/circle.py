@@ -440,7 +440,7 @@ def _errors(scenario: ChairCircleScenario, recordings: dict[str, Recording]) -> 
 def _velocities(
     scenario: ChairCircleScenario, recordings: dict[str, Recording]
 ) -> Iterator[Metric]:
-    """How the branches move."""
+    """Motion of the branches."""
     ripples = {mode: recording.ripple_mm_s for mode, recording in recordings.items()}
     for mode, ripple in ripples.items():
         yield Metric(
