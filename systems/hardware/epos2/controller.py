@@ -164,6 +164,23 @@ class Epos2Controller:
         """Sends a controlword and a velocity of the motor [rpm]; nothing confirms them."""
         self._bus.send(objects.COMMAND.base + self._id, objects.COMMAND.pack(word, rpm))
 
+    def steer(self, rpm: int) -> None:
+        """Sends a velocity of the motor [rpm], which a drive that does not run ignores."""
+        self._bus.send(objects.TARGET.base + self._id, objects.TARGET.pack(rpm))
+
+    def disable(self) -> None:
+        """Takes the power, makes sure that it is gone, and lets this computer fall silent.
+
+        A node that keeps its power goes on to wait for heartbeats, without which it stops.
+        """
+        self._set(objects.CONTROLWORD, Controlword.DISABLE_VOLTAGE)
+        deadline = self._clock() + self._timing.state_timeout
+        while is_energised(state := self._state()):
+            if self._clock() > deadline:
+                raise self._error(f"keeps its power, it is in {state}")
+            time.sleep(POLL)
+        self.guard(False)
+
     def poll(self) -> Sample:
         """Asks for the newest sample by service data."""
         entries = (entry for pdo in self._reports for entry in pdo.entries)
@@ -187,12 +204,20 @@ class Epos2Controller:
         statusword, counts = status
         return Sample(state_of(statusword), counts, *motion)
 
-    def check(self, sample: Sample, is_active: bool) -> None:
-        """Refuses what a drive measures that does not do what it should."""
+    def check(self, sample: Sample, is_active: bool, is_running: bool) -> None:
+        """Refuses what a drive measures that does not do what it should.
+
+        Args:
+            sample: newest one.
+            is_active: whether the drive should have power.
+            is_running: whether it should have obeyed by now that it is not to stop.
+        """
         if sample.state in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
             raise self._faulty(self._bus.emergency(self._id))
         if is_active and not is_energised(sample.state):
             raise self._error(f"has lost its power, it is in {sample.state or 'no known state'}")
+        if is_running and sample.state is DriveState.QUICK_STOP_ACTIVE:
+            raise self._error("stops, which this program did not ask for: is there a stop button?")
 
     def _reset(self) -> None:
         """Resets a fault once the drive has finished its reaction to it."""
@@ -248,7 +273,7 @@ def set_up_of(settings: Epos2Settings, node_id: int) -> Iterator[tuple[Entry, in
     yield HEARTBEAT_PRODUCED, 0
     for index in objects.UNUSED:
         yield Entry(index, 1, "<I"), _unused_id(index, node_id) | NOT_VALID
-    for pdo in (objects.COMMAND, *reports(settings)):
+    for pdo in (objects.COMMAND, objects.TARGET, *reports(settings)):
         yield from _mapping(pdo, node_id)
 
 

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 
 from parapod.systems.hardware.canopen import (
     HEARTBEAT_BASE,
@@ -26,6 +26,10 @@ from parapod.systems.hardware.position_memory import IncrementalDevice
 
 # A motor that is slower stands still [rpm]: two counts per millisecond of a 500-pulse encoder.
 _STANDSTILL = 60
+# How long a drive may take to leave a quick stop that was ours [s].
+_OBEYING = 0.05
+# How long nodes are asked, one after another, whether their power is gone [s].
+_CONFIRMING = 1.0
 
 
 class Epos2(IncrementalDevice):
@@ -100,6 +104,8 @@ class Epos2(IncrementalDevice):
         self._counts: list[int | None] = []
         self._offset, self._position = [0.0] * axes, [0.0] * axes
         self._wanted: Sequence[float] = (0.0,) * axes
+        # The controlword that was sent last, and since when.
+        self._word, self._worded = Controlword.DISABLE_VOLTAGE, -math.inf
         # Velocities of the motors that have been sent; None: another controlword has.
         self._sent: list[int | None] | None = None
 
@@ -165,6 +171,7 @@ class Epos2(IncrementalDevice):
             self._beat()
             for controller in self._controllers:
                 controller.enable()
+            self._word, self._worded = Controlword.ENABLE_OPERATION, self._clock()
         except BaseException:
             with suppress(DeviceError):
                 self._release()
@@ -180,8 +187,9 @@ class Epos2(IncrementalDevice):
         began = self._clock()
         try:
             samples = self._samples()
+            is_running = self._is_active and self._is_running(began)
             for controller, sample in zip(self._controllers, samples, strict=True):
-                controller.check(sample, self._is_active)
+                controller.check(sample, self._is_active, is_running)
         except DeviceError:
             with suppress(DeviceError):
                 self._restrain()
@@ -217,26 +225,37 @@ class Epos2(IncrementalDevice):
         self._command((0.0,) * len(self._settings.node_ids))
 
     def _release(self) -> None:
-        """Stops the axes quickly, waits until they stand, and takes the power away.
+        """Stops the axes quickly, waits until they stand, takes the power and confirms that.
 
-        It takes as long as the axes take to stop, `stopping_time` at most.
+        It takes as long as the axes take to stop, `stopping_time` at most, and as the nodes take
+        to answer.
 
         Raises:
-            DeviceError: a node is silent; the others have obeyed.
+            DeviceError: a node is silent, does not stop, or keeps its power; the others have
+                obeyed.
         """
         if self._bus is None:
             return
-        was_active = self._is_active
-        try:
+        was_active, self._is_active = self._is_active, False
+        with ExitStack() as stack:
+            if was_active:
+                stack.callback(self._confirm_no_power)
+            stack.callback(self._send, Controlword.DISABLE_VOLTAGE)
             if was_active:
                 self._send(Controlword.QUICK_STOP)
                 self._wait_for_standstill()
-        finally:
-            self._is_active = False
-            self._send(Controlword.DISABLE_VOLTAGE)
-        if was_active:
-            for controller in self._controllers:
-                controller.guard(False)
+
+    def _confirm_no_power(self) -> None:
+        """Takes the power again, in a way that the nodes answer, and lets them forget us."""
+        deadline, failure = self._clock() + _CONFIRMING, None
+        for controller in self._controllers:
+            try:
+                if self._clock() < deadline:
+                    controller.disable()
+            except DeviceError as error:
+                failure = failure or error
+        if failure is not None:
+            raise failure
 
     def close(self) -> None:
         """Stops the axes, takes their power and closes the bus; never raises."""
@@ -283,6 +302,11 @@ class Epos2(IncrementalDevice):
         axes = zip(counts, self._directions, self._offset, strict=True)
         return [offset + sign * self._settings.position(count) for count, sign, offset in axes]
 
+    def _is_running(self, now: float) -> bool:
+        """Whether the drives have been told to run for so long that they should have obeyed."""
+        is_told = self._word is Controlword.ENABLE_OPERATION
+        return is_told and now - self._worded > _OBEYING
+
     def _command(self, velocities: Sequence[float]) -> None:
         """Sends velocities to drives that have power."""
         self._beat()
@@ -301,7 +325,7 @@ class Epos2(IncrementalDevice):
         targets = self._targets()
         for i, (controller, target) in enumerate(zip(self._controllers, targets, strict=True)):
             if target != self._sent[i]:
-                controller.command(Controlword.ENABLE_OPERATION, target)
+                controller.steer(target)
                 self._sent[i] = target
 
     def _targets(self) -> list[int]:
@@ -315,19 +339,34 @@ class Epos2(IncrementalDevice):
         return [sign * self._settings.rpm(velocity) for velocity, sign in pairs]
 
     def _send(self, word: Controlword, rpm: Sequence[int] = ()) -> None:
-        """Sends a controlword to all drives, with velocities if it lets them move."""
+        """Sends a controlword to all drives, with velocities if it lets them move.
+
+        One that lets them run is sent once: again and again it would end a quick stop that is
+        not ours.
+        """
+        is_new = word is not self._word or not rpm
+        if word is not self._word:
+            self._word, self._worded = word, self._clock()
         self._sent = None if not rpm else [None] * len(rpm)
         for i, controller in enumerate(self._controllers):
-            controller.command(word, rpm[i] if rpm else 0)
+            if is_new:
+                controller.command(word, rpm[i] if rpm else 0)
+            else:
+                controller.steer(rpm[i])
             if self._sent is not None:
                 self._sent[i] = rpm[i]
 
     def _wait_for_standstill(self) -> None:
         deadline = self._clock() + stopping_time(self._settings, self._timing)
-        while self._clock() < deadline:
+        while True:
             self._beat()
-            if all(abs(sample.rpm) <= _STANDSTILL for sample in self._samples()):
+            speeds = [abs(sample.rpm) for sample in self._samples()]
+            if max(speeds) <= _STANDSTILL:
                 return
+            if self._clock() > deadline:
+                i = speeds.index(max(speeds))
+                node = self._settings.node_ids[i]
+                raise DeviceError(self.name, f"node {node} does not stop: {speeds[i]} rpm")
             time.sleep(POLL)
 
 

@@ -34,12 +34,14 @@ ABORT_BY_QUICK_STOP = 3
 
 # Statusword, position and velocity are ten bytes, and a frame has eight.
 COMMAND = Pdo(0x200, 0x1400, 0x1600, ON_ARRIVAL, (CONTROLWORD, TARGET_VELOCITY))
+# A velocity alone: a controlword with it would end a quick stop that somebody else has begun.
+TARGET = Pdo(0x300, 0x1401, 0x1601, ON_ARRIVAL, (TARGET_VELOCITY,))
 STATUS = Pdo(0x180, 0x1800, 0x1A00, ON_SYNC, (STATUSWORD, POSITION))
 MOTION = Pdo(0x280, 0x1801, 0x1A01, ON_SYNC, (VELOCITY,))
 # In the same frame: two bytes cost less there than a frame of their own.
 MOTION_AND_CURRENT = MOTION._replace(entries=(VELOCITY, CURRENT))
 # What of the others a drive might send or obey on its own.
-UNUSED = (0x1401, 0x1402, 0x1403, 0x1802, 0x1803)
+UNUSED = (0x1402, 0x1403, 0x1802, 0x1803)
 
 HEARTBEAT_LOST = 0x8130
 ERRORS = {

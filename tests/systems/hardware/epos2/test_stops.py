@@ -1,0 +1,75 @@
+"""Stops that somebody else has asked for, and ends that drives do not obey."""
+
+import time
+
+import pytest
+
+from parapod.systems.hardware.device import DeviceError, DeviceFault
+from parapod.systems.hardware.ds402 import Controlword, DriveState
+from parapod.systems.hardware.epos2 import objects
+
+RUN = {"velocity_command": (2.0,) * 4, "brake": (0.0,)}
+
+
+@pytest.fixture
+def rig(make_rig):
+    with make_rig() as rig:
+        rig.activate()
+        rig.drives.write(RUN)
+        rig.wait(lambda: min(rig.command) > 1.9)
+        yield rig
+
+
+def deafen(rig, node_id, to_service_data=False):
+    """Has a node obey no process data any more, and no controlword at all if that is wanted."""
+    index = rig.nodes._ids.index(node_id)
+    node, line = rig.nodes.nodes[index], rig.nodes._lines[index]
+    for pdo in (objects.COMMAND, objects.TARGET):
+        del line._subscribers[pdo.base + node_id]
+    if to_service_data:
+        node._slave.node._write_callbacks.remove(node._on_write)
+
+
+def test_a_quick_stop_that_is_not_ours_is_told_and_never_ended(rig, until):
+    time.sleep(0.06)  # they have been running for a while
+    rig.drives._bus.set(4, objects.CONTROLWORD, Controlword.QUICK_STOP)
+    for _ in range(20):
+        rig.drives.write(RUN)
+    assert until(lambda: rig.command[3] == 0.0)
+    assert rig.nodes.states[3] is DriveState.QUICK_STOP_ACTIVE
+    with pytest.raises(DeviceError, match="node 4 stops, which this program did not ask for") as e:
+        rig.drives.read()
+    assert e.value.fault is DeviceFault.FAILED
+    rig.drives.write(RUN)
+    assert rig.nodes.states[3] is DriveState.QUICK_STOP_ACTIVE
+    assert min(rig.command[:3]) > 1.9
+
+
+def test_a_quick_stop_of_ours_is_none_of_somebody_else_s(rig):
+    for brake in (1.0, 0.0, 1.0, 0.0):
+        rig.drives.write(RUN | {"brake": (brake,)})
+        rig.drives.read()
+        wanted = DriveState.QUICK_STOP_ACTIVE if brake else DriveState.OPERATION_ENABLED
+        rig.wait(lambda wanted=wanted: set(rig.nodes.states) == {wanted})
+        rig.drives.read()
+    rig.wait(lambda: min(rig.command) > 1.9)
+
+
+def test_a_node_that_obeys_no_process_data_is_stopped_by_service_data(rig):
+    deafen(rig, 3)
+    rig.harness.set("wheels.velocity", (0.0, 0.0, 2.0, 0.0))
+    with pytest.raises(DeviceError, match=r"node 3 does not stop: \d+ rpm"):
+        rig.drives.deactivate()
+    assert set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
+    assert rig.command == (0.0,) * 4
+
+
+def test_a_node_that_keeps_its_power_is_told_and_goes_on_to_wait_for_heartbeats(rig, until):
+    deafen(rig, 3, to_service_data=True)
+    with pytest.raises(DeviceError, match="node 3 keeps its power, it is in operation enabled"):
+        rig.drives.deactivate()
+    disabled = {DriveState.SWITCH_ON_DISABLED}
+    assert {*rig.nodes.states[:2], rig.nodes.states[3]} == disabled
+    # Nobody sends any: it stops by itself.
+    assert until(lambda: rig.nodes.states[2] is DriveState.FAULT)
+    assert rig.command == (0.0,) * 4
