@@ -1,6 +1,7 @@
 """Devices behind the ports of a station: checked against the machine's table, opened, wired."""
 
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -11,13 +12,17 @@ from pydrake.systems.primitives import Multiplexer
 from parapod.diagrams.drivers.driver import Driver, PartPorts
 from parapod.diagrams.station import Behind
 from parapod.diagrams.wiring import add, connect
-from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.quoting import quoted
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.io import DeviceThread, PartReader, PartWriter
 
 if TYPE_CHECKING:
     from parapod.diagrams.machine import Machine, Port
+
+
+# How long devices are asked to become neutral, and the pause in between [s].
+_CONFIRMING, _PAUSE = 2.0, 0.05
 
 
 @dataclass
@@ -51,19 +56,80 @@ class Parts:
         """Configures all devices, then activates them; neutral and closed at its end.
 
         No device is energised before every device has answered and been found to be the right
-        one. Whatever ends it, every device is made neutral, in the reverse order.
+        one. Whatever ends it, every device is made neutral, in the reverse order; those that do
+        not confirm it are asked again, for two seconds.
 
         Raises:
             MissingExtra: a library is not installed.
             DeviceError: a device is not there, is another one, or refuses.
+            NotNeutral: a device has not confirmed that its outputs are neutral.
         """
-        with ExitStack() as stack:
-            for thread in self.all_threads:
-                stack.enter_context(thread.device)
-            for thread in self.all_threads:
-                stack.callback(thread.stop)
-                thread.start()
-            yield
+        unconfirmed: dict[DeviceThread, Exception] = {}
+
+        def stop(thread: DeviceThread) -> None:
+            if (error := thread.stop()) is not None and thread.device.commands:
+                unconfirmed[thread] = error
+
+        ended: BaseException | None = None
+        try:
+            with ExitStack() as stack:
+                for thread in self.all_threads:
+                    stack.enter_context(thread.device)
+                stack.callback(_ask_again, unconfirmed)
+                for thread in self.all_threads:
+                    stack.callback(stop, thread)
+                    thread.start()
+                yield
+        except BaseException as error:
+            ended = error
+            raise
+        finally:
+            if unconfirmed:
+                raise NotNeutral(ended, unconfirmed) from ended
+
+
+class NotNeutral(ParapodError):
+    """Devices that have not confirmed that they are neutral; says what stops them."""
+
+    def __init__(self, ended: BaseException | None, unconfirmed: Mapping[DeviceThread, Exception]):
+        """Words the error.
+
+        Args:
+            ended: what has ended the work, if not its end.
+            unconfirmed: what each device says.
+        """
+        said = [] if ended is None else [_words(ended)]
+        live = []
+        for thread, error in unconfirmed.items():
+            if str(error) not in said:
+                said.append(str(error))
+            if thread.device.watchdog:
+                said.append(thread.device.watchdog)
+            else:
+                live.append(thread.device.name)
+        if live:
+            outputs = f"OUTPUTS OF {' AND '.join(live)} MAY STILL BE LIVE"
+            said.append(f"{outputs}: press the emergency stop")
+        super().__init__("; ".join(said))
+
+
+def _words(error: BaseException) -> str:
+    """Text of what has ended the work."""
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted"
+    return str(error) if isinstance(error, ParapodError) else f"{type(error).__name__}: {error}"
+
+
+def _ask_again(unconfirmed: dict[DeviceThread, Exception]) -> None:
+    """Asks devices to become neutral until all have confirmed it, or it has lasted too long."""
+    deadline = time.monotonic() + _CONFIRMING
+    while unconfirmed and time.monotonic() < deadline:
+        for thread in list(unconfirmed):
+            if (error := thread.stop()) is None:
+                del unconfirmed[thread]
+            else:
+                unconfirmed[thread] = error
+        time.sleep(_PAUSE)
 
 
 def add_devices(builder: DiagramBuilder, machine: "Machine[Any]", scenario: Any) -> Behind:

@@ -70,6 +70,8 @@ class Device(ABC):
 
     Attributes:
         name: kind and place of the device, as errors call it.
+        watchdog: what makes the outputs neutral when nobody speaks to the device any more, as in
+            "without heartbeats its drives stop within 0.1 s"; "": nothing does.
         place: what no two programs may command, see `only_program`; "": nothing.
         measures: the signals that `read` returns, and their sizes.
         commands: the signals that `write` takes, and their sizes.
@@ -77,6 +79,7 @@ class Device(ABC):
 
     name: str
     place: str = ""
+    watchdog: str = ""
     measures: Mapping[str, int] = {}
     commands: Mapping[str, int] = {}
 

@@ -161,8 +161,8 @@ class DeviceThread:
             self.stop()
             raise error
 
-    def stop(self) -> None:
-        """Ends the thread and deactivates the device; never raises."""
+    def stop(self) -> Exception | None:
+        """Ends the thread and deactivates the device; returns why that is not certain."""
         self._stopping.set()
         self._wake.set()
         thread, self._thread = self._thread, None
@@ -170,8 +170,9 @@ class DeviceThread:
             thread.join(_JOIN_TIMEOUT)
         try:
             self.device.deactivate()
-        except Exception as error:  # close() is still to come, and other devices too
-            _LOG.warning("%s", error)
+        except Exception as error:  # other devices are still to come
+            return error
+        return None
 
     def _no_sample(self) -> Sample:
         return Sample({}, self._clock(), DeviceFault.SILENT, "no sample yet")

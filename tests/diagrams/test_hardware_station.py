@@ -6,6 +6,8 @@ import re
 import subprocess
 import sys
 import textwrap
+import threading
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +15,9 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import InputPortIndex, OutputPortIndex
 
+from parapod.diagrams import devices
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.devices import NotNeutral
 from parapod.diagrams.drivers.driver import Driver
 from parapod.diagrams.hardware_scenario import (
     Adis16448SpiImu,
@@ -391,11 +395,64 @@ def test_a_device_that_does_not_begin_leaves_all_neutral_and_closed(what):
 
 def test_a_device_that_fails_at_the_end_does_not_keep_others_from_their_end():
     diary = []
-    fails = {part: ("deactivate", "neutral") for part in ("legs", "wheels")}
-    with active_parts(diary, **fails).active():
+    fails = {part: ("deactivate", "neutral") for part in ("legs", "wheels", "imu")}
+    station = active_parts(diary, **fails)
+    began = time.monotonic()
+    # Sensors move nothing.
+    live = (
+        "fake wheels: cannot deactivate; fake legs: cannot deactivate; OUTPUTS OF fake wheels AND"
+    )
+    with (
+        pytest.raises(NotNeutral, match=f"^{live} fake legs MAY STILL BE LIVE: press the emerg"),
+        station.active(),
+    ):
         diary.clear()
     assert {part for part, _ in events(diary, "deactivate")} == set(PARTS)
     assert diary[-len(PARTS) :] == [(part, "close") for part in reversed(PARTS)]
+    # All have been asked before any was asked again, and those for two seconds.
+    asked = [part for part, _ in events(diary, "deactivate")]
+    assert set(asked[: len(PARTS)]) == set(PARTS)
+    assert {part: asked.count(part) > 10 for part in PARTS} == {
+        part: part in ("legs", "wheels") for part in PARTS
+    }
+    assert time.monotonic() - began >= 2.0
+
+
+@pytest.mark.parametrize(
+    ("ended", "words"),
+    [
+        (DeviceError("fake imu", "has burst"), "fake imu: has burst"),
+        (KeyboardInterrupt(), "interrupted"),
+        (ZeroDivisionError("by zero"), "ZeroDivisionError: by zero"),
+    ],
+)
+def test_the_last_line_says_first_what_has_ended_the_work(ended, words, monkeypatch):
+    monkeypatch.setattr(devices, "_CONFIRMING", 0.1)
+    station = active_parts([], legs=("deactivate", "neutral"))
+    (thread,) = station.behind.handle.threads["legs"]
+    thread.device.watchdog = "without packets they stop within 0.1 s"
+
+    def work():
+        with station.active():
+            raise ended
+
+    with pytest.raises(NotNeutral) as caught:
+        work()
+    assert str(caught.value) == (
+        f"{words}; fake legs: cannot deactivate; without packets they stop within 0.1 s"
+    )
+
+
+def test_a_device_that_becomes_neutral_when_it_is_asked_again_is_no_error():
+    diary = []
+    station = active_parts(diary, legs=("deactivate", "neutral"))
+    (thread,) = station.behind.handle.threads["legs"]
+    with station.active():
+        timer = threading.Timer(0.3, lambda: setattr(thread.device, "_fails", ()))
+        timer.start()
+    timer.join()
+    assert len(events(diary, "deactivate")) > len(PARTS)
+    assert events(diary, "neutral")[-1] == ("legs", "neutral")
 
 
 def test_a_station_can_be_active_again():

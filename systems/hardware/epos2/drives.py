@@ -28,8 +28,8 @@ from parapod.systems.hardware.position_memory import IncrementalDevice
 _STANDSTILL = 60
 # How long a drive may take to leave a quick stop that was ours [s].
 _OBEYING = 0.05
-# How long nodes are asked, one after another, whether their power is gone [s].
-_CONFIRMING = 1.0
+# How long nodes are asked whether their power is gone, once one of them was silent [s].
+_CONFIRMING = 0.3
 
 
 class Epos2(IncrementalDevice):
@@ -91,6 +91,8 @@ class Epos2(IncrementalDevice):
         self._is_synchronous = is_synchronous
         self._limits, self._directions = settings.limits, settings.directions
         self.name, self.place = settings.name, settings.address
+        within = f"{settings.heartbeat_timeout + stopping_time(settings, timing):.2g} s"
+        self.watchdog = f"without this computer's heartbeats the drives stop within {within}"
         axes = len(settings.node_ids)
         super().__init__(settings.positions_path, axes, settings.part)
         self.measures = {"position": axes, "velocity": axes}
@@ -100,6 +102,7 @@ class Epos2(IncrementalDevice):
         self._bus: CanopenBus | None = None
         self._controllers: list[Epos2Controller] = []
         self._is_active = self._is_braked = self._is_referenced = False
+        self._may_have_power = False
         self._beaten = self._measured = -math.inf
         self._counts: list[int | None] = []
         self._offset, self._position = [0.0] * axes, [0.0] * axes
@@ -236,12 +239,13 @@ class Epos2(IncrementalDevice):
         """
         if self._bus is None:
             return
-        was_active, self._is_active = self._is_active, False
+        self._may_have_power |= self._is_active
+        self._is_active = False
         with ExitStack() as stack:
-            if was_active:
+            if self._may_have_power:
                 stack.callback(self._confirm_no_power)
             stack.callback(self._send, Controlword.DISABLE_VOLTAGE)
-            if was_active:
+            if self._may_have_power:
                 self._send(Controlword.QUICK_STOP)
                 self._wait_for_standstill()
 
@@ -250,12 +254,13 @@ class Epos2(IncrementalDevice):
         deadline, failure = self._clock() + _CONFIRMING, None
         for controller in self._controllers:
             try:
-                if self._clock() < deadline:
+                if failure is None or self._clock() < deadline:
                     controller.disable()
             except DeviceError as error:
                 failure = failure or error
         if failure is not None:
             raise failure
+        self._may_have_power = False
 
     def close(self) -> None:
         """Stops the axes, takes their power and closes the bus; never raises."""

@@ -93,6 +93,8 @@ class SabertoothSerial(Device):
         """
         self._settings, self._power_on_baud, self._clock = settings, power_on_baud, clock
         self.name, self.place = f"Sabertooth on {settings.path}", settings.path
+        within = f"{settings.serial_timeout:g} s"
+        self.watchdog = f"without packets the motor drivers stop the motors within {within}"
         self._motors = settings.motors[:actuators]
         self._size = len(self._motors)
         _check(settings, self._size, power_on_baud)

@@ -204,20 +204,25 @@ class Emulator:
 
     @contextmanager
     def disturbed(self, kind, *parts, after=1.0):
-        """Makes devices misbehave once they have had power for a while; the instants."""
-        begun, over = [], threading.Event()
+        """Makes devices misbehave once they have had power for a while.
+
+        Yields the instants: when they begin to, and when the machine is neutral since.
+        """
+        instants, over = [], threading.Event()
 
         def disturb():
             if self.until(lambda: self.has_power or over.is_set(), 30.0):
                 over.wait(after)
-                begun.append(time.monotonic())
+                instants.append(time.monotonic())
                 for part in parts:
                     self.misbehave(part, kind)
+                if self.until(lambda: self.is_neutral or over.is_set(), 30.0) and self.is_neutral:
+                    instants.append(time.monotonic())
 
         thread = threading.Thread(target=disturb)
         thread.start()
         try:
-            yield begun
+            yield instants
         finally:
             over.set()
             thread.join()
