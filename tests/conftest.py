@@ -201,6 +201,53 @@ def work(tmp_path, monkeypatch):
     return folder
 
 
+class Bench:
+    """A system alone: a test sets its inputs, steps its updates and reads its outputs.
+
+    Attributes:
+        system: the system.
+        context: its context.
+        period: of its updates [s]; 0 without any.
+    """
+
+    def __init__(self, system, **inputs):
+        self.system, self.context = system, system.CreateDefaultContext()
+        event = system.GetUniquePeriodicDiscreteUpdateAttribute()
+        self.period = event.period_sec() if event else 0.0
+        self.set(**inputs)
+
+    def set(self, **inputs):
+        """Fixes inputs by name, a number where one is enough."""
+        for name, value in inputs.items():
+            value = value if np.ndim(value) else (float(value),)
+            self.system.GetInputPort(name).FixValue(self.context, value)
+        return self
+
+    def tick(self, times=1, **inputs):
+        """Sets inputs, updates the state and lets a period pass, as often as told."""
+        self.set(**inputs)
+        for _ in range(times):
+            self.context.SetDiscreteState(
+                self.system.EvalUniquePeriodicDiscreteUpdate(self.context)
+            )
+            self.context.SetTime(self.context.get_time() + self.period)
+        return self
+
+    def wait(self, seconds, **inputs):
+        """As many ticks as there are periods in a time."""
+        return self.tick(round(seconds / self.period), **inputs)
+
+    def __getitem__(self, name):
+        """The value of an output now."""
+        return self.system.GetOutputPort(name).Eval(self.context).copy()
+
+
+@pytest.fixture(scope="session")
+def bench():
+    """bench(system, **inputs): see `Bench`; tests with more words derive their own class."""
+    return Bench
+
+
 def _fix(system, context, **inputs):
     for name, value in inputs.items():
         system.GetInputPort(name).FixValue(context, value)
