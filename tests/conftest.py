@@ -213,7 +213,7 @@ class Bench:
     def __init__(self, system, **inputs):
         self.system, self.context = system, system.CreateDefaultContext()
         event = system.GetUniquePeriodicDiscreteUpdateAttribute()
-        self.period = event.period_sec() if event else 0.0
+        self.period, self._updates = event.period_sec() if event else 0.0, 0
         self.set(**inputs)
 
     def set(self, **inputs):
@@ -227,15 +227,25 @@ class Bench:
         """Sets inputs, updates the state and lets a period pass, as often as told."""
         self.set(**inputs)
         for _ in range(times):
-            self.context.SetDiscreteState(
-                self.system.EvalUniquePeriodicDiscreteUpdate(self.context)
-            )
-            self.context.SetTime(self.context.get_time() + self.period)
+            self._update()
         return self
 
     def wait(self, seconds, **inputs):
-        """As many ticks as there are periods in a time."""
+        """Ticks as often as there are periods in a time."""
         return self.tick(round(seconds / self.period), **inputs)
+
+    def run(self, until):
+        """Goes to a time with all updates before it; one at that time is still to come."""
+        while self.period and self._updates * self.period < until - 1e-12:
+            self.context.SetTime(self._updates * self.period)
+            self._update()
+        self.context.SetTime(until)
+        return self
+
+    def _update(self):
+        self.context.SetDiscreteState(self.system.EvalUniquePeriodicDiscreteUpdate(self.context))
+        self._updates += 1
+        self.context.SetTime(self._updates * self.period)
 
     def __getitem__(self, name):
         """The value of an output now."""

@@ -271,50 +271,6 @@ def test_at_rest_a_leg_that_cannot_be_built_gives_nan(bad):
         assert np.isnan(resting_posture(ROLLER, extension, GROUND)).all()
 
 
-# Ground estimator
-
-
-class Estimation:
-    def __init__(self, fix, extension, trigger):
-        self.system = GroundEstimator(ROLLER, 0.01)
-        self.simulator = Simulator(self.system)
-        self.context = self.simulator.get_mutable_context()
-        given = {"extension": extension, "attitude": POSTURE[:2], "trigger": (trigger,)}
-        fix(self.system, self.context, **given)
-
-    def read(self, name, steps=2):
-        self.simulator.AdvanceTo(self.context.get_time() + 0.01 * steps)
-        return self.system.GetOutputPort(name).Eval(self.context).copy()
-
-
-def test_estimated_ground_and_offsets_are_what_the_legs_stand_on(fix):
-    extension = inverse_kinematics(ROLLER, POSTURE, GROUND, OFFSETS)
-    estimation = Estimation(fix, extension, 1.0)
-    offsets, ground = estimation.read("foot_offsets"), estimation.read("ground")
-    np.testing.assert_array_equal(offsets, unevenness(ROLLER, extension))
-    posture = forward_kinematics(ROLLER, extension, ground, foot_offsets=offsets)
-    np.testing.assert_allclose(posture[:2], POSTURE[:2], rtol=0, atol=1e-13)
-    returned = inverse_kinematics(ROLLER, posture, ground, offsets)
-    np.testing.assert_allclose(returned, extension, rtol=0, atol=1e-13)
-
-
-def test_estimated_offsets_are_held_and_taken_anew_when_the_trigger_rises(fix):
-    estimation = Estimation(fix, inverse_kinematics(ROLLER, POSTURE, GROUND, OFFSETS), 1.0)
-    before = estimation.read("foot_offsets")
-    other = inverse_kinematics(ROLLER, POSTURE, GROUND, -OFFSETS)
-    fix(estimation.system, estimation.context, extension=other)
-    np.testing.assert_array_equal(estimation.read("foot_offsets"), before)
-    for trigger in (0.0, 1.0):
-        fix(estimation.system, estimation.context, trigger=(trigger,))
-        after = estimation.read("foot_offsets")
-    np.testing.assert_array_equal(after, unevenness(ROLLER, other))
-
-
-def test_a_bad_sample_gives_no_offsets(fix):
-    extension = np.array((0.405, math.nan, 0.405, 0.405))
-    np.testing.assert_array_equal(Estimation(fix, extension, 1.0).read("foot_offsets"), 0.0)
-
-
 # Feedforward and passive leg
 
 
