@@ -6,12 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
 
-from parapod.systems.core.errors import UnreachablePosture
-from parapod.systems.levelling_platform.feedforward import KinematicFeedforward, PassiveLegSolver
 from parapod.systems.levelling_platform.geometry import LegDeviation, PlatformGeometry
-from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
     height_range,
@@ -28,7 +24,6 @@ from parapod.systems.levelling_platform.plane import (
     raised,
     to_platform,
 )
-from parapod.systems.levelling_platform.reference import PostureReference
 from parapod.systems.levelling_platform.statics import resting_posture
 
 ROLLER = PlatformGeometry(foot_radius=0.025, extension_min=0.37, extension_max=0.45)
@@ -269,86 +264,3 @@ def test_at_rest_a_leg_that_cannot_be_built_gives_nan(bad):
         extension = np.full(4, 0.405)
         extension[leg] = bad
         assert np.isnan(resting_posture(ROLLER, extension, GROUND)).all()
-
-
-# Feedforward and passive leg
-
-
-def desired(fix, active, posture, offsets=OFFSETS):
-    """Extensions and rates of all legs, from feedforward and passive leg."""
-    state = np.concatenate([posture, RATE])
-    feedforward = KinematicFeedforward(ROLLER, active_legs=active)
-    passive = PassiveLegSolver(ROLLER, active)
-    inputs = {"posture_desired_state": state, "ground": GROUND, "foot_offsets": offsets}
-    context = feedforward.CreateDefaultContext()
-    fix(feedforward, context, **inputs, extension_measured=np.zeros(4), enable=(0.0,))
-    legs = feedforward.get_output_port().Eval(context).copy()
-    context = passive.CreateDefaultContext()
-    fix(passive, context, **inputs, active_desired_state=legs)
-    return np.split(passive.get_output_port().Eval(context).copy(), 2)
-
-
-@pytest.mark.parametrize("active", [(0, 1, 2), (0, 1, 3), (3, 2, 1), (2, 0, 3)])
-def test_feedforward_and_passive_leg_are_inverse_kinematics_on_offsets(fix, active):
-    extension, rate = desired(fix, active, POSTURE)
-    expected = inverse_kinematics(ROLLER, POSTURE, GROUND, OFFSETS)
-    np.testing.assert_allclose(extension, expected, rtol=0, atol=1e-13)
-    ahead, behind = (
-        inverse_kinematics(ROLLER, POSTURE + t * RATE, GROUND, OFFSETS) for t in (1e-6, -1e-6)
-    )
-    np.testing.assert_allclose(rate, (ahead - behind) / 2e-6, rtol=0, atol=1e-9)
-
-
-def test_an_offset_that_is_not_a_number_stops_its_own_leg_alone(fix):
-    for leg in (1, 2):
-        offsets = OFFSETS.copy()
-        offsets[leg] = math.nan
-        extension, _ = desired(fix, (0, 1, 2), POSTURE, offsets)
-        assert np.flatnonzero(np.isnan(extension)).tolist() == [leg]
-
-
-@pytest.mark.parametrize("law", ["exact", "differential"])
-def test_offsets_move_the_extensions_of_the_exact_law_alone(fix, moved, law):
-    system = KinematicFeedforward(ROLLER, law)
-    context = system.CreateDefaultContext()
-    fix(system, context, posture_desired_state=np.append(POSTURE, RATE), ground=GROUND)
-    fix(system, context, foot_offsets=OFFSETS, enable=(0.0,), extension_measured=[0.405] * 4)
-    names = moved(system, context, lambda: fix(system, context, foot_offsets=-OFFSETS))
-    assert names == ({"active_desired_state"} if law == "exact" else set())
-
-
-# Reference
-
-
-def reference_from(fix, command, enable=1.0, **inputs):
-    system = PostureReference(ROLLER)
-    simulator = Simulator(system)
-    context = simulator.get_mutable_context()
-    given = {
-        "posture_command": command,
-        "extension_measured": inverse_kinematics(ROLLER, POSTURE, GROUND, OFFSETS),
-        "ground": GROUND,
-        "foot_offsets": OFFSETS,
-        "enable": (enable,),
-    }
-    fix(system, context, **(given | inputs))
-    return simulator, lambda: system.get_output_port().Eval(context)[:3]
-
-
-def test_a_command_that_only_offsets_put_out_of_reach_is_refused(fix):
-    _, high = height_range(ROLLER, (0.0, 0.0), GROUND)
-    command = np.array((0.0, 0.0, high - 1e-3))
-    simulator, _ = reference_from(fix, command, foot_offsets=OFFSETS - 0.01)
-    with pytest.raises(UnreachablePosture, match=r"the height must be \d+"):
-        simulator.AdvanceTo(1.0)
-    low = reference_from(fix, command, foot_offsets=np.full(4, 0.002))
-    low[0].AdvanceTo(20.0)
-    np.testing.assert_allclose(low[1](), command, rtol=0, atol=1e-12)
-
-
-def test_a_command_that_only_offsets_bring_into_reach_is_taken(fix):
-    _, high = height_range(ROLLER, (0.0, 0.0), GROUND)
-    command = np.array((0.0, 0.0, high + 1e-3))
-    simulator, posture = reference_from(fix, command, foot_offsets=np.full(4, 0.002))
-    simulator.AdvanceTo(20.0)
-    np.testing.assert_allclose(posture(), command, rtol=0, atol=1e-12)
