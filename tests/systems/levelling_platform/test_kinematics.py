@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.math import RollPitchYaw
 from scipy.optimize import fsolve
 
@@ -36,7 +35,7 @@ from parapod.systems.levelling_platform.printed import (
 POINT = PlatformGeometry()
 ROLLER = PlatformGeometry(foot_radius=0.025)
 GEOMETRIES = pytest.mark.parametrize("geometry", [POINT, ROLLER], ids=["point", "roller"])
-TRIPLES = list(itertools.permutations(range(4), 3))
+TRIPLES = [(0, 1, 2), (3, 1, 0), (2, 0, 3), (1, 3, 2)]
 LEVEL = (0.0, 0.0)
 FIVE_DEGREES = math.radians(5.0)
 
@@ -81,11 +80,11 @@ def test_forward_kinematics_undoes_inverse_kinematics(geometry, legs):
 
 
 @GEOMETRIES
-@pytest.mark.parametrize("legs", list(itertools.combinations(range(4), 3)))
+@pytest.mark.parametrize("legs", TRIPLES)
 def test_inverse_kinematics_undoes_forward_kinematics_of_three_legs(geometry, legs):
     rng = np.random.default_rng(1)
-    extension = rng.uniform(0.390, 0.420, (500, 4))
-    ground = rng.uniform(-FIVE_DEGREES, FIVE_DEGREES, (500, 2))
+    extension = rng.uniform(0.390, 0.420, (300, 4))
+    ground = rng.uniform(-FIVE_DEGREES, FIVE_DEGREES, (300, 2))
     posture = forward_kinematics(geometry, extension, ground, legs=legs)
     returned = inverse_kinematics(geometry, posture, ground, on_unreachable="nan")
     fits = np.isfinite(returned[:, 0])
@@ -366,38 +365,20 @@ def test_unreachable_posture_of_a_batch_is_named_by_its_index():
 
 def test_unreachable_postures_of_a_batch_can_be_marked_and_spare_the_others():
     postures = np.tile((0.0, 0.0, 0.47), (3, 4, 1))
-    postures[1, 2] = (0.25, 0.0, 0.47)  # tilted by more than the stroke
-    postures[2, 0] = np.nan
-    postures[0, 3] = (0.0, 0.0, 5.0)
-    extension = inverse_kinematics(POINT, postures, LEVEL, on_unreachable="nan")
     bad = np.zeros((3, 4), dtype=bool)
-    bad[1, 2] = bad[2, 0] = bad[0, 3] = True
+    # Tilted by more than the stroke, unknown, and out of reach with any extension.
+    for index, posture in (((1, 2), (0.25, 0.0, 0.47)), ((2, 0), np.nan), ((0, 3), (0, 0, 5.0))):
+        postures[index], bad[index] = posture, True
+    extension = inverse_kinematics(POINT, postures, LEVEL, on_unreachable="nan")
     assert np.isnan(extension[bad]).all()
-    np.testing.assert_array_equal(
-        extension[~bad], np.tile(inverse_kinematics(POINT, (0.0, 0.0, 0.47), LEVEL), (9, 1))
-    )
-    single = inverse_kinematics(POINT, postures[1, 2], LEVEL, on_unreachable="nan")
-    assert np.isnan(single).tolist() == [True] * 4
+    expected = inverse_kinematics(POINT, (0.0, 0.0, 0.47), LEVEL)
+    np.testing.assert_array_equal(extension[~bad], np.tile(expected, (9, 1)))
 
 
 def test_ends_of_the_stroke_are_reachable_after_a_round_trip():
     for d in (0.390, 0.420):
         posture = forward_kinematics(POINT, [d] * 4, LEVEL)
         np.testing.assert_allclose(inverse_kinematics(POINT, posture, LEVEL), d, atol=1e-13)
-
-
-@GEOMETRIES
-def test_ends_of_the_height_range_are_reachable_and_just_outside_is_not(geometry):
-    posture, ground = reachable(geometry, count=100, seed=16)
-    low, high = height_range(geometry, posture[:, :2], ground).T
-    for end, outwards in ((low, -1.0), (high, 1.0)):
-        at_end = np.column_stack([posture[:, :2], end])
-        extension = inverse_kinematics(geometry, at_end, ground)
-        margin = np.minimum(extension - 0.390, 0.420 - extension).min(axis=1)
-        np.testing.assert_allclose(margin, 0.0, atol=1e-12)
-        beyond = at_end + np.array((0.0, 0.0, outwards * 1e-7))
-        beyond = inverse_kinematics(geometry, beyond, ground, on_unreachable="nan")
-        assert np.isnan(beyond).all()
 
 
 def test_height_range_is_inverted_where_the_attitude_cannot_be_held():
@@ -444,42 +425,26 @@ def test_four_legs_off_one_plane_give_a_posture_between_those_of_the_triples():
     assert np.ptp(planes, axis=0).max() > 1e-3
 
 
-def test_large_batches_are_the_small_ones():
+def test_batches_may_be_large_or_empty():
     posture, ground = reachable(POINT, count=15_000, seed=20)
     assert len(posture) > 4096
     extension = inverse_kinematics(POINT, posture, ground)
     for part in (slice(0, 3), slice(4094, 4099), slice(-3, None)):
-        np.testing.assert_allclose(
-            extension[part],
-            inverse_kinematics(POINT, posture[part], ground[part]),
-            rtol=0.0,
-            atol=1e-15,
-        )
-
-
-def test_empty_batches_give_empty_results():
+        alone = inverse_kinematics(POINT, posture[part], ground[part])
+        np.testing.assert_allclose(extension[part], alone, rtol=0.0, atol=1e-15)
     assert inverse_kinematics(POINT, np.empty((0, 3)), LEVEL).shape == (0, 4)
     assert forward_kinematics(POINT, np.empty((0, 4)), LEVEL).shape == (0, 3)
     assert estimate_ground(POINT, np.empty((2, 0, 4)), LEVEL).shape == (2, 0, 2)
     assert posture_jacobian(POINT, np.empty((0, 3)), LEVEL).shape == (0, 4, 3)
 
 
-def test_lists_and_whole_numbers_are_accepted():
-    from_list = forward_kinematics(POINT, [0.40, 0.40, 0.41, 0.41], [0, 0])
-    from_array = forward_kinematics(POINT, np.array((0.40, 0.40, 0.41, 0.41)), np.zeros(2))
-    np.testing.assert_array_equal(from_list, from_array)
-
-
 def test_arguments_are_left_unchanged():
     posture, ground = reachable(POINT, count=20, seed=21)
     posture[0, 2] = 9.0
     before = posture.copy(), ground.copy()
-    extension = inverse_kinematics(POINT, posture, ground, on_unreachable="nan")
-    copy = extension.copy()
-    forward_kinematics(POINT, extension, ground)
+    inverse_kinematics(POINT, posture, ground, on_unreachable="nan")
     np.testing.assert_array_equal(posture, before[0])
     np.testing.assert_array_equal(ground, before[1])
-    np.testing.assert_array_equal(extension, copy)
 
 
 def test_batches_that_do_not_broadcast_are_refused():
@@ -503,7 +468,7 @@ def test_unknown_treatment_of_unreachable_postures_is_refused():
 # Numbers that are not finite
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, 0.3599, 0.5201])
+@pytest.mark.parametrize("bad", [np.nan, 0.3599, 0.5201])
 def test_extensions_that_cannot_be_built_give_nan_in_their_row_only(bad):
     extension = np.full((3, 4), 0.405)
     extension[1, 2] = bad
@@ -517,17 +482,17 @@ def test_extensions_that_cannot_be_built_give_nan_in_their_row_only(bad):
     assert np.isfinite(forward_kinematics(POINT, extension[1], LEVEL, legs=(0, 1, 3))).all()
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("element", range(5))
-def test_postures_and_grounds_that_are_not_finite_are_unreachable(bad, element):
-    given = np.tile((0.0, 0.0, 0.47, 0.0, 0.0), (2, 1))
-    given[1, element] = bad
-    posture, ground = given[:, :3], given[:, 3:]
-    with pytest.raises(UnreachablePosture):
-        inverse_kinematics(POINT, posture[1], ground[1])
-    extension = inverse_kinematics(POINT, posture, ground, on_unreachable="nan")
-    assert np.isfinite(extension[0]).all()
-    assert np.isnan(extension[1]).all()
+def test_postures_and_grounds_that_are_not_finite_are_unreachable(element):
+    for bad in (np.nan, np.inf):
+        given = np.tile((0.0, 0.0, 0.47, 0.0, 0.0), (2, 1))
+        given[1, element] = bad
+        posture, ground = given[:, :3], given[:, 3:]
+        with pytest.raises(UnreachablePosture):
+            inverse_kinematics(POINT, posture[1], ground[1])
+        extension = inverse_kinematics(POINT, posture, ground, on_unreachable="nan")
+        assert np.isfinite(extension[0]).all()
+        assert np.isnan(extension[1]).all()
 
 
 # Symmetry
@@ -557,33 +522,6 @@ def test_inclining_ground_and_platform_together_about_one_axis_changes_no_extens
         tilted = inverse_kinematics(POINT, (*turn, 0.47), turn)
         level = inverse_kinematics(POINT, (0.0, 0.0, 0.47), LEVEL)
         np.testing.assert_allclose(tilted, level, rtol=0.0, atol=1e-14)
-
-
-# Scalar types
-
-
-def test_autodiff_through_inverse_kinematics_is_the_jacobian():
-    posture, ground = reachable(ROLLER, count=20, seed=24)
-    y = InitializeAutoDiff(posture[0]).flatten()
-    extension = inverse_kinematics(ROLLER, y, ground[0])
-    np.testing.assert_allclose(
-        ExtractValue(extension).flatten(), inverse_kinematics(ROLLER, posture[0], ground[0])
-    )
-    jacobian = posture_jacobian(ROLLER, posture[0], ground[0])
-    np.testing.assert_allclose(ExtractGradient(extension), jacobian, atol=1e-12)
-
-
-@pytest.mark.parametrize("legs", [None, (0, 1, 2), (3, 2, 0)])
-def test_autodiff_through_forward_kinematics_is_the_inverse_of_the_jacobian(legs):
-    posture, ground = reachable(ROLLER, count=20, seed=25)
-    extension = inverse_kinematics(ROLLER, posture[0], ground[0])
-    returned = forward_kinematics(
-        ROLLER, InitializeAutoDiff(extension).flatten(), ground[0], legs=legs
-    )
-    shown = list(range(4) if legs is None else legs)
-    gradient = ExtractGradient(returned)[:, shown]
-    jacobian = posture_jacobian(ROLLER, posture[0], ground[0])[shown]
-    np.testing.assert_allclose(gradient @ jacobian, np.eye(3), atol=1e-11)
 
 
 def test_working_branch_has_the_long_side_outboard():

@@ -111,7 +111,7 @@ def test_raised_feet_are_as_far_down_as_they_stood_up(legs):
 
 
 @GEOMETRIES
-@pytest.mark.parametrize("legs", [None, *itertools.permutations(range(4), 3)])
+@pytest.mark.parametrize("legs", [None, (0, 1, 2), (3, 1, 0), (2, 0, 3), (1, 3, 2)])
 def test_forward_kinematics_undoes_inverse_kinematics_on_offsets(geometry, legs):
     posture, ground, offsets = stances()
     extension = inverse_kinematics(geometry, posture, ground, offsets)
