@@ -35,7 +35,7 @@ OPEN = np.zeros(12)
 
 
 def gravity(roll, pitch, size=GRAVITY):
-    """What an accelerometer at rest shows."""
+    """Readings of an accelerometer at rest."""
     return np.array(to_platform((0.0, 0.0, size), roll, pitch))
 
 

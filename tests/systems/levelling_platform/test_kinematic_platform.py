@@ -158,7 +158,7 @@ def leaning(leg):
 def test_three_legs_carry_when_one_is_short_and_the_platform_leans_off_it_or_across(
     stand, lifted, across
 ):
-    """Of a short leg and the one across it, that is in the air from which the arm leans away."""
+    """A short leg or the one across it is in the air: the one from which the arm leans away."""
     extension = np.array((0.405, 0.406, 0.404, 0.403))
     extension[(lifted + 2) % 4 if across else lifted] += 0.006
     carrying = [i for i in range(4) if i != lifted]

@@ -56,7 +56,7 @@ def to_ground(footing):
 
 
 def centre_of_mass(arm, params=PARAMS):
-    """Of platform and arm from F, by hand."""
+    """Centre of mass of platform and arm from F, by hand."""
     turn, swing = arm
     along = [math.sin(swing) * math.cos(turn), math.sin(swing) * math.sin(turn), math.cos(swing)]
     on_arm = np.array(params.arm_base) + params.arm_centre * np.array(along)
@@ -264,7 +264,7 @@ class Machine:
         return posture[2]
 
     def params(self):
-        """What platform and arm weigh as they stand."""
+        """Masses of platform and arm as they stand."""
         plant, context = self.plant, self.context
         X_WF = plant.EvalBodyPoseInWorld(context, self.model.base)
         bodies = [plant.get_body(BodyIndex(i)) for i in range(1, plant.num_bodies())]

@@ -63,7 +63,7 @@ def test_a_sensor_sees_the_numbers_of_drakes_source(seed, size):
 
 
 def test_the_first_numbers_of_a_seed_are_the_same_everywhere():
-    """As Drake's `RandomSource` shows them on Linux after `RandomGenerator(5)`."""
+    """Those of Drake's `RandomSource` on Linux after `RandomGenerator(5)`."""
     expected = (0.14452152022785492, 1.0780589685816888, 0.13270309649729814)
     np.testing.assert_allclose(noise_sample(5, 0, SIZE)[:3], expected, rtol=1e-15)
 
