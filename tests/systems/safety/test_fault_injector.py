@@ -4,9 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
 
 from parapod.systems.safety.faults import Fault, FaultInjector, FaultKind
 
@@ -177,12 +174,12 @@ def test_the_longest_delay_is_kept():
 
 def test_garbage_is_another_value_of_the_span_in_each_sample_and_element():
     injector = FaultInjector(3, [Fault(FaultKind.GARBAGE)], span=((0.0, -5.0, 2.0), (1.0, 5.0, 2)))
-    shown, ages, _ = play(injector, np.zeros((2000, 3)))
-    assert len(np.unique(shown[:, :2])) == 4000
+    shown, ages, _ = play(injector, np.zeros((1000, 3)))
+    assert len(np.unique(shown[:, :2])) == 2000
     np.testing.assert_array_equal(shown[:, 2], 2.0)
-    # Uniform: mean and deviation, of which 2000 samples know 2 %.
+    # Uniform: mean and deviation, of which 1000 samples know 3 %.
     np.testing.assert_allclose(shown.mean(axis=0), [0.5, 0.0, 2.0], atol=0.2)
-    np.testing.assert_allclose(shown.std(axis=0), np.array([1, 10, 0]) / math.sqrt(12), rtol=0.05)
+    np.testing.assert_allclose(shown.std(axis=0), np.array([1, 10, 0]) / math.sqrt(12), rtol=0.07)
     assert (shown >= [0.0, -5.0, 2.0]).all()
     assert (shown <= [1.0, 5.0, 2.0]).all()
     assert not ages.any()
@@ -195,8 +192,8 @@ def test_garbage_of_a_binary_signal_is_0_or_1():
 
 
 def test_a_share_of_garbage_is_nan():
-    shown, _ = shown_of(Fault(FaultKind.GARBAGE, nan_share=0.25), np.zeros(2000))
-    assert np.isnan(shown).mean() == pytest.approx(0.25, abs=0.03)
+    shown, _ = shown_of(Fault(FaultKind.GARBAGE, nan_share=0.25), np.zeros(1000))
+    assert np.isnan(shown).mean() == pytest.approx(0.25, abs=0.04)
     assert not np.isnan(shown_of(Fault(FaultKind.GARBAGE), np.zeros(500))[0]).any()
     assert np.isnan(shown_of(Fault(FaultKind.GARBAGE, nan_share=1.0), np.zeros(5))[0]).all()
 
@@ -259,30 +256,15 @@ def test_changed_rises_with_the_first_sample_that_differs_and_stays(fault):
     np.testing.assert_array_equal(latch, np.arange(10) >= first)
 
 
-@pytest.mark.parametrize("kind", ["off", "stuck", "slow", "delayed", "intermittent"])
-def test_a_fault_that_nobody_can_see_is_not_said_to_have_changed_anything(kind):
-    _, _, latch = play(FaultInjector(1, [Fault(kind)], off_value=5.0), np.full(30, 5.0))
-    assert not latch.any()
-
-
-def test_nan_in_place_of_nan_is_no_change():
-    _, _, latch = play(FaultInjector(1, [Fault(FaultKind.WRONG)]), np.full(5, math.nan))
-    assert not latch.any()
+def test_a_fault_that_makes_no_difference_is_not_said_to_have_changed_anything():
+    for kind in ("off", "stuck", "slow", "delayed", "intermittent"):
+        injector = FaultInjector(1, [Fault(kind)], off_value=5.0)
+        assert not play(injector, np.full(10, 5.0))[2].any()
+    # Nor is NaN in place of NaN a change.
+    assert not play(FaultInjector(1, [Fault(FaultKind.WRONG)]), np.full(5, math.nan))[2].any()
 
 
 # Without a fault
-
-
-class Counter(LeafSystem):
-    """Counts the instants of its updates; before the update of instant k it shows k."""
-
-    def __init__(self):
-        super().__init__()
-        self.DeclareStateOutputPort("count", self.DeclareDiscreteState(1))
-        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update_count)
-
-    def _update_count(self, context, discrete_state):
-        discrete_state.set_value(0, context.get_discrete_state(0).value() + 1.0)
 
 
 @pytest.mark.parametrize("faults", [[], [Fault(FaultKind.OFF, begin=5.0)]])
@@ -296,21 +278,6 @@ def test_without_an_active_fault_every_bit_passes(faults):
         assert injector.GetOutputPort("faulted").Eval(context).tobytes() == odd.tobytes()
         assert injector.GetOutputPort("extra_age").Eval(context) == [0.0]
         assert injector.GetOutputPort("changed").Eval(context) == [0.0]
-
-
-def test_a_discrete_system_reads_the_faulted_sample_of_the_same_instant():
-    builder = DiagramBuilder()
-    counter = builder.AddSystem(Counter())
-    injector = builder.AddSystem(FaultInjector(1, [Fault(FaultKind.STUCK, **WINDOW)], PERIOD))
-    hold = builder.AddSystem(ZeroOrderHold(PERIOD, 1))
-    builder.Connect(counter.get_output_port(), injector.get_input_port())
-    builder.Connect(injector.GetOutputPort("faulted"), hold.get_input_port())
-    log = LogVectorOutput(hold.get_output_port(), builder, PERIOD)
-    simulator = Simulator(builder.Build())
-    simulator.AdvanceTo(0.095)
-    seen = log.FindLog(simulator.get_context()).data()[0]
-    # Logs are written before the updates of their instant: what was read a period before.
-    np.testing.assert_array_equal(seen[1:], [0, 1, 2, 2, 2, 2, 2, 7, 8])
 
 
 # Seeds and contexts
