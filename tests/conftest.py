@@ -238,12 +238,12 @@ class Bench:
     def run(self, until):
         """Goes to a time with all updates before it; one at that time is still to come."""
         while self.period and self._updates * self.period < until - 1e-12:
-            self.context.SetTime(self._updates * self.period)
             self._update()
         self.context.SetTime(until)
         return self
 
     def _update(self):
+        self.context.SetTime(self._updates * self.period)
         self.context.SetDiscreteState(self.system.EvalUniquePeriodicDiscreteUpdate(self.context))
         self._updates += 1
         self.context.SetTime(self._updates * self.period)

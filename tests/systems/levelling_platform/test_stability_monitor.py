@@ -147,10 +147,11 @@ def test_no_sample_jumps_whatever_is_asked_for(watch):
     assert steps.max() > 0.9 * PARAMS.rate[0] * PERIOD
 
 
-def test_the_present_margin_is_that_of_the_commands_motion(watch):
+def test_the_present_margin_is_that_of_the_commands_motion_and_the_requests_its_smallest(watch):
     monitor = watch(arm_request=SIDEWAYS)
     move = move_of((0.0, 0.0), SIDEWAYS)
     monitor.tick()
+    assert monitor.margin_requested == min(along(move), along(move, False))
     for _ in range(20):
         monitor.run(monitor.context.get_time() + 7.3 * PERIOD)
         moving = move.at(monitor.context.get_time())
@@ -159,12 +160,6 @@ def test_the_present_margin_is_that_of_the_commands_motion(watch):
         assert monitor.margin >= monitor.margin_requested - 5e-5
     monitor.wait(2.0)
     assert monitor.margin == pytest.approx(at_rest(SIDEWAYS), abs=1e-15)
-
-
-def test_the_margin_of_a_request_is_the_smallest_along_its_move(watch):
-    monitor = watch(arm_request=SIDEWAYS).tick()
-    move = move_of((0.0, 0.0), SIDEWAYS)
-    assert monitor.margin_requested == min(along(move), along(move, False))
 
 
 # Moves that are refused
@@ -277,19 +272,15 @@ def test_a_request_during_a_move_waits_for_its_end_and_the_latest_counts(watch):
     assert commands[:, 0].max() == 0.0
 
 
-def test_a_refused_request_during_a_move_changes_nothing(watch):
+@pytest.mark.parametrize("is_refused_at_once", [True, False])
+def test_a_request_during_a_move_that_is_refused_at_once_or_in_the_end_changes_nothing(
+    watch, is_refused_at_once
+):
     first = (0.0, 0.8)
     monitor = watch(arm_request=first).wait(0.3)
-    monitor.wait(2.0, arm_request=(0.0, 3.0))
-    assert monitor.is_refused
-    np.testing.assert_array_equal(monitor.command, first)
-
-
-def test_a_request_that_waited_is_judged_again_before_it_begins(watch):
-    first = (0.0, 0.8)
-    monitor = watch(arm_request=first).wait(0.3)
-    monitor.wait(0.1, arm_request=SIDEWAYS)
-    assert not monitor.is_refused
+    monitor.wait(0.1, arm_request=(0.0, 3.0) if is_refused_at_once else SIDEWAYS)
+    assert monitor.is_refused == is_refused_at_once
+    # One that waited is judged again before it begins.
     monitor.wait(2.0, standing=LIFTED)
     assert monitor.is_refused
     assert monitor.margin_requested < PARAMS.margin

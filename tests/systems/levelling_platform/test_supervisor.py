@@ -33,6 +33,7 @@ DRIVE = (2.0, 2.5, 2.5, 2.0)
 RAISED = np.full(4, PARAMS.raised)
 LOW = np.full(4, 0.42)
 AT_REST = np.zeros(6)
+FLAT = (0.0, 0.0, 0.0, 0.0)
 ON_LEGS = [Phase.POSTURE, Phase.HOLD]
 STOPPABLE = [p for p in Phase if Phase.BRAKE <= p <= Phase.HOLD]
 EACH_PHASE = pytest.mark.parametrize("phase", Phase)
@@ -40,7 +41,7 @@ EACH_LEG = pytest.mark.parametrize("leg", range(4))
 NOTHING_REFUSED = (Refusal.NONE, 0.0)
 
 
-def worst_leg(posture, ground, offsets=(0.0, 0.0, 0.0, 0.0)):
+def worst_leg(posture, ground, offsets=FLAT):
     """Number of the leg that misses a posture most, 1..4."""
     with pytest.raises(UnreachablePosture) as missed:
         inverse_kinematics(MODEL_GEOMETRY, posture, ground, offsets)
@@ -162,9 +163,8 @@ def test_each_leg_goes_down_until_its_own_switch_closes_and_back_to_where_it_did
     assert (rates.max(axis=0) > 0.0).all()
 
 
-def test_a_leg_that_touched_stays_there_when_its_switch_opens_again(operate):
-    operation = operate().to(Phase.LOWER).at(np.full(4, 0.43))
-    operation.touch(1, 0, 0, 0).tick()
+def test_a_leg_that_touched_stays_when_its_switch_opens_again_or_is_not_known(operate):
+    operation = operate().to(Phase.LOWER).at(np.full(4, 0.43)).touch(1, math.nan, 0, 0).tick()
     operation.touch(0, 0, 0, 0).tick()
     np.testing.assert_array_equal(operation["leg_rate"], [0.0] + [-PARAMS.lowering_rate] * 3)
 
@@ -176,12 +176,6 @@ def test_a_leg_that_finds_no_ground_is_refused_by_its_number_and_stops(operate, 
     assert operation.phase is Phase.LOWER
     assert operation.refusal == (Refusal.NO_GROUND, leg + 1.0)
     assert operation["leg_rate"].tolist() == [0.0] * 4
-
-
-def test_a_switch_that_is_nan_is_open(operate):
-    operation = operate().to(Phase.LOWER).at(LOW).touch(1, 1, math.nan, 1)
-    assert operation.wait(1.0).phase is Phase.LOWER
-    np.testing.assert_array_equal(operation["leg_rate"], (0, 0, -PARAMS.lowering_rate, 0))
 
 
 @EACH_LEG
@@ -221,11 +215,22 @@ def test_a_posture_is_taken_when_the_estimate_has_come_and_it_fits(operate):
     assert operation.refusal == NOTHING_REFUSED
 
 
-@pytest.mark.parametrize("ground", [STEEP, (-0.2, 0.1), (0.2, -0.1), (-0.2, -0.1)])
-def test_a_ground_that_does_not_fit_is_refused_by_leg_and_the_phase_stays(operate, ground):
-    operation = operate(ground=ground).to(Phase.ESTIMATE).wait(4.0)
+@pytest.mark.parametrize(
+    ("ground", "offsets"),
+    [
+        (STEEP, FLAT),
+        ((-0.2, 0.1), FLAT),
+        ((0.2, -0.1), FLAT),
+        ((-0.2, -0.1), FLAT),
+        (GROUND, (0.05, -0.05, 0.05, -0.05)),
+    ],
+)
+def test_a_ground_that_does_not_fit_is_refused_by_leg_and_the_phase_stays(
+    operate, ground, offsets
+):
+    operation = operate(ground=ground, foot_offsets=offsets).to(Phase.ESTIMATE).wait(4.0)
     assert operation.phase is Phase.ESTIMATE
-    assert operation.refusal == (Refusal.GROUND, worst_leg(POSTURE, ground))
+    assert operation.refusal == (Refusal.GROUND, worst_leg(POSTURE, ground, offsets))
     assert operation["posture_control"] == 0.0
     assert operation["leg_rate"].tolist() == [0.0] * 4
 
@@ -235,12 +240,6 @@ def test_a_refused_ground_is_left_with_a_posture_that_fits(operate):
     assert operation.wait(4.0).phase is Phase.ESTIMATE
     assert operation.tick(posture_request=OTHER).phase is Phase.POSTURE
     np.testing.assert_array_equal(operation["posture_command"], OTHER)
-
-
-def test_heights_of_the_feet_count_for_what_fits(operate):
-    offsets = (0.05, -0.05, 0.05, -0.05)
-    operation = operate(foot_offsets=offsets).to(Phase.ESTIMATE).wait(4.0)
-    assert operation.refusal == (Refusal.GROUND, worst_leg(POSTURE, GROUND, offsets))
 
 
 # Posture
@@ -314,13 +313,19 @@ def test_a_posture_asked_for_in_another_phase_moves_nothing(operate, phase):
 # Retracting
 
 
-@pytest.mark.parametrize("phase", ON_LEGS)
-def test_a_platform_on_its_legs_first_goes_down_parallel_to_the_ground(operate, phase):
-    operation = operate().to(phase).command(Command.STOP)
+@pytest.mark.parametrize(
+    ("phase", "offsets"),
+    # On uneven ground it goes down as far as the stroke allows.
+    [(Phase.POSTURE, FLAT), (Phase.HOLD, FLAT), (Phase.HOLD, (0.01, -0.01, 0.01, -0.01))],
+)
+def test_a_platform_on_its_legs_first_goes_down_parallel_to_the_ground(operate, phase, offsets):
+    operation = operate(foot_offsets=offsets).to(phase).command(Command.STOP)
     assert operation["posture_control"] == 1.0
     assert operation["leg_rate"].tolist() == [0.0] * 4
-    lowest, highest = height_range(MODEL_GEOMETRY, GROUND, GROUND)
-    height = max(lowest + 1e-4, STANDING_HEIGHT + PARAMS.clearance)
+    lowest, highest = height_range(MODEL_GEOMETRY, GROUND, GROUND, offsets)
+    on_wheels = STANDING_HEIGHT + PARAMS.clearance
+    assert (lowest > on_wheels) == (offsets != FLAT)
+    height = max(lowest + 1e-4, on_wheels)
     assert height < highest
     np.testing.assert_allclose(operation["posture_command"], (*GROUND, height), rtol=1e-12)
     # On the way.
@@ -331,14 +336,6 @@ def test_a_platform_on_its_legs_first_goes_down_parallel_to_the_ground(operate, 
     operation.wait(PARAMS.arrive_time + PERIOD, posture_desired_state=AT_REST)
     assert operation["posture_control"] == 0.0
     assert (operation["leg_rate"] > 0.0).all()
-
-
-def test_on_uneven_ground_it_goes_down_as_far_as_the_stroke_allows(operate):
-    offsets = (0.01, -0.01, 0.01, -0.01)
-    operation = operate(foot_offsets=offsets).to(Phase.HOLD).command(Command.STOP)
-    lowest, _ = height_range(MODEL_GEOMETRY, GROUND, GROUND, offsets)
-    assert lowest > STANDING_HEIGHT + PARAMS.clearance
-    assert operation["posture_command"][2] == pytest.approx(lowest + 1e-4)
 
 
 @pytest.mark.parametrize("phase", [p for p in STOPPABLE if Phase.LOWER <= p < Phase.POSTURE])

@@ -216,30 +216,9 @@ def test_at_rest_the_weight_falls_between_the_three_feet_that_carry_it():
         assert (shares >= 0.0).all()
 
 
-@pytest.mark.parametrize(("short", "level"), [(0, 2), (1, 3), (2, 0), (3, 1)])
-def test_of_a_short_leg_and_the_one_across_it_one_is_in_the_air(short, level):
-    # A longer actuator is a leg that is drawn up.
-    extension = np.full(4, 0.405)
-    extension[short] += 0.001
-    posture = resting_posture(ROLLER, extension, (0.0, 0.0))
-    gap = heights(ROLLER, extension, posture, np.zeros(2))
-    assert int(np.argmax(gap)) in (short, level)
-    assert gap.max() > 1e-3
-
-
-@pytest.mark.parametrize(("pitch", "lifted"), [(0.1, 1), (-0.1, 3)])
-def test_of_two_short_legs_the_one_up_the_slope_is_in_the_air(pitch, lifted):
-    extension = np.array((0.405, 0.406, 0.405, 0.406))
-    posture = resting_posture(ROLLER, extension, (0.0, pitch))
-    gap = heights(ROLLER, extension, posture, np.array((0.0, pitch)))
-    assert int(np.argmax(gap)) == lifted
-    foot = -feet_of(ROLLER, extension)[lifted]
-    assert foot[0] * pitch < 0.0  # positive pitch lowers the front
-
-
-@pytest.mark.parametrize("bad", [math.nan, 0.3])
-def test_at_rest_a_leg_that_cannot_be_built_gives_nan(bad):
-    for leg in range(4):
+@pytest.mark.parametrize("leg", range(4))
+def test_at_rest_a_leg_that_cannot_be_built_gives_nan(leg):
+    for bad in (math.nan, 0.3):
         extension = np.full(4, 0.405)
         extension[leg] = bad
         assert np.isnan(resting_posture(ROLLER, extension, GROUND)).all()
