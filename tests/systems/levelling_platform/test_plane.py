@@ -18,6 +18,7 @@ from parapod.systems.levelling_platform.plane import (
     scaled,
     to_platform,
     to_world,
+    upwards,
 )
 
 ROUND = np.array([(0.7, -0.5), (0.8, 0.6), (-0.7, 0.5), (-0.6, -0.55)])
@@ -105,6 +106,7 @@ def test_vectors_turn_into_the_platforms_frame_and_back_as_by_the_rotation_matri
         R = rotation(roll, pitch)
         np.testing.assert_allclose(to_platform(v, roll, pitch), R.T @ v, atol=1e-15)
         np.testing.assert_allclose(to_world(v, roll, pitch), R @ v, atol=1e-15)
+        np.testing.assert_allclose(upwards(roll, pitch), R.T[:, 2], atol=1e-15)
         back = to_world(to_platform(v, roll, pitch), roll, pitch)
         np.testing.assert_allclose(back, v, atol=1e-15)
 

@@ -176,10 +176,19 @@ def fits(scale, waypoints, ground, margin):
 
 
 @pytest.mark.parametrize(
-    ("ground", "margin"), [((0.0, 0.0), 0.3e-3), ((0.02, 0.03), 1e-3), ((0.0, -0.087), 0.0)]
+    ("ground", "margin", "down"),
+    [
+        ((0.0, 0.0), 0.3e-3, False),
+        ((0.02, 0.03), 1e-3, False),
+        ((0.0, -0.087), 0.0, False),
+        ((0.0, 0.0), 1e-3, True),
+    ],
 )
-def test_scale_is_the_largest_hundredth_with_which_all_waypoints_fit(script, ground, margin):
+def test_scale_is_the_largest_hundredth_with_which_all_waypoints_fit(script, ground, margin, down):
     large = tuple(Waypoint(w.time, 3.0 * w.roll, 3.0 * w.pitch, 3.0 * w.height) for w in WAYPOINTS)
+    if down:
+        # The longest extension decides, in place of the shortest.
+        large = (Waypoint(1.0, height=-0.15),)
     running = script(waypoints=large, ground=ground, margin=margin).run(0.05)
     scale = running.scale
     assert scale == pytest.approx(round(scale, 2), abs=1e-12)

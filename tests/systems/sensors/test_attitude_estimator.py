@@ -11,6 +11,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from parapod.systems.sensors.attitude_estimator import AttitudeEstimator, AttitudeEstimatorParams
 from parapod.systems.sensors.imu import ImuParams, add_imu
 
+PARAMS = AttitudeEstimatorParams()
 DEGREE = math.pi / 180.0
 GRAVITY = 9.81
 STILL = (0.0, 0.0, 0.0)
@@ -50,7 +51,7 @@ def start(bench):
         def gyro_bias(self):
             return self["gyro_bias"]
 
-    return lambda params=AttitudeEstimatorParams(): Estimator(AttitudeEstimator(params))
+    return lambda params=PARAMS: Estimator(AttitudeEstimator(params))
 
 
 @pytest.fixture
@@ -61,9 +62,9 @@ def settled(start):
     return estimator
 
 
-def turn(estimator, count, bias=0.0, bad=None):
-    """Rolls a body at 5 deg/s, every third rate bad, and returns its roll."""
-    for k in range(1, count + 1):
+def turn(estimator, count, begun=0, bias=0.0, bad=None):
+    """Rolls a body at 5 deg/s up to a sample, every third rate bad, and returns its roll."""
+    for k in range(begun + 1, count + 1):
         rate = bad if bad is not None and k % 3 == 0 else bias + 5.0 * DEGREE
         estimator.step((rate, 0.0, 0.0), vertical(0.05 * DEGREE * k, 0.0))
     return 0.05 * DEGREE * count
@@ -124,7 +125,7 @@ def test_error_at_rest_halves_with_four_times_the_time_of_averaging(errors_at_re
 def test_white_noise_passes_as_the_filters_noise_bandwidth_says(errors_at_rest):
     errors = errors_at_rest(12000, 11, 0.5 * DEGREE)
     # (2 s + 1) / (s + 1)^2 passes 5/8 Hz and s / (s + 1)^2 1/8 Hz per 1 / (2 tau) of density.
-    tau = AttitudeEstimatorParams().time_constant
+    tau = PARAMS.time_constant
     expected = math.hypot(0.0132 * math.sqrt(0.625 / tau), 0.0135 * math.sqrt(tau / 8.0))
     assert errors[2000:].std() == pytest.approx(expected, rel=0.15)
     assert np.abs(errors[200:]).max() < 0.06
@@ -149,13 +150,11 @@ def test_tracks_a_smooth_motion_of_five_degrees_per_second_to_a_thousandth_of_a_
 
 
 def test_a_jump_of_the_rate_costs_half_a_step_of_it_which_decays(settled):
-    roll = turn(settled, 1)
+    turn(settled, 1)
     # The mean of the old and the new rate, 2.5 deg/s over 10 ms, and a first correction of 1 %.
     expected = 0.025 + 0.01 * 0.025
     assert settled.attitude[0] / DEGREE == pytest.approx(expected, rel=1e-3)
-    for k in range(2, 500):
-        roll = 0.05 * DEGREE * k
-        settled.step((5.0 * DEGREE, 0.0, 0.0), vertical(roll, 0.0))
+    roll = turn(settled, 500, begun=1)
     np.testing.assert_allclose(settled.attitude, (roll, 0.0), atol=0.005 * DEGREE)
 
 
@@ -254,6 +253,30 @@ def test_pitch_stays_within_a_quarter_turn_whatever_the_inputs(start):
     for _ in range(500):
         _, pitch = estimator.step(rng.choice(values, 3), rng.choice(values, 3))
         assert abs(pitch) <= 0.5 * math.pi
+
+
+@pytest.mark.parametrize(
+    ("gyro", "accel"),
+    [
+        ((0.0, 0.0, 2.0 * PARAMS.fast), LEVEL),
+        (STILL, (0.0, 0.0, GRAVITY + 1.1 * PARAMS.disturbance)),
+        (STILL, vertical(0.0, 1.1 * PARAMS.misfit)),
+        (STILL, NAN),
+    ],
+)
+def test_the_attitude_is_trusted_again_when_samples_have_been_calm_for_a_while(
+    settled, gyro, accel
+):
+    assert settled["trusted"] == 1.0
+    settled.step(gyro, accel)
+    assert settled["trusted"] == 0.0
+    settled.step(count=round(PARAMS.calm_time / settled.period) - 1)
+    assert settled["trusted"] == 0.0
+    settled.step()
+    assert settled["trusted"] == 1.0
+    # A slow motion is calm.
+    settled.step((0.0, 0.0, 0.9 * PARAMS.fast), vertical(0.0, 0.9 * PARAMS.misfit))
+    assert settled["trusted"] == 1.0
 
 
 def test_recovers_after_a_burst_of_nonsense(start):
