@@ -201,6 +201,64 @@ def work(tmp_path, monkeypatch):
     return folder
 
 
+class Bench:
+    """A system alone: a test sets its inputs, steps its updates and reads its outputs.
+
+    Attributes:
+        system: the system.
+        context: its context.
+        period: of its updates [s]; 0 without any.
+    """
+
+    def __init__(self, system, **inputs):
+        self.system, self.context = system, system.CreateDefaultContext()
+        event = system.GetUniquePeriodicDiscreteUpdateAttribute()
+        self.period, self._updates = event.period_sec() if event else 0.0, 0
+        assert event is None or event.offset_sec() == 0.0
+        self.set(**inputs)
+
+    def set(self, **inputs):
+        """Fixes inputs by name, a number where one is enough."""
+        for name, value in inputs.items():
+            value = value if np.ndim(value) else (float(value),)
+            self.system.GetInputPort(name).FixValue(self.context, value)
+        return self
+
+    def tick(self, times=1, **inputs):
+        """Sets inputs, updates the state and lets a period pass, as often as told."""
+        self.set(**inputs)
+        for _ in range(times):
+            self._update()
+        return self
+
+    def wait(self, seconds, **inputs):
+        """Ticks as often as there are periods in a time."""
+        return self.tick(round(seconds / self.period), **inputs)
+
+    def run(self, until):
+        """Goes to a time with all updates before it; one at that time is still to come."""
+        while self.period and self._updates * self.period < until - 1e-12:
+            self._update()
+        self.context.SetTime(until)
+        return self
+
+    def _update(self):
+        self.context.SetTime(self._updates * self.period)
+        self.context.SetDiscreteState(self.system.EvalUniquePeriodicDiscreteUpdate(self.context))
+        self._updates += 1
+        self.context.SetTime(self._updates * self.period)
+
+    def __getitem__(self, name):
+        """The value of an output now."""
+        return self.system.GetOutputPort(name).Eval(self.context).copy()
+
+
+@pytest.fixture(scope="session")
+def bench():
+    """bench(system, **inputs): see `Bench`; tests with more words derive their own class."""
+    return Bench
+
+
 def _fix(system, context, **inputs):
     for name, value in inputs.items():
         system.GetInputPort(name).FixValue(context, value)

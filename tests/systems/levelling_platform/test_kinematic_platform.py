@@ -28,10 +28,10 @@ UPRIGHT = (0.0, 0.0)
 
 
 @pytest.fixture
-def stand(fix, read):
-    """stand(extension, velocity, arm, ground, geometry, params): outputs of the platform."""
+def stand(bench):
+    """stand(extension, velocity, arm, ground, geometry, params): the platform."""
 
-    def outputs(
+    def on_ground(
         extension,
         velocity=(0.0, 0.0, 0.0, 0.0),
         arm=UPRIGHT,
@@ -40,12 +40,11 @@ def stand(fix, read):
         params=STIFF,
     ):
         platform = KinematicPlatform(geometry, params)
-        context = platform.CreateDefaultContext()
-        fix(platform, context, extension=extension, velocity=velocity, arm_position=arm)
-        platform.set_ground(context, ground)
-        return read(platform, context)
+        standing = bench(platform, extension=extension, velocity=velocity, arm_position=arm)
+        platform.set_ground(standing.context, ground)
+        return standing
 
-    return outputs
+    return on_ground
 
 
 def rotation(attitude):
@@ -94,35 +93,24 @@ def test_forces_of_the_level_platform_are_a_quarter_of_the_weight_each(stand):
     np.testing.assert_allclose(output["load_force"], -740.0, rtol=0.01)
 
 
-@pytest.mark.parametrize("params", [STIFF, PARAMS])
-def test_forces_sum_to_the_component_of_the_weight_normal_to_the_ground(stand, params):
-    for _, ground, arm, extension in cases():
-        output = stand(extension, arm=arm, ground=ground, params=params)
-        n = rotation(ground)[:, 2]
-        total = output["contact_force"].sum()
-        assert total == pytest.approx(WEIGHT * n[2], rel=1e-7 if params is STIFF else 1e-5)
-
-
-def test_moments_about_the_axes_of_the_ground_balance(stand):
+def test_forces_and_moments_balance_and_do_not_depend_on_the_stiffness(stand):
     for posture, ground, arm, extension in cases(seed=1):
         force = stand(extension, arm=arm, ground=ground)["contact_force"]
+        soft = stand(extension, arm=arm, ground=ground, params=PARAMS)["contact_force"]
+        # Feet lie in one plane.
+        np.testing.assert_allclose(soft, force, rtol=1e-4)
         R = rotation(posture)
         ground_axes = rotation(ground)
+        n = ground_axes[:, 2]
+        assert force.min() >= 0.0
+        assert force.sum() == pytest.approx(WEIGHT * n[2], rel=1e-7)
+        assert soft.sum() == pytest.approx(WEIGHT * n[2], rel=1e-5)
         feet = feet_of(extension) @ R.T
         origin = feet[0]  # in the ground's plane, where friction has no lever
         com = R @ centre_of_mass(arm)
         moment = np.cross(com - origin, (0.0, 0.0, -WEIGHT))
-        moment += np.cross(feet - origin, np.outer(force, ground_axes[:, 2])).sum(axis=0)
-        in_plane = ground_axes[:, :2].T @ moment
-        np.testing.assert_allclose(in_plane, 0.0, atol=1e-4)
-        assert force.min() >= 0.0
-
-
-def test_forces_do_not_depend_on_the_stiffness_when_feet_lie_in_one_plane(stand):
-    for _, ground, arm, extension in cases(count=10, seed=2):
-        soft = stand(extension, arm=arm, ground=ground, params=PARAMS)
-        stiff = stand(extension, arm=arm, ground=ground, params=STIFF)
-        np.testing.assert_allclose(soft["contact_force"], stiff["contact_force"], rtol=1e-4)
+        moment += np.cross(feet - origin, np.outer(force, n)).sum(axis=0)
+        np.testing.assert_allclose(ground_axes[:, :2].T @ moment, 0.0, atol=1e-4)
 
 
 @pytest.mark.parametrize("geometry", [POINT, ROLLER], ids=["point", "roller"])
@@ -131,10 +119,10 @@ def test_posture_of_stiff_feet_is_forward_kinematics(stand, geometry):
     output = stand(extension, ground=GROUND, geometry=geometry)
     np.testing.assert_allclose(output["posture"], POSTURE, rtol=0, atol=1e-6)
     np.testing.assert_allclose(output["attitude"], (*POSTURE[:2], 0.0), rtol=0, atol=1e-6)
-    np.testing.assert_allclose(
-        output["posture"], forward_kinematics(geometry, extension, GROUND), rtol=0, atol=1e-6
-    )
     np.testing.assert_allclose(output["foot_height"], 0.0, atol=1e-9)
+    quaternion = RollPitchYaw(*POSTURE[:2], 0.0).ToQuaternion().wxyz()
+    expected = (*quaternion, *(POSTURE[2] * rotation(GROUND)[:, 2]))
+    np.testing.assert_allclose(output["base_pose"], expected, rtol=0, atol=1e-6)
 
 
 def test_platform_sinks_by_force_over_stiffness(stand):
@@ -144,20 +132,6 @@ def test_platform_sinks_by_force_over_stiffness(stand):
         for params in (soft, replace(soft, foot_stiffness=1e15))
     ]
     assert height[1] - height[0] == pytest.approx(WEIGHT / 4.0 / 2e6, rel=1e-6)
-
-
-def test_error_of_yielding_feet_goes_with_the_inverse_of_the_stiffness(stand):
-    extension = inverse_kinematics(POINT, POSTURE, GROUND)
-    errors = [
-        np.abs(
-            stand(extension, ground=GROUND, params=replace(PARAMS, foot_stiffness=stiffness))[
-                "posture"
-            ]
-            - POSTURE
-        ).max()
-        for stiffness in (1e6, 2e6)
-    ]
-    assert errors[0] / errors[1] == pytest.approx(2.0, rel=1e-3)
 
 
 def test_lengthening_one_foot_loads_its_diagonal(stand):
@@ -179,47 +153,28 @@ def leaning(leg):
     return math.atan2(-foot[1], -foot[0]), 0.6
 
 
-@pytest.mark.parametrize("short", range(4))
-def test_three_legs_carry_when_one_is_short(stand, short):
+@pytest.mark.parametrize("lifted", range(4))
+@pytest.mark.parametrize("across", [False, True])
+def test_three_legs_carry_when_one_is_short_and_the_platform_leans_off_it_or_across(
+    stand, lifted, across
+):
+    """A short leg or the one across it is in the air: the one from which the arm leans away."""
     extension = np.array((0.405, 0.406, 0.404, 0.403))
-    extension[short] += 0.006
-    carrying = [i for i in range(4) if i != short]
-    output = stand(extension, arm=leaning(short))
+    extension[(lifted + 2) % 4 if across else lifted] += 0.006
+    carrying = [i for i in range(4) if i != lifted]
+    arm = leaning(lifted)
+    output = stand(extension, arm=arm)
     force = output["contact_force"]
-    assert force[short] == 0.0
-    assert output["load_force"][short] == 0.0
+    assert force[lifted] == output["load_force"][lifted] == 0.0
     assert (force[carrying] > 0.0).all()
     posture = forward_kinematics(POINT, extension, LEVEL, legs=carrying)
     np.testing.assert_allclose(output["posture"], posture, rtol=0, atol=1e-6)
     R = rotation(posture)
-    above = posture[2] + (feet_of(extension) @ R.T)[short, 2]
-    assert above > 0.01
-    assert output["foot_height"][short] == pytest.approx(above, abs=1e-6)
-    np.testing.assert_allclose(output["foot_height"][carrying], 0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize("short", range(4))
-def test_platform_rests_on_the_other_end_of_the_diagonal_when_it_leans_there(stand, short):
-    opposite = (short + 2) % 4
-    extension = np.full(4, 0.404)
-    extension[short] += 0.006
-    output = stand(extension, arm=leaning(opposite))
-    assert output["contact_force"][opposite] == 0.0
-    assert output["contact_force"][short] > 0.0
-    carrying = [i for i in range(4) if i != opposite]
-    posture = forward_kinematics(POINT, extension, LEVEL, legs=carrying)
-    np.testing.assert_allclose(output["posture"], posture, rtol=0, atol=1e-6)
-
-
-@pytest.mark.parametrize("short", range(4))
-def test_moments_balance_on_three_legs(stand, short):
-    extension = np.full(4, 0.404)
-    extension[short] += 0.006
-    arm = leaning(short)
-    output = stand(extension, arm=arm)
-    R = rotation(output["attitude"])
     feet = feet_of(extension) @ R.T
-    force = output["contact_force"]
+    above = posture[2] + feet[lifted, 2]
+    assert above > 0.005
+    assert output["foot_height"][lifted] == pytest.approx(above, abs=1e-6)
+    np.testing.assert_allclose(output["foot_height"][carrying], 0.0, atol=1e-9)
     assert force.sum() == pytest.approx(WEIGHT, rel=1e-3)
     pressure = force @ feet[:, :2] / force.sum()
     np.testing.assert_allclose(pressure, (R @ centre_of_mass(arm))[:2], atol=2e-3)
@@ -238,23 +193,18 @@ def test_three_legs_follow_their_velocities(stand):
     np.testing.assert_allclose(omega, expected, atol=1e-6)
 
 
-def test_arm_that_swings_forward_moves_the_load_to_the_front_legs(stand):
-    fronts = []
+@pytest.mark.parametrize(("turn", "axis"), [(0.0, 0), (0.5 * math.pi, 1)])
+def test_an_arm_that_swings_moves_the_load_to_where_it_leans(stand, turn, axis):
+    feet = feet_of([0.405] * 4)[:, axis]
+    loads = []
     for swing in (-0.8, -0.4, 0.0, 0.4, 0.8):
-        force = stand([0.405] * 4, arm=(0.0, swing))["contact_force"]
-        fronts.append(force[2:].sum())
-    assert (np.diff(fronts) > 1.0).all()
-    # Levers: front and back feet stand 2 x apart, and the arm's centre goes r sin(swing) forward.
-    x = feet_of([0.405] * 4)[2, 0]
-    change = PARAMS.arm_mass * PARAMS.gravity * PARAMS.arm_centre * math.sin(0.8) / (2.0 * x)
-    assert fronts[-1] - fronts[2] == pytest.approx(change, rel=1e-6)
-
-
-def test_arm_that_swings_to_the_side_moves_the_load_there(stand):
-    left = stand([0.405] * 4, arm=(0.5 * math.pi, 0.6))["contact_force"]
-    right = stand([0.405] * 4, arm=(-0.5 * math.pi, 0.6))["contact_force"]
-    on_left = feet_of([0.405] * 4)[:, 1] > 0.0
-    assert left[on_left].sum() > 1.05 * right[on_left].sum()
+        force = stand([0.405] * 4, arm=(turn, swing))["contact_force"]
+        loads.append(force[feet > 0.0].sum())
+    assert (np.diff(loads) > 1.0).all()
+    # Levers: the feet stand 2 x apart, and the arm's centre goes r sin(swing) to the side.
+    moment = PARAMS.arm_mass * PARAMS.gravity * PARAMS.arm_centre * math.sin(0.8)
+    expected = moment / (2.0 * feet.max())
+    assert loads[-1] - loads[2] == pytest.approx(expected, rel=1e-6)
 
 
 # Motion
@@ -276,11 +226,6 @@ def test_power_of_the_actuators_is_the_rate_of_the_potential_energy(stand):
         ]
         power = WEIGHT * (heights[0] - heights[1]) / (2.0 * step)
         assert load @ velocity == pytest.approx(power, abs=1e-5)
-
-
-def test_load_pushes_the_actuators_out_since_extending_lowers_the_platform(stand):
-    for _, ground, arm, extension in cases(count=10, seed=4):
-        assert (stand(extension, arm=arm, ground=ground)["load_force"] < 0.0).all()
 
 
 def test_angular_velocity_integrates_to_the_attitude(stand):
@@ -305,42 +250,25 @@ def test_angular_velocity_integrates_to_the_attitude(stand):
     np.testing.assert_allclose(R, end, atol=2e-5)
 
 
-def test_at_rest_nothing_turns(stand):
-    np.testing.assert_array_equal(stand([0.405] * 4)["angular_velocity"], np.zeros(3))
-
-
-def test_specific_force_is_minus_gravity_in_the_platforms_frame(stand):
-    extension = inverse_kinematics(POINT, POSTURE, GROUND)
-    output = stand(extension, ground=GROUND)
-    expected = rotation(output["attitude"]).T @ (0.0, 0.0, PARAMS.gravity)
-    np.testing.assert_allclose(output["specific_force"], expected, atol=1e-14)
-
-
-def test_attitude_on_a_slope_is_the_slopes_with_equal_legs(stand):
+def test_a_platform_at_rest_on_a_slope_has_its_attitude_and_measures_gravity_alone(stand):
     for ground in itertools.product((-0.05, 0.0, 0.08), repeat=2):
         output = stand([0.405] * 4, ground=ground)
         np.testing.assert_allclose(output["attitude"], (*ground, 0.0), rtol=0, atol=1e-6)
+        np.testing.assert_array_equal(output["angular_velocity"], np.zeros(3))
+        expected = rotation(output["attitude"]).T @ (0.0, 0.0, PARAMS.gravity)
+        np.testing.assert_allclose(output["specific_force"], expected, atol=1e-14)
+        assert (output["load_force"] < 0.0).all()  # extending lowers the platform
 
 
 # Inputs
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, 0.35, 0.53])
+@pytest.mark.parametrize("bad", [math.nan, 0.35, 0.53])
 def test_extension_that_cannot_be_built_gives_nan(stand, bad):
     output = stand([0.405, 0.405, bad, 0.405])
     for name in ("posture", "attitude", "angular_velocity", "specific_force"):
         assert np.isnan(output[name][:2]).all()
     assert np.isnan(output["contact_force"]).all()
-
-
-def test_velocity_does_not_feed_through_to_statics(fix, moved):
-    platform = KinematicPlatform()
-    context = platform.CreateDefaultContext()
-    fix(platform, context, extension=[0.405] * 4, velocity=[0.0] * 4)
-    names = moved(
-        platform, context, lambda: fix(platform, context, velocity=(0.01, 0.0, 0.0, 0.0))
-    )
-    assert names == {"angular_velocity"}
 
 
 @pytest.mark.parametrize(

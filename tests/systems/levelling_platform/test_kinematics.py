@@ -4,9 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.math import RollPitchYaw
-from scipy.optimize import fsolve
 
 from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import (
@@ -36,7 +34,7 @@ from parapod.systems.levelling_platform.printed import (
 POINT = PlatformGeometry()
 ROLLER = PlatformGeometry(foot_radius=0.025)
 GEOMETRIES = pytest.mark.parametrize("geometry", [POINT, ROLLER], ids=["point", "roller"])
-TRIPLES = list(itertools.permutations(range(4), 3))
+TRIPLES = [(0, 1, 2), (3, 1, 0), (2, 0, 3), (1, 3, 2)]
 LEVEL = (0.0, 0.0)
 FIVE_DEGREES = math.radians(5.0)
 
@@ -73,19 +71,26 @@ def paper_jacobian(triple, posture, ground, extension, **changes):
 
 @GEOMETRIES
 @pytest.mark.parametrize("legs", [None, *TRIPLES])
-def test_forward_kinematics_undoes_inverse_kinematics(geometry, legs):
+def test_extensions_of_a_posture_give_back_posture_ground_and_the_passive_leg(geometry, legs):
     posture, ground = reachable(geometry)
     extension = inverse_kinematics(geometry, posture, ground)
     returned = forward_kinematics(geometry, extension, ground, legs=legs)
     np.testing.assert_allclose(returned, posture, rtol=0.0, atol=1e-12)
+    estimate = estimate_ground(geometry, extension, posture[:, :2])
+    np.testing.assert_allclose(estimate, ground, rtol=0.0, atol=1e-12)
+    if legs:
+        (passive,) = set(range(4)) - set(legs)
+        found = passive_extension(geometry, extension[:, legs], ground, posture[:, :2], legs=legs)
+        assert found.shape == (len(posture),)
+        np.testing.assert_allclose(found, extension[:, passive], rtol=0.0, atol=1e-12)
 
 
 @GEOMETRIES
-@pytest.mark.parametrize("legs", list(itertools.combinations(range(4), 3)))
+@pytest.mark.parametrize("legs", TRIPLES)
 def test_inverse_kinematics_undoes_forward_kinematics_of_three_legs(geometry, legs):
     rng = np.random.default_rng(1)
-    extension = rng.uniform(0.390, 0.420, (500, 4))
-    ground = rng.uniform(-FIVE_DEGREES, FIVE_DEGREES, (500, 2))
+    extension = rng.uniform(0.390, 0.420, (300, 4))
+    ground = rng.uniform(-FIVE_DEGREES, FIVE_DEGREES, (300, 2))
     posture = forward_kinematics(geometry, extension, ground, legs=legs)
     returned = inverse_kinematics(geometry, posture, ground, on_unreachable="nan")
     fits = np.isfinite(returned[:, 0])
@@ -119,25 +124,6 @@ def test_offset_of_one_foot_moves_that_leg_alone():
     assert offset[2] > flat[2]  # standing higher, the leg is drawn up: a longer actuator
 
 
-@GEOMETRIES
-def test_ground_estimate_inverts_inverse_kinematics(geometry):
-    posture, ground = reachable(geometry, seed=4)
-    extension = inverse_kinematics(geometry, posture, ground)
-    estimate = estimate_ground(geometry, extension, posture[:, :2])
-    np.testing.assert_allclose(estimate, ground, rtol=0.0, atol=1e-12)
-
-
-@GEOMETRIES
-@pytest.mark.parametrize("legs", TRIPLES)
-def test_passive_leg_is_the_one_that_inverse_kinematics_finds(geometry, legs):
-    posture, ground = reachable(geometry, seed=5)
-    extension = inverse_kinematics(geometry, posture, ground)
-    (passive,) = set(range(4)) - set(legs)
-    found = passive_extension(geometry, extension[:, legs], ground, posture[:, :2], legs=legs)
-    assert found.shape == (len(posture),)
-    np.testing.assert_allclose(found, extension[:, passive], rtol=0.0, atol=1e-12)
-
-
 def test_passive_extension_satisfies_equation_31_as_printed():
     posture, ground = reachable(POINT, count=50, seed=6)
     extension = inverse_kinematics(POINT, posture, ground)
@@ -167,13 +153,6 @@ def test_table_of_one_leg(d, gamma, p_x, p_z):
     np.testing.assert_allclose(p_xz(leg, d), (p_x, p_z), atol=6e-7)
     posture = forward_kinematics(POINT, [d] * 4, LEVEL)
     np.testing.assert_allclose(posture, (0.0, 0.0, p_z + 0.113), atol=6e-7)
-
-
-def test_longer_actuators_lower_the_platform_by_177_mm_over_the_stroke():
-    d = np.linspace(0.390, 0.420, 31)
-    height = forward_kinematics(POINT, np.repeat(d[:, np.newaxis], 4, axis=1), LEVEL)[:, 2]
-    assert (np.diff(height) < 0.0).all()
-    assert height[0] - height[-1] == pytest.approx(0.1775, abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -232,23 +211,6 @@ def test_forward_kinematics_satisfies_equations_10_to_12_as_printed(legs):
         np.testing.assert_allclose(residual, 0.0, atol=1e-14)
 
 
-def test_newton_on_equations_10_and_11_finds_the_same_posture_and_ground():
-    posture, ground = reachable(POINT, count=30, seed=9)
-    extension = inverse_kinematics(POINT, posture, ground)
-    for d, inclination, y in zip(extension, ground, posture, strict=True):
-
-        def residual(theta_phi, n, d=d):
-            return omega(POINT.legs[:3], d[:3], n, *theta_phi, 0.0)
-
-        pitch_roll = fsolve(lambda x, n=inclination, f=residual: f(x, n)[:2], (0.0, 0.0))
-        np.testing.assert_allclose(pitch_roll, y[[1, 0]], rtol=0.0, atol=1e-9)
-        assert residual(pitch_roll, inclination)[2] == pytest.approx(y[2], abs=1e-9)
-        found = fsolve(lambda n, x=y[[1, 0]], f=residual: f(x, n)[:2], (0.0, 0.0))
-        np.testing.assert_allclose(found, inclination, rtol=0.0, atol=1e-9)
-        estimate = estimate_ground(POINT, d, y[:2])
-        np.testing.assert_allclose(estimate, found, rtol=0.0, atol=1e-9)
-
-
 @GEOMETRIES
 def test_jacobian_agrees_with_central_differences(geometry):
     posture, ground = reachable(geometry, count=200, seed=11)
@@ -264,13 +226,16 @@ def test_jacobian_agrees_with_central_differences(geometry):
 
 
 @pytest.mark.parametrize("legs", [(0, 1, 2), (3, 1, 0), (2, 0, 3)])
-def test_jacobian_is_equation_26_with_the_appendix(legs):
+def test_jacobian_is_equation_26_with_the_appendix_where_dz_is_minus_the_derivative(legs):
     posture, ground = reachable(POINT, count=100, seed=12)
     extension = inverse_kinematics(POINT, posture, ground)
     jacobian = posture_jacobian(POINT, posture, ground)
     for k in range(len(posture)):
-        printed = paper_jacobian(legs, posture[k], ground[k], extension[k])
-        np.testing.assert_allclose(jacobian[k][list(legs)], printed, atol=1e-12)
+        standing = posture[k], ground[k], extension[k]
+        found, printed = jacobian[k][list(legs)], paper_jacobian(legs, *standing)
+        np.testing.assert_allclose(found, printed, atol=1e-12)
+        misread = paper_jacobian(legs, *standing, dz=derivative_of_z)
+        assert np.abs(found - misread).max() > 0.1
 
 
 def test_jacobian_at_given_extensions_is_equation_26_at_these():
@@ -296,22 +261,6 @@ def test_derivative_of_z_has_the_sign_opposite_to_the_printed_dz():
     for d in (0.390, 0.405, 0.420):
         derivative = (z_angle(leg, d + step) - z_angle(leg, d - step)) / (2.0 * step)
         assert derivative == pytest.approx(-printed_dz(leg, d), rel=1e-8)
-
-
-def test_jacobian_would_be_wrong_with_dz_read_as_the_derivative_of_z():
-    posture, ground = reachable(POINT, count=20, seed=15)
-    extension = inverse_kinematics(POINT, posture, ground)
-    jacobian = posture_jacobian(POINT, posture, ground)
-    for k in range(len(posture)):
-        misread = paper_jacobian(
-            (0, 1, 2), posture[k], ground[k], extension[k], dz=derivative_of_z
-        )
-        assert np.abs(jacobian[k, :3] - misread).max() > 0.1
-
-
-def test_rows_of_the_jacobian_of_unreachable_legs_are_nan():
-    jacobian = posture_jacobian(POINT, (0.0, 0.0, 1.5), LEVEL)
-    assert np.isnan(jacobian).all()
 
 
 # Unreachable postures
@@ -354,6 +303,7 @@ def test_posture_that_no_extension_reaches_has_no_extension_to_name():
         inverse_kinematics(POINT, (0.0, 0.0, 2.0), LEVEL)
     assert math.isnan(caught.value.extension)
     assert caught.value.leg == 1
+    assert np.isnan(posture_jacobian(POINT, (0.0, 0.0, 2.0), LEVEL)).all()
 
 
 def test_unreachable_posture_of_a_batch_is_named_by_its_index():
@@ -366,38 +316,20 @@ def test_unreachable_posture_of_a_batch_is_named_by_its_index():
 
 def test_unreachable_postures_of_a_batch_can_be_marked_and_spare_the_others():
     postures = np.tile((0.0, 0.0, 0.47), (3, 4, 1))
-    postures[1, 2] = (0.25, 0.0, 0.47)  # tilted by more than the stroke
-    postures[2, 0] = np.nan
-    postures[0, 3] = (0.0, 0.0, 5.0)
-    extension = inverse_kinematics(POINT, postures, LEVEL, on_unreachable="nan")
     bad = np.zeros((3, 4), dtype=bool)
-    bad[1, 2] = bad[2, 0] = bad[0, 3] = True
+    # Tilted by more than the stroke, unknown, and out of reach with any extension.
+    for index, posture in (((1, 2), (0.25, 0.0, 0.47)), ((2, 0), np.nan), ((0, 3), (0, 0, 5.0))):
+        postures[index], bad[index] = posture, True
+    extension = inverse_kinematics(POINT, postures, LEVEL, on_unreachable="nan")
     assert np.isnan(extension[bad]).all()
-    np.testing.assert_array_equal(
-        extension[~bad], np.tile(inverse_kinematics(POINT, (0.0, 0.0, 0.47), LEVEL), (9, 1))
-    )
-    single = inverse_kinematics(POINT, postures[1, 2], LEVEL, on_unreachable="nan")
-    assert np.isnan(single).tolist() == [True] * 4
+    expected = inverse_kinematics(POINT, (0.0, 0.0, 0.47), LEVEL)
+    np.testing.assert_array_equal(extension[~bad], np.tile(expected, (9, 1)))
 
 
 def test_ends_of_the_stroke_are_reachable_after_a_round_trip():
     for d in (0.390, 0.420):
         posture = forward_kinematics(POINT, [d] * 4, LEVEL)
         np.testing.assert_allclose(inverse_kinematics(POINT, posture, LEVEL), d, atol=1e-13)
-
-
-@GEOMETRIES
-def test_ends_of_the_height_range_are_reachable_and_just_outside_is_not(geometry):
-    posture, ground = reachable(geometry, count=100, seed=16)
-    low, high = height_range(geometry, posture[:, :2], ground).T
-    for end, outwards in ((low, -1.0), (high, 1.0)):
-        at_end = np.column_stack([posture[:, :2], end])
-        extension = inverse_kinematics(geometry, at_end, ground)
-        margin = np.minimum(extension - 0.390, 0.420 - extension).min(axis=1)
-        np.testing.assert_allclose(margin, 0.0, atol=1e-12)
-        beyond = at_end + np.array((0.0, 0.0, outwards * 1e-7))
-        beyond = inverse_kinematics(geometry, beyond, ground, on_unreachable="nan")
-        assert np.isnan(beyond).all()
 
 
 def test_height_range_is_inverted_where_the_attitude_cannot_be_held():
@@ -408,28 +340,14 @@ def test_height_range_is_inverted_where_the_attitude_cannot_be_held():
 # Least squares
 
 
-def postures_of_triples(extension, ground):
-    return np.array(
-        [
-            forward_kinematics(ROLLER, extension, ground, legs=legs)
-            for legs in itertools.combinations(range(4), 3)
-        ]
-    )
-
-
-def test_four_legs_on_one_plane_agree_with_every_triple():
-    posture, ground = reachable(ROLLER, count=40, seed=17)
-    extension = inverse_kinematics(ROLLER, posture, ground)
-    fitted = forward_kinematics(ROLLER, extension, ground)
-    for triple in postures_of_triples(extension, ground):
-        np.testing.assert_allclose(triple, fitted, rtol=0.0, atol=1e-12)
-
-
 def test_four_legs_off_one_plane_give_a_posture_between_those_of_the_triples():
     rng = np.random.default_rng(18)
     extension = 0.405 + rng.uniform(-0.002, 0.002, (200, 4))
     fitted = forward_kinematics(ROLLER, extension, LEVEL)
-    triples = postures_of_triples(extension, LEVEL)
+    triples = [
+        forward_kinematics(ROLLER, extension, LEVEL, legs=legs)
+        for legs in itertools.combinations(range(4), 3)
+    ]
 
     def plane(posture):
         """Affine coefficients of the ground seen from the platform."""
@@ -444,58 +362,36 @@ def test_four_legs_off_one_plane_give_a_posture_between_those_of_the_triples():
     assert np.ptp(planes, axis=0).max() > 1e-3
 
 
-def test_large_batches_are_the_small_ones():
+def test_batches_may_be_large_or_empty():
     posture, ground = reachable(POINT, count=15_000, seed=20)
     assert len(posture) > 4096
     extension = inverse_kinematics(POINT, posture, ground)
     for part in (slice(0, 3), slice(4094, 4099), slice(-3, None)):
-        np.testing.assert_allclose(
-            extension[part],
-            inverse_kinematics(POINT, posture[part], ground[part]),
-            rtol=0.0,
-            atol=1e-15,
-        )
-
-
-def test_empty_batches_give_empty_results():
+        alone = inverse_kinematics(POINT, posture[part], ground[part])
+        np.testing.assert_allclose(extension[part], alone, rtol=0.0, atol=1e-15)
     assert inverse_kinematics(POINT, np.empty((0, 3)), LEVEL).shape == (0, 4)
     assert forward_kinematics(POINT, np.empty((0, 4)), LEVEL).shape == (0, 3)
     assert estimate_ground(POINT, np.empty((2, 0, 4)), LEVEL).shape == (2, 0, 2)
     assert posture_jacobian(POINT, np.empty((0, 3)), LEVEL).shape == (0, 4, 3)
 
 
-def test_lists_and_whole_numbers_are_accepted():
-    from_list = forward_kinematics(POINT, [0.40, 0.40, 0.41, 0.41], [0, 0])
-    from_array = forward_kinematics(POINT, np.array((0.40, 0.40, 0.41, 0.41)), np.zeros(2))
-    np.testing.assert_array_equal(from_list, from_array)
-
-
 def test_arguments_are_left_unchanged():
     posture, ground = reachable(POINT, count=20, seed=21)
     posture[0, 2] = 9.0
     before = posture.copy(), ground.copy()
-    extension = inverse_kinematics(POINT, posture, ground, on_unreachable="nan")
-    copy = extension.copy()
-    forward_kinematics(POINT, extension, ground)
+    inverse_kinematics(POINT, posture, ground, on_unreachable="nan")
     np.testing.assert_array_equal(posture, before[0])
     np.testing.assert_array_equal(ground, before[1])
-    np.testing.assert_array_equal(extension, copy)
 
 
-def test_batches_that_do_not_broadcast_are_refused():
+def test_senseless_arguments_are_refused():
     with pytest.raises(ValueError, match="broadcast"):
         forward_kinematics(POINT, np.full((3, 4), 0.4), np.zeros((2, 2)))
-
-
-@pytest.mark.parametrize("legs", [(0, 1), (0, 1, 1), (0, 1, 4), (-1, 0, 1), (0, 1, 2, 3)])
-def test_legs_that_are_not_three_different_indices_are_refused(legs):
-    with pytest.raises(ValueError, match="three different indices"):
-        forward_kinematics(POINT, [0.4] * 4, LEVEL, legs=legs)
-    with pytest.raises(ValueError, match="three different indices"):
-        passive_extension(POINT, [0.4] * 3, LEVEL, LEVEL, legs=legs)
-
-
-def test_unknown_treatment_of_unreachable_postures_is_refused():
+    for legs in ((0, 1), (0, 1, 1), (0, 1, 4), (-1, 0, 1), (0, 1, 2, 3)):
+        with pytest.raises(ValueError, match="three different indices"):
+            forward_kinematics(POINT, [0.4] * 4, LEVEL, legs=legs)
+        with pytest.raises(ValueError, match="three different indices"):
+            passive_extension(POINT, [0.4] * 3, LEVEL, LEVEL, legs=legs)
     with pytest.raises(ValueError, match="on_unreachable"):
         inverse_kinematics(POINT, (0.0, 0.0, 0.47), LEVEL, on_unreachable="clip")
 
@@ -503,7 +399,7 @@ def test_unknown_treatment_of_unreachable_postures_is_refused():
 # Numbers that are not finite
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, 0.3599, 0.5201])
+@pytest.mark.parametrize("bad", [np.nan, 0.3599, 0.5201])
 def test_extensions_that_cannot_be_built_give_nan_in_their_row_only(bad):
     extension = np.full((3, 4), 0.405)
     extension[1, 2] = bad
@@ -517,17 +413,17 @@ def test_extensions_that_cannot_be_built_give_nan_in_their_row_only(bad):
     assert np.isfinite(forward_kinematics(POINT, extension[1], LEVEL, legs=(0, 1, 3))).all()
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("element", range(5))
-def test_postures_and_grounds_that_are_not_finite_are_unreachable(bad, element):
-    given = np.tile((0.0, 0.0, 0.47, 0.0, 0.0), (2, 1))
-    given[1, element] = bad
-    posture, ground = given[:, :3], given[:, 3:]
-    with pytest.raises(UnreachablePosture):
-        inverse_kinematics(POINT, posture[1], ground[1])
-    extension = inverse_kinematics(POINT, posture, ground, on_unreachable="nan")
-    assert np.isfinite(extension[0]).all()
-    assert np.isnan(extension[1]).all()
+def test_postures_and_grounds_that_are_not_finite_are_unreachable(element):
+    for bad in (np.nan, np.inf):
+        given = np.tile((0.0, 0.0, 0.47, 0.0, 0.0), (2, 1))
+        given[1, element] = bad
+        posture, ground = given[:, :3], given[:, 3:]
+        with pytest.raises(UnreachablePosture):
+            inverse_kinematics(POINT, posture[1], ground[1])
+        extension = inverse_kinematics(POINT, posture, ground, on_unreachable="nan")
+        assert np.isfinite(extension[0]).all()
+        assert np.isnan(extension[1]).all()
 
 
 # Symmetry
@@ -557,33 +453,6 @@ def test_inclining_ground_and_platform_together_about_one_axis_changes_no_extens
         tilted = inverse_kinematics(POINT, (*turn, 0.47), turn)
         level = inverse_kinematics(POINT, (0.0, 0.0, 0.47), LEVEL)
         np.testing.assert_allclose(tilted, level, rtol=0.0, atol=1e-14)
-
-
-# Scalar types
-
-
-def test_autodiff_through_inverse_kinematics_is_the_jacobian():
-    posture, ground = reachable(ROLLER, count=20, seed=24)
-    y = InitializeAutoDiff(posture[0]).flatten()
-    extension = inverse_kinematics(ROLLER, y, ground[0])
-    np.testing.assert_allclose(
-        ExtractValue(extension).flatten(), inverse_kinematics(ROLLER, posture[0], ground[0])
-    )
-    jacobian = posture_jacobian(ROLLER, posture[0], ground[0])
-    np.testing.assert_allclose(ExtractGradient(extension), jacobian, atol=1e-12)
-
-
-@pytest.mark.parametrize("legs", [None, (0, 1, 2), (3, 2, 0)])
-def test_autodiff_through_forward_kinematics_is_the_inverse_of_the_jacobian(legs):
-    posture, ground = reachable(ROLLER, count=20, seed=25)
-    extension = inverse_kinematics(ROLLER, posture[0], ground[0])
-    returned = forward_kinematics(
-        ROLLER, InitializeAutoDiff(extension).flatten(), ground[0], legs=legs
-    )
-    shown = list(range(4) if legs is None else legs)
-    gradient = ExtractGradient(returned)[:, shown]
-    jacobian = posture_jacobian(ROLLER, posture[0], ground[0])[shown]
-    np.testing.assert_allclose(gradient @ jacobian, np.eye(3), atol=1e-11)
 
 
 def test_working_branch_has_the_long_side_outboard():

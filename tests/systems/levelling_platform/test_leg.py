@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-from pydrake.autodiffutils import AutoDiffXd
 
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.leg import (
@@ -68,13 +67,6 @@ def test_swing_angle_is_the_direction_of_the_long_side_on_the_working_branch():
     assert (psi < 1.5 * math.pi).all()
 
 
-def test_cosine_theorem_of_the_swing_angle():
-    leg = LEGS[1]
-    psi = swing_angle(leg, STROKE)
-    squared = leg.l_3**2 + leg.l_4**2 + 2.0 * leg.l_3 * leg.l_4 * np.cos(psi - leg.alpha)
-    np.testing.assert_allclose(squared, STROKE**2, rtol=1e-14)
-
-
 def test_swing_rate_agrees_with_differences_and_is_negative():
     for d in PARALLELOGRAM:
         rate = swing_rate(LEGS[0], d)
@@ -110,18 +102,6 @@ def test_foots_rate_agrees_with_differences(leg):
     for d in PARALLELOGRAM:
         numeric = difference(lambda d: foot_to_centre(leg, d), d)
         np.testing.assert_allclose(foot_to_centre_rate(leg, d), numeric, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("d", "p_x_rate", "p_z_rate"),
-    [(0.390, 1.595, -6.458), (0.400, 0.595, -6.047), (0.410, -0.206, -5.745),
-     (0.420, -0.911, -5.497), (0.450, -2.90, -4.82)],
-)  # fmt: skip
-def test_rates_of_a_table_of_differences(d, p_x_rate, p_z_rate):
-    leg = LEGS[1]
-    x, y, z = foot_to_centre_rate(leg, d)
-    assert x * leg.e_b[0] + y * leg.e_b[1] == pytest.approx(p_x_rate, abs=6e-3)
-    assert z == pytest.approx(p_z_rate, abs=6e-3)
 
 
 def test_rate_grows_without_bound_towards_the_dead_points():
@@ -168,14 +148,6 @@ def test_rate_on_a_moving_plane_agrees_with_differences():
         exact = extension_rate_on_plane(leg, extension(leg, 0.0), g, g_rate, height_rate)
         numeric = (extension(leg, step) - extension(leg, -step)) / (2.0 * step)
         assert exact == pytest.approx(numeric, rel=1e-7)
-
-
-def test_autodiff_gives_the_rates():
-    leg = LEGS[2]
-    d = AutoDiffXd(0.407, [1.0])
-    derivative = [c.derivatives()[0] for c in foot_to_centre(leg, d)]
-    np.testing.assert_allclose(derivative, foot_to_centre_rate(leg, 0.407), rtol=1e-12)
-    assert swing_angle(leg, d).derivatives()[0] == pytest.approx(swing_rate(leg, 0.407), rel=1e-12)
 
 
 def test_arrays_give_what_floats_give():

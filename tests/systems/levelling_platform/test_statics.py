@@ -155,43 +155,50 @@ def test_raised_legs_that_move_move_nothing_else():
 
 def test_on_its_feet_alone_it_is_what_stands_on_feet():
     count = 0
-    for extension, ground, arm, offsets in cases(300, seed=1):
+    for extension, ground, arm, offsets in cases(100, seed=1):
         lifted = (np.array(extension) - 0.02).tolist()
         velocity = (0.001, -0.002, 0.003, 0.0)
         same = on_feet(lifted, ground, arm, offsets, velocity)
         if min(same.contact_force) >= 0.0:
             assert standing(lifted, ground, arm, offsets, velocity) == same
             count += 1
-    assert count > 250
+    assert count > 80
+
+
+@pytest.mark.parametrize("ground", [LEVEL, (0.08, 0.0), (0.0, -0.08), (-0.06, 0.05)])
+@pytest.mark.parametrize(
+    ("extension", "offsets"),
+    [((0.405,) * 4, FLAT), ((0.4, 0.406, 0.404, 0.41), (2e-3, 0.0, -1e-3, 1e-3))],
+)
+def test_feet_carry_the_weight_where_its_line_meets_the_ground(ground, extension, offsets):
+    stance = on_feet(extension, ground, offsets=offsets)
+    world = InTheWorld(stance, extension, ground, UPRIGHT, offsets)
+    world.force = np.append(stance.contact_force, np.zeros(4))
+    force, *moment = world.unbalanced
+    assert abs(force) < 1e-12 * WEIGHT
+    # A fifth of a millimetre beside that line; the radius of the rollers moves it by two.
+    assert np.linalg.norm(moment) < 2e-4 * WEIGHT
 
 
 # On both
 
 
-def test_forces_and_moments_balance_whatever_carries():
+def test_forces_and_moments_balance_and_no_support_pulls():
     mixed = 0
-    for case, stance in mixed_cases(2000):
-        world = InTheWorld(stance, *case)
-        np.testing.assert_allclose(stance.contact_force, world.force[:4], rtol=0, atol=1e-7)
-        np.testing.assert_allclose(world.unbalanced, 0.0, atol=1e-6)
-        mixed += 1
-    assert mixed > 400
-
-
-def test_every_case_stands_and_no_support_pulls():
-    for case in cases(2000):
+    for case in cases(600):
         stance = standing(*case)
         world = InTheWorld(stance, *case)
         assert min(stance.contact_force) >= 0.0
-        wheels = world.force[4:].sum()
-        total = sum(stance.contact_force) + wheels
+        total = sum(stance.contact_force) + world.force[4:].sum()
         assert total == pytest.approx(WEIGHT * world.n[2], rel=1e-5)
-
-
-def test_feet_that_do_not_carry_are_above_the_ground_by_their_height():
-    for case, stance in mixed_cases(300):
-        depth = InTheWorld(stance, *case).depth[:4]
-        np.testing.assert_allclose(stance.foot_height, np.maximum(-depth, 0.0), atol=1e-12)
+        if max(stance.contact_force) > 0.0 and stance != on_feet(*case):
+            np.testing.assert_allclose(stance.contact_force, world.force[:4], rtol=0, atol=1e-7)
+            np.testing.assert_allclose(world.unbalanced, 0.0, atol=1e-6)
+            # Feet that do not carry are above the ground by their height.
+            height = np.maximum(-world.depth[:4], 0.0)
+            np.testing.assert_allclose(stance.foot_height, height, atol=1e-12)
+            mixed += 1
+    assert mixed > 120
 
 
 def test_actuators_hold_what_their_feet_carry():
@@ -218,18 +225,17 @@ def test_it_balances_with_other_stiffnesses(stiffness):
             )
 
 
-@pytest.mark.parametrize("ground", [LEVEL, GROUND])
-def test_while_legs_go_down_nothing_jumps(ground):
+def test_while_legs_go_down_nothing_jumps():
     """Each foot meets the ground by itself; in steps of a quarter, changes are a quarter."""
     offsets = (2e-4, 0.0, 1.2e-4, 0.5e-4)
 
     def largest_change(step):
         extension = np.arange(0.42020, 0.41990, -step)
-        stances = [standing([d] * 4, ground, (0.3, 0.2), offsets) for d in extension]
+        stances = [standing([d] * 4, GROUND, (0.3, 0.2), offsets) for d in extension]
         carried = np.array([s.contact_force for s in stances])
         assert carried[0].tolist() == [0.0] * 4
         assert carried[-1].min() >= 0.0
-        assert carried[-1].sum() == pytest.approx(WEIGHT * rotation(ground)[2, 2], rel=1e-5)
+        assert carried[-1].sum() == pytest.approx(WEIGHT * rotation(GROUND)[2, 2], rel=1e-5)
         signals = np.array([[*s.posture, *s.contact_force] for s in stances])
         return np.abs(np.diff(signals, axis=0)).max(axis=0)
 
@@ -243,7 +249,7 @@ def test_while_legs_go_down_nothing_jumps(ground):
 def test_angular_velocity_agrees_with_differences_of_the_attitude():
     rng = np.random.default_rng(2)
     step, compared = 1e-5, 0
-    for (extension, ground, arm, offsets), stance in mixed_cases(400, seed=3):
+    for (extension, ground, arm, offsets), stance in mixed_cases(200, seed=3):
         velocity = rng.uniform(-0.01, 0.01, 4)
         behind, ahead = (
             standing(np.array(extension) + sign * step * velocity, ground, arm, offsets)
@@ -263,7 +269,7 @@ def test_angular_velocity_agrees_with_differences_of_the_attitude():
         error = np.linalg.norm(np.subtract(moving.angular_velocity, expected))
         assert error <= 2e-3 * np.linalg.norm(expected)
         compared += 1
-    assert compared > 50
+    assert compared > 20
 
 
 # Tipping over and bad input
@@ -286,42 +292,32 @@ def test_on_its_feet_it_tips_over_where_one_of_them_would_have_to_pull():
     assert is_nowhere(standing([0.405] * 4, steep))
 
 
-@pytest.mark.parametrize("leg", range(4))
-@pytest.mark.parametrize("bad", [math.nan, 0.6, 0.3])
-def test_where_a_leg_cannot_be_built_it_stands_nowhere(leg, bad):
-    extension = [0.45] * 4
-    extension[leg] = bad
-    assert math.isnan(standing(extension).posture[2])
-
-
-@pytest.mark.parametrize("name", ["ground", "arm", "offsets"])
-def test_what_is_nan_is_passed_on(name):
-    size = 4 if name == "offsets" else 2
-    stance = standing([0.45] * 4, **{name: [math.nan] * size})
-    assert np.isnan(stance.posture).any()
+def test_where_a_leg_cannot_be_built_or_an_input_is_nan_it_stands_nowhere():
+    for leg in range(4):
+        for bad in (math.nan, 0.6, 0.3):
+            extension = [bad if i == leg else 0.45 for i in range(4)]
+            assert math.isnan(standing(extension).posture[2])
+    for name, size in (("ground", 2), ("arm", 2), ("offsets", 4)):
+        assert np.isnan(standing([0.45] * 4, **{name: [math.nan] * size}).posture).any()
 
 
 # The plant
 
 
 @pytest.mark.parametrize("extension", [(0.45,) * 4, (0.4195, 0.43, 0.4203, 0.45), (0.41,) * 4])
-def test_the_plant_with_wheels_shows_this_stance(fix, read, extension):
-    platform = KinematicPlatform(MODEL_GEOMETRY, PARAMS, WHEELS)
-    context = platform.CreateDefaultContext()
+def test_the_plant_with_wheels_shows_this_stance(bench, extension):
     velocity, arm, offsets = (0.001, 0.0, -0.002, 0.003), (0.3, 0.4), (0.0, 0.004, 0.002, 0.0)
-    fix(platform, context, extension=extension, velocity=velocity, arm_position=arm)
-    platform.set_ground(context, GROUND, offsets)
-    outputs = read(platform, context)
+    system = KinematicPlatform(MODEL_GEOMETRY, PARAMS, WHEELS)
+    platform = bench(system, extension=extension, velocity=velocity, arm_position=arm)
+    system.set_ground(platform.context, GROUND, offsets)
     stance = standing(extension, GROUND, arm, offsets, velocity)
     shown = set(Stance._fields) - {"normal"}  # which is for `standing` only
     for name in shown:
-        np.testing.assert_array_equal(outputs[name], getattr(stance, name))
+        np.testing.assert_array_equal(platform[name], getattr(stance, name))
 
 
-def test_without_wheels_the_plant_stands_on_its_feet_however_low(fix, read):
-    platform = KinematicPlatform(MODEL_GEOMETRY, PARAMS)
-    context = platform.CreateDefaultContext()
-    fix(platform, context, extension=[0.43] * 4, velocity=STILL)
-    outputs = read(platform, context)
-    assert outputs["posture"][2] < 0.35
-    assert outputs["contact_force"].sum() == pytest.approx(WEIGHT, rel=1e-5)
+def test_without_wheels_the_plant_stands_on_its_feet_however_low(bench):
+    system = KinematicPlatform(MODEL_GEOMETRY, PARAMS)
+    platform = bench(system, extension=[0.43] * 4, velocity=STILL)
+    assert platform["posture"][2] < 0.35
+    assert platform["contact_force"].sum() == pytest.approx(WEIGHT, rel=1e-5)

@@ -56,7 +56,7 @@ def to_ground(footing):
 
 
 def centre_of_mass(arm, params=PARAMS):
-    """Of platform and arm from F, by hand."""
+    """Centre of mass of platform and arm from F, by hand."""
     turn, swing = arm
     along = [math.sin(swing) * math.cos(turn), math.sin(swing) * math.sin(turn), math.cos(swing)]
     on_arm = np.array(params.arm_base) + params.arm_centre * np.array(along)
@@ -84,16 +84,11 @@ def test_corners_are_the_feet_in_the_grounds_plane():
 
 
 @pytest.mark.parametrize("lifted", [None, 0, 1, 2, 3])
-@pytest.mark.parametrize("built", ["as drawn", "with errors"])
-def test_corners_are_the_convex_hull_of_the_standing_feet(built, lifted):
+def test_corners_are_the_convex_hull_of_the_standing_feet(lifted):
     random = np.random.default_rng(5)
-    geometry = GEOMETRY
-    if built == "with errors":
-        geometry = replace(GEOMETRY, deviations=drawn_deviations(random, 2e-3, 0.01))
-    standing = np.ones(4)
-    if lifted is not None:
-        standing[lifted] = 0.0
-    for _ in range(20):
+    geometry = replace(GEOMETRY, deviations=drawn_deviations(random, 2e-3, 0.01))
+    standing = (np.arange(4) != lifted).astype(float)
+    for _ in range(10):
         footing = Footing(random.uniform(0.38, 0.46, 4), random.uniform(-0.1, 0.1, 2))
         feet = support_polygon(geometry, footing)[standing > 0.5]
         hull = ConvexHull(feet)
@@ -137,10 +132,10 @@ def test_a_point_beyond_a_corner_is_as_far_away_as_the_corner():
     assert margin(params=params) == pytest.approx(-0.5, abs=1e-12)
 
 
-@pytest.mark.parametrize("feet", [(), (0,), (2,), (0, 1), (0, 2), (1, 3)])
-def test_fewer_than_three_feet_carry_nothing(feet):
-    standing = [float(i in feet) for i in range(4)]
-    assert margin(Footing(MIDDLE, standing=standing)) == -math.inf
+def test_fewer_than_three_feet_carry_nothing():
+    for feet in ((), (0,), (2,), (0, 1), (0, 2), (1, 3)):
+        standing = [float(i in feet) for i in range(4)]
+        assert margin(Footing(MIDDLE, standing=standing)) == -math.inf
 
 
 # Zero-moment point with the arm at rest
@@ -166,78 +161,38 @@ def test_at_rest_the_point_is_vertically_under_the_centre_of_mass_on_any_plane()
         np.testing.assert_allclose(p_W[:2], (R_WF @ centre_of_mass(arm))[:2], atol=1e-13)
 
 
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("degrees", [-5.0, 2.0, 5.0])
-def test_inclining_platform_and_ground_moves_the_point_by_the_height_times_the_tangent(
-    axis, degrees
-):
-    ground = np.zeros(2)
-    ground[axis] = math.radians(degrees)
-    x, y, z = centre_of_mass((0.0, 0.0))
-    height = 0.0 - foot_to_centre(GEOMETRY.legs[0], 0.405)[2] - GEOMETRY.foot_radius
-    slid = (z - height) * math.tan(ground[axis])
-    # Rolling sinks the side of -y, pitching that of +x.
-    expected = (x, y - slid) if axis == 0 else (x + slid, y)
-    np.testing.assert_allclose(point(Footing(MIDDLE, ground, ground)), expected, atol=1e-13)
-
-
 def test_on_level_ground_it_is_the_margin_of_the_workspace_chapter():
     for arm in ((0.0, 0.0), (1.0, 0.8), (-1.6, 1.5)):
         known = stability_margin(GEOMETRY, MIDDLE, (0.0, 0.0), centre_of_mass(arm))
         assert margin(motion=ArmMotion(arm)) == pytest.approx(float(known), abs=1e-13)
 
 
-def test_a_leaning_arm_moves_the_point_by_its_share_of_the_mass():
-    moved = point(motion=ArmMotion((math.pi / 2, math.pi / 2))) - point()
-    np.testing.assert_allclose(moved, (0.0, 1.747 / 51.0), atol=1e-15)
-
-
-def test_the_heavier_the_platform_the_less_the_arm_matters():
-    lean = ArmMotion((math.pi / 2, 1.0))
-    loss = [
-        margin(params=params) - margin(motion=lean, params=params)
-        for params in (CENTRED, replace(CENTRED, mass=CENTRED.mass + 51.0))
-    ]
-    assert loss[0] / loss[1] == pytest.approx(2.0, rel=1e-12)
-
-
 # Symmetry
 
 
-def mirrored_legs(extension, pairs):
-    return np.asarray(extension)[list(pairs)]
-
-
-def test_left_and_right_are_mirror_images():
-    extension = LEANING.extension
-    mirrored = Footing(mirrored_legs(extension, (1, 0, 3, 2)), (-0.01, -0.02), (-0.03, 0.04))
+@pytest.mark.parametrize(
+    ("legs", "signs", "turned"),
+    [
+        # Left and right.
+        ((1, 0, 3, 2), (-1.0, 1.0), 0.0),
+        # Front and back.
+        ((3, 2, 1, 0), (1.0, -1.0), math.pi),
+    ],
+)
+def test_mirror_images_have_mirrored_points_and_the_same_margin(legs, signs, turned):
+    mirrored = Footing(
+        LEANING.extension[list(legs)],
+        np.multiply(LEANING.attitude, signs),
+        np.multiply(LEANING.ground, signs),
+    )
     (turn, swing), (turn_1, swing_1), (turn_2, swing_2) = SWINGING
-    reflected = ArmMotion((-turn, swing), (-turn_1, swing_1), (-turn_2, swing_2))
+    reflected = ArmMotion((turned - turn, swing), (-turn_1, swing_1), (-turn_2, swing_2))
     x, y = point(LEANING, SWINGING, CENTRED)
-    np.testing.assert_allclose(point(mirrored, reflected, CENTRED), (x, -y), atol=1e-14)
+    expected = np.multiply((x, y), signs[::-1])
+    np.testing.assert_allclose(point(mirrored, reflected, CENTRED), expected, atol=1e-14)
     assert margin(mirrored, reflected, CENTRED) == pytest.approx(
         margin(LEANING, SWINGING, CENTRED), abs=1e-14
     )
-
-
-def test_front_and_back_are_mirror_images():
-    extension = LEANING.extension
-    mirrored = Footing(mirrored_legs(extension, (3, 2, 1, 0)), (0.01, 0.02), (0.03, -0.04))
-    (turn, swing), (turn_1, swing_1), (turn_2, swing_2) = SWINGING
-    reflected = ArmMotion((math.pi - turn, swing), (-turn_1, swing_1), (-turn_2, swing_2))
-    x, y = point(LEANING, SWINGING, CENTRED)
-    np.testing.assert_allclose(point(mirrored, reflected, CENTRED), (-x, y), atol=1e-14)
-
-
-def test_leaning_backwards_is_leaning_forward_with_the_turntable_turned():
-    turned = ArmMotion((0.4 + math.pi, -0.7), (0.5, 0.9), (-1.5, -3.0))
-    np.testing.assert_allclose(point(LEANING, turned), point(LEANING, SWINGING), atol=1e-14)
-
-
-def test_time_reversed_moves_load_the_ground_alike():
-    (angle, rate, acceleration) = SWINGING
-    back = ArmMotion(angle, np.negative(rate), acceleration)
-    np.testing.assert_allclose(point(LEANING, back), point(LEANING, SWINGING), atol=1e-15)
 
 
 # With the arm's inertia
@@ -278,7 +233,7 @@ class Machine:
         return posture[2]
 
     def params(self):
-        """What platform and arm weigh as they stand."""
+        """Masses of platform and arm as they stand."""
         plant, context = self.plant, self.context
         X_WF = plant.EvalBodyPoseInWorld(context, self.model.base)
         bodies = [plant.get_body(BodyIndex(i)) for i in range(1, plant.num_bodies())]
@@ -342,21 +297,16 @@ def test_the_multibody_model_agrees_when_nothing_spins_about_its_own_axis(machin
         assert np.linalg.norm(found - at_rest) > 1e-3
 
 
-def test_what_spins_about_its_own_axis_matters_by_thousandths_of_a_millimetre(machine):
+def test_the_closed_form_is_the_multibody_model_but_for_spin_and_what_is_rounded(machine):
     machine.spin_counts(True)
     errors = []
     for footing, motion in motions():
         expected = machine.zero_moment_point(footing, motion)
         errors.append(np.abs(point(footing, motion, machine.params()) - expected))
-    assert 1e-9 < np.max(errors) < 1e-5
-
-
-def test_the_defaults_are_the_multibody_model_to_a_millimetre(machine):
-    # Its legs' centres of mass move with the stroke; the arm's centre is rounded.
-    machine.spin_counts(True)
-    for footing, motion in motions():
-        expected = machine.zero_moment_point(footing, motion)
+        # Its legs' centres of mass move with the stroke; the arm's centre is rounded.
         np.testing.assert_allclose(point(footing, motion), expected, rtol=0.0, atol=1e-3)
+    # Spin about the own axis matters by thousandths of a millimetre.
+    assert 1e-9 < np.max(errors) < 1e-5
 
 
 def test_the_radius_of_gyration_is_that_of_the_drawn_arm(machine):
@@ -420,7 +370,7 @@ def test_before_and_after_a_move_the_arm_rests_exactly_at_its_ends():
 
 
 @pytest.mark.parametrize("profile", ["cubic", "quintic"])
-@pytest.mark.parametrize("goal", [(0.0, 0.785), (3.0, 0.1), (0.001, 0.0), (-2.0, -1.5)])
+@pytest.mark.parametrize("goal", [(0.0, 0.785), (3.0, 0.1), (-2.0, -1.5)])
 def test_the_shortest_move_reaches_one_limit_and_exceeds_none(profile, goal):
     rate, acceleration = np.array((1.0, 0.5)), np.array((4.0, 3.0))
     move = ArmMove.within((0.0, 0.0), goal, tuple(rate), tuple(acceleration), profile)
@@ -488,35 +438,31 @@ def test_between_the_instants_that_are_looked_at_nothing_hides():
         assert found == pytest.approx(exact, abs=5e-5)
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("batch", [(), (2,)])
-@pytest.mark.parametrize(
-    "name", ["extension", "attitude", "ground", "standing", "angle", "rate", "acceleration"]
+SIZES = {"extension": 4, "attitude": 2, "ground": 2, "standing": 4} | dict.fromkeys(
+    ArmMotion._fields, 2
 )
-def test_what_is_not_finite_leaves_no_margin(name, batch, bad):
-    footing, motion = LEVEL, SWINGING
-    part = footing if hasattr(footing, name) else motion
-    value = np.array(np.broadcast_to(getattr(part, name), (*batch, len(getattr(part, name)))))
-    value[..., 1] = bad
-    if part is footing:
-        footing = footing._replace(**{name: value})
-    else:
-        motion = motion._replace(**{name: value})
-    found = tipping_margin(GEOMETRY, PARAMS, footing, motion)
-    assert found.shape == batch
-    assert (found == -math.inf).all()
 
 
-@pytest.mark.parametrize("huge", [1e3, 1e100, 1e200, -1e300])
-@pytest.mark.parametrize("batch", [(), (2,)])
-def test_finite_input_never_gives_nan(batch, huge):
-    for name in ("extension", "attitude", "ground", "standing", "angle", "rate", "acceleration"):
-        is_arm = name in ArmMotion._fields
-        size = 4 if name in ("extension", "standing") else 2
-        value = np.full((*batch, size), huge)
-        footing = LEVEL if is_arm else LEVEL._replace(**{name: value})
-        motion = SWINGING._replace(**{name: value}) if is_arm else SWINGING
-        assert not np.isnan(tipping_margin(GEOMETRY, PARAMS, footing, motion)).any()
+def margin_with(name, value):
+    """Margin of a swinging arm with one part of the footing or of the motion replaced."""
+    is_arm = name in ArmMotion._fields
+    footing = LEVEL if is_arm else LEVEL._replace(**{name: value})
+    motion = SWINGING._replace(**{name: value}) if is_arm else SWINGING
+    return tipping_margin(GEOMETRY, PARAMS, footing, motion)
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_values_that_are_not_finite_leave_no_margin_and_finite_ones_never_give_nan(name):
+    part = LEVEL if name in Footing._fields else SWINGING
+    for batch in ((), (2,)):
+        for bad in (math.nan, math.inf):
+            value = np.array(np.broadcast_to(getattr(part, name), (*batch, SIZES[name])))
+            value[..., 1] = bad
+            found = margin_with(name, value)
+            assert found.shape == batch
+            assert (found == -math.inf).all()
+        for huge in (1e3, 1e100, -1e300):
+            assert not np.isnan(margin_with(name, np.full((*batch, SIZES[name]), huge))).any()
 
 
 def test_an_arm_that_lifts_the_platform_leaves_no_margin_and_no_point():
@@ -524,13 +470,6 @@ def test_an_arm_that_lifts_the_platform_leaves_no_margin_and_no_point():
     falling = ArmMotion((0.0, math.pi / 2), acceleration=(0.0, 400.0))
     assert margin(motion=falling) == -math.inf
     assert np.isnan(point(motion=falling)).all()
-
-
-def test_wrong_shapes_are_named():
-    with pytest.raises(ValueError, match="extension must have shape"):
-        margin(Footing((0.4, 0.4, 0.4)))
-    with pytest.raises(ValueError, match="rate must have shape"):
-        margin(motion=ArmMotion((0.0, 0.0), (0.0, 0.0, 0.0)))
 
 
 @pytest.mark.parametrize(

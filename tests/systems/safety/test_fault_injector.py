@@ -1,18 +1,15 @@
-"""Each kind of fault against its definition, and what an injector promises about all of them."""
+"""Each kind of fault against its definition, and promises that hold for all of them."""
 
 import math
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import Integrator, LogVectorOutput, TrajectorySource, ZeroOrderHold
-from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.systems.safety.faults import Fault, FaultInjector, FaultKind
 
 PERIOD = 0.01
 COUNTING = np.arange(10.0, 20.0)  # sample k is 10 + k
+FRESH = [0] * 10
 # Acts on the samples 3 to 6.
 WINDOW = {"begin": 0.03, "duration": 0.04}
 EVERY_KIND = [
@@ -28,30 +25,35 @@ KINDS = [fault.kind.value for fault in EVERY_KIND]
 
 
 def play(injector, samples, context=None):
-    """What is shown of samples (count, n), the ages in periods (count), the latch (count)."""
+    """Samples (count, n) as they are shown, the ages in periods (count), the latch (count)."""
     context = injector.CreateDefaultContext() if context is None else context
     samples = np.asarray(samples, dtype=float).reshape(len(samples), -1)
-    shown, ages, latch = [], [], []
     outputs = [injector.GetOutputPort(name) for name in ("faulted", "extra_age", "changed")]
+    shown = []
     for k, sample in enumerate(samples):
         context.SetTime(k * PERIOD)
         injector.GetInputPort("signal").FixValue(context, sample)
         before = [port.Eval(context) for port in outputs]
-        updated = injector.EvalUniquePeriodicDiscreteUpdate(context)
-        context.get_mutable_discrete_state().SetFrom(updated)
-        after = [port.Eval(context) for port in outputs]
+        context.SetDiscreteState(injector.EvalUniquePeriodicDiscreteUpdate(context))
+        shown.append([port.Eval(context) for port in outputs])
         # Whoever reads at this instant gets the same, before and after the instant's updates.
-        np.testing.assert_array_equal(before[0], after[0])
-        np.testing.assert_array_equal(before[1], after[1])
-        shown.append(after[0])
-        ages.append(after[1][0] / PERIOD)
-        latch.append(after[2][0])
-    return np.array(shown), np.array(ages), np.array(latch)
+        np.testing.assert_array_equal(before[0], shown[-1][0])
+        np.testing.assert_array_equal(before[1], shown[-1][1])
+    values, ages, latch = (np.array(column) for column in zip(*shown, strict=True))
+    return values, ages[:, 0] / PERIOD, latch[:, 0]
 
 
 def shown_of(fault, samples=COUNTING, **settings):
     shown, ages, _ = play(FaultInjector(1, [fault], PERIOD, **settings), samples)
     return shown[:, 0], ages
+
+
+def values_at(injector, time, signal=0.0, context=None):
+    """Values that are shown of a signal at a time, without an update."""
+    context = injector.CreateDefaultContext() if context is None else context
+    injector.GetInputPort("signal").FixValue(context, np.full(injector.size, signal))
+    context.SetTime(time)
+    return injector.GetOutputPort("faulted").Eval(context).tolist()
 
 
 def assert_shows(fault, values, ages, **settings):
@@ -61,18 +63,53 @@ def assert_shows(fault, values, ages, **settings):
     np.testing.assert_allclose(found, ages, atol=1e-9)
 
 
-FRESH = [0] * 10
-
-
 # The kinds, one after the other
 
 
-def test_off_shows_the_off_value_and_grows_old():
-    assert_shows(
-        Fault(FaultKind.OFF, **WINDOW),
-        [10, 11, 12, 0, 0, 0, 0, 17, 18, 19],
-        [0, 0, 0, 1, 2, 3, 4, 0, 0, 0],
-    )
+@pytest.mark.parametrize(
+    ("fault", "values", "ages"),
+    [
+        (
+            Fault(FaultKind.OFF, **WINDOW),
+            [10, 11, 12, 0, 0, 0, 0, 17, 18, 19],
+            [0, 0, 0, 1, 2, 3, 4, 0, 0, 0],
+        ),
+        # From the start it is a period old at once.
+        (Fault(FaultKind.OFF), [0, 0, 0], [1, 2, 3]),
+        (
+            Fault(FaultKind.STUCK, **WINDOW),
+            [10, 11, 12, 12, 12, 12, 12, 17, 18, 19],
+            FRESH,
+        ),
+        (Fault(FaultKind.STUCK), [10, 10, 10], FRESH[:3]),
+        (
+            Fault(FaultKind.WRONG, scale=2.0, offset=1.0, **WINDOW),
+            [10, 11, 12, 27, 29, 31, 33, 17, 18, 19],
+            FRESH,
+        ),
+        # It turns the sign unless more is said.
+        (
+            Fault(FaultKind.WRONG, **WINDOW),
+            [10, 11, 12, -13, -14, -15, -16, 17, 18, 19],
+            FRESH,
+        ),
+        (
+            Fault(
+                FaultKind.INTERMITTENT,
+                begin=0.03,
+                duration=0.06,
+                missing_time=0.02,
+                good_time=0.01,
+            ),
+            [10, 11, 12, 0, 0, 15, 0, 0, 18, 19],
+            [0, 0, 0, 1, 2, 0, 1, 2, 0, 0],
+        ),
+        (Fault(FaultKind.DELAYED, delay=0.03), [10, 10, 10, 10, 11], [0, 1, 2, 3, 3]),
+    ],
+    ids=lambda value: value.kind.value if isinstance(value, Fault) else "",
+)
+def test_each_kind_shows_its_values_and_ages(fault, values, ages):
+    assert_shows(fault, values, ages)
 
 
 def test_the_off_value_can_be_another_one_for_each_element():
@@ -82,36 +119,10 @@ def test_the_off_value_can_be_another_one_for_each_element():
     np.testing.assert_array_equal(shown, [[3.0, math.nan]] * 2)
 
 
-def test_what_is_off_from_the_start_is_a_period_old_at_once():
-    assert_shows(Fault(FaultKind.OFF), [0, 0, 0], [1, 2, 3])
-
-
-def test_stuck_keeps_the_last_value_from_before_and_stays_fresh():
-    assert_shows(Fault(FaultKind.STUCK, **WINDOW), [10, 11, 12, 12, 12, 12, 12, 17, 18, 19], FRESH)
-
-
-def test_what_is_stuck_from_the_start_keeps_its_first_value():
-    assert_shows(Fault(FaultKind.STUCK), [10, 10, 10], [0, 0, 0])
-
-
 def test_stuck_holds_for_longer_than_samples_are_kept():
     injector = FaultInjector(1, [Fault(FaultKind.STUCK, begin=0.03)], PERIOD, longest_delay=0.02)
     shown, _, _ = play(injector, np.arange(500.0))
     assert set(shown[3:, 0]) == {2.0}
-
-
-def test_wrong_scales_and_offsets():
-    assert_shows(
-        Fault(FaultKind.WRONG, scale=2.0, offset=1.0, **WINDOW),
-        [10, 11, 12, 27, 29, 31, 33, 17, 18, 19],
-        FRESH,
-    )
-
-
-def test_wrong_turns_the_sign_unless_more_is_said():
-    assert_shows(
-        Fault(FaultKind.WRONG, **WINDOW), [10, 11, 12, -13, -14, -15, -16, 17, 18, 19], FRESH
-    )
 
 
 def test_wrong_inverts_a_binary_signal():
@@ -154,10 +165,6 @@ def test_delayed_shows_what_was_a_while_ago_or_the_oldest_there_is(delay, values
     )
 
 
-def test_delayed_from_the_start_shows_the_first_sample_until_it_is_old_enough():
-    assert_shows(Fault(FaultKind.DELAYED, delay=0.03), [10, 10, 10, 10, 11], [0, 1, 2, 3, 3])
-
-
 def test_the_longest_delay_is_kept():
     fault = Fault(FaultKind.DELAYED, begin=2.0, delay=1.0)
     shown, ages = shown_of(fault, np.arange(300.0))
@@ -165,24 +172,14 @@ def test_the_longest_delay_is_kept():
     np.testing.assert_allclose(ages[200:], 100.0)
 
 
-def test_intermittent_is_missing_and_good_in_turns():
-    assert_shows(
-        Fault(
-            FaultKind.INTERMITTENT, begin=0.03, duration=0.06, missing_time=0.02, good_time=0.01
-        ),
-        [10, 11, 12, 0, 0, 15, 0, 0, 18, 19],
-        [0, 0, 0, 1, 2, 0, 1, 2, 0, 0],
-    )
-
-
 def test_garbage_is_another_value_of_the_span_in_each_sample_and_element():
     injector = FaultInjector(3, [Fault(FaultKind.GARBAGE)], span=((0.0, -5.0, 2.0), (1.0, 5.0, 2)))
-    shown, ages, _ = play(injector, np.zeros((2000, 3)))
-    assert len(np.unique(shown[:, :2])) == 4000
+    shown, ages, _ = play(injector, np.zeros((1000, 3)))
+    assert len(np.unique(shown[:, :2])) == 2000
     np.testing.assert_array_equal(shown[:, 2], 2.0)
-    # Uniform: mean and deviation, of which 2000 samples know 2 %.
+    # Uniform: mean and deviation, of which 1000 samples know 3 %.
     np.testing.assert_allclose(shown.mean(axis=0), [0.5, 0.0, 2.0], atol=0.2)
-    np.testing.assert_allclose(shown.std(axis=0), np.array([1, 10, 0]) / math.sqrt(12), rtol=0.05)
+    np.testing.assert_allclose(shown.std(axis=0), np.array([1, 10, 0]) / math.sqrt(12), rtol=0.07)
     assert (shown >= [0.0, -5.0, 2.0]).all()
     assert (shown <= [1.0, 5.0, 2.0]).all()
     assert not ages.any()
@@ -195,8 +192,8 @@ def test_garbage_of_a_binary_signal_is_0_or_1():
 
 
 def test_a_share_of_garbage_is_nan():
-    shown, _ = shown_of(Fault(FaultKind.GARBAGE, nan_share=0.25), np.zeros(2000))
-    assert np.isnan(shown).mean() == pytest.approx(0.25, abs=0.03)
+    shown, _ = shown_of(Fault(FaultKind.GARBAGE, nan_share=0.25), np.zeros(1000))
+    assert np.isnan(shown).mean() == pytest.approx(0.25, abs=0.04)
     assert not np.isnan(shown_of(Fault(FaultKind.GARBAGE), np.zeros(500))[0]).any()
     assert np.isnan(shown_of(Fault(FaultKind.GARBAGE, nan_share=1.0), np.zeros(5))[0]).all()
 
@@ -217,18 +214,9 @@ def test_a_fault_changes_its_element_in_its_time_and_nothing_else(fault):
 
 def test_a_fault_between_samples_begins_and_ends_with_the_next_one():
     injector = FaultInjector(1, [Fault(FaultKind.WRONG, begin=0.025, duration=0.02)])
-    context = injector.CreateDefaultContext()
-    injector.GetInputPort("signal").FixValue(context, [1.0])
-    for time, value in (
-        (0.025, 1.0),
-        (0.0299, 1.0),
-        (0.03, -1.0),
-        (0.0455, -1.0),
-        (0.0499, -1.0),
-        (0.05, 1.0),
-    ):
-        context.SetTime(time)
-        assert injector.GetOutputPort("faulted").Eval(context) == [value]
+    times = (0.025, 0.0299, 0.03, 0.0455, 0.0499, 0.05, math.nan, math.inf, -math.inf)
+    shown = [values_at(injector, time, 1.0)[0] for time in times]
+    assert shown == [1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0, 1.0, 1.0]
 
 
 def test_faults_of_several_elements_and_times_act_beside_each_other():
@@ -268,30 +256,15 @@ def test_changed_rises_with_the_first_sample_that_differs_and_stays(fault):
     np.testing.assert_array_equal(latch, np.arange(10) >= first)
 
 
-@pytest.mark.parametrize("kind", ["off", "stuck", "slow", "delayed", "intermittent"])
-def test_a_fault_that_nobody_can_see_is_not_said_to_have_changed_anything(kind):
-    _, _, latch = play(FaultInjector(1, [Fault(kind)], off_value=5.0), np.full(30, 5.0))
-    assert not latch.any()
-
-
-def test_nan_in_place_of_nan_is_no_change():
-    _, _, latch = play(FaultInjector(1, [Fault(FaultKind.WRONG)]), np.full(5, math.nan))
-    assert not latch.any()
+def test_a_fault_that_makes_no_difference_is_not_said_to_have_changed_anything():
+    for kind in ("off", "stuck", "slow", "delayed", "intermittent"):
+        injector = FaultInjector(1, [Fault(kind)], off_value=5.0)
+        assert not play(injector, np.full(10, 5.0))[2].any()
+    # Nor is NaN in place of NaN a change.
+    assert not play(FaultInjector(1, [Fault(FaultKind.WRONG)]), np.full(5, math.nan))[2].any()
 
 
 # Without a fault
-
-
-class Counter(LeafSystem):
-    """Counts the instants of its updates; before the update of instant k it shows k."""
-
-    def __init__(self):
-        super().__init__()
-        self.DeclareStateOutputPort("count", self.DeclareDiscreteState(1))
-        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update_count)
-
-    def _update_count(self, context, discrete_state):
-        discrete_state.set_value(0, context.get_discrete_state(0).value() + 1.0)
 
 
 @pytest.mark.parametrize("faults", [[], [Fault(FaultKind.OFF, begin=5.0)]])
@@ -307,156 +280,63 @@ def test_without_an_active_fault_every_bit_passes(faults):
         assert injector.GetOutputPort("changed").Eval(context) == [0.0]
 
 
-@pytest.mark.parametrize("faults", [[], [Fault(FaultKind.STUCK, begin=5.0)]])
-def test_a_simulation_with_an_idle_injector_is_the_one_without_bit_for_bit(faults):
-    """Read by a discrete system, by a continuous one and by the logs."""
-
-    def simulate(with_injector):
-        builder = DiagramBuilder()
-        times = np.linspace(0.0, 1.1, 40)
-        wave = PiecewisePolynomial.CubicShapePreserving(times, np.sin([9.0 * times, times**2]))
-        source = builder.AddSystem(TrajectorySource(wave))
-        port = source.get_output_port()
-        if with_injector:
-            injector = builder.AddSystem(FaultInjector(2, faults, PERIOD))
-            builder.Connect(port, injector.get_input_port())
-            port = injector.GetOutputPort("faulted")
-        ports = [port]
-        for reader in (ZeroOrderHold(PERIOD, 2), Integrator(2)):
-            builder.AddSystem(reader)
-            builder.Connect(port, reader.get_input_port())
-            ports.append(reader.get_output_port())
-        logs = [LogVectorOutput(port, builder, 0.004) for port in ports]
-        simulator = Simulator(builder.Build())
-        simulator.get_mutable_integrator().set_fixed_step_mode(True)
-        simulator.get_mutable_integrator().set_maximum_step_size(PERIOD)
-        simulator.AdvanceTo(1.0)
-        return [log.FindLog(simulator.get_context()).data().tobytes() for log in logs]
-
-    assert simulate(True) == simulate(False)
-
-
-def test_a_discrete_system_reads_the_faulted_sample_of_the_same_instant():
-    builder = DiagramBuilder()
-    counter = builder.AddSystem(Counter())
-    injector = builder.AddSystem(FaultInjector(1, [Fault(FaultKind.STUCK, **WINDOW)], PERIOD))
-    hold = builder.AddSystem(ZeroOrderHold(PERIOD, 1))
-    builder.Connect(counter.get_output_port(), injector.get_input_port())
-    builder.Connect(injector.GetOutputPort("faulted"), hold.get_input_port())
-    log = LogVectorOutput(hold.get_output_port(), builder, PERIOD)
-    simulator = Simulator(builder.Build())
-    simulator.AdvanceTo(0.095)
-    seen = log.FindLog(simulator.get_context()).data()[0]
-    # Logs are written before the updates of their instant: what was read a period before.
-    np.testing.assert_array_equal(seen[1:], [0, 1, 2, 2, 2, 2, 2, 7, 8])
-
-
-def test_each_thing_that_matters_moves_the_output(moved, fix):
-    injector = FaultInjector(1, [Fault(FaultKind.OFF, begin=1.0)])
-    context = injector.CreateDefaultContext()
-    fix(injector, context, signal=[3.0])
-    assert moved(injector, context, lambda: fix(injector, context, signal=[4.0])) == {"faulted"}
-    both = {"faulted", "extra_age"}
-    assert moved(injector, context, lambda: context.SetTime(1.0)) == both
-    off = [Fault(FaultKind.OFF, begin=0.5), Fault(FaultKind.STUCK, begin=2.0)]
-    assert moved(injector, context, lambda: injector.set_faults(context, off)) == {"extra_age"}
-    assert moved(injector, context, lambda: injector.set_faults(context, [])) == both
-    injector.set_faults(context, [Fault(FaultKind.STUCK)])
-
-    def take_a_sample():
-        updated = injector.EvalUniquePeriodicDiscreteUpdate(context)
-        context.get_mutable_discrete_state().SetFrom(updated)
-        fix(injector, context, signal=[9.0])
-
-    # The input moves, and what is stuck does not.
-    assert moved(injector, context, take_a_sample) == set()
-
-
 # Seeds and contexts
 
 
-def test_the_same_seed_gives_the_same_run_and_another_one_another():
+def test_garbage_follows_from_its_seed_and_stays_between_two_samples():
     runs = [
         shown_of(Fault(FaultKind.GARBAGE, seed=seed), np.zeros(50))[0] for seed in (3, 3, 4, 0)
     ]
     np.testing.assert_array_equal(runs[0], runs[1])
     assert not set(runs[0]) & set(runs[2])
     assert not set(runs[0]) & set(runs[3])
-
-
-def test_garbage_stays_between_two_samples():
     injector = FaultInjector(1, [Fault(FaultKind.GARBAGE)])
-    context = injector.CreateDefaultContext()
-    injector.GetInputPort("signal").FixValue(context, [0.0])
-    values = []
-    for time in (0.01, 0.0137, 0.0199, 0.02):
-        context.SetTime(time)
-        values.append(injector.GetOutputPort("faulted").Eval(context)[0])
+    values = [values_at(injector, time)[0] for time in (0.01, 0.0137, 0.0199, 0.02)]
     assert values[0] == values[1] == values[2] != values[3]
 
 
 @pytest.mark.parametrize("fault", EVERY_KIND, ids=KINDS)
-def test_a_context_at_its_defaults_begins_anew(fault):
+def test_a_context_at_its_defaults_begins_anew_with_the_faults_that_are_built_in_or_set(fault):
     injector = FaultInjector(1, [fault])
     context = injector.CreateDefaultContext()
-    first = play(injector, COUNTING, context)
-    injector.set_faults(context, [Fault(FaultKind.OFF)])
-    injector.SetDefaultContext(context)
-    for before, after in zip(first, play(injector, COUNTING, context), strict=True):
-        np.testing.assert_array_equal(before, after)
-
-
-@pytest.mark.parametrize("fault", EVERY_KIND, ids=KINDS)
-def test_setting_faults_is_as_good_as_building_with_them(fault):
-    injector = FaultInjector(1)
-    context = injector.CreateDefaultContext()
+    built = play(injector, COUNTING, context)
     # One cell of a campaign after another.
     for previous in EVERY_KIND:
         injector.SetDefaultContext(context)
         injector.set_faults(context, [previous])
         play(injector, COUNTING, context)
     injector.SetDefaultContext(context)
-    injector.set_faults(context, [fault])
-    built = play(FaultInjector(1, [fault]), COUNTING)
-    for expected, found in zip(built, play(injector, COUNTING, context), strict=True):
+    np.testing.assert_array_equal(play(injector, COUNTING, context)[0], built[0])
+    bare = FaultInjector(1)
+    context = bare.CreateDefaultContext()
+    play(bare, COUNTING, context)
+    bare.SetDefaultContext(context)
+    bare.set_faults(context, [fault])
+    for expected, found in zip(built, play(bare, COUNTING, context), strict=True):
         np.testing.assert_array_equal(found, expected)
 
 
-def test_faults_can_be_set_in_the_middle_of_a_run():
-    injector = FaultInjector(1)
-    context = injector.CreateDefaultContext()
-    play(injector, COUNTING, context)
-    injector.set_faults(context, [Fault(FaultKind.STUCK)])
-    context.SetTime(0.1)
-    injector.GetInputPort("signal").FixValue(context, [33.0])
-    assert injector.GetOutputPort("faulted").Eval(context) == [19.0]
-    injector.set_faults(context, [Fault(FaultKind.DELAYED, delay=0.04)])
-    assert injector.GetOutputPort("faulted").Eval(context) == [16.0]
-
-
-def test_setting_faults_takes_the_latch_back():
+def test_faults_can_be_set_in_the_middle_of_a_run_of_one_context():
     injector = FaultInjector(1, [Fault(FaultKind.OFF)])
     context = injector.CreateDefaultContext()
     play(injector, COUNTING, context)
-    assert injector.GetOutputPort("changed").Eval(context) == [1.0]
+    changed = injector.GetOutputPort("changed")
+    assert changed.Eval(context) == [1.0]
+    other = context.Clone()
+    injector.set_faults(context, [Fault(FaultKind.STUCK)])
+    assert (changed.Eval(context), changed.Eval(other)) == ([0.0], [1.0])
+    assert values_at(injector, 0.1, 33.0, context) == [19.0]
+    injector.set_faults(context, [Fault(FaultKind.DELAYED, delay=0.04)])
+    assert values_at(injector, 0.1, 33.0, context) == [16.0]
     injector.set_faults(context, [])
-    assert injector.GetOutputPort("changed").Eval(context) == [0.0]
-
-
-def test_the_faults_of_one_context_are_not_those_of_another():
-    injector = FaultInjector(1)
-    context = injector.CreateDefaultContext()
-    injector.GetInputPort("signal").FixValue(context, [1.0])
-    clone = context.Clone()
-    injector.set_faults(clone, [Fault(FaultKind.OFF)])
-    port = injector.GetOutputPort("faulted")
-    assert (port.Eval(context), port.Eval(clone)) == ([1.0], [0.0])
+    assert values_at(injector, 0.1, 33.0, context) == [33.0]
+    assert values_at(injector, 0.1, 33.0, other) == [0.0]
 
 
 # Bad input
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_bad_input_passes_is_held_and_delayed_like_any_other(value):
     samples = [1.0, value, 3.0, 4.0, 5.0]
     cases = {
@@ -472,16 +352,6 @@ def test_bad_input_passes_is_held_and_delayed_like_any_other(value):
     np.testing.assert_array_equal(shown, [-value])
 
 
-@pytest.mark.parametrize("time", [math.nan, math.inf, -math.inf])
-def test_at_a_time_that_is_not_finite_there_are_no_faults(time):
-    injector = FaultInjector(1, [Fault(FaultKind.OFF)])
-    context = injector.CreateDefaultContext()
-    context.SetTime(time)
-    injector.GetInputPort("signal").FixValue(context, [2.0])
-    assert injector.GetOutputPort("faulted").Eval(context) == [2.0]
-    assert injector.GetOutputPort("extra_age").Eval(context) == [0.0]
-
-
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
@@ -495,10 +365,9 @@ def test_a_fault_that_does_not_fit_is_refused_and_the_context_stays(fault, messa
         FaultInjector(2, [fault])
     injector = FaultInjector(2, [Fault(FaultKind.OFF)], off_value=7.0)
     context = injector.CreateDefaultContext()
-    injector.GetInputPort("signal").FixValue(context, [1.0, 1.0])
     with pytest.raises(ValueError, match=message):
         injector.set_faults(context, [fault])
-    np.testing.assert_array_equal(injector.GetOutputPort("faulted").Eval(context), [7.0, 7.0])
+    assert values_at(injector, 0.0, 1.0, context) == [7.0, 7.0]
 
 
 @pytest.mark.parametrize(

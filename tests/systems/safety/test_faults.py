@@ -1,4 +1,4 @@
-"""The words: what a fault is, which samples it acts on, how grave it can be."""
+"""Words for faults, the samples on which they act, and their severities."""
 
 import ast
 import inspect
@@ -89,21 +89,6 @@ def test_the_turns_of_an_intermittent_fault_begin_with_a_missing_one():
     fault = Fault(FaultKind.INTERMITTENT, begin=0.02, missing_time=0.03, good_time=0.02)
     gaps = [SampledFault(fault, PERIOD).gap(k) for k in range(2, 14)]
     assert gaps == [2, 2, 2, None, None, 7, 7, 7, None, None, 12, 12]
-
-
-def test_a_slow_device_publishes_the_first_sample_of_each_of_its_periods():
-    fault = SampledFault(Fault(FaultKind.SLOW, begin=0.03, sample_period=0.025), PERIOD)
-    assert [k for k in range(3, 16) if fault.is_due(k)] == [3, 6, 8, 11, 13]
-
-
-def test_a_slow_device_that_is_fast_enough_publishes_every_sample():
-    fault = SampledFault(Fault(FaultKind.SLOW, begin=0.03, sample_period=0.01), PERIOD)
-    assert all(fault.is_due(k) for k in range(3, 1000))
-
-
-@pytest.mark.parametrize(("delay", "lag"), [(0.01, 1), (0.011, 2), (0.02, 2), (0.001, 1)])
-def test_a_delay_is_rounded_up_to_whole_periods(delay, lag):
-    assert SampledFault(Fault(FaultKind.DELAYED, delay=delay), PERIOD).lag == lag
 
 
 def test_a_kind_may_be_given_by_its_word():

@@ -5,8 +5,6 @@ import pytest
 
 from parapod.systems.sensors.device_status import DeviceStatus
 
-PERIOD = 8.0 / 819.2  # an inertial sensor that averages [s]
-
 
 def ages(status, time):
     context = status.CreateDefaultContext()
@@ -21,43 +19,27 @@ def test_age_is_the_time_since_the_last_sample():
     np.testing.assert_allclose(ages(status, 0.249), (0.0, 0.009, 0.249), atol=1e-12)
 
 
-@pytest.mark.parametrize("period", [0.01, 0.001, 0.1, 1.0 / 3.0, 8.0 / 819.2, 1.0 / 819.2])
-def test_age_is_zero_at_every_sample_instant(period):
+@pytest.mark.parametrize("period", [0.01, 1.0 / 3.0, 8.0 / 819.2])
+def test_age_is_zero_at_every_sample_instant_and_below_the_period_between(period):
     status = DeviceStatus(("device",), (period,))
     accumulated = 0.0
-    for k in range(3000):
+    for k in range(1000):
         assert ages(status, k * period)[0] < 1e-12
         assert ages(status, accumulated)[0] < 1e-9
         accumulated += period
     # A day later the product k * period is still the same instant.
     for k in range(10):
         assert ages(status, (round(86400.0 / period) + k) * period)[0] < 1e-9
-
-
-@pytest.mark.parametrize("period", [0.01, 1.0 / 3.0, 8.0 / 819.2])
-def test_age_stays_between_zero_and_the_period(period):
-    status = DeviceStatus(("device",), (period,))
-    for time in np.random.default_rng(0).uniform(0.0, 1000.0, 2000):
+    for time in np.random.default_rng(0).uniform(0.0, 1000.0, 500):
         age = ages(status, time)[0]
         assert 0.0 <= age < period
         assert age == pytest.approx(math.fmod(time, period), abs=1e-8)
 
 
-def test_devices_without_a_period_are_always_up_to_date():
+def test_devices_without_a_period_and_times_that_are_not_finite_have_age_zero():
     np.testing.assert_array_equal(ages(DeviceStatus(("a", "b"), (0.0, 0.0)), 12.3), np.zeros(2))
-
-
-def test_simulated_devices_do_not_fail():
-    status = DeviceStatus(("legs", "imu"), (0.0, PERIOD))
-    context = status.CreateDefaultContext()
-    np.testing.assert_array_equal(status.GetOutputPort("fault").Eval(context), np.zeros(2))
-
-
-@pytest.mark.parametrize("time", [math.nan, math.inf, -math.inf])
-def test_age_at_a_time_that_is_not_finite_is_zero(time):
-    np.testing.assert_array_equal(
-        ages(DeviceStatus(("legs", "imu"), (0.0, PERIOD)), time), np.zeros(2)
-    )
+    for time in (math.nan, math.inf, -math.inf):
+        np.testing.assert_array_equal(ages(DeviceStatus(("a", "b"), (0.0, 0.01)), time), [0, 0])
 
 
 @pytest.mark.parametrize(

@@ -6,17 +6,19 @@ import pytest
 from parapod.systems.sensors.encoder import Encoder
 
 
-def measure(encoder, position, velocity=None):
-    context = encoder.CreateDefaultContext()
-    encoder.GetInputPort("position").FixValue(context, position)
-    encoder.GetInputPort("velocity").FixValue(context, position if velocity is None else velocity)
-    return tuple(
-        encoder.GetOutputPort(name).Eval(context)
-        for name in ("position_measured", "velocity_measured")
-    )
+@pytest.fixture
+def measure(bench):
+    """measure(encoder, position, velocity): measurements of both, or of one for both."""
+
+    def read(encoder, position, velocity=None):
+        velocity = position if velocity is None else velocity
+        shown = bench(encoder, position=position, velocity=velocity)
+        return shown["position_measured"], shown["velocity_measured"]
+
+    return read
 
 
-def test_values_are_whole_counts():
+def test_values_are_whole_counts(measure):
     position, velocity = measure(
         Encoder(), (0.380004, 0.380006, -0.420014, 0.0), (0.0004, 0.0006, -0.0116, 0.0)
     )
@@ -26,7 +28,7 @@ def test_values_are_whole_counts():
 
 
 @pytest.mark.parametrize("resolution", [1e-5, 1e-3])
-def test_error_is_at_most_half_a_count_and_uniform(resolution):
+def test_error_is_at_most_half_a_count_and_uniform(measure, resolution):
     true = np.random.default_rng(0).uniform(-1.0, 1.0, 10_000)
     measured, _ = measure(Encoder(true.size, resolution), true)
     error = measured - true
@@ -34,21 +36,21 @@ def test_error_is_at_most_half_a_count_and_uniform(resolution):
     assert error.std() == pytest.approx(resolution / math.sqrt(12.0), rel=0.03)
 
 
-def test_longer_gate_gives_finer_velocity():
+def test_longer_gate_gives_finer_velocity(measure):
     true = np.linspace(0.0, 0.1, 1000)
     for gate_time in (0.01, 0.1):
         _, velocity = measure(Encoder(true.size, 1e-5, gate_time), true)
         assert np.abs(velocity - true).max() == pytest.approx(0.5e-5 / gate_time, rel=0.1)
 
 
-def test_resolution_of_zero_is_ideal():
+def test_resolution_of_zero_is_ideal(measure):
     true = np.random.default_rng(1).normal(size=(2, 4))
     measured = measure(Encoder(resolution=0.0), *true)
     np.testing.assert_array_equal(measured, true)
 
 
 @pytest.mark.parametrize("resolution", [0.0, 1e-5])
-def test_values_that_are_not_finite_read_zero_and_large_ones_pass(resolution):
+def test_values_that_are_not_finite_read_zero_and_large_ones_pass(measure, resolution):
     bad = (math.nan, math.inf, -math.inf, 1e308)
     for measured in measure(Encoder(resolution=resolution), bad, bad):
         np.testing.assert_array_equal(measured, (0.0, 0.0, 0.0, 1e308))

@@ -16,22 +16,16 @@ DEGREE = math.pi / 180.0
 MG = 9.80665e-3
 
 
-def start(imu, **inputs):
-    simulator = Simulator(imu)
-    context = simulator.get_mutable_context()
-    for name, value in (LEVEL | inputs).items():
-        imu.GetInputPort(name).FixValue(context, value)
-    return simulator, context
+@pytest.fixture
+def sensor(bench):
+    """sensor(params, decimation, **inputs): a sensor at rest that has taken its first sample."""
 
+    def begin(params=ImuParams(), decimation=3, **inputs):
+        imu = bench(Imu(params, decimation), **(LEVEL | inputs))
+        imu.system.ExecuteInitializationEvents(imu.context)
+        return imu
 
-def read(imu, context):
-    return {name: imu.GetOutputPort(name).Eval(context) for name in OUTPUTS}
-
-
-def first_sample(imu, **inputs):
-    simulator, context = start(imu, **inputs)
-    simulator.Initialize()
-    return read(imu, context)
+    return begin
 
 
 def record(params, duration, seed=1, decimation=3):
@@ -64,91 +58,68 @@ def drifting(correlation_time):
     )
 
 
-def test_ideal_sensor_returns_the_truth():
+def test_ideal_sensor_returns_the_truth(sensor):
     rng = np.random.default_rng(0)
     rate, force, attitude = rng.normal(size=3), 9.0 * rng.normal(size=3), rng.normal(size=3)
-    sample = first_sample(
-        Imu(ImuParams.ideal()),
+    imu = sensor(
+        ImuParams.ideal(),
         angular_velocity=rate,
         specific_force=force,
         attitude=attitude,
         noise=rng.normal(size=Imu.NOISE_SIZE),
     )
-    np.testing.assert_array_equal(sample["gyro"], rate)
-    np.testing.assert_array_equal(sample["accel"], force)
+    np.testing.assert_array_equal(imu["gyro"], rate)
+    np.testing.assert_array_equal(imu["accel"], force)
     R_WB = RollPitchYaw(attitude).ToRotationMatrix().matrix()
-    field = R_WB.T @ ImuParams().magnetic_field
-    np.testing.assert_allclose(sample["mag"], field, atol=1e-18)
+    np.testing.assert_allclose(imu["mag"], R_WB.T @ ImuParams().magnetic_field, atol=1e-18)
 
 
-def test_field_of_a_body_turned_left_by_90_degrees():
+def test_field_of_a_body_turned_left_by_90_degrees(sensor):
     # Its x axis points west, its y axis south: 22 uT to the north are -22 uT along y.
-    sample = first_sample(Imu(ImuParams.ideal()), attitude=(0.0, 0.0, 0.5 * math.pi))
-    np.testing.assert_allclose(sample["mag"], (0.0, -22e-6, -42e-6), atol=1e-18)
+    imu = sensor(ImuParams.ideal(), attitude=(0.0, 0.0, 0.5 * math.pi))
+    np.testing.assert_allclose(imu["mag"], (0.0, -22e-6, -42e-6), atol=1e-18)
 
 
-def test_readings_are_whole_counts_of_the_data_sheet():
+def test_readings_are_whole_counts_of_the_data_sheet(sensor):
     params = replace(ImuParams(), magnetic_field=(21.03e-6, 0.0, -42e-6))
-    sample = first_sample(Imu(params), angular_velocity=(0.05, -0.05, 0.0003))
+    imu = sensor(params, angular_velocity=(0.05, -0.05, 0.0003))
     # .05 rad/s = 2.8648 deg/s = 71.6 counts of .04 deg/s; .0003 rad/s = .43 counts.
-    np.testing.assert_allclose(sample["gyro"], np.array((2.88, -2.88, 0.0)) * DEGREE)
+    np.testing.assert_allclose(imu["gyro"], np.array((2.88, -2.88, 0.0)) * DEGREE)
     # 9.81 m/s2 = 1.000342 g = 1200.4 counts of 1/1200 g.
-    np.testing.assert_allclose(sample["accel"], (0.0, 0.0, 9.80665))
+    np.testing.assert_allclose(imu["accel"], (0.0, 0.0, 9.80665))
     # 210.3 mgauss = 1472.1 counts of 1/7 mgauss; 420 mgauss are 2940 counts.
-    np.testing.assert_allclose(sample["mag"], (1472 / 7 * 1e-7, 0.0, -42e-6), rtol=1e-12)
-
-
-def test_readings_saturate_at_the_data_sheets_ranges():
-    params = replace(ImuParams(), magnetic_field=(1.0, -1.0, 0.0))
-    for imu in (Imu(params), Imu(replace(ImuParams.ideal(), magnetic_field=(1.0, -1.0, 0.0)))):
-        sample = first_sample(
-            imu, angular_velocity=(20.0, -20.0, 0.0), specific_force=(200.0, -200.0, 0.0)
-        )
-        np.testing.assert_allclose(sample["gyro"] / DEGREE, (1000.0, -1000.0, 0.0))
-        np.testing.assert_allclose(sample["accel"] / 9.80665, (18.0, -18.0, 0.0))
-        np.testing.assert_allclose(sample["mag"], (1.9e-4, -1.9e-4, 0.0))
+    np.testing.assert_allclose(imu["mag"], (1472 / 7 * 1e-7, 0.0, -42e-6), rtol=1e-12)
 
 
 @pytest.mark.parametrize("params", [ImuParams(), ImuParams.ideal()])
-def test_nan_reads_zero_and_infinity_saturates(params):
-    bad = (math.nan, math.inf, -math.inf)
-    sample = first_sample(Imu(params), angular_velocity=bad, specific_force=bad, attitude=bad)
-    np.testing.assert_allclose(sample["gyro"], np.array((0.0, 1.0, -1.0)) * params.gyro_range)
-    np.testing.assert_allclose(sample["accel"], np.array((0.0, 1.0, -1.0)) * params.accel_range)
-    np.testing.assert_array_equal(sample["mag"], np.zeros(3))
+def test_readings_saturate_at_the_data_sheets_ranges_and_nan_reads_zero(sensor, params):
+    imu = sensor(
+        replace(params, magnetic_field=(1.0, -1.0, 0.0)),
+        angular_velocity=(20.0, -math.inf, math.nan),
+        specific_force=(math.inf, -200.0, math.nan),
+    )
+    np.testing.assert_allclose(imu["gyro"] / DEGREE, (1000.0, -1000.0, 0.0))
+    np.testing.assert_allclose(imu["accel"] / 9.80665, (18.0, -18.0, 0.0))
+    np.testing.assert_allclose(imu["mag"], (1.9e-4, -1.9e-4, 0.0))
+    imu.tick(attitude=(math.nan, 0.0, 0.0))
+    np.testing.assert_array_equal(imu["mag"], np.zeros(3))
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_noise_that_is_not_finite_counts_as_none(bad):
-    imu = Imu()
-    simulator, context = start(imu, noise=[bad] * Imu.NOISE_SIZE)
-    simulator.AdvanceTo(0.1)
-    imu.GetInputPort("noise").FixValue(context, np.zeros(Imu.NOISE_SIZE))
-    simulator.AdvanceTo(0.2)
-    clean = first_sample(Imu())
-    for name, value in read(imu, context).items():
-        np.testing.assert_array_equal(value, clean[name])
-
-
-def test_outputs_are_measurements_from_the_start():
-    imu = Imu()
-    simulator, context = start(imu)
-    simulator.Initialize()
-    assert context.get_time() == 0.0
-    assert read(imu, context)["accel"][2] == pytest.approx(9.81, abs=ImuParams().accel_resolution)
+def test_noise_that_is_not_finite_counts_as_none(sensor):
+    imu, clean = sensor(), sensor()
+    for bad in (math.nan, math.inf, 0.0):
+        imu.tick(5, noise=[bad] * Imu.NOISE_SIZE)
+        for name in OUTPUTS:
+            np.testing.assert_array_equal(imu[name], clean[name])
 
 
 @pytest.mark.parametrize(("decimation", "rate"), [(0, 819.2), (3, 102.4), (5, 25.6)])
-def test_samples_are_held_for_the_period_of_the_decimation(decimation, rate):
-    imu = Imu(ImuParams.ideal(), decimation)
-    assert imu.period == pytest.approx(1.0 / rate, rel=1e-15)
-    simulator, context = start(imu)
-    simulator.AdvanceTo(0.5 * imu.period)
-    imu.GetInputPort("angular_velocity").FixValue(context, (1.0, 2.0, 3.0))
-    simulator.AdvanceTo(0.99 * imu.period)
-    np.testing.assert_array_equal(read(imu, context)["gyro"], np.zeros(3))
-    simulator.AdvanceTo(1.01 * imu.period)
-    np.testing.assert_array_equal(read(imu, context)["gyro"], (1.0, 2.0, 3.0))
+def test_samples_are_held_for_the_period_of_the_decimation(sensor, decimation, rate):
+    imu = sensor(ImuParams.ideal(), decimation)
+    assert imu.system.period == imu.period == pytest.approx(1.0 / rate, rel=1e-15)
+    imu.run(0.5 * imu.period).set(angular_velocity=(1.0, 2.0, 3.0))
+    np.testing.assert_array_equal(imu.run(0.99 * imu.period)["gyro"], np.zeros(3))
+    np.testing.assert_array_equal(imu.run(1.01 * imu.period)["gyro"], (1.0, 2.0, 3.0))
 
 
 @pytest.mark.parametrize(
@@ -162,36 +133,24 @@ def test_samples_are_held_for_the_period_of_the_decimation(decimation, rate):
         ("noise", 3.0 * np.eye(Imu.NOISE_SIZE)[8], "mag"),
     ],
 )
-def test_each_input_moves_its_output_and_no_other(name, value, moved):
-    imu = Imu()
-    simulator, context = start(imu, attitude=np.zeros(3), noise=np.zeros(Imu.NOISE_SIZE))
-    simulator.AdvanceTo(0.001)
-    before = read(imu, context)
-    imu.GetInputPort(name).FixValue(context, value)
-    simulator.AdvanceTo(1.5 * imu.period)
-    after = read(imu, context)
-    assert [output for output in OUTPUTS if (before[output] != after[output]).any()] == [moved]
+def test_each_input_moves_its_output_and_no_other(sensor, name, value, moved):
+    imu = sensor(attitude=np.zeros(3), noise=np.zeros(Imu.NOISE_SIZE))
+    before = {output: imu[output] for output in OUTPUTS}
+    imu.tick(**{name: value})
+    assert [output for output in OUTPUTS if (before[output] != imu[output]).any()] == [moved]
 
 
-def test_turn_on_bias_comes_from_the_params_and_can_be_set_in_the_context():
-    params = replace(ImuParams.ideal(), gyro_turn_on_bias=(0.1, 0.2, 0.3))
-    imu = Imu(replace(params, accel_turn_on_bias=(0.4, 0.5, 0.6)))
-    sample = first_sample(imu)
-    np.testing.assert_allclose(sample["gyro"], (0.1, 0.2, 0.3))
-    np.testing.assert_allclose(sample["accel"], (0.4, 0.5, 10.41))
-    simulator, context = start(imu)
-    imu.set_turn_on_bias(context, gyro=(1.0, 2.0, 3.0), accel=0.5)
-    simulator.AdvanceTo(0.0)
-    simulator.Initialize()
-    np.testing.assert_allclose(read(imu, context)["gyro"], (1.0, 2.0, 3.0))
-    np.testing.assert_allclose(read(imu, context)["accel"], (0.5, 0.5, 10.31))
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_turn_on_bias_that_is_not_finite_is_refused(bad):
-    imu = Imu()
+def test_turn_on_bias_comes_from_the_params_and_can_be_set_in_the_context(sensor):
+    biases = {"gyro_turn_on_bias": (0.1, 0.2, 0.3), "accel_turn_on_bias": (0.4, 0.5, 0.6)}
+    imu = sensor(replace(ImuParams.ideal(), **biases))
+    np.testing.assert_allclose(imu["gyro"], (0.1, 0.2, 0.3))
+    np.testing.assert_allclose(imu["accel"], (0.4, 0.5, 10.41))
+    imu.system.set_turn_on_bias(imu.context, gyro=(1.0, 2.0, 3.0), accel=0.5)
+    imu.tick()
+    np.testing.assert_allclose(imu["gyro"], (1.0, 2.0, 3.0))
+    np.testing.assert_allclose(imu["accel"], (0.5, 0.5, 10.31))
     with pytest.raises(ValueError, match="finite"):
-        imu.set_turn_on_bias(imu.CreateDefaultContext(), accel=(0.0, bad, 0.0))
+        imu.system.set_turn_on_bias(imu.context, accel=(0.0, math.nan, 0.0))
 
 
 def test_negative_decimation_is_refused():
@@ -199,83 +158,56 @@ def test_negative_decimation_is_refused():
         Imu(decimation=-1)
 
 
-def test_one_unit_of_noise_is_the_density_times_the_root_of_half_the_rate():
+def test_one_unit_of_noise_is_the_density_times_the_root_of_half_the_rate(sensor):
     # .0135 deg/s/sqrt(Hz) * sqrt(51.2 Hz) = .0966 deg/s; .23 mg/sqrt(Hz) -> 1.646 mg.
-    sample = first_sample(Imu(white()), noise=np.ones(Imu.NOISE_SIZE))
-    assert sample["gyro"][0] / DEGREE == pytest.approx(0.0966, abs=5e-5)
-    assert sample["accel"][0] / MG == pytest.approx(1.646, abs=5e-4)
+    imu = sensor(white(), noise=np.ones(Imu.NOISE_SIZE))
+    assert imu["gyro"][0] / DEGREE == pytest.approx(0.0966, abs=5e-5)
+    assert imu["accel"][0] / MG == pytest.approx(1.646, abs=5e-4)
 
 
 @pytest.mark.parametrize("decimation", [1, 3])
-def test_measured_noise_has_the_density_of_the_params(decimation):
-    params = white()
-    rate = 819.2 / 2**decimation
-    samples = record(params, duration=16384 / rate, seed=2, decimation=decimation)
+def test_measured_noise_is_white_of_the_params_density_and_its_channels_independent(decimation):
+    params, rate, count = white(), 819.2 / 2**decimation, 8192
+    samples = record(params, duration=count / rate, seed=2, decimation=decimation)
     for name in OUTPUTS:
         deviation = getattr(params, f"{name}_noise_density") * math.sqrt(0.5 * rate)
-        # 3 * 16384 samples: the sampling error of a standard deviation is .3 %.
-        assert np.std(samples[name], axis=0).mean() == pytest.approx(deviation, rel=0.015)
+        # 3 * 8192 samples: the sampling error of a standard deviation is .5 %.
+        assert np.std(samples[name], axis=0).mean() == pytest.approx(deviation, rel=0.02)
+    channels = np.hstack([samples[name][1:] for name in OUTPUTS])
+    channels = (channels - channels.mean(axis=0)) / channels.std(axis=0)
+    bound = 4.5 / math.sqrt(len(channels))
+    assert np.abs((channels[1:] * channels[:-1]).mean(axis=0)).max() < bound
+    assert np.abs(np.corrcoef(channels.T) - np.eye(9)).max() < bound
 
 
 def test_rounding_adds_a_twelfth_of_a_count_squared():
     params = replace(ImuParams().without_bias())
-    deviation = np.std(record(params, duration=160.0)["accel"], axis=0).mean()
+    deviation = np.std(record(params, duration=100.0)["accel"], axis=0).mean()
     white_part = params.accel_noise_density * math.sqrt(51.2)
     expected = math.sqrt(white_part**2 + params.accel_resolution**2 / 12.0)
     assert deviation == pytest.approx(expected, rel=0.015)
 
 
-def test_averaging_four_times_longer_halves_the_error():
-    gyro = record(white(), duration=200.0)["gyro"][:20480]
-    short = gyro.reshape(-1, 16, 3).mean(axis=1).std()
-    long = gyro.reshape(-1, 64, 3).mean(axis=1).std()
-    assert short / long == pytest.approx(2.0, rel=0.1)
-
-
-def test_allan_deviation_at_one_second_is_the_density_over_the_root_of_two():
-    params = white()
-    recorded = record(params, duration=400.0, seed=3)
-    for name in ("gyro", "accel"):
-        means = recorded[name][: 400 * 102].reshape(400, 102, 3).mean(axis=1)
-        allan = math.sqrt(0.5 * np.mean(np.diff(means, axis=0) ** 2))
-        density = getattr(params, f"{name}_noise_density")
-        # 3 * 399 differences, neighbours correlated: the sampling error is some 3 %.
-        assert allan == pytest.approx(density / math.sqrt(2.0 * 102 / 102.4), rel=0.1)
-
-
-def test_noise_is_white_and_its_channels_independent():
-    samples = record(white(), duration=100.0)
-    channels = np.hstack([samples[name][1:] for name in OUTPUTS])
-    channels = (channels - channels.mean(axis=0)) / channels.std(axis=0)
-    bound = 4.5 / math.sqrt(len(channels))
-    neighbours = (channels[1:] * channels[:-1]).mean(axis=0)
-    assert np.abs(neighbours).max() < bound
-    correlation = np.corrcoef(channels.T) - np.eye(9)
-    assert np.abs(correlation).max() < bound
-
-
 def test_in_run_bias_is_gauss_markov_with_the_stated_deviation_and_correlation_time():
     params = drifting(correlation_time=1.0)
-    samples = record(params, duration=430.0, seed=4)
+    samples = record(params, duration=250.0, seed=4)
     for name, truth, deviation in (
         ("gyro", 0.0, 14.5 / 3600.0 * DEGREE),
         ("accel", np.array((0.0, 0.0, 9.81)), 0.25 * MG),
     ):
         bias = samples[name][512:] - truth
-        # 3 axes * 430 s / 2 s of independent values: the sampling error is some 3 %.
+        # 3 axes * 250 s / 2 s of independent values: the sampling error is some 4 %.
         assert np.sqrt(np.mean(bias**2)) == pytest.approx(deviation, rel=0.12)
         lag = 102  # samples a second
         correlation = np.mean(bias[lag:] * bias[:-lag]) / np.mean(bias**2)
         assert correlation == pytest.approx(math.exp(-1.0), abs=0.12)
 
 
-@pytest.mark.parametrize("axis", range(6))
-def test_in_run_bias_of_an_axis_comes_from_its_own_noise(axis):
-    imu = Imu(drifting(300.0))
-    simulator, context = start(imu, noise=np.eye(Imu.NOISE_SIZE)[9 + axis])
-    simulator.AdvanceTo(2.5 * imu.period)
-    drift = context.get_discrete_state(3).value()
-    assert np.flatnonzero(drift).tolist() == [axis]
+def test_in_run_bias_of_an_axis_comes_from_its_own_noise(sensor):
+    for axis in range(6):
+        imu = sensor(drifting(300.0), noise=np.eye(Imu.NOISE_SIZE)[9 + axis]).tick(3)
+        drift = imu.context.get_discrete_state(3).value()
+        assert np.flatnonzero(drift).tolist() == [axis]
 
 
 def test_in_run_bias_starts_from_zero_and_magnetometers_have_none():
@@ -290,23 +222,6 @@ def test_same_seed_gives_same_samples_and_another_seed_others():
     for name in OUTPUTS:
         np.testing.assert_array_equal(first[name], again[name])
         assert (first[name] != other[name]).any()
-
-
-def test_outputs_are_finite_and_in_range_whatever_the_inputs():
-    rng = np.random.default_rng(5)
-    values = np.array([math.nan, math.inf, -math.inf, 0.0, 1e308, -1e308, 1e-320, 1.0])
-    params = ImuParams()
-    imu = Imu(params)
-    for _ in range(200):
-        sample = first_sample(
-            imu,
-            angular_velocity=rng.choice(values, 3),
-            specific_force=rng.choice(values, 3),
-            attitude=rng.choice(values, 3),
-            noise=rng.choice(values, Imu.NOISE_SIZE),
-        )
-        for name, value in sample.items():
-            assert np.abs(value).max() <= getattr(params, f"{name}_range") * (1.0 + 1e-12)
 
 
 def test_helper_adds_a_gaussian_source_of_the_sensors_size_and_period():

@@ -26,7 +26,7 @@ def states(velocity, quaternion=(1.0, 0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0)):
 
 
 def motions(trajectory, until=1.0):
-    """What the system shows at the sensor's sampling instants."""
+    """Outputs of the system at the sensor's sampling instants."""
     builder = DiagramBuilder()
     system = builder.AddSystem(InertialMotion(SIZE, POSE, VELOCITY, PERIOD))
     source = builder.AddSystem(TrajectorySource(trajectory))

