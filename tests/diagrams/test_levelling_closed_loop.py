@@ -59,8 +59,7 @@ def level_error(posture, height_mm=477.0):
 # Start
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(("backend", "seed"), [("kinematic", 0), ("multibody", 1)])
 def test_control_begins_with_the_estimate_and_without_a_bump(backend, seed):
     scenario = scenario_of(backend, seed=seed)
     names = ("legs.voltage", "ground_valid", "truth.extension")
@@ -78,8 +77,10 @@ def test_control_begins_with_the_estimate_and_without_a_bump(backend, seed):
     assert np.abs(extension[~before][:5] - extension[0]).max() < 1e-4
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("ground", [(2.0, 3.0), (-4.0, 1.0), (0.0, -5.0)], ids=str)
+@pytest.mark.parametrize(
+    ("backend", "ground"),
+    [("multibody", (2.0, 3.0)), ("kinematic", (-4.0, 1.0)), ("kinematic", (0.0, -5.0))],
+)
 def test_ground_is_estimated_with_ideal_sensors(backend, ground):
     names = ("ground_estimated", "ground_valid")
     loop = ClosedLoop(PLATFORM, scenario_of(backend, ground, ideal=True), log=names)
@@ -98,9 +99,9 @@ def test_attitude_estimate_is_good_from_the_start():
     assert np.abs(error).max() < 0.02
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize(
-    ("ground", "height_mm"), [((1.0, -1.5), 560.0), ((9.0, 0.0), 477.0)], ids=str
+    ("backend", "ground", "height_mm"),
+    [("multibody", (1.0, -1.5), 560.0), ("kinematic", (9.0, 0.0), 477.0)],
 )
 def test_unreachable_level_posture_stops_the_simulation_before_a_leg_moves(
     backend, ground, height_mm
@@ -145,28 +146,13 @@ def test_both_feedforward_laws_level_the_platform(law, angle, height):
 def test_both_backends_take_the_same_way():
     names = ("truth.posture", "truth.extension")
     runs = [
-        simulate(ClosedLoop(PLATFORM, scenario_of(backend, ideal=True), log=names), BEGIN + 2.0)[1]
+        simulate(ClosedLoop(PLATFORM, scenario_of(backend, ideal=True), log=names), BEGIN + 1.5)[1]
         for backend in BACKENDS
     ]
     posture, extension = (np.abs(runs[0][name] - runs[1][name])[30:] for name in names)
     assert np.degrees(posture[:, :2]).max() < 0.05
     assert posture[:, 2].max() < 3e-4
     assert extension.max() < 3e-4
-
-
-def test_closed_loop_repeats_itself_and_serves_other_grounds():
-    names = ("truth.posture", "legs.voltage", "imu.accel")
-    loop = ClosedLoop(PLATFORM, scenario_of(), log=names)
-    first = simulate(loop, BEGIN + 0.5)
-    other = scenario_of(ground=(-2.0, 1.0), seed=7)
-    elsewhere = simulate(loop, BEGIN + 0.5, other)
-    fresh = simulate(ClosedLoop(PLATFORM, other, log=names), BEGIN + 0.5)
-    again = simulate(loop, BEGIN + 0.5)
-    for one, same in ((first, again), (elsewhere, fresh)):
-        np.testing.assert_array_equal(one[0], same[0])
-        for name in names:
-            np.testing.assert_array_equal(one[1][name], same[1][name], err_msg=name)
-    assert not np.array_equal(first[1]["truth.posture"], elsewhere[1]["truth.posture"])
 
 
 class WildCommand(LeafSystem):
@@ -186,7 +172,7 @@ class WildCommand(LeafSystem):
         output.SetFromVector(self._postures[step % len(self._postures)])
 
 
-@pytest.mark.parametrize("period", [0.25, 0.5, 1.0, 2.0])
+@pytest.mark.parametrize("period", [0.25, 2.0])
 def test_clamped_commands_keep_the_legs_inside_their_stroke(period):
     scenario = scenario_of(ideal=True)
     names = ("truth.extension", "extension_desired_state", "legs.voltage", "posture_command")
@@ -223,10 +209,11 @@ def test_commands_out_of_reach_stop_the_simulation_where_they_are_not_clamped():
 # Logs and diagrams
 
 
-def test_chosen_ports_are_logged_alone():
-    names = ("truth.posture", "legs.voltage")
-    _, signals = simulate(ClosedLoop(PLATFORM, scenario_of(), log=names), 0.05)
+@pytest.mark.parametrize("names", [("truth.posture", "legs.voltage"), ()])
+def test_chosen_ports_are_logged_alone(names):
+    time, signals = simulate(ClosedLoop(PLATFORM, scenario_of(), log=names), 0.05)
     assert set(signals) == set(names)
+    assert (time.size > 0) == bool(names)
 
 
 def test_log_is_empty_again_after_a_reset():
@@ -300,9 +287,10 @@ class Controller:
         self.run(0.5)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf], ids=str)
 @pytest.mark.parametrize("name", ["legs.extension", "imu.gyro", "imu.accel", "posture_command"])
-@pytest.mark.parametrize("elements", [slice(None), slice(1, 2)], ids=["all", "one"])
+@pytest.mark.parametrize(
+    ("elements", "value"), [(slice(None), np.nan), (slice(1, 2), np.inf)], ids=["all", "one"]
+)
 def test_voltages_stay_finite_and_limited_when_a_measurement_fails(name, value, elements):
     controller = Controller()
     controller.start()
@@ -368,13 +356,6 @@ def test_waypoints_are_taken():
     assert found[2] == pytest.approx(expected[2], abs=2e-4)
 
 
-def test_loop_without_logs_records_nothing():
-    loop = ClosedLoop(PLATFORM, scenario_of(), log=())
-    time, signals = simulate(loop, 0.1)
-    assert time.size == 0
-    assert dict(signals) == {}
-
-
 def test_reset_does_not_ask_the_scenario_it_is_given_for_the_backend():
     loop = ClosedLoop(PLATFORM, LevellingScenario(backend="multibody"), log=("truth.posture",))
     other = LevellingScenario(backend="kinematic")
@@ -402,7 +383,7 @@ def test_a_period_too_long_for_the_pole_is_refused_with_what_would_do(pole):
     ClosedLoop(PLATFORM, scenario, log=())
 
 
-@pytest.mark.parametrize("pole", [8.0, 10.0, 20.0, 25.0])
+@pytest.mark.parametrize("pole", [8.0, 25.0])
 def test_with_the_longest_period_of_a_pole_the_platform_levels_without_ringing(pole):
     scenario = scenario_of(ideal=True)
     scenario.control.pole, scenario.control.period = pole, min(0.05, longest_period(pole))

@@ -46,7 +46,7 @@ LOG = (
 )
 
 
-# Motion: 3 s of levelling on a slope of 5 deg, with ideal sensors
+# Motion: two seconds of levelling on a slope of 5 deg, with ideal sensors
 
 
 def perfect_scenario(ground=(0.0, 5.0), **plant):
@@ -73,7 +73,7 @@ def levelling():
             context = simulator.get_mutable_context()
             loop.reset(context)
             simulator.Initialize()
-            simulator.AdvanceTo(BEGIN + 3.0)
+            simulator.AdvanceTo(BEGIN + 2.2)
             recording = loop.recording(context)
             runs[key] = dict(recording) | {"t": recording.time}
         return runs[key]
@@ -84,7 +84,7 @@ def levelling():
 def test_short_run_moves_the_platform(levelling):
     signals = levelling()
     assert np.degrees(np.ptp(signals["truth.posture"][:, 1])) > 1.0
-    assert np.ptp(signals["truth.extension"], axis=0).min() > 2e-3
+    assert np.ptp(signals["truth.extension"], axis=0).min() > 1e-3
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

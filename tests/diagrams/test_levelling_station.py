@@ -19,7 +19,6 @@ from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.sensors.imu import ImuParams
 
 BACKENDS = tuple(PLATFORM.plants)
-SPECS = (*PLATFORM.inputs, *PLATFORM.outputs, *PLATFORM.truth)
 PERIOD = LevellingScenario().control.period
 IMU_PERIOD = 8.0 / 819.2
 REAR, FRONT = [0, 1], [2, 3]
@@ -113,7 +112,7 @@ def shared():
 
 @pytest.fixture(scope="module")
 def exact():
-    """exact(backend): likewise, without anything random."""
+    """exact(backend): the same without anything random."""
     machines = {}
 
     def get(backend):
@@ -134,37 +133,16 @@ def corner_heights(posture, ground):
     return height + hips @ R_WF.T @ n
 
 
-# Ports
-
-
-def test_port_names_are_unique_in_each_direction():
-    for specs in (PLATFORM.inputs, (*PLATFORM.outputs, *PLATFORM.truth)):
-        names = [spec.name for spec in specs]
-        assert len(set(names)) == len(names)
-
-
-@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
-def test_every_port_has_a_unit_and_a_meaning(spec):
-    assert spec.unit.strip()
-    assert spec.meaning.strip()
-    assert "\n" not in spec.meaning
-    assert spec.size > 0
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_every_output_is_finite_from_the_start_and_after_steps(shared, backend):
-    machine = shared(backend)
+@pytest.mark.parametrize(
+    ("backend", "leg_model"),
+    [("multibody", "full"), ("multibody", "reduced"), ("kinematic", "full")],
+)
+def test_every_output_is_finite_from_the_start_and_after_steps(backend, leg_model):
+    machine = Machine(scenario_of(backend, leg_model=leg_model))
     for _ in range(2):
         for spec in (*PLATFORM.outputs, *PLATFORM.truth):
             assert np.isfinite(machine.read(spec.name)).all(), spec.name
         machine.run(0.05)
-
-
-def test_every_output_of_a_platform_with_reduced_legs_is_finite():
-    machine = Machine(scenario_of("multibody", leg_model="reduced"))
-    machine.run(0.05)
-    names = [spec.name for spec in (*PLATFORM.outputs, *PLATFORM.truth)]
-    assert [name for name in names if not np.isfinite(machine.read(name)).all()] == []
 
 
 # Reset
@@ -179,14 +157,6 @@ def run_of(machine):
     signals = machine.record(0.1, *SIGNALS)
     drawn = {name: machine.parameter(name) for name in ("linear_actuator", "imu")}
     return drawn | dict(zip(SIGNALS, signals, strict=True))
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_same_seed_gives_the_same_gains_biases_noise_and_signals(shared, backend):
-    one = run_of(shared(backend))
-    for other in (run_of(shared(backend)), run_of(Machine(scenario_of(backend)))):
-        for name, value in one.items():
-            np.testing.assert_array_equal(other[name], value, err_msg=name)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -237,10 +207,9 @@ def test_gains_stay_within_the_stated_error(shared, backend):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("ground", [(0.0, 0.0), (4.0, -3.0)], ids=str)
-def test_platform_stands_still_without_voltage(shared, backend, ground):
+def test_platform_stands_still_without_voltage(shared, backend):
     machine = shared(backend)
-    machine.reset(scenario_of(backend, ground=ground))
+    machine.reset(scenario_of(backend, ground=(4.0, -3.0)))
     extension, posture = machine.read("truth.extension"), machine.read("truth.posture")
     machine.run(1.0)
     # Self-locking: to the last bit.

@@ -22,7 +22,7 @@ SETTINGS = (
     "job={estimate_at: 2, settled_after: 3, end: 15, waypoints: []}",
     "job.arm={start: 0, duration: 1, angle_deg: 0}",
 )
-CALM, SHAKEN, OVER = 8.0, 13.0, 25.0
+CALM, SHAKEN, OVER = 8.0, 13.0, 27.0
 
 
 class Vibration(LeafSystem):

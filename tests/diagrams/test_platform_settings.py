@@ -19,7 +19,7 @@ from parapod.diagrams.levelling_platform.scenario import (
 )
 from parapod.diagrams.wiring import outputs_of
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
-from parapod.systems.sensors.imu import STANDARD_GRAVITY, sample_period
+from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
 SEEDS = range(64)
 
@@ -103,30 +103,6 @@ def test_the_arm_swings_to_the_angle_that_is_said_in_degrees():
 
 
 # Sensors
-
-
-@pytest.mark.parametrize("samples", [1, 4])
-def test_a_late_sensor_shows_the_samples_of_a_prompt_one_so_much_later(samples):
-    period = sample_period()
-
-    def shown(delay_ms):
-        scenario = LevellingScenario(backend="kinematic", seed=5)
-        scenario.sensors.imu_delay_ms = delay_ms
-        loop = ClosedLoop(PLATFORM, scenario, log=())
-        simulator = Simulator(loop)
-        rows = []
-        for k in range(40):
-            simulator.AdvanceTo((k + 0.5) * period)
-            station = loop.station.GetMyContextFromRoot(simulator.get_context())
-            gyro, age = (
-                loop.station.GetOutputPort(n).Eval(station) for n in ("imu.gyro", "status.age")
-            )
-            rows.append((*gyro, age[1]))
-        return np.array(rows)
-
-    prompt, late = shown(0.0), shown(1e3 * samples * period)
-    np.testing.assert_array_equal(late[samples + 1 :, :3], prompt[1:-samples, :3])
-    np.testing.assert_allclose(late[:, 3] - prompt[:, 3], samples * period)
 
 
 @pytest.mark.parametrize("period", [0.01, 0.02])

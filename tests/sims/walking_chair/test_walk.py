@@ -147,8 +147,9 @@ def test_a_walk_that_goes_wrong_breaks_the_bound_of_what_went_wrong(perfect, sig
     assert broken == {key}
 
 
-def test_the_kinematic_plant_walks_two_cycles_without_drift(execute):
-    found = execute("chair-walk", *LOW, "backend=kinematic", "gait.cycles=2")
+def test_the_kinematic_plant_walks_there_and_back_in_the_other_order(execute):
+    way = ("gait.order=24-13", "gait.way=forward and back")
+    found = execute("chair-walk", *LOW, *way, "backend=kinematic")
     assert found["drift_mm"] < 0.5
     assert found["body_error_mm"] <= 1.0
 
@@ -193,10 +194,9 @@ def panel():
     panel.close()
 
 
-@pytest.mark.parametrize("backend", ["kinematic", "multibody"])
-def test_live_sliders_move_the_passenger_and_the_chair_waits(backend, panel):
+def test_live_sliders_move_the_passenger_and_the_chair_waits(panel):
     experiment = find_entry("chair-walk").load()
-    scenario = scenario_with(f"backend={backend}", "plant.time_step=0.005", "begin=0.2")
+    scenario = scenario_with("plant.time_step=0.005", "begin=0.2")
     chair = LiveChair(scenario, panel, experiment.read_out)
     controller = chair.loop.controller
 
@@ -237,7 +237,7 @@ def test_live_sliders_move_the_passenger_and_the_chair_waits(backend, panel):
 def test_the_chair_walks_on_until_told_to_stop(panel):
     scenario = scenario_with("backend=kinematic", "begin=0", "gait.way=forward")
     chair = LiveChair(scenario, panel, find_entry("chair-walk").load().read_out)
-    click = threading.Timer(1.0, lambda: panel._obey({"button": END}))
+    click = threading.Timer(0.3, lambda: panel._obey({"button": END}))
     click.start()
     assert chair.walk() == END
     assert 0.0 < chair.signal(chair.loop.controller, "gait_time")[0] < 3.0
