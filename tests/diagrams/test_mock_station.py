@@ -245,7 +245,7 @@ def test_a_job_on_the_mock_holds_its_bounds():
     assert {"roll_error_deg", "pitch_error_deg", "height_error_mm", "settling_time_s"} <= keys
     # Nothing is hidden in a mock, so there is nothing to compare with the truth.
     assert not any("ground" in key or "lift" in key for key in keys)
-    assert any("posture as measured" in note for note in result.notes)
+    assert result.notes[0].startswith("posture as measured: ")
 
 
 def test_heights_before_there_is_a_ground_are_not_known():
