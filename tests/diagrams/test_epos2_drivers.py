@@ -7,7 +7,6 @@ import pytest
 
 from parapod.diagrams.drivers.driver import PartPorts
 from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.walking_chair.drivers import Epos2Legs
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.systems.core.errors import ScenarioError
@@ -80,17 +79,6 @@ def test_lists_of_another_length_are_refused_with_their_key(tmp_path, key):
     file.write_text(f"hardware: {{drivers: [!Epos2Legs {{{key}: [1, 1]}}]}}\n")
     with pytest.raises(ScenarioError, match=rf"drivers\.0\.{key} must be a list of 12 "):
         load_scenario(ChairScenario, file)
-
-
-@pytest.mark.parametrize(
-    ("schema", "tag", "number"),
-    [(ChairScenario, "Epos2Legs", 0), (LevellingScenario, "Epos2Wheels", 2)],
-)
-def test_a_tag_alone_is_the_machines_own_driver(tmp_path, schema, tag, number):
-    file = tmp_path / "lab.yaml"
-    file.write_text(f"hardware: {{drivers: [!{tag} {{}}]}}\n")
-    (driver,) = load_scenario(schema, file).hardware.drivers
-    assert driver == schema().hardware.drivers[number]
 
 
 def test_a_dumped_driver_loads_as_an_equal_one(tmp_path):

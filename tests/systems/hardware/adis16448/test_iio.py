@@ -250,14 +250,6 @@ def test_scale_of_the_magnetometer_is_not_the_drivers(monkeypatch):
     assert measured["gyro"] == pytest.approx([1400.0] * 3)
 
 
-def test_computer_without_iiod_is_named():
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    error = fails(made(f"ip:127.0.0.1:{port}").configure)
-    assert error.fault is DeviceFault.UNPLUGGED
-    assert f"adis16448 at ip:127.0.0.1:{port}: cannot be reached" in str(error)
-
-
 def test_host_that_has_no_address_is_named():
     imu = made("ip:host.invalid")
     with pytest.raises(DeviceError, match=r"host\.invalid: cannot be reached") as caught:

@@ -98,9 +98,6 @@ def hold(device, seconds, wanted=WANTED):
         time.sleep(0.01)
 
 
-# --- settings
-
-
 # --- opening
 
 
