@@ -26,6 +26,12 @@ FOOT_HEIGHTS = (20.0, 0.0, 12.0, 5.0)  # [mm]
 HEIGHT = 0.477
 SPEED, WAY = 0.3, 0.45
 SWING = math.radians(45.0)
+SIGNALS = (
+    *("arm_command", "arm_refused", "arm_request", "extension_desired_state"),
+    *("foot_offsets_estimated", "legs.extension", "legs.limits", "legs.voltage", "phase"),
+    *("refusal", "stability_margin", "steps_done", "wheels.brake", "wheels.velocity"),
+    *("wheels.velocity_command", "truth.contact_force", "truth.foot_height", "truth.posture"),
+)
 ORDER = ["TRANSPORT", "BRAKE", "LOWER", "TOUCHDOWN", "ESTIMATE", "POSTURE", "HOLD"]
 
 
@@ -41,6 +47,7 @@ def run(steps, start, seconds):
         scenario,
         controller=make_supervised_controller(scenario),
         sources=[OperatorScript(steps, (0.0, 0.0, HEIGHT), PERIOD)],
+        log=SIGNALS,
     )
     simulator = Simulator(loop)
     context = simulator.get_context()
@@ -107,7 +114,7 @@ def test_desired_extensions_never_jump(deployment):
 
 
 def test_at_each_transition_desired_extensions_go_on_as_before(deployment):
-    """What a phase leaves behind and what the next one begins with differ by encoder counts."""
+    """The end of a phase and the beginning of the next one differ by encoder counts."""
     desired = deployment.signals["extension_desired_state"]
     for i in np.flatnonzero(np.diff(deployment.phases)) + 1:
         expected = desired[i - 1, :4] + PERIOD * desired[i - 1, 4:]

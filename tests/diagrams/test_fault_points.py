@@ -217,7 +217,7 @@ def test_what_is_set_is_checked_as_in_a_scenario(idle_loop):
     ],
 )
 def test_devices_that_publish_nothing_grow_old(target, finding):
-    """What the station says about the age is not all that a controller sees."""
+    """A controller sees more than the age that the station shows."""
     off = PlatformFault(at=0.2, target=target, kind="off")
     loop = make_deployment(on_wheels([off]), (), POSTURE, log=("findings",))
     findings = simulate(loop, 0.4)["findings"]

@@ -1,4 +1,4 @@
-"""What is kept of the positions of self-locking actuators from one program to the next."""
+"""Positions of self-locking actuators, kept from one program to the next."""
 
 import itertools
 import json

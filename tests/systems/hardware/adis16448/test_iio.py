@@ -189,7 +189,7 @@ def test_computer_that_hangs_is_silent_in_time(imu, server, harness, judge):
 
 
 class FakeIio:
-    """What of libiio the device uses, with attributes that fail as they are told to."""
+    """The part of libiio that the device uses, with attributes that fail as they are told to."""
 
     def __init__(self, value="1.0", channels=True, rate=True):
         self.value = value
