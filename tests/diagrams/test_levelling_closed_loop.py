@@ -40,17 +40,6 @@ def scenario_of(backend="kinematic", ground=(1.0, -1.5), ideal=False, seed=0):
     return scenario
 
 
-def simulate(loop, until, scenario=None):
-    """Times and signals of a run from its beginning."""
-    simulator = Simulator(loop)
-    context = simulator.get_mutable_context()
-    loop.reset(context, scenario)
-    simulator.Initialize()
-    simulator.AdvanceTo(until)
-    recording = loop.recording(context)
-    return recording.time, recording
-
-
 def level_error(posture, height_mm=477.0):
     """Roll, pitch [deg] and height [mm] away from the level posture."""
     return np.abs(posture - (0.0, 0.0, 1e-3 * height_mm)) * (*np.degrees([1.0, 1.0]), 1e3)
@@ -60,13 +49,13 @@ def level_error(posture, height_mm=477.0):
 
 
 @pytest.mark.parametrize(("backend", "seed"), [("kinematic", 0), ("multibody", 1)])
-def test_control_begins_with_the_estimate_and_without_a_bump(backend, seed):
+def test_control_begins_with_the_estimate_and_without_a_bump(record, backend, seed):
     scenario = scenario_of(backend, seed=seed)
     names = ("legs.voltage", "ground_valid", "truth.extension")
-    time, signals = simulate(ClosedLoop(PLATFORM, scenario, log=names), BEGIN + 0.3)
+    signals = record(ClosedLoop(PLATFORM, scenario, log=names), BEGIN + 0.3)
     voltage, extension = signals["legs.voltage"], signals["truth.extension"]
     before = signals["ground_valid"][:, 0] < 0.5
-    assert time[before][-1] == pytest.approx(BEGIN, abs=0.02)
+    assert signals.time[before][-1] == pytest.approx(BEGIN, abs=0.02)
     np.testing.assert_array_equal(voltage[before], 0.0)
     np.testing.assert_array_equal(extension[before], extension[:1].repeat(before.sum(), axis=0))
     first = voltage[~before][:3]
@@ -81,20 +70,20 @@ def test_control_begins_with_the_estimate_and_without_a_bump(backend, seed):
     ("backend", "ground"),
     [("multibody", (2.0, 3.0)), ("kinematic", (-4.0, 1.0)), ("kinematic", (0.0, -5.0))],
 )
-def test_ground_is_estimated_with_ideal_sensors(backend, ground):
+def test_ground_is_estimated_with_ideal_sensors(record, backend, ground):
     names = ("ground_estimated", "ground_valid")
     loop = ClosedLoop(PLATFORM, scenario_of(backend, ground, ideal=True), log=names)
-    _, signals = simulate(loop, BEGIN + 0.05)
+    signals = record(loop, BEGIN + 0.05)
     assert signals["ground_valid"][-1] == 1.0
     estimate = np.degrees(signals["ground_estimated"][-1])
     np.testing.assert_allclose(estimate, ground, rtol=0.0, atol=0.02)
 
 
-def test_attitude_estimate_is_good_from_the_start():
+def test_attitude_estimate_is_good_from_the_start(record):
     loop = ClosedLoop(
         PLATFORM, scenario_of(ideal=True), log=("attitude_estimated", "truth.posture")
     )
-    _, signals = simulate(loop, 0.2)
+    signals = record(loop, 0.2)
     error = np.degrees(signals["attitude_estimated"] - signals["truth.posture"][:, :2])
     assert np.abs(error).max() < 0.02
 
@@ -134,19 +123,19 @@ def test_unreachable_level_posture_stops_the_simulation_before_a_leg_moves(
 @pytest.mark.parametrize(
     ("law", "angle", "height"), [("exact", 0.01, 0.1), ("differential", 0.05, 0.5)]
 )
-def test_both_feedforward_laws_level_the_platform(law, angle, height):
+def test_both_feedforward_laws_level_the_platform(record, law, angle, height):
     scenario = scenario_of(ground=(2.0, 3.0), ideal=True)
     scenario.control.feedforward = law
-    _, signals = simulate(ClosedLoop(PLATFORM, scenario, log=("truth.posture",)), BEGIN + 6.0)
+    signals = record(ClosedLoop(PLATFORM, scenario, log=("truth.posture",)), BEGIN + 6.0)
     error = level_error(signals["truth.posture"][-1])
     assert error[:2].max() < angle
     assert error[2] < height
 
 
-def test_both_backends_take_the_same_way():
+def test_both_backends_take_the_same_way(record):
     names = ("truth.posture", "truth.extension")
     runs = [
-        simulate(ClosedLoop(PLATFORM, scenario_of(backend, ideal=True), log=names), BEGIN + 1.5)[1]
+        record(ClosedLoop(PLATFORM, scenario_of(backend, ideal=True), log=names), BEGIN + 1.5)
         for backend in BACKENDS
     ]
     posture, extension = (np.abs(runs[0][name] - runs[1][name])[30:] for name in names)
@@ -173,7 +162,7 @@ class WildCommand(LeafSystem):
 
 
 @pytest.mark.parametrize("period", [0.25, 2.0])
-def test_clamped_commands_keep_the_legs_inside_their_stroke(period):
+def test_clamped_commands_keep_the_legs_inside_their_stroke(record, period):
     scenario = scenario_of(ideal=True)
     names = ("truth.extension", "extension_desired_state", "legs.voltage", "posture_command")
     loop = ClosedLoop(
@@ -183,7 +172,7 @@ def test_clamped_commands_keep_the_legs_inside_their_stroke(period):
         sources=(WildCommand(period), *make_job_sources(scenario)),
         log=names,
     )
-    _, signals = simulate(loop, BEGIN + 8.0)
+    signals = record(loop, BEGIN + 8.0)
     low, high = MODEL_GEOMETRY.extension_min, MODEL_GEOMETRY.extension_max
     # Some overshoot of a leg that follows is no fault of the reference.
     for name, margin in (("extension_desired_state", 1e-4), ("truth.extension", 5e-4)):
@@ -210,15 +199,15 @@ def test_commands_out_of_reach_stop_the_simulation_where_they_are_not_clamped():
 
 
 @pytest.mark.parametrize("names", [("truth.posture", "legs.voltage"), ()])
-def test_chosen_ports_are_logged_alone(names):
-    time, signals = simulate(ClosedLoop(PLATFORM, scenario_of(), log=names), 0.05)
+def test_chosen_ports_are_logged_alone(record, names):
+    signals = record(ClosedLoop(PLATFORM, scenario_of(), log=names), 0.05)
     assert set(signals) == set(names)
-    assert (time.size > 0) == bool(names)
+    assert (signals.time.size > 0) == bool(names)
 
 
-def test_log_is_empty_again_after_a_reset():
+def test_log_is_empty_again_after_a_reset(record):
     loop = ClosedLoop(PLATFORM, scenario_of(), log=("truth.posture",))
-    lengths = [len(simulate(loop, until)[0]) for until in (0.2, 0.1, 0.2)]
+    lengths = [len(record(loop, until).time) for until in (0.2, 0.1, 0.2)]
     assert lengths[0] == lengths[2] > lengths[1]
     simulator = Simulator(loop)
     context = simulator.get_mutable_context()
@@ -346,21 +335,21 @@ def test_controller_that_holds_still_asks_for_the_extensions_of_the_command():
     np.testing.assert_allclose(rate, 0.0, atol=1e-12)
 
 
-def test_waypoints_are_taken():
+def test_waypoints_are_taken(record):
     scenario = scenario_of(ideal=True)
     scenario.job.waypoints = [WaypointScenario(4.0, 0.5, -0.5, 5.0)]
-    _, signals = simulate(ClosedLoop(PLATFORM, scenario, log=("truth.posture",)), BEGIN + 6.5)
+    signals = record(ClosedLoop(PLATFORM, scenario, log=("truth.posture",)), BEGIN + 6.5)
     expected = (np.radians(0.5), np.radians(-0.5), 0.482)
     found = signals["truth.posture"][-1]
     np.testing.assert_allclose(found[:2], expected[:2], rtol=0.0, atol=np.radians(0.02))
     assert found[2] == pytest.approx(expected[2], abs=2e-4)
 
 
-def test_reset_does_not_ask_the_scenario_it_is_given_for_the_backend():
+def test_reset_does_not_ask_the_scenario_it_is_given_for_the_backend(record):
     loop = ClosedLoop(PLATFORM, LevellingScenario(backend="multibody"), log=("truth.posture",))
     other = LevellingScenario(backend="kinematic")
     other.ground.roll_deg, other.ground.pitch_deg = -1.0, 2.0
-    _, signals = simulate(loop, 0.02, other)
+    signals = record(loop, 0.02, other)
     np.testing.assert_allclose(
         np.degrees(signals["truth.posture"][:, :2]), [[-1.0, 2.0]] * 3, atol=1e-3
     )
@@ -384,8 +373,8 @@ def test_a_period_too_long_for_the_pole_is_refused_with_what_would_do(pole):
 
 
 @pytest.mark.parametrize("pole", [8.0, 25.0])
-def test_with_the_longest_period_of_a_pole_the_platform_levels_without_ringing(pole):
+def test_with_the_longest_period_of_a_pole_the_platform_levels_without_ringing(record, pole):
     scenario = scenario_of(ideal=True)
     scenario.control.pole, scenario.control.period = pole, min(0.05, longest_period(pole))
-    signals = simulate(ClosedLoop(PLATFORM, scenario, log=("truth.posture",)), BEGIN + 6.0)[1]
+    signals = record(ClosedLoop(PLATFORM, scenario, log=("truth.posture",)), BEGIN + 6.0)
     assert (level_error(signals["truth.posture"][-50:]) < (0.05, 0.05, 0.5)).all()

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.model import add_platform, geometry_as_built
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario, SensorScenario
-from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, FootTruth
@@ -158,41 +155,39 @@ def test_every_context_has_the_legs_as_built(built):
 PADS = (0.02, -0.02, 0.02, -0.02)
 
 
-def station_on_pads(backend="multibody", heights=PADS):
-    scenario = scenario_with(backend)
-    scenario.ground.foot_heights_mm = [1e3 * height for height in heights]
-    station = Station(PLATFORM, scenario)
-    simulator = Simulator(station)
-    context = simulator.get_mutable_context()
-    for spec in PLATFORM.inputs:
-        station.GetInputPort(spec.name).FixValue(context, np.zeros(spec.size))
-    station.GetInputPort("wheels.brake").FixValue(context, [1.0])
-    station.reset(context)
-    simulator.Initialize()
-    return simulator, lambda name: np.array(station.GetOutputPort(name).Eval(context))
+@pytest.fixture
+def on_pads(make_machine):
+    """on_pads(backend, heights): a machine whose feet stand on pads."""
+
+    def make(backend="multibody", heights=PADS):
+        scenario = scenario_with(backend)
+        scenario.ground.foot_heights_mm = [1e3 * height for height in heights]
+        return make_machine(scenario)
+
+    return make
 
 
 @pytest.mark.parametrize("heights", [PADS, (0.01, 0.03, 0.0, 0.02)], ids=str)
 @BACKENDS
-def test_a_platform_on_pads_stands_with_all_feet(backend, heights):
-    _, read = station_on_pads(backend, heights)
-    np.testing.assert_allclose(read("truth.foot_height"), 0.0, rtol=0, atol=1e-9)
+def test_a_platform_on_pads_stands_with_all_feet(on_pads, backend, heights):
+    machine = on_pads(backend, heights)
+    np.testing.assert_allclose(machine.read("truth.foot_height"), 0.0, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("heights", [PADS, (0.01, 0.03, 0.0, 0.02)], ids=str)
-def test_a_platform_on_pads_stays_where_it_was_put(heights):
-    simulator, read = station_on_pads(heights=heights)
-    before = read("truth.posture")
-    simulator.AdvanceTo(0.5)
-    moved = np.abs(read("truth.posture") - before)
+def test_a_platform_on_pads_stays_where_it_was_put(on_pads, heights):
+    machine = on_pads(heights=heights)
+    before = machine.read("truth.posture")
+    machine.run(0.5)
+    moved = np.abs(machine.read("truth.posture") - before)
     assert np.degrees(moved[:2]).max() < 0.02
     assert moved[2] < 1e-4
-    assert np.abs(read("truth.foot_height")).max() < 1e-4
-    assert (read("truth.contact_force") > 0.0).all()
+    assert np.abs(machine.read("truth.foot_height")).max() < 1e-4
+    assert (machine.read("truth.contact_force") > 0.0).all()
 
 
-def test_both_backends_stand_in_the_same_posture_on_pads():
-    multibody, kinematic = (station_on_pads(backend)[1] for backend in ("multibody", "kinematic"))
+def test_both_backends_stand_in_the_same_posture_on_pads(on_pads):
+    multibody, kinematic = (on_pads(backend).read for backend in ("multibody", "kinematic"))
     extension = "truth.extension"
     np.testing.assert_allclose(multibody(extension), kinematic(extension), rtol=0, atol=1e-9)
     # The feet of the quasi-static plant yield to the weight.
@@ -228,29 +223,27 @@ def test_pads_lift_feet_that_the_legs_alone_would_not():
 # Late samples
 
 
-def inertial_run(delay_ms, samples=20):
+@pytest.fixture
+def inertial_run(make_machine):
     """Gyro and age (n) at the middle of each period while the platform is lowered in front."""
-    scenario = scenario_with("kinematic")
-    scenario.sensors.imu_delay_ms = delay_ms
-    station = Station(PLATFORM, scenario)
-    simulator = Simulator(station)
-    context = simulator.get_mutable_context()
-    for spec in PLATFORM.inputs:
-        station.GetInputPort(spec.name).FixValue(context, np.zeros(spec.size))
-    station.reset(context)
-    simulator.Initialize()
-    gyro, age = [], []
-    for k in range(samples):
-        voltage = [0.0, 0.0, 1.0 + k % 7, 1.0 + k % 7]
-        station.GetInputPort("legs.voltage").FixValue(context, voltage)
-        simulator.AdvanceTo((k + 0.5) * IMU_PERIOD)
-        gyro.append(station.GetOutputPort("imu.gyro").Eval(context).copy())
-        age.append(station.GetOutputPort("status.age").Eval(context).copy())
-    return np.array(gyro), np.array(age)
+
+    def run(delay_ms, samples=20):
+        scenario = scenario_with("kinematic")
+        scenario.sensors.imu_delay_ms = delay_ms
+        machine = make_machine(scenario)
+        gyro, age = [], []
+        for k in range(samples):
+            machine.set("legs.voltage", [0.0, 0.0, 1.0 + k % 7, 1.0 + k % 7])
+            machine.simulator.AdvanceTo((k + 0.5) * IMU_PERIOD)
+            gyro.append(machine.read("imu.gyro"))
+            age.append(machine.read("status.age"))
+        return np.array(gyro), np.array(age)
+
+    return run
 
 
 @pytest.mark.parametrize("late", [1, 5])
-def test_late_samples_are_those_of_as_many_periods_ago_and_say_so(late):
+def test_late_samples_are_those_of_as_many_periods_ago_and_say_so(inertial_run, late):
     gyro, age = inertial_run(0.0)
     delayed, older = inertial_run(1e3 * late * IMU_PERIOD)
     np.testing.assert_allclose(older - age, np.tile((0.0, late * IMU_PERIOD, 0, 0), (20, 1)))
@@ -259,6 +252,6 @@ def test_late_samples_are_those_of_as_many_periods_ago_and_say_so(late):
 
 
 @pytest.mark.parametrize(("delay_ms", "late"), [(4.0, 0), (6.0, 1), (20.0, 2)])
-def test_a_delay_is_rounded_to_whole_samples(delay_ms, late):
+def test_a_delay_is_rounded_to_whole_samples(inertial_run, delay_ms, late):
     _, age = inertial_run(delay_ms, 2)
     assert age[1, 1] == pytest.approx((0.5 + late) * IMU_PERIOD, rel=1e-6)
