@@ -1,9 +1,14 @@
 import numpy as np
 import pytest
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.station import Station
+from parapod.diagrams.wiring import add, connect
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, FootTruth
 
 
 class Machine:
@@ -50,6 +55,44 @@ class Machine:
 def make_machine():
     """make_machine(scenario): see `Machine`."""
     return Machine
+
+
+class Model:
+    """A platform that is put down without a simulation, and what is read from it."""
+
+    def __init__(self, variant, geometry=MODEL_GEOMETRY, foot_offsets=(0.0,) * 4):
+        builder = DiagramBuilder()
+        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
+        self.model = add_platform(
+            self.plant, variant, geometry=geometry, foot_offsets=foot_offsets
+        )
+        self.feet = add(builder, FootTruth(self.model))
+        for name, port in (
+            ("contact_results", self.plant.get_contact_results_output_port()),
+            ("body_poses", self.plant.get_body_poses_output_port()),
+        ):
+            connect(builder, port, self.feet.GetInputPort(name))
+        self.diagram = builder.Build()
+        self.root = self.diagram.CreateDefaultContext()
+        self.context = self.plant.GetMyMutableContextFromRoot(self.root)
+        self.offsets = foot_offsets
+
+    def stand(self, extension, ground):
+        positions = self.model.standing_positions(extension, ground, self.offsets)
+        self.model.put(self.context, positions, ground, self.offsets)
+        self.feet.set_ground(
+            self.feet.GetMyMutableContextFromRoot(self.root), ground, self.offsets
+        )
+
+    def read(self, name):
+        context = self.feet.GetMyContextFromRoot(self.root)
+        return np.array(self.feet.GetOutputPort(name).Eval(context))
+
+
+@pytest.fixture(scope="session")
+def make_model():
+    """make_model(variant, geometry, foot_offsets): see `Model`."""
+    return Model
 
 
 @pytest.fixture(scope="session")

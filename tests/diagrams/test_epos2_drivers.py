@@ -29,7 +29,8 @@ def test_a_screws_motor_turns_by_lead_and_reduction():
 def test_the_default_screws_move_with_80_mm_s_at_most():
     driver = Epos2Legs()
     assert driver.max_velocity == pytest.approx(0.08, rel=1e-12)
-    assert driver.rpm(1.0) == 4800
+    assert driver.velocity(4800) == pytest.approx(0.08, rel=1e-12)
+    assert driver.rpm(0.08) == driver.rpm(1.0) == 4800
     assert driver.measures_current
 
 

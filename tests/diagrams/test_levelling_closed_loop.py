@@ -12,7 +12,6 @@ from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,
     SensorScenario,
-    WaypointScenario,
 )
 from parapod.systems.core.errors import ScenarioError, UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import (
@@ -77,15 +76,6 @@ def test_ground_is_estimated_with_ideal_sensors(record, backend, ground):
     assert signals["ground_valid"][-1] == 1.0
     estimate = np.degrees(signals["ground_estimated"][-1])
     np.testing.assert_allclose(estimate, ground, rtol=0.0, atol=0.02)
-
-
-def test_attitude_estimate_is_good_from_the_start(record):
-    loop = ClosedLoop(
-        PLATFORM, scenario_of(ideal=True), log=("attitude_estimated", "truth.posture")
-    )
-    signals = record(loop, 0.2)
-    error = np.degrees(signals["attitude_estimated"] - signals["truth.posture"][:, :2])
-    assert np.abs(error).max() < 0.02
 
 
 @pytest.mark.parametrize(
@@ -205,17 +195,16 @@ def test_chosen_ports_are_logged_alone(record, names):
     assert (signals.time.size > 0) == bool(names)
 
 
-def test_log_is_empty_again_after_a_reset(record):
+def test_log_is_empty_again_after_a_reset():
     loop = ClosedLoop(PLATFORM, scenario_of(), log=("truth.posture",))
-    lengths = [len(record(loop, until).time) for until in (0.2, 0.1, 0.2)]
-    assert lengths[0] == lengths[2] > lengths[1]
     simulator = Simulator(loop)
-    context = simulator.get_mutable_context()
+    context, lengths = simulator.get_mutable_context(), []
     for _ in range(2):
         loop.reset(context)
         simulator.Initialize()
         simulator.AdvanceTo(0.2)
-        assert len(loop.recording(context).time) == lengths[0]
+        lengths.append(len(loop.recording(context).time))
+    assert lengths[0] == lengths[1] > 2
 
 
 def test_graph_names_the_controllers_systems():
@@ -333,16 +322,6 @@ def test_controller_that_holds_still_asks_for_the_extensions_of_the_command():
     extension, rate = np.split(controller.read("extension_desired_state"), 2)
     np.testing.assert_allclose(extension, expected, rtol=0.0, atol=1e-6)
     np.testing.assert_allclose(rate, 0.0, atol=1e-12)
-
-
-def test_waypoints_are_taken(record):
-    scenario = scenario_of(ideal=True)
-    scenario.job.waypoints = [WaypointScenario(4.0, 0.5, -0.5, 5.0)]
-    signals = record(ClosedLoop(PLATFORM, scenario, log=("truth.posture",)), BEGIN + 6.5)
-    expected = (np.radians(0.5), np.radians(-0.5), 0.482)
-    found = signals["truth.posture"][-1]
-    np.testing.assert_allclose(found[:2], expected[:2], rtol=0.0, atol=np.radians(0.02))
-    assert found[2] == pytest.approx(expected[2], abs=2e-4)
 
 
 def test_reset_does_not_ask_the_scenario_it_is_given_for_the_backend(record):

@@ -7,23 +7,18 @@ import numpy as np
 import pytest
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.machine import PLATFORM
-from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,
     SensorScenario,
 )
-from parapod.diagrams.wiring import add
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_motion, foot_to_centre
 from parapod.systems.levelling_platform.model import (
     MODEL_GEOMETRY,
-    FootTruth,
     ParallelLinks,
     PlatformPose,
     PlatformTruth,
@@ -234,39 +229,9 @@ def test_quasi_static_actuators_hold_more_as_they_lift_the_legs_own_mass_too(
 # Truth and drawing
 
 
-class Model:
-    """A plant with what is read from it, and no simulation."""
-
-    def __init__(self, variant):
-        builder = DiagramBuilder()
-        self.plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
-        self.model = add_platform(self.plant, variant)
-        self.feet = add(builder, FootTruth(self.model))
-        builder.Connect(
-            self.plant.get_contact_results_output_port(),
-            self.feet.GetInputPort("contact_results"),
-        )
-        builder.Connect(
-            self.plant.get_body_poses_output_port(), self.feet.GetInputPort("body_poses")
-        )
-        self.diagram = builder.Build()
-        self.root = self.diagram.CreateDefaultContext()
-        self.context = self.plant.GetMyMutableContextFromRoot(self.root)
-
-    def stand(self, extension, ground):
-        positions = self.model.standing_positions(extension, ground)
-        self.model.put(self.context, positions, ground)
-        self.feet.set_ground(self.feet.GetMyMutableContextFromRoot(self.root), ground)
-
-    def read(self, name):
-        return np.array(
-            self.feet.GetOutputPort(name).Eval(self.feet.GetMyContextFromRoot(self.root))
-        )
-
-
 @pytest.fixture(scope="module", params=VARIANTS)
-def model(request):
-    return Model(request.param)
+def model(request, make_model):
+    return make_model(request.param)
 
 
 def random_stances(count=5, seed=0):
@@ -332,8 +297,8 @@ def test_loops_of_a_set_pose_are_closed(model):
         np.testing.assert_allclose(model.read("loop_error"), 0.0, rtol=0.0, atol=1e-12)
 
 
-def test_loop_error_is_the_gap_that_was_opened():
-    model = Model("full")
+def test_loop_error_is_the_gap_that_was_opened(make_model):
+    model = make_model("full")
     model.stand([0.41] * 4, (0.0, 0.0))
     for i, leg in enumerate(model.model.legs):
         joint = model.plant.GetJointByName("extension", leg)

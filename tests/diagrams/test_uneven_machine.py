@@ -5,14 +5,11 @@ import math
 import numpy as np
 import pytest
 from pydrake.geometry import SceneGraph
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.framework import DiagramBuilder
 
-from parapod.diagrams.levelling_platform.model import add_platform, geometry_as_built
+from parapod.diagrams.levelling_platform.model import geometry_as_built
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario, SensorScenario
-from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, FootTruth
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.statics import resting_posture
 
 VARIANTS = ("full", "reduced")
@@ -62,74 +59,43 @@ def test_errors_of_one_kind_leave_the_other_kind_as_drawn():
         assert (built.l_x, built.l_4, built.l_7) == (drawn.l_x, drawn.l_4, drawn.l_7)
 
 
-class Machine:
-    """A platform as built, and what is read from it."""
-
-    def __init__(self, variant, geometry, foot_offsets=(0.0,) * 4):
-        builder = DiagramBuilder()
-        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
-        self.model = add_platform(
-            self.plant, variant, geometry=geometry, foot_offsets=foot_offsets
-        )
-        self.feet = add(builder, FootTruth(self.model))
-        for name, port in (
-            ("contact_results", self.plant.get_contact_results_output_port()),
-            ("body_poses", self.plant.get_body_poses_output_port()),
-        ):
-            connect(builder, port, self.feet.GetInputPort(name))
-        self.diagram = builder.Build()
-        self.root = self.diagram.CreateDefaultContext()
-        self.context = self.plant.GetMyMutableContextFromRoot(self.root)
-        self.offsets = foot_offsets
-
-    def stand(self, extension, ground=GROUND):
-        positions = self.model.standing_positions(extension, ground, self.offsets)
-        self.model.put(self.context, positions, ground, self.offsets)
-        self.feet.set_ground(
-            self.feet.GetMyMutableContextFromRoot(self.root), ground, self.offsets
-        )
-
-    def rollers(self):
-        """Centres (4, 3) of the rollers in the platform's frame."""
-        X_FW = self.plant.EvalBodyPoseInWorld(self.context, self.model.base).inverse()
-        bodies = self.model.leg_bodies("roller")
-        poses = [self.plant.EvalBodyPoseInWorld(self.context, body) for body in bodies]
-        return np.array([X_FW @ pose.translation() for pose in poses])
-
-    def read(self, name):
-        context = self.feet.GetMyContextFromRoot(self.root)
-        return np.array(self.feet.GetOutputPort(name).Eval(context))
-
-
 @pytest.fixture(scope="module", params=VARIANTS)
-def built(request):
+def built(request, make_model):
     scenario = scenario_with(length_error_mm=5.0, angle_error_deg=2.0)
-    return Machine(request.param, geometry_as_built(scenario))
+    return make_model(request.param, geometry_as_built(scenario))
 
 
 def random_extensions(count=10):
     return np.random.default_rng(0).uniform(0.39, 0.42, (count, 4))
 
 
+def rollers_of(machine):
+    """Centres (4, 3) of the rollers in the platform's frame."""
+    X_FW = machine.plant.EvalBodyPoseInWorld(machine.context, machine.model.base).inverse()
+    bodies = machine.model.leg_bodies("roller")
+    poses = [machine.plant.EvalBodyPoseInWorld(machine.context, body) for body in bodies]
+    return np.array([X_FW @ pose.translation() for pose in poses])
+
+
 def test_rollers_of_legs_as_built_are_where_the_closed_form_puts_them(built):
     for extension in random_extensions():
-        built.stand(extension)
+        built.stand(extension, GROUND)
         expected = [
             -np.array(foot_to_centre(leg, d))
             for leg, d in zip(built.model.geometry.legs, extension.tolist(), strict=True)
         ]
-        np.testing.assert_allclose(built.rollers(), expected, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(rollers_of(built), expected, rtol=0, atol=1e-12)
 
 
 def test_loops_of_legs_as_built_are_closed(built):
     for extension in random_extensions():
-        built.stand(extension)
+        built.stand(extension, GROUND)
         np.testing.assert_allclose(built.read("loop_error"), 0.0, rtol=0, atol=1e-12)
 
 
 def test_legs_as_built_stand_on_three_feet_and_none_is_below_the_ground(built):
     for extension in random_extensions():
-        built.stand(extension)
+        built.stand(extension, GROUND)
         gap = np.sort(built.read("foot_height"))
         np.testing.assert_allclose(gap[:3], 0.0, rtol=0, atol=1e-9)
         assert gap[3] > 0.0
@@ -196,10 +162,10 @@ def test_both_backends_stand_in_the_same_posture_on_pads(on_pads):
     assert difference[2] < 1e-4
 
 
-def test_a_plane_has_no_pads():
+def test_a_plane_has_no_pads(make_model):
     names = []
     for offsets in ((0.0,) * 4, PADS):
-        machine = Machine("reduced", MODEL_GEOMETRY, offsets)
+        machine = make_model("reduced", MODEL_GEOMETRY, offsets)
         assert isinstance(machine.scene_graph, SceneGraph)
         inspector = machine.scene_graph.model_inspector()
         everything = [inspector.GetName(i) for i in inspector.GetAllGeometryIds()]
@@ -209,10 +175,10 @@ def test_a_plane_has_no_pads():
     assert names[1] == {"pad_1", "pad_1_visual", "pad_3", "pad_3_visual"}
 
 
-def test_pads_lift_feet_that_the_legs_alone_would_not():
-    machine = Machine("reduced", MODEL_GEOMETRY, PADS)
+def test_pads_lift_feet_that_the_legs_alone_would_not(make_model):
+    machine = make_model("reduced", MODEL_GEOMETRY, PADS)
     extension = random_extensions(1)[0]
-    machine.stand(extension)
+    machine.stand(extension, GROUND)
     posture = resting_posture(MODEL_GEOMETRY, extension, GROUND, PADS)
     flat = resting_posture(MODEL_GEOMETRY, extension, GROUND)
     assert np.abs(posture - flat).max() > 1e-3

@@ -96,12 +96,16 @@ def test_a_fault_leaves_nothing_that_acts_without_a_number(faulty):
     assert np.ptp(signals["truth.extension"][stopped][10:], axis=0).max() < 1e-9
 
 
-def test_the_log_says_which_fault_was_injected(faulty, tmp_path):
-    path = tmp_path / "again.yaml"
-    path.write_text(faulty[1].metadata["scenario"])
+def test_the_log_says_which_fault_was_injected_and_when(faulty, tmp_path):
+    log, path = faulty[1], tmp_path / "again.yaml"
+    path.write_text(log.metadata["scenario"])
     (fault,) = load_scenario(DeployScenario, None, path).faults
     assert (fault.at, fault.target, fault.index, fault.kind) == (20.0, "legs.extension", 2, "off")
-    assert faulty[1].metadata["units"]["legs.stop"] == PLATFORM.unit("legs.stop")
+    assert log.signals["fault.legs.extension.changed"][-1] == 1.0
+    units = log.metadata["units"]
+    assert units["fault.legs.extension.extra_age"] == "s"
+    assert units["legs.stop"] == PLATFORM.unit("legs.stop")
+    assert set(units) == set(log.signals)
 
 
 # Label

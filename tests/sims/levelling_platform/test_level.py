@@ -7,8 +7,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from parapod.sims.lab.files import read_log
-
 PERFECT = (
     "sensors={encoder_resolution_mm: 0, imu_noise: false, accel_bias_mg: 0, gyro_bias_deg_s: 0}"
 )
@@ -123,14 +121,3 @@ def test_waypoints_are_taken_relative_to_the_level_posture(execute, tmp_path):
         assert log["t"][-1] == pytest.approx(5.0)
         last = log["truth.posture"][-1]
     np.testing.assert_allclose(last, [np.radians(0.5), np.radians(-0.5), 0.482], atol=5e-4)
-
-
-def test_the_log_of_a_run_with_faults_has_them_too(execute, tmp_path):
-    path = tmp_path / "level.npz"
-    fault = "faults=[{at: 1.0, target: legs.extension, index: 2, kind: stuck}]"
-    execute("level", "backend=kinematic", *SHORT, fault, log=path)
-    log = read_log(path)
-    assert log.signals["fault.legs.extension.changed"][-1] == 1.0
-    units = log.metadata["units"]
-    assert units["fault.legs.extension.extra_age"] == "s"
-    assert set(units) == set(log.signals)

@@ -90,13 +90,6 @@ def test_errors_double_with_the_period_and_the_bound_goes_with_it(execute, value
     assert "growth_compound_mm" not in {metric.key for metric in slow.metrics}
 
 
-def test_compound_error_halves_when_p_doubles(execute, values):
-    twice = execute("chair-circle", QUICK, "control.proportional=20")
-    ratio = values["foot_error_compound_mm"] / twice["foot_error_compound_mm"]
-    assert ratio == pytest.approx(2.0, abs=0.1)
-    assert twice["foot_error_velocity_mm"] == pytest.approx(values["foot_error_velocity_mm"], 0.01)
-
-
 def test_a_ramp_takes_the_errors_from_the_ends(execute, values):
     ramped = execute("chair-circle", QUICK, "circle.ramp=1.25")
     assert ramped["largest_error_compound_mm"] < 0.6

@@ -364,13 +364,3 @@ def test_reading_and_writing_twelve_nodes_takes_less_than_a_period(screws):
             f"{1e3 * np.min(times):.1f} ms at best"
         )
     assert np.median(times) < 0.01
-
-
-# --- parameters
-
-
-def test_a_screw_of_5_mm_behind_a_gear_of_5_moves_half_a_micrometre_a_count():
-    params = ScrewSettings(lead_mm=5.0, reduction=5.0, max_velocity_rpm=4800.0)
-    assert params.position(1) == pytest.approx(0.5e-6, rel=1e-12)
-    assert params.rpm(0.08) == 4800
-    assert params.velocity(4800) == pytest.approx(0.08, rel=1e-12)
