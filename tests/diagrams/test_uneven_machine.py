@@ -87,15 +87,10 @@ def test_rollers_of_legs_as_built_are_where_the_closed_form_puts_them(built):
         np.testing.assert_allclose(rollers_of(built), expected, rtol=0, atol=1e-12)
 
 
-def test_loops_of_legs_as_built_are_closed(built):
+def test_legs_as_built_are_closed_and_stand_on_three_feet_with_none_below_the_ground(built):
     for extension in random_extensions():
         built.stand(extension, GROUND)
         np.testing.assert_allclose(built.read("loop_error"), 0.0, rtol=0, atol=1e-12)
-
-
-def test_legs_as_built_stand_on_three_feet_and_none_is_below_the_ground(built):
-    for extension in random_extensions():
-        built.stand(extension, GROUND)
         gap = np.sort(built.read("foot_height"))
         np.testing.assert_allclose(gap[:3], 0.0, rtol=0, atol=1e-9)
         assert gap[3] > 0.0

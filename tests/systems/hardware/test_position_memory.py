@@ -164,7 +164,6 @@ class Tasks:
 def card(path, monkeypatch):
     """card(): a new one at the same file, as a new program has it."""
     monkeypatch.setattr("parapod.systems.hardware.ni.card.NiTasks", Tasks)
-
     settings = NiDaqSettings(extension_at_start_mm=[410.0] * 4, extension_file=str(path))
     return lambda: NiDaq(settings)
 
