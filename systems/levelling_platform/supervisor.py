@@ -412,6 +412,8 @@ class Decision:
                 touched[i] = d
             if touched[i]:
                 rates.append(self._towards(touched[i], d, self._params.lowering_rate))
+            elif not math.isfinite(d):
+                rates.append(0.0)  # until the encoder is found to be wrong
             elif d > self._operation.geometry.extension_min:
                 rates.append(-self._params.lowering_rate)
             else:

@@ -1,4 +1,4 @@
-"""What is drawn, and when."""
+"""Pictures of the machines, and the times at which they are drawn."""
 
 import numpy as np
 import pytest

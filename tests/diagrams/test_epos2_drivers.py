@@ -7,7 +7,6 @@ import pytest
 
 from parapod.diagrams.drivers.driver import PartPorts
 from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.walking_chair.drivers import Epos2Legs
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.systems.core.errors import ScenarioError
@@ -30,7 +29,8 @@ def test_a_screws_motor_turns_by_lead_and_reduction():
 def test_the_default_screws_move_with_80_mm_s_at_most():
     driver = Epos2Legs()
     assert driver.max_velocity == pytest.approx(0.08, rel=1e-12)
-    assert driver.rpm(1.0) == 4800
+    assert driver.velocity(4800) == pytest.approx(0.08, rel=1e-12)
+    assert driver.rpm(0.08) == driver.rpm(1.0) == 4800
     assert driver.measures_current
 
 
@@ -80,17 +80,6 @@ def test_lists_of_another_length_are_refused_with_their_key(tmp_path, key):
     file.write_text(f"hardware: {{drivers: [!Epos2Legs {{{key}: [1, 1]}}]}}\n")
     with pytest.raises(ScenarioError, match=rf"drivers\.0\.{key} must be a list of 12 "):
         load_scenario(ChairScenario, file)
-
-
-@pytest.mark.parametrize(
-    ("schema", "tag", "number"),
-    [(ChairScenario, "Epos2Legs", 0), (LevellingScenario, "Epos2Wheels", 2)],
-)
-def test_a_tag_alone_is_the_machines_own_driver(tmp_path, schema, tag, number):
-    file = tmp_path / "lab.yaml"
-    file.write_text(f"hardware: {{drivers: [!{tag} {{}}]}}\n")
-    (driver,) = load_scenario(schema, file).hardware.drivers
-    assert driver == schema().hardware.drivers[number]
 
 
 def test_a_dumped_driver_loads_as_an_equal_one(tmp_path):

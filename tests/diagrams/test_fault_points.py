@@ -25,6 +25,7 @@ from parapod.systems.levelling_platform.supervisor import Phase
 
 PERIOD = 0.01
 NEVER = 3000.0
+UNTIL = 1.5  # end of a run [s]
 POSTURE = (0.0, 0.0, 0.477)
 PORTS = (
     "legs.extension",
@@ -61,15 +62,6 @@ def make_deployment(scenario, steps, posture, **options):
         sources=[OperatorScript(steps, posture, scenario.control.period)],
         **options,
     )
-
-
-def simulate(loop, until=1.5, scenario=None):
-    simulator = Simulator(loop)
-    context = simulator.get_mutable_context()
-    loop.reset(context, scenario)
-    simulator.Initialize()
-    simulator.AdvanceTo(until)
-    return loop.recording(context)
 
 
 def injectors_of(diagram):
@@ -143,8 +135,8 @@ def test_faults_of_the_supply_go_through_the_voltages_injector():
 
 
 @pytest.fixture(scope="module")
-def faultless():
-    return simulate(ClosedLoop(PLATFORM, scenario_of()))
+def faultless(record):
+    return record(ClosedLoop(PLATFORM, scenario_of()), UNTIL)
 
 
 @pytest.fixture(scope="module")
@@ -152,8 +144,8 @@ def idle_loop():
     return ClosedLoop(PLATFORM, scenario_of(IDLE))
 
 
-def test_idle_injectors_change_no_bit_of_a_closed_loop(idle_loop, faultless):
-    signals = simulate(idle_loop)
+def test_idle_injectors_change_no_bit_of_a_closed_loop(record, idle_loop, faultless):
+    signals = record(idle_loop, UNTIL)
     assert_same(signals, faultless)
     assert faultless["legs.voltage"].any()
     for name in PORTS:
@@ -161,19 +153,21 @@ def test_idle_injectors_change_no_bit_of_a_closed_loop(idle_loop, faultless):
         assert not signals[f"fault.{name}.changed"].any()
 
 
-def test_idle_injectors_change_no_bit_of_a_deployment():
-    plain = simulate(make_deployment(on_wheels(), DRIVING, POSTURE))
+def test_idle_injectors_change_no_bit_of_a_deployment(record):
+    plain = record(make_deployment(on_wheels(), DRIVING, POSTURE), UNTIL)
     injectable = make_deployment(on_wheels(), DRIVING, POSTURE, injectable=PORTS)
-    assert_same(simulate(injectable), plain)
+    assert_same(record(injectable, UNTIL), plain)
     assert plain["wheels.velocity"].any()
 
 
 # Faults that come later
 
 
-def test_faults_set_by_a_reset_act_and_the_next_reset_takes_them_back(idle_loop, faultless):
+def test_faults_set_by_a_reset_act_and_the_next_reset_takes_them_back(
+    record, idle_loop, faultless
+):
     stuck = PlatformFault(at=1.0, target="legs.extension", index=1, kind="stuck")
-    faulty = simulate(idle_loop, scenario=scenario_of([stuck]))
+    faulty = record(idle_loop, UNTIL, scenario_of([stuck]))
     # Up to the fault nothing differs, and it is logged from its first sample on.
     for name, samples in faultless.items():
         np.testing.assert_array_equal(faulty[name][:100], samples[:100], err_msg=name)
@@ -182,14 +176,14 @@ def test_faults_set_by_a_reset_act_and_the_next_reset_takes_them_back(idle_loop,
     assert np.ptp(truth[101:, 1]) > 5e-4
     assert faulty["fault.legs.extension.changed"][-1] == 1.0
     assert not faulty["fault.imu.gyro.changed"].any()
-    assert_same(simulate(idle_loop, scenario=scenario_of()), faultless)
-    assert_same(simulate(idle_loop), faultless)
+    assert_same(record(idle_loop, UNTIL, scenario_of()), faultless)
+    assert_same(record(idle_loop, UNTIL), faultless)
 
 
-def test_the_same_faults_built_in_or_set_later_do_the_same(idle_loop):
+def test_the_same_faults_built_in_or_set_later_do_the_same(record, idle_loop):
     garbage = [PlatformFault(at=0.8, target="imu.gyro", index=0, kind="garbage", duration=0.2)]
-    built = simulate(ClosedLoop(PLATFORM, scenario_of(garbage)))
-    assert_same(simulate(idle_loop, scenario=scenario_of(garbage)), built)
+    built = record(ClosedLoop(PLATFORM, scenario_of(garbage)), UNTIL)
+    assert_same(record(idle_loop, UNTIL, scenario_of(garbage)), built)
     assert built["fault.imu.gyro.changed"][-1] == 1.0
 
 
@@ -216,18 +210,18 @@ def test_what_is_set_is_checked_as_in_a_scenario(idle_loop):
         ("imu.accel", Finding.IMU_STALE),
     ],
 )
-def test_devices_that_publish_nothing_grow_old(target, finding):
-    """What the station says about the age is not all that a controller sees."""
+def test_devices_that_publish_nothing_grow_old(record, target, finding):
+    """A controller sees more than the age that the station shows."""
     off = PlatformFault(at=0.2, target=target, kind="off")
     loop = make_deployment(on_wheels([off]), (), POSTURE, log=("findings",))
-    findings = simulate(loop, 0.4)["findings"]
+    findings = record(loop, 0.4)["findings"]
     first = PERIOD * int(np.argmax(findings[:, finding] > 0.5))
     assert 0.2 < first <= 0.2 + RULES[finding].deadline
 
 
-def test_a_command_can_fail_on_its_way_to_the_legs():
+def test_a_command_can_fail_on_its_way_to_the_legs(record):
     off = PlatformFault(at=0.8, target="supply", kind="off")
-    signals = simulate(ClosedLoop(PLATFORM, scenario_of([off])))
+    signals = record(ClosedLoop(PLATFORM, scenario_of([off])), UNTIL)
     assert not signals["legs.voltage"][81:].any()
     assert np.ptp(signals["truth.extension"][84:], axis=0).max() == 0.0
 

@@ -243,22 +243,10 @@ def test_each_fault_has_its_own_seed_that_follows_from_the_scenarios():
             "faults.1.target = 'imu.giro' is not one of legs.extension, imu.gyro, imu.accel, "
             "legs.limits, legs.voltage, supply, posture_command (did you mean imu.gyro?)",
         ),
-        (
-            "kind: stuk",
-            "kind",
-            "faults.1.kind = 'stuk' is not one of off, stuck, garbage, wrong, slow, delayed, "
-            "intermittent (did you mean stuck?)",
-        ),
         ("at: -1", "at", "faults.1.at = -1 is outside 0..3600"),
         ("duration: 0", "duration", "faults.1.duration = 0 is outside 0.001..3600"),
         ("index: 1.5", "index", "faults.1.index must be a whole number, not 1.5"),
         ("index: 12", "index", "faults.1.index = 12 is outside -1..11"),
-        (
-            "index: 4",
-            "index",
-            "faults.1.index = 4 is outside -1..3; legs.extension has elements 0..3, -1 is all of "
-            "them",
-        ),
         (
             "index: 3, target: imu.gyro",
             "index",

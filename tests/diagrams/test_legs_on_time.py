@@ -2,12 +2,8 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
 
-from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario, PlantScenario
-from parapod.diagrams.station import Station
-from parapod.diagrams.wiring import inputs_of
 from parapod.systems.levelling_platform.leg import swing_angle
 
 TIME_STEP = 1e-3
@@ -27,15 +23,13 @@ def extension_of(model, leg, context):
 
 @pytest.mark.parametrize("voltage", [4.0, -4.0])
 @pytest.mark.parametrize("leg_model", ["full", "reduced"])
-def test_moving_legs_trail_their_actuators_by_no_step(leg_model, voltage):
+def test_moving_legs_trail_their_actuators_by_no_step(make_machine, leg_model, voltage):
     plant = PlantScenario(time_step=TIME_STEP, leg_model=leg_model)
-    station = Station(PLATFORM, LevellingScenario(plant=plant))
-    simulator = Simulator(station)
-    root = simulator.get_mutable_context()
-    for name, port in inputs_of(station).items():
-        port.FixValue(root, np.full(port.size(), voltage if name == "legs.voltage" else 0.0))
-    simulator.AdvanceTo(0.3)
-    model, actuators = station.behind.handle.model, station.behind.handle.actuators
+    machine = make_machine(LevellingScenario(plant=plant))
+    machine.set("legs.voltage", voltage)
+    machine.run(0.3)
+    handle, root = machine.station.behind.handle, machine.context
+    model, actuators = handle.model, handle.actuators
     context = model.plant.GetMyContextFromRoot(root)
     extension, velocity = (
         actuators.GetOutputPort(name).Eval(actuators.GetMyContextFromRoot(root))

@@ -12,7 +12,6 @@ from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,
     SensorScenario,
-    WaypointScenario,
 )
 from parapod.systems.core.errors import ScenarioError, UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import (
@@ -40,17 +39,6 @@ def scenario_of(backend="kinematic", ground=(1.0, -1.5), ideal=False, seed=0):
     return scenario
 
 
-def simulate(loop, until, scenario=None):
-    """Times and signals of a run from its beginning."""
-    simulator = Simulator(loop)
-    context = simulator.get_mutable_context()
-    loop.reset(context, scenario)
-    simulator.Initialize()
-    simulator.AdvanceTo(until)
-    recording = loop.recording(context)
-    return recording.time, recording
-
-
 def level_error(posture, height_mm=477.0):
     """Roll, pitch [deg] and height [mm] away from the level posture."""
     return np.abs(posture - (0.0, 0.0, 1e-3 * height_mm)) * (*np.degrees([1.0, 1.0]), 1e3)
@@ -59,15 +47,14 @@ def level_error(posture, height_mm=477.0):
 # Start
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("seed", [0, 1])
-def test_control_begins_with_the_estimate_and_without_a_bump(backend, seed):
+@pytest.mark.parametrize(("backend", "seed"), [("kinematic", 0), ("multibody", 1)])
+def test_control_begins_with_the_estimate_and_without_a_bump(record, backend, seed):
     scenario = scenario_of(backend, seed=seed)
     names = ("legs.voltage", "ground_valid", "truth.extension")
-    time, signals = simulate(ClosedLoop(PLATFORM, scenario, log=names), BEGIN + 0.3)
+    signals = record(ClosedLoop(PLATFORM, scenario, log=names), BEGIN + 0.3)
     voltage, extension = signals["legs.voltage"], signals["truth.extension"]
     before = signals["ground_valid"][:, 0] < 0.5
-    assert time[before][-1] == pytest.approx(BEGIN, abs=0.02)
+    assert signals.time[before][-1] == pytest.approx(BEGIN, abs=0.02)
     np.testing.assert_array_equal(voltage[before], 0.0)
     np.testing.assert_array_equal(extension[before], extension[:1].repeat(before.sum(), axis=0))
     first = voltage[~before][:3]
@@ -78,29 +65,22 @@ def test_control_begins_with_the_estimate_and_without_a_bump(backend, seed):
     assert np.abs(extension[~before][:5] - extension[0]).max() < 1e-4
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("ground", [(2.0, 3.0), (-4.0, 1.0), (0.0, -5.0)], ids=str)
-def test_ground_is_estimated_with_ideal_sensors(backend, ground):
+@pytest.mark.parametrize(
+    ("backend", "ground"),
+    [("multibody", (2.0, 3.0)), ("kinematic", (-4.0, 1.0)), ("kinematic", (0.0, -5.0))],
+)
+def test_ground_is_estimated_with_ideal_sensors(record, backend, ground):
     names = ("ground_estimated", "ground_valid")
     loop = ClosedLoop(PLATFORM, scenario_of(backend, ground, ideal=True), log=names)
-    _, signals = simulate(loop, BEGIN + 0.05)
+    signals = record(loop, BEGIN + 0.05)
     assert signals["ground_valid"][-1] == 1.0
     estimate = np.degrees(signals["ground_estimated"][-1])
     np.testing.assert_allclose(estimate, ground, rtol=0.0, atol=0.02)
 
 
-def test_attitude_estimate_is_good_from_the_start():
-    loop = ClosedLoop(
-        PLATFORM, scenario_of(ideal=True), log=("attitude_estimated", "truth.posture")
-    )
-    _, signals = simulate(loop, 0.2)
-    error = np.degrees(signals["attitude_estimated"] - signals["truth.posture"][:, :2])
-    assert np.abs(error).max() < 0.02
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize(
-    ("ground", "height_mm"), [((1.0, -1.5), 560.0), ((9.0, 0.0), 477.0)], ids=str
+    ("backend", "ground", "height_mm"),
+    [("multibody", (1.0, -1.5), 560.0), ("kinematic", (9.0, 0.0), 477.0)],
 )
 def test_unreachable_level_posture_stops_the_simulation_before_a_leg_moves(
     backend, ground, height_mm
@@ -133,40 +113,25 @@ def test_unreachable_level_posture_stops_the_simulation_before_a_leg_moves(
 @pytest.mark.parametrize(
     ("law", "angle", "height"), [("exact", 0.01, 0.1), ("differential", 0.05, 0.5)]
 )
-def test_both_feedforward_laws_level_the_platform(law, angle, height):
+def test_both_feedforward_laws_level_the_platform(record, law, angle, height):
     scenario = scenario_of(ground=(2.0, 3.0), ideal=True)
     scenario.control.feedforward = law
-    _, signals = simulate(ClosedLoop(PLATFORM, scenario, log=("truth.posture",)), BEGIN + 6.0)
+    signals = record(ClosedLoop(PLATFORM, scenario, log=("truth.posture",)), BEGIN + 6.0)
     error = level_error(signals["truth.posture"][-1])
     assert error[:2].max() < angle
     assert error[2] < height
 
 
-def test_both_backends_take_the_same_way():
+def test_both_backends_take_the_same_way(record):
     names = ("truth.posture", "truth.extension")
     runs = [
-        simulate(ClosedLoop(PLATFORM, scenario_of(backend, ideal=True), log=names), BEGIN + 2.0)[1]
+        record(ClosedLoop(PLATFORM, scenario_of(backend, ideal=True), log=names), BEGIN + 1.5)
         for backend in BACKENDS
     ]
     posture, extension = (np.abs(runs[0][name] - runs[1][name])[30:] for name in names)
     assert np.degrees(posture[:, :2]).max() < 0.05
     assert posture[:, 2].max() < 3e-4
     assert extension.max() < 3e-4
-
-
-def test_closed_loop_repeats_itself_and_serves_other_grounds():
-    names = ("truth.posture", "legs.voltage", "imu.accel")
-    loop = ClosedLoop(PLATFORM, scenario_of(), log=names)
-    first = simulate(loop, BEGIN + 0.5)
-    other = scenario_of(ground=(-2.0, 1.0), seed=7)
-    elsewhere = simulate(loop, BEGIN + 0.5, other)
-    fresh = simulate(ClosedLoop(PLATFORM, other, log=names), BEGIN + 0.5)
-    again = simulate(loop, BEGIN + 0.5)
-    for one, same in ((first, again), (elsewhere, fresh)):
-        np.testing.assert_array_equal(one[0], same[0])
-        for name in names:
-            np.testing.assert_array_equal(one[1][name], same[1][name], err_msg=name)
-    assert not np.array_equal(first[1]["truth.posture"], elsewhere[1]["truth.posture"])
 
 
 class WildCommand(LeafSystem):
@@ -186,8 +151,8 @@ class WildCommand(LeafSystem):
         output.SetFromVector(self._postures[step % len(self._postures)])
 
 
-@pytest.mark.parametrize("period", [0.25, 0.5, 1.0, 2.0])
-def test_clamped_commands_keep_the_legs_inside_their_stroke(period):
+@pytest.mark.parametrize("period", [0.25, 2.0])
+def test_clamped_commands_keep_the_legs_inside_their_stroke(record, period):
     scenario = scenario_of(ideal=True)
     names = ("truth.extension", "extension_desired_state", "legs.voltage", "posture_command")
     loop = ClosedLoop(
@@ -197,7 +162,7 @@ def test_clamped_commands_keep_the_legs_inside_their_stroke(period):
         sources=(WildCommand(period), *make_job_sources(scenario)),
         log=names,
     )
-    _, signals = simulate(loop, BEGIN + 8.0)
+    signals = record(loop, BEGIN + 8.0)
     low, high = MODEL_GEOMETRY.extension_min, MODEL_GEOMETRY.extension_max
     # Some overshoot of a leg that follows is no fault of the reference.
     for name, margin in (("extension_desired_state", 1e-4), ("truth.extension", 5e-4)):
@@ -223,23 +188,23 @@ def test_commands_out_of_reach_stop_the_simulation_where_they_are_not_clamped():
 # Logs and diagrams
 
 
-def test_chosen_ports_are_logged_alone():
-    names = ("truth.posture", "legs.voltage")
-    _, signals = simulate(ClosedLoop(PLATFORM, scenario_of(), log=names), 0.05)
+@pytest.mark.parametrize("names", [("truth.posture", "legs.voltage"), ()])
+def test_chosen_ports_are_logged_alone(record, names):
+    signals = record(ClosedLoop(PLATFORM, scenario_of(), log=names), 0.05)
     assert set(signals) == set(names)
+    assert (signals.time.size > 0) == bool(names)
 
 
 def test_log_is_empty_again_after_a_reset():
     loop = ClosedLoop(PLATFORM, scenario_of(), log=("truth.posture",))
-    lengths = [len(simulate(loop, until)[0]) for until in (0.2, 0.1, 0.2)]
-    assert lengths[0] == lengths[2] > lengths[1]
     simulator = Simulator(loop)
-    context = simulator.get_mutable_context()
+    context, lengths = simulator.get_mutable_context(), []
     for _ in range(2):
         loop.reset(context)
         simulator.Initialize()
         simulator.AdvanceTo(0.2)
-        assert len(loop.recording(context).time) == lengths[0]
+        lengths.append(len(loop.recording(context).time))
+    assert lengths[0] == lengths[1] > 2
 
 
 def test_graph_names_the_controllers_systems():
@@ -300,9 +265,10 @@ class Controller:
         self.run(0.5)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf], ids=str)
 @pytest.mark.parametrize("name", ["legs.extension", "imu.gyro", "imu.accel", "posture_command"])
-@pytest.mark.parametrize("elements", [slice(None), slice(1, 2)], ids=["all", "one"])
+@pytest.mark.parametrize(
+    ("elements", "value"), [(slice(None), np.nan), (slice(1, 2), np.inf)], ids=["all", "one"]
+)
 def test_voltages_stay_finite_and_limited_when_a_measurement_fails(name, value, elements):
     controller = Controller()
     controller.start()
@@ -358,28 +324,11 @@ def test_controller_that_holds_still_asks_for_the_extensions_of_the_command():
     np.testing.assert_allclose(rate, 0.0, atol=1e-12)
 
 
-def test_waypoints_are_taken():
-    scenario = scenario_of(ideal=True)
-    scenario.job.waypoints = [WaypointScenario(4.0, 0.5, -0.5, 5.0)]
-    _, signals = simulate(ClosedLoop(PLATFORM, scenario, log=("truth.posture",)), BEGIN + 6.5)
-    expected = (np.radians(0.5), np.radians(-0.5), 0.482)
-    found = signals["truth.posture"][-1]
-    np.testing.assert_allclose(found[:2], expected[:2], rtol=0.0, atol=np.radians(0.02))
-    assert found[2] == pytest.approx(expected[2], abs=2e-4)
-
-
-def test_loop_without_logs_records_nothing():
-    loop = ClosedLoop(PLATFORM, scenario_of(), log=())
-    time, signals = simulate(loop, 0.1)
-    assert time.size == 0
-    assert dict(signals) == {}
-
-
-def test_reset_does_not_ask_the_scenario_it_is_given_for_the_backend():
+def test_reset_does_not_ask_the_scenario_it_is_given_for_the_backend(record):
     loop = ClosedLoop(PLATFORM, LevellingScenario(backend="multibody"), log=("truth.posture",))
     other = LevellingScenario(backend="kinematic")
     other.ground.roll_deg, other.ground.pitch_deg = -1.0, 2.0
-    _, signals = simulate(loop, 0.02, other)
+    signals = record(loop, 0.02, other)
     np.testing.assert_allclose(
         np.degrees(signals["truth.posture"][:, :2]), [[-1.0, 2.0]] * 3, atol=1e-3
     )
@@ -402,9 +351,9 @@ def test_a_period_too_long_for_the_pole_is_refused_with_what_would_do(pole):
     ClosedLoop(PLATFORM, scenario, log=())
 
 
-@pytest.mark.parametrize("pole", [8.0, 10.0, 20.0, 25.0])
-def test_with_the_longest_period_of_a_pole_the_platform_levels_without_ringing(pole):
+@pytest.mark.parametrize("pole", [8.0, 25.0])
+def test_with_the_longest_period_of_a_pole_the_platform_levels_without_ringing(record, pole):
     scenario = scenario_of(ideal=True)
     scenario.control.pole, scenario.control.period = pole, min(0.05, longest_period(pole))
-    signals = simulate(ClosedLoop(PLATFORM, scenario, log=("truth.posture",)), BEGIN + 6.0)[1]
+    signals = record(ClosedLoop(PLATFORM, scenario, log=("truth.posture",)), BEGIN + 6.0)
     assert (level_error(signals["truth.posture"][-50:]) < (0.05, 0.05, 0.5)).all()

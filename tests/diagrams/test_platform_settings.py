@@ -19,7 +19,7 @@ from parapod.diagrams.levelling_platform.scenario import (
 )
 from parapod.diagrams.wiring import outputs_of
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
-from parapod.systems.sensors.imu import STANDARD_GRAVITY, sample_period
+from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
 SEEDS = range(64)
 
@@ -27,13 +27,6 @@ SEEDS = range(64)
 def beginnings(**sensors):
     scenario = LevellingScenario(sensors=SensorScenario(**sensors))
     return [Beginning.of(replace(scenario, seed=seed), MODEL_GEOMETRY) for seed in SEEDS]
-
-
-def record(scenario, until, *names):
-    loop = ClosedLoop(PLATFORM, scenario, log=names)
-    simulator = Simulator(loop)
-    simulator.AdvanceTo(until)
-    return loop.recording(simulator.get_context())
 
 
 # Drawn from the seed
@@ -79,11 +72,12 @@ def test_position_controllers_take_limit_pole_and_friction_of_the_scenario():
     assert params.friction_feedforward == (0.3, 0.7)  # extending, retracting
 
 
-def test_commands_stay_within_the_voltage_limit_of_the_scenario():
+def test_commands_stay_within_the_voltage_limit_of_the_scenario(record):
     control = ControlScenario(voltage_limit=0.8)
     scenario = LevellingScenario(backend="kinematic", control=control)
     scenario.job.estimate_at = 0.5
-    voltage = record(scenario, 2.0, "legs.voltage")["legs.voltage"]
+    loop = ClosedLoop(PLATFORM, scenario, log=("legs.voltage",))
+    voltage = record(loop, 2.0)["legs.voltage"]
     assert np.abs(voltage).max() == pytest.approx(0.8)
 
 
@@ -105,30 +99,6 @@ def test_the_arm_swings_to_the_angle_that_is_said_in_degrees():
 # Sensors
 
 
-@pytest.mark.parametrize("samples", [1, 4])
-def test_a_late_sensor_shows_the_samples_of_a_prompt_one_so_much_later(samples):
-    period = sample_period()
-
-    def shown(delay_ms):
-        scenario = LevellingScenario(backend="kinematic", seed=5)
-        scenario.sensors.imu_delay_ms = delay_ms
-        loop = ClosedLoop(PLATFORM, scenario, log=())
-        simulator = Simulator(loop)
-        rows = []
-        for k in range(40):
-            simulator.AdvanceTo((k + 0.5) * period)
-            station = loop.station.GetMyContextFromRoot(simulator.get_context())
-            gyro, age = (
-                loop.station.GetOutputPort(n).Eval(station) for n in ("imu.gyro", "status.age")
-            )
-            rows.append((*gyro, age[1]))
-        return np.array(rows)
-
-    prompt, late = shown(0.0), shown(1e3 * samples * period)
-    np.testing.assert_array_equal(late[samples + 1 :, :3], prompt[1:-samples, :3])
-    np.testing.assert_allclose(late[:, 3] - prompt[:, 3], samples * period)
-
-
 @pytest.mark.parametrize("period", [0.01, 0.02])
 def test_the_quasi_static_plant_shows_its_motion_once_a_period(period):
     scenario = LevellingScenario(backend="kinematic", control=ControlScenario(period=period))
@@ -140,14 +110,14 @@ def test_the_quasi_static_plant_shows_its_motion_once_a_period(period):
 # Faults
 
 
-def test_a_wrong_encoder_misleads_the_controller_by_as_much():
+def test_a_wrong_encoder_misleads_the_controller_by_as_much(record):
     """The controller leads what it sees to where it should be, and the leg 5 mm past it."""
     scenario = LevellingScenario(backend="kinematic")
     scenario.actuators.gain_error = 0.0
     scenario.job.estimate_at = 0.5
     scenario.faults = [PlatformFault(at=4.0, target="legs.extension", index=1, kind="wrong")]
     names = ("truth.extension", "legs.extension", "extension_desired_state")
-    found = record(scenario, 8.0, *names)
+    found = record(ClosedLoop(PLATFORM, scenario, log=names), 8.0)
     seen, true = (found[name][-1, 1] for name in ("legs.extension", "truth.extension"))
     assert seen == pytest.approx(found["extension_desired_state"][-1, 1], abs=2e-4)
     assert seen - true == pytest.approx(5e-3, abs=2e-5)

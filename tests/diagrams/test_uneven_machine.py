@@ -5,17 +5,11 @@ import math
 import numpy as np
 import pytest
 from pydrake.geometry import SceneGraph
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
 
-from parapod.diagrams.levelling_platform.machine import PLATFORM
-from parapod.diagrams.levelling_platform.model import add_platform, geometry_as_built
+from parapod.diagrams.levelling_platform.model import geometry_as_built
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario, SensorScenario
-from parapod.diagrams.station import Station
-from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, FootTruth
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.statics import resting_posture
 
 VARIANTS = ("full", "reduced")
@@ -65,74 +59,38 @@ def test_errors_of_one_kind_leave_the_other_kind_as_drawn():
         assert (built.l_x, built.l_4, built.l_7) == (drawn.l_x, drawn.l_4, drawn.l_7)
 
 
-class Machine:
-    """A platform as built, and what is read from it."""
-
-    def __init__(self, variant, geometry, foot_offsets=(0.0,) * 4):
-        builder = DiagramBuilder()
-        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
-        self.model = add_platform(
-            self.plant, variant, geometry=geometry, foot_offsets=foot_offsets
-        )
-        self.feet = add(builder, FootTruth(self.model))
-        for name, port in (
-            ("contact_results", self.plant.get_contact_results_output_port()),
-            ("body_poses", self.plant.get_body_poses_output_port()),
-        ):
-            connect(builder, port, self.feet.GetInputPort(name))
-        self.diagram = builder.Build()
-        self.root = self.diagram.CreateDefaultContext()
-        self.context = self.plant.GetMyMutableContextFromRoot(self.root)
-        self.offsets = foot_offsets
-
-    def stand(self, extension, ground=GROUND):
-        positions = self.model.standing_positions(extension, ground, self.offsets)
-        self.model.put(self.context, positions, ground, self.offsets)
-        self.feet.set_ground(
-            self.feet.GetMyMutableContextFromRoot(self.root), ground, self.offsets
-        )
-
-    def rollers(self):
-        """Centres (4, 3) of the rollers in the platform's frame."""
-        X_FW = self.plant.EvalBodyPoseInWorld(self.context, self.model.base).inverse()
-        bodies = self.model.leg_bodies("roller")
-        poses = [self.plant.EvalBodyPoseInWorld(self.context, body) for body in bodies]
-        return np.array([X_FW @ pose.translation() for pose in poses])
-
-    def read(self, name):
-        context = self.feet.GetMyContextFromRoot(self.root)
-        return np.array(self.feet.GetOutputPort(name).Eval(context))
-
-
 @pytest.fixture(scope="module", params=VARIANTS)
-def built(request):
+def built(request, make_model):
     scenario = scenario_with(length_error_mm=5.0, angle_error_deg=2.0)
-    return Machine(request.param, geometry_as_built(scenario))
+    return make_model(request.param, geometry_as_built(scenario))
 
 
 def random_extensions(count=10):
     return np.random.default_rng(0).uniform(0.39, 0.42, (count, 4))
 
 
+def rollers_of(machine):
+    """Centres (4, 3) of the rollers in the platform's frame."""
+    X_FW = machine.plant.EvalBodyPoseInWorld(machine.context, machine.model.base).inverse()
+    bodies = machine.model.leg_bodies("roller")
+    poses = [machine.plant.EvalBodyPoseInWorld(machine.context, body) for body in bodies]
+    return np.array([X_FW @ pose.translation() for pose in poses])
+
+
 def test_rollers_of_legs_as_built_are_where_the_closed_form_puts_them(built):
     for extension in random_extensions():
-        built.stand(extension)
+        built.stand(extension, GROUND)
         expected = [
             -np.array(foot_to_centre(leg, d))
             for leg, d in zip(built.model.geometry.legs, extension.tolist(), strict=True)
         ]
-        np.testing.assert_allclose(built.rollers(), expected, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(rollers_of(built), expected, rtol=0, atol=1e-12)
 
 
-def test_loops_of_legs_as_built_are_closed(built):
+def test_legs_as_built_are_closed_and_stand_on_three_feet_with_none_below_the_ground(built):
     for extension in random_extensions():
-        built.stand(extension)
+        built.stand(extension, GROUND)
         np.testing.assert_allclose(built.read("loop_error"), 0.0, rtol=0, atol=1e-12)
-
-
-def test_legs_as_built_stand_on_three_feet_and_none_is_below_the_ground(built):
-    for extension in random_extensions():
-        built.stand(extension)
         gap = np.sort(built.read("foot_height"))
         np.testing.assert_allclose(gap[:3], 0.0, rtol=0, atol=1e-9)
         assert gap[3] > 0.0
@@ -158,41 +116,39 @@ def test_every_context_has_the_legs_as_built(built):
 PADS = (0.02, -0.02, 0.02, -0.02)
 
 
-def station_on_pads(backend="multibody", heights=PADS):
-    scenario = scenario_with(backend)
-    scenario.ground.foot_heights_mm = [1e3 * height for height in heights]
-    station = Station(PLATFORM, scenario)
-    simulator = Simulator(station)
-    context = simulator.get_mutable_context()
-    for spec in PLATFORM.inputs:
-        station.GetInputPort(spec.name).FixValue(context, np.zeros(spec.size))
-    station.GetInputPort("wheels.brake").FixValue(context, [1.0])
-    station.reset(context)
-    simulator.Initialize()
-    return simulator, lambda name: np.array(station.GetOutputPort(name).Eval(context))
+@pytest.fixture
+def on_pads(make_machine):
+    """on_pads(backend, heights): a machine whose feet stand on pads."""
+
+    def make(backend="multibody", heights=PADS):
+        scenario = scenario_with(backend)
+        scenario.ground.foot_heights_mm = [1e3 * height for height in heights]
+        return make_machine(scenario)
+
+    return make
 
 
 @pytest.mark.parametrize("heights", [PADS, (0.01, 0.03, 0.0, 0.02)], ids=str)
 @BACKENDS
-def test_a_platform_on_pads_stands_with_all_feet(backend, heights):
-    _, read = station_on_pads(backend, heights)
-    np.testing.assert_allclose(read("truth.foot_height"), 0.0, rtol=0, atol=1e-9)
+def test_a_platform_on_pads_stands_with_all_feet(on_pads, backend, heights):
+    machine = on_pads(backend, heights)
+    np.testing.assert_allclose(machine.read("truth.foot_height"), 0.0, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("heights", [PADS, (0.01, 0.03, 0.0, 0.02)], ids=str)
-def test_a_platform_on_pads_stays_where_it_was_put(heights):
-    simulator, read = station_on_pads(heights=heights)
-    before = read("truth.posture")
-    simulator.AdvanceTo(0.5)
-    moved = np.abs(read("truth.posture") - before)
+def test_a_platform_on_pads_stays_where_it_was_put(on_pads, heights):
+    machine = on_pads(heights=heights)
+    before = machine.read("truth.posture")
+    machine.run(0.5)
+    moved = np.abs(machine.read("truth.posture") - before)
     assert np.degrees(moved[:2]).max() < 0.02
     assert moved[2] < 1e-4
-    assert np.abs(read("truth.foot_height")).max() < 1e-4
-    assert (read("truth.contact_force") > 0.0).all()
+    assert np.abs(machine.read("truth.foot_height")).max() < 1e-4
+    assert (machine.read("truth.contact_force") > 0.0).all()
 
 
-def test_both_backends_stand_in_the_same_posture_on_pads():
-    multibody, kinematic = (station_on_pads(backend)[1] for backend in ("multibody", "kinematic"))
+def test_both_backends_stand_in_the_same_posture_on_pads(on_pads):
+    multibody, kinematic = (on_pads(backend).read for backend in ("multibody", "kinematic"))
     extension = "truth.extension"
     np.testing.assert_allclose(multibody(extension), kinematic(extension), rtol=0, atol=1e-9)
     # The feet of the quasi-static plant yield to the weight.
@@ -201,10 +157,10 @@ def test_both_backends_stand_in_the_same_posture_on_pads():
     assert difference[2] < 1e-4
 
 
-def test_a_plane_has_no_pads():
+def test_a_plane_has_no_pads(make_model):
     names = []
     for offsets in ((0.0,) * 4, PADS):
-        machine = Machine("reduced", MODEL_GEOMETRY, offsets)
+        machine = make_model("reduced", MODEL_GEOMETRY, offsets)
         assert isinstance(machine.scene_graph, SceneGraph)
         inspector = machine.scene_graph.model_inspector()
         everything = [inspector.GetName(i) for i in inspector.GetAllGeometryIds()]
@@ -214,10 +170,10 @@ def test_a_plane_has_no_pads():
     assert names[1] == {"pad_1", "pad_1_visual", "pad_3", "pad_3_visual"}
 
 
-def test_pads_lift_feet_that_the_legs_alone_would_not():
-    machine = Machine("reduced", MODEL_GEOMETRY, PADS)
+def test_pads_lift_feet_that_the_legs_alone_would_not(make_model):
+    machine = make_model("reduced", MODEL_GEOMETRY, PADS)
     extension = random_extensions(1)[0]
-    machine.stand(extension)
+    machine.stand(extension, GROUND)
     posture = resting_posture(MODEL_GEOMETRY, extension, GROUND, PADS)
     flat = resting_posture(MODEL_GEOMETRY, extension, GROUND)
     assert np.abs(posture - flat).max() > 1e-3
@@ -228,43 +184,35 @@ def test_pads_lift_feet_that_the_legs_alone_would_not():
 # Late samples
 
 
-def inertial_run(delay_ms, samples=20):
+@pytest.fixture
+def inertial_run(make_machine):
     """Gyro and age (n) at the middle of each period while the platform is lowered in front."""
-    scenario = scenario_with("kinematic")
-    scenario.sensors.imu_delay_ms = delay_ms
-    station = Station(PLATFORM, scenario)
-    simulator = Simulator(station)
-    context = simulator.get_mutable_context()
-    for spec in PLATFORM.inputs:
-        station.GetInputPort(spec.name).FixValue(context, np.zeros(spec.size))
-    station.reset(context)
-    simulator.Initialize()
-    gyro, age = [], []
-    for k in range(samples):
-        voltage = [0.0, 0.0, 1.0 + k % 7, 1.0 + k % 7]
-        station.GetInputPort("legs.voltage").FixValue(context, voltage)
-        simulator.AdvanceTo((k + 0.5) * IMU_PERIOD)
-        gyro.append(station.GetOutputPort("imu.gyro").Eval(context).copy())
-        age.append(station.GetOutputPort("status.age").Eval(context).copy())
-    return np.array(gyro), np.array(age)
+
+    def run(delay_ms, samples=20):
+        scenario = scenario_with("kinematic")
+        scenario.sensors.imu_delay_ms = delay_ms
+        machine = make_machine(scenario)
+        gyro, age = [], []
+        for k in range(samples):
+            machine.set("legs.voltage", [0.0, 0.0, 1.0 + k % 7, 1.0 + k % 7])
+            machine.simulator.AdvanceTo((k + 0.5) * IMU_PERIOD)
+            gyro.append(machine.read("imu.gyro"))
+            age.append(machine.read("status.age"))
+        return np.array(gyro), np.array(age)
+
+    return run
 
 
-@pytest.mark.parametrize("late", [1, 2, 5])
-def test_late_samples_say_their_age(late):
-    _, age = inertial_run(0.0)
-    _, older = inertial_run(1e3 * late * IMU_PERIOD)
+@pytest.mark.parametrize("late", [1, 5])
+def test_late_samples_are_those_of_as_many_periods_ago_and_say_so(inertial_run, late):
+    gyro, age = inertial_run(0.0)
+    delayed, older = inertial_run(1e3 * late * IMU_PERIOD)
     np.testing.assert_allclose(older - age, np.tile((0.0, late * IMU_PERIOD, 0, 0), (20, 1)))
-
-
-@pytest.mark.parametrize("late", [1, 2, 5])
-def test_late_samples_are_those_of_as_many_periods_ago(late):
-    gyro, _ = inertial_run(0.0)
-    delayed, _ = inertial_run(1e3 * late * IMU_PERIOD)
     assert np.ptp(gyro[:, 1]) > 1e-3
     np.testing.assert_array_equal(delayed[late:], gyro[:-late])
 
 
 @pytest.mark.parametrize(("delay_ms", "late"), [(4.0, 0), (6.0, 1), (20.0, 2)])
-def test_a_delay_is_rounded_to_whole_samples(delay_ms, late):
+def test_a_delay_is_rounded_to_whole_samples(inertial_run, delay_ms, late):
     _, age = inertial_run(delay_ms, 2)
     assert age[1, 1] == pytest.approx((0.5 + late) * IMU_PERIOD, rel=1e-6)

@@ -4,6 +4,7 @@ Emulators run in threads of this process. A law about time is judged from what t
 meanwhile: see the fixture `judge`.
 """
 
+import gc
 import json
 import math
 import os
@@ -250,6 +251,12 @@ def rig(request, place):
     rig = Rig(name, **settings)
     with rig.driver.emulate(rig.harness, rig.misbehaviour):
         yield rig
+
+
+@pytest.fixture(scope="module", autouse=True)
+def collected():
+    """Destroys what other tests have left here: Meshcat aborts when a device's thread does it."""
+    gc.collect()
 
 
 def each(names):

@@ -24,10 +24,10 @@ def scenario_with(*overrides):
 
 
 @pytest.fixture(scope="module")
-def recorded(execute, tmp_path_factory):
+def recorded(finished, tmp_path_factory):
     """A simulated recording."""
-    path = tmp_path_factory.mktemp("recorded") / "poses.npz"
-    execute("calibrate", log=path)
+    path, log = tmp_path_factory.mktemp("recorded") / "poses.npz", finished("calibrate").log
+    write_log(path, log.time, log.signals, log.metadata)
     return path
 
 
@@ -35,7 +35,7 @@ def values(result):
     return {metric.key: metric.value for metric in result.metrics}
 
 
-@pytest.mark.parametrize("seed", range(1, 5))
+@pytest.mark.parametrize("seed", [1, 2])
 def test_machines_of_other_seeds_are_identified_too(execute, seed):
     result = execute("calibrate", f"seed={seed}")
     assert result.broken == ()
@@ -71,8 +71,7 @@ def test_commanded_poses_are_different_and_use_the_whole_stroke():
         assert commands.max() <= 0.42
 
 
-@pytest.mark.parametrize("overrides", [(), UNKNOWN_GROUND])
-@pytest.mark.parametrize("suffix", [".npz", ".csv"])
+@pytest.mark.parametrize(("overrides", "suffix"), [((), ".csv"), (UNKNOWN_GROUND, ".npz")])
 def test_a_recording_is_calibrated_like_the_simulation_that_it_was_written_by(
     execute, tmp_path, overrides, suffix
 ):

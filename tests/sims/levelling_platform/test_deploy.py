@@ -13,16 +13,18 @@ from parapod.sims.lab.files import read_log
 from parapod.sims.levelling_platform.deploy import DeployScenario
 from parapod.sims.levelling_platform.operation import PhaseLabel
 from parapod.systems.core.scenario_file import load_scenario
-from parapod.systems.levelling_platform.supervisor import Phase
+from parapod.systems.levelling_platform.supervisor import Phase, SupervisorParams
 
 # As little as is an operation: hardly any way there and back, and work without pauses.
 BRIEF = ("drive.distance_m=0.05", "work.hold_s=0.5")
 ORDER = ["transport", "brake", "lower", "touchdown", "estimate", "posture", "hold", "retract"]
 
 
-def broken_off(execute, longest, **options):
-    """Result of an operation that is ended on its way."""
-    return execute("deploy", "backend=kinematic", *BRIEF, f"longest={longest}", **options)
+@pytest.fixture(scope="module")
+def broken_off(execute, tmp_path_factory):
+    """Result and picture of an operation that is ended on its way."""
+    path = tmp_path_factory.mktemp("broken_off") / "deploy.html"
+    return execute("deploy", "backend=kinematic", *BRIEF, "longest=3", html=path), path
 
 
 def test_an_operation_goes_through_all_phases_and_holds_its_bounds(finished):
@@ -39,8 +41,18 @@ def test_an_operation_goes_through_all_phases_and_holds_its_bounds(finished):
     assert values["findings"] == values["steps_left"] == 0.0
 
 
-def test_an_operation_that_does_not_come_to_its_end_breaks_its_bounds(execute):
-    result = broken_off(execute, 3)
+def test_on_bodies_nothing_that_is_asked_for_jumps_and_all_feet_stand_in_the_end(finished):
+    log = finished("deploy").log
+    period = float(np.diff(log.time).min())
+    desired = log.signals["extension_desired_state"][:, :4]
+    assert np.abs(np.diff(desired, axis=0)).max() <= 1.1 * SupervisorParams().raising_rate * period
+    assert np.abs(np.diff(log.signals["legs.voltage"], axis=0)).max() < 0.5
+    holding = log.signals["phase"][:, 0] == Phase.HOLD
+    assert log.signals["legs.limits"][holding][-1, 8:].min() == 1.0
+
+
+def test_an_operation_that_does_not_come_to_its_end_breaks_its_bounds(broken_off):
+    result, _ = broken_off
     assert "steps_left" in {metric.key for metric in result.broken}
     assert result["steps_left"] > 0.0
 
@@ -53,7 +65,7 @@ def faulty(execute, tmp_path_factory):
     """Result and log of an operation whose encoder of a leg falls silent."""
     path = tmp_path_factory.mktemp("faulty") / "deploy.npz"
     fault = "faults=[{at: 20, target: legs.extension, index: 2, kind: off}]"
-    result = execute("deploy", "backend=kinematic", *BRIEF, fault, "longest=22", log=path)
+    result = execute("deploy", "backend=kinematic", *BRIEF, fault, "longest=21", log=path)
     return result, read_log(path)
 
 
@@ -84,12 +96,16 @@ def test_a_fault_leaves_nothing_that_acts_without_a_number(faulty):
     assert np.ptp(signals["truth.extension"][stopped][10:], axis=0).max() < 1e-9
 
 
-def test_the_log_says_which_fault_was_injected(faulty, tmp_path):
-    path = tmp_path / "again.yaml"
-    path.write_text(faulty[1].metadata["scenario"])
+def test_the_log_says_which_fault_was_injected_and_when(faulty, tmp_path):
+    log, path = faulty[1], tmp_path / "again.yaml"
+    path.write_text(log.metadata["scenario"])
     (fault,) = load_scenario(DeployScenario, None, path).faults
     assert (fault.at, fault.target, fault.index, fault.kind) == (20.0, "legs.extension", 2, "off")
-    assert faulty[1].metadata["units"]["legs.stop"] == PLATFORM.unit("legs.stop")
+    assert log.signals["fault.legs.extension.changed"][-1] == 1.0
+    units = log.metadata["units"]
+    assert units["fault.legs.extension.extra_age"] == "s"
+    assert units["legs.stop"] == PLATFORM.unit("legs.stop")
+    assert set(units) == set(log.signals)
 
 
 # Label
@@ -142,10 +158,8 @@ def test_each_word_is_drawn_once():
     )
 
 
-def test_a_recording_names_the_phases_that_were_reached(execute, tmp_path):
-    path = tmp_path / "deploy.html"
-    broken_off(execute, 3, html=path)
-    shown = visible_of(path.read_text())
+def test_a_recording_names_the_phases_that_were_reached(broken_off):
+    shown = visible_of(broken_off[1].read_text())
     assert set(shown) == {"TRANSPORT", "BRAKE", "LOWER"}
     begins = {word: [time for time, visible in keys if visible] for word, keys in shown.items()}
     assert begins["TRANSPORT"] == [0]

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from parapod.diagrams.drawing import View
-from parapod.sims.levelling_platform.report.chapter import pictures
+from parapod.sims.levelling_platform.report.chapter import CHAPTER
 
 
-@pytest.fixture(scope="module")
-def taken():
-    try:
-        return pictures()
-    except RuntimeError as error:
-        pytest.skip(str(error))
+@pytest.fixture
+def taken(finished_chapter):
+    """Pictures of the quick report."""
+    quick = finished_chapter(CHAPTER)
+    if not quick.pictures:
+        pytest.skip(quick.problem)
+    return quick.pictures
 
 
 def test_the_machine_is_in_the_middle_of_every_picture(taken):

@@ -8,6 +8,7 @@ import pytest
 from parapod.sims.lab.figures import render
 from parapod.sims.walking_chair.gait import (
     ChairGaitScenario,
+    check_walks,
     gait_metrics,
     sample_walk,
 )
@@ -27,11 +28,6 @@ def logged(finished):
 
 
 @pytest.fixture(scope="module")
-def values(logged):
-    return logged.values
-
-
-@pytest.fixture(scope="module")
 def walks():
     return tuple(sample_walk(CHAIR, walk) for walk in scenario_with().walks)
 
@@ -40,7 +36,8 @@ def broken(printed, smooth):
     return {metric.key for metric in gait_metrics(printed, smooth) if not metric.passed}
 
 
-def test_the_numbers_are_those_of_the_papers_gait(values):
+def test_the_numbers_are_those_of_the_papers_gait(logged):
+    values = logged.values
     assert values["max_branch_speed_mm_s"] == pytest.approx(75.163, abs=1e-3)
     assert values["velocity_step_printed_mm_s"] == pytest.approx(22.94, abs=1e-6)
     assert values["velocity_step_mm_s"] < 1e-9
@@ -57,12 +54,23 @@ def test_the_numbers_are_those_of_the_papers_gait(values):
     assert values["same_time_difference_mm"] == pytest.approx(111.56, abs=0.05)
 
 
-@pytest.mark.parametrize("order", ["13-24", "24-13"])
-@pytest.mark.parametrize("way", ["forward", "back", "forward and back"])
-@pytest.mark.parametrize("law", ["ramped", "cycloid", "quintic"])
-def test_every_order_way_and_smooth_law_holds_the_bounds(execute, order, way, law):
-    overrides = f"gait.order={order}", f"gait.way={way}", f"gait.body_law={law}", "gait.cycles=2"
-    assert execute("chair-gait", *overrides).broken == ()
+@pytest.mark.parametrize(
+    ("order", "way", "law", "cycles"),
+    [
+        ("13-24", "forward", "ramped", 2),
+        ("24-13", "forward", "cycloid", 1),
+        ("13-24", "back", "quintic", 1),
+        ("24-13", "back", "ramped", 1),
+        ("13-24", "forward and back", "cycloid", 1),
+        ("24-13", "forward and back", "quintic", 1),
+    ],
+)
+def test_every_order_way_and_smooth_law_holds_the_bounds(execute, order, way, law, cycles):
+    values = {"order": order, "way": way, "body_law": law, "cycles": cycles}
+    result = execute("chair-gait", *(f"gait.{key}={value}" for key, value in values.items()))
+    assert result.broken == ()
+    if (order, way) == ("24-13", "back"):
+        assert b"second swing" in render(result.figures[0])
 
 
 def test_eq_45_as_the_smooth_law_breaks_the_bounds_on_steps(execute):
@@ -172,10 +180,5 @@ def test_the_log_has_both_laws(logged):
     assert log.signals["smooth.foot_corners"][:, 2::3].min() > -1e-9
 
 
-def test_as_many_cycles_as_can_be_drawn_hold_the_bounds(execute):
-    assert execute("chair-gait", "gait.cycles=10").passed
-
-
-def test_the_way_back_can_be_drawn_too(execute):
-    result = execute("chair-gait", "gait.way=back", "gait.order=24-13")
-    assert b"second swing" in render(result.figures[0])
+def test_as_many_cycles_as_can_be_drawn_are_admissible():
+    check_walks(scenario_with("gait.cycles=10"), CHAIR)

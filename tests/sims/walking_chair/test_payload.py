@@ -97,11 +97,11 @@ def test_a_payload_aside_has_less_margin_and_is_smaller(execute, values):
         assert aside[key] == pytest.approx(values[key], abs=1e-6)
 
 
-def test_less_friction_carries_less(execute):
-    results = [execute("chair-payload", QUICK, f"friction={mu}") for mu in (0.0, 0.02, 0.6)]
-    masses = [result["payload_friction_kg"] for result in results]
-    assert (np.diff(masses) > 0.0).all()
-    assert masses[0] == pytest.approx(168.588, abs=0.1)
+def test_less_friction_carries_less(execute, values):
+    results = [execute("chair-payload", QUICK, f"friction={mu}") for mu in (0.0, 0.02)]
+    none, little = (result["payload_friction_kg"] for result in results)
+    assert none == pytest.approx(168.588, abs=0.1)
+    assert none < little < values["payload_friction_kg"]
 
 
 @pytest.mark.parametrize(
@@ -156,8 +156,7 @@ def test_the_share_is_that_of_the_closed_form():
     assert paper_share() * 9.81 * 106.2 == pytest.approx(2.0 * 427.3)
 
 
-@pytest.mark.parametrize("way", ["back", "forward and back"])
-@pytest.mark.parametrize("order", ["13-24", "24-13"])
+@pytest.mark.parametrize(("order", "way"), [("13-24", "back"), ("24-13", "forward and back")])
 def test_every_order_and_way_holds_the_bounds(execute, order, way):
     result = execute("chair-payload", QUICK, f"gait.order={order}", f"gait.way={way}")
     assert result.broken == ()

@@ -41,15 +41,6 @@ def ticks(controller, fix, samples):
     return np.array([tick(controller, context, fix, *row) for row in rows])
 
 
-def test_ports():
-    controller = CompoundPositionController(channels=5)
-    ports = [controller.get_input_port(i) for i in range(controller.num_input_ports())]
-    sizes = {port.get_name(): port.size() for port in ports}
-    assert sizes == {"position_node": 5, "position_measured": 5, "enable": 1}
-    assert controller.num_output_ports() == 1
-    assert controller.GetOutputPort("velocity_command").size() == 5
-
-
 def test_an_unknown_mode_is_refused_with_the_known_ones():
     with pytest.raises(ValueError, match="mode 'compuond' is not one of compound, velocity, posi"):
         CompoundPositionControllerParams(mode="compuond")
@@ -201,35 +192,6 @@ def test_it_forgets_everything_while_it_is_off(fix, mode):
     fix(controller, context, enable=[1.0])
     again = [tick(controller, context, fix, [node], [measured])[0] for node, measured in NODES]
     assert again == ticks(controller_with(mode=mode), fix, NODES)[:, 0].tolist()
-
-
-# Prerequisites
-
-
-@pytest.mark.parametrize(
-    ("mode", "port", "moves"),
-    [
-        ("compound", "position_node", True),
-        ("compound", "position_measured", True),
-        ("compound", "enable", True),
-        ("velocity", "position_node", True),
-        ("velocity", "position_measured", True),
-        ("velocity", "enable", True),
-        # The drive's own loop runs to the node that is due, and knows nothing of the next one.
-        ("position", "position_node", False),
-        ("position", "position_measured", True),
-        ("position", "enable", True),
-    ],
-)
-def test_command_follows_its_inputs(fix, moved, mode, port, moves):
-    controller = controller_with(mode=mode)
-    context = controller.CreateDefaultContext()
-    fix(controller, context, enable=[1.0])
-    tick(controller, context, fix, [0.601], [0.6])
-    fix(controller, context, position_measured=[0.6005])
-    value = 0.0 if port == "enable" else 0.6025
-    found = moved(controller, context, lambda: fix(controller, context, **{port: [value]}))
-    assert found == ({"velocity_command"} if moves else set())
 
 
 # Laws, with a drive

@@ -220,10 +220,11 @@ def test_nothing_jumps_when_control_begins_again(fix):
     assert tick(controller, context)[0] == pytest.approx(-2.0, rel=1e-9)
 
 
-def test_disabled_controller_outputs_nothing(fix):
+@pytest.mark.parametrize("enable", [0.0, 0.5, math.nan])
+def test_disabled_controller_outputs_nothing(fix, enable):
     controller = PiController(channels=1)
-    context = controller.CreateDefaultContext()
-    fix(controller, context, desired=(0.5,), measured=(0.4,), enable=(0.5,))
+    context = begun(controller, fix)
+    fix(controller, context, desired=(0.401,), enable=(enable,))
     for _ in range(3):
         assert tick(controller, context).tolist() == [0.0]
 
@@ -310,13 +311,6 @@ def test_channel_whose_input_is_bad_when_control_begins_begins_later_without_a_j
     fix(controller, context, desired=(math.nan,), enable=(1.0,))
     assert tick(controller, context).tolist() == [0.0]
     fix(controller, context, desired=(0.42,))
-    assert tick(controller, context).tolist() == [0.0]
-
-
-def test_enable_that_is_nan_disables(fix):
-    controller = PiController(channels=1)
-    context = begun(controller, fix)
-    fix(controller, context, desired=(0.401,), enable=(math.nan,))
     assert tick(controller, context).tolist() == [0.0]
 
 

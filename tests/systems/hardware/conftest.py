@@ -1,4 +1,5 @@
 import dataclasses
+import gc
 import itertools
 import threading
 import time
@@ -21,6 +22,12 @@ QUICK = {
     "node_ids": [1, 2, 3, 4],
 }
 PATIENT = {"heartbeat_timeout": 2.0, "timeout": 0.5, "sdo_timeout": 0.5}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def collected():
+    """Destroys what other tests have left here: Meshcat aborts when a device's thread does it."""
+    gc.collect()
 
 
 class FakeDevice(Device):
@@ -162,20 +169,21 @@ class Rig:
     def is_braked(self):
         return self.harness.get(f"{self.part}.brake") == (1.0,)
 
-    def wait_for_the_brake(self):
-        """Waits without a call of the drives."""
+    def wait(self, condition, call=None):
+        """Waits for a condition, and goes on reading meanwhile as an owner does, or calls."""
         deadline = time.monotonic() + 5.0
-        while not self.is_braked:
-            assert time.monotonic() < deadline, (self.command, self.nodes.states)
-            time.sleep(1e-3)
-
-    def wait(self, condition, timeout=5.0):
-        """Polls, and goes on reading meanwhile as an owner does."""
-        deadline = time.monotonic() + timeout
         while not condition():
             assert time.monotonic() < deadline, (self.command, self.nodes.states)
-            self.drives.read()
+            (call or self.drives.read)()
             time.sleep(0.001)
+
+    def wait_alone(self, condition):
+        """Waits for a condition without a call of the drives."""
+        self.wait(condition, lambda: None)
+
+    def wait_for(self, state):
+        """Waits for all nodes to be in a state, without a call of the drives."""
+        self.wait_alone(lambda: set(self.nodes.states) == {state})
 
 
 @pytest.fixture(scope="session")

@@ -183,6 +183,7 @@ def test_a_leg_that_is_not_measured_is_not_lowered(operate, leg):
     for contact in (0.0, 1.0):
         operation = operate().to(Phase.LOWER).at(but(LOW, leg, math.nan)).touch(*[contact] * 4)
         assert operation.wait(1.0).phase is Phase.LOWER
+        assert operation.refusal[0] == Refusal.NONE  # it is no ground that is missing
         assert operation["leg_rate"][leg] == 0.0
 
 

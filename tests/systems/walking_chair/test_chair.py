@@ -210,16 +210,12 @@ def test_body_is_level_and_at_rest_unless_told():
 
 def test_wrong_shapes_are_refused_by_name():
     for arguments, name in (
-        ((POSITION[:2], LEVEL, FEET, "E1"), "body_position"),
         ((POSITION, np.eye(2), FEET, "E1"), "body_rotation"),
-        ((POSITION, LEVEL, FEET[:3], "E1"), "feet"),
         ((POSITION, LEVEL, FEET[0], "E1"), "feet"),
         ((POSITION, LEVEL, FEET, ["E1", "E2"]), "references"),
     ):
         with pytest.raises(ValueError, match=f"{name} must have shape"):
             chair_inverse(CHAIR, *arguments)
-    with pytest.raises(ValueError, match=r"lengths must have shape \(\.\.\., 4, 3\)"):
-        foot_corners(CHAIR, POSITION, LEVEL, FLAT)
 
 
 def test_an_unknown_corner_is_refused():

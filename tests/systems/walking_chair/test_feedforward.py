@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.systems.walking_chair.chair import chair_motion
 from parapod.systems.walking_chair.feedforward import (
     FARTHEST,
     ChairFeedforward,
@@ -42,24 +41,6 @@ def test_outputs_are_the_gaits_branches(fix, read, time):
         )
 
 
-def test_velocity_and_acceleration_are_the_rates_of_the_length(fix, read):
-    system = ChairFeedforward()
-    context = system.CreateDefaultContext()
-    h, time = 1e-3, 11.7
-    lengths = []
-    for k in (-1, 0, 1):
-        fix(system, context, **inputs(time + k * h))
-        shown = read(system, context)
-        lengths.append(shown["length"])
-        if k == 0:
-            middle = shown
-    before, now, after = lengths
-    np.testing.assert_allclose((after - before) / (2 * h), middle["velocity"], atol=1e-7)
-    np.testing.assert_allclose(
-        (after - 2 * now + before) / h**2, middle["acceleration"], atol=1e-5
-    )
-
-
 def test_a_leg_that_cannot_reach_is_nan_and_the_others_are_not(fix, read):
     system = ChairFeedforward()
     context = system.CreateDefaultContext()
@@ -70,27 +51,6 @@ def test_a_leg_that_cannot_reach_is_nan_and_the_others_are_not(fix, read):
     for value in read(system, context).values():
         known = np.isfinite(value.reshape(4, 3)).all(axis=1)
         assert known.tolist() == [True, False, True, True]
-
-
-def test_lengths_depend_on_positions_alone(fix, read):
-    system = ChairFeedforward()
-    context = system.CreateDefaultContext()
-    values = inputs(6.308)
-    fix(system, context, **values)
-    length = read(system, context)["length"]
-    body = values["body_motion"].copy()
-    body[3:] += 1.0
-    fix(system, context, body_motion=body)
-    np.testing.assert_array_equal(read(system, context)["length"], length)
-
-
-def test_the_chair_stays_level():
-    # What the system leaves out must not matter: the gait's body does not turn.
-    motion = gait_motion(GEOMETRY, GAIT, 12.0)
-    turning = motion.body._replace(angular_velocity=(0.0, 0.0, 0.0))
-    a = chair_motion(GEOMETRY, motion.body, motion.feet, motion.references)
-    b = chair_motion(GEOMETRY, turning, motion.feet, motion.references)
-    np.testing.assert_array_equal(a.velocity, b.velocity)
 
 
 LENGTH = np.linspace(0.60, 0.71, 12)
@@ -106,14 +66,6 @@ def start(fix, offset, **settings):
 
 def node(system, context):
     return system.get_output_port().Eval(context).copy()
-
-
-def test_the_first_node_is_where_the_branches_are(fix):
-    offset = np.linspace(-0.01, 0.015, 12)
-    system, simulator, context = start(fix, offset)
-    np.testing.assert_allclose(node(system, context), LENGTH + offset, rtol=0, atol=1e-15)
-    simulator.AdvanceTo(0.005)
-    np.testing.assert_allclose(node(system, context), LENGTH + offset, rtol=0, atol=1e-6)
 
 
 def test_nodes_become_the_gaits_smoothly(fix):

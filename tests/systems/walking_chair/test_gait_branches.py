@@ -116,11 +116,6 @@ def test_legs_1_and_4_and_legs_2_and_3_are_each_others_time_reversal():
     assert np.abs(length[:, 0] - length[:, 3]).max() > 0.05
 
 
-def test_ups_branches_of_a_leg_move_alike():
-    length = gait_branches(CHAIR, GAIT, TIMES).length
-    np.testing.assert_allclose(length[..., 1], length[..., 2], rtol=0, atol=1e-13)
-
-
 @pytest.mark.parametrize("law", MOTION_LAWS)
 def test_velocities_and_accelerations_agree_with_differences(law):
     gait, dt = replace(GAIT, body_law=law), 1e-4
@@ -229,11 +224,3 @@ def test_lengths_are_those_of_the_chair_for_its_bodies_and_feet():
     np.testing.assert_allclose(
         gait_branches(CHAIR, GAIT, TIMES).length, lengths, rtol=0, atol=1e-15
     )
-
-
-def test_times_may_have_any_shape():
-    motion = gait_motion(CHAIR, GAIT, np.zeros((2, 3)))
-    assert motion.references.shape == motion.support.shape == (2, 3, 4)
-    assert motion.feet.position.shape == (2, 3, 4, 3)
-    assert gait_branches(CHAIR, GAIT, np.zeros((2, 3))).length.shape == (2, 3, 4, 3)
-    assert gait_branches(CHAIR, GAIT, 1.0).length.shape == (4, 3)

@@ -197,3 +197,12 @@ def test_a_circle_out_of_reach_gives_no_lengths():
     reference = CircleReference(FootCircle(z=0.5))
     node = reference.GetOutputPort("position_node").Eval(reference.CreateDefaultContext())
     assert np.isnan(node).all()
+
+
+def test_a_circle_has_a_node_every_hundredth_of_a_second_if_nobody_says_another_period():
+    reference = CircleReference()
+    timing = reference.GetUniquePeriodicDiscreteUpdateAttribute()
+    assert (timing.period_sec(), timing.offset_sec()) == (0.01, 0.0)
+    node = reference.GetOutputPort("position_node").Eval(reference.CreateDefaultContext())
+    wanted = lengths_at(FootCircle(), 0.01)
+    np.testing.assert_array_equal(node, wanted)

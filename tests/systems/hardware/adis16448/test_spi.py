@@ -347,7 +347,7 @@ def test_transfer_that_comes_in_pieces_is_answered(server, socket_path):
 
 
 class FakeSpiDev:
-    """What of spidev the device uses, without a bus."""
+    """The part of spidev that the device uses, without a bus."""
 
     made: list = []  # noqa: RUF012
 

@@ -36,18 +36,15 @@ def fault_of(call, *arguments):
 # --- the life of a device
 
 
-@pytest.mark.parametrize("end", ["deactivate", "close"])
-def test_drives_have_power_from_activate_to_every_end(rig, end):
+def test_drives_have_power_while_they_are_active(rig):
     rig.drives.configure()
     rig.drives.write(wheels((1.0, 2.0, 3.0, 4.0)))
     rig.drives.read()
     assert set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
     rig.drives.activate()
     assert set(rig.nodes.states) == {DriveState.OPERATION_ENABLED}
-    getattr(rig.drives, end)()
-    deadline = time.monotonic() + 5.0
-    while set(rig.nodes.states) != {DriveState.SWITCH_ON_DISABLED}:
-        assert time.monotonic() < deadline
+    rig.drives.deactivate()
+    rig.wait_for(DriveState.SWITCH_ON_DISABLED)
 
 
 def test_pause_before_activate_is_harmless(make_rig):
@@ -197,9 +194,7 @@ def test_fault_is_told_with_its_code_and_words(rig):
     assert "node 3 is in fault: EMCY 0x2310 (overcurrent)" in str(error)
     # Commands do not bring it back, and the other wheels go on.
     rig.drives.write(wheels((1.0,) * 4))
-    deadline = time.monotonic() + 5.0
-    while rig.command[0] < 0.9:
-        assert time.monotonic() < deadline
+    rig.wait_alone(lambda: rig.command[0] > 0.9)
     assert rig.command[2] == 0.0
 
 
@@ -217,19 +212,18 @@ def test_silent_caller_lets_the_wheels_stop(make_rig, judge):
         rig.drives.write(wheels((2.0,) * 4))
         rig.wait(lambda: rig.command == pytest.approx((2.0,) * 4, abs=RESOLUTION))
         with judge() as judged:
-            rig.wait_for_the_brake()
+            rig.wait_alone(lambda: rig.is_braked)
         judged.check(0.2)
         assert rig.command == (0.0,) * 4
-        deadline = time.monotonic() + 5.0
-        while set(rig.nodes.states) != {DriveState.FAULT}:
-            assert time.monotonic() < deadline
+        rig.wait_for(DriveState.FAULT)
         error = fault_of(rig.drives.read)
         assert error.fault is DeviceFault.FAILED
         assert "node 1 is in fault: EMCY 0x8130" in str(error)
         rig.drives.write(wheels((2.0,) * 4))
         assert rig.is_braked
-        # Asked to, the drives recover from what was not their fault.
+        # Asked to, the drives recover from what was not their fault, and know where they are.
         rig.drives.activate()
+        assert rig.drives.read()["position"] == pytest.approx((0.0,) * 4, abs=COUNT)
         rig.drives.write(wheels((1.0,) * 4))
         rig.wait(lambda: rig.command == pytest.approx((1.0,) * 4, abs=RESOLUTION))
 
@@ -238,7 +232,7 @@ def test_wheels_are_guarded_as_soon_as_they_have_power(make_rig, judge):
     with make_rig({"heartbeat_timeout": 0.1}) as rig:
         rig.activate()
         with judge() as judged:
-            rig.wait_for_the_brake()
+            rig.wait_alone(lambda: rig.is_braked)
         judged.check(0.2)
 
 
@@ -246,10 +240,11 @@ def test_unplugged_nodes_stop_the_wheels(make_rig):
     with make_rig({"heartbeat_timeout": 0.1, "timeout": 0.05}) as rig:
         rig.activate()
         rig.misbehaviour.begin("unplugged", time.monotonic())
-        deadline = time.monotonic() + 5.0
-        while not rig.is_braked:
-            assert time.monotonic() < deadline
+
+        def read():
             assert fault_of(rig.drives.read).fault is DeviceFault.SILENT
+
+        rig.wait(lambda: rig.is_braked, read)
 
 
 def test_node_that_restarts_is_noticed(rig):

@@ -1,54 +1,22 @@
 import math
 import random
 import socket
-import tempfile
 import time
 
 import pytest
+from nidaqmx.error_codes import DAQmxErrors
+from nidaqmx.errors import DaqError
 
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 from parapod.systems.hardware.ni import card as ni_card
 from parapod.systems.hardware.ni.card import NiDaq
-from parapod.systems.hardware.ni.emulator import NiServer
 from parapod.systems.hardware.ni.settings import NiDaqSettings
+from parapod.systems.hardware.ni.tasks import NiTasks
 
 COUNT = 1e-5
 TIMEOUT = 0.2
 # What a busy computer may add to a timeout [s].
 MARGIN = 0.3
-
-
-@pytest.fixture
-def harness():
-    return Harness({"legs.voltage": 4, "legs.stop": 1, "legs.extension": 4, "legs.limits": 12})
-
-
-@pytest.fixture
-def misbehaviour():
-    return Misbehaviour()
-
-
-@pytest.fixture
-def serve(harness, misbehaviour):
-    """serve(**arguments) gives a server that listens until the test is over."""
-    servers = []
-    # The path of a Unix socket is short.
-    with tempfile.TemporaryDirectory(prefix="ni") as folder:
-
-        def start(**arguments):
-            server = NiServer(f"{folder}/socket", harness, misbehaviour, **arguments)
-            servers.append(server)
-            return server.__enter__()
-
-        yield start
-        for server in servers:
-            server.__exit__(None, None, None)
-
-
-@pytest.fixture
-def server(serve):
-    return serve()
 
 
 def device(server, **settings):
@@ -361,15 +329,11 @@ def test_what_the_card_shows_is_passed_on(card, harness, misbehaviour):
     measured = card.read()
     assert measured["extension"] == pytest.approx((-0.1, -0.2, 0.0, 0.0))
     assert measured["limits"] == (0.0,) + (1.0,) * 11
-    misbehaviour.begin("stuck", time.monotonic())
-    card.read()
-    harness.set("legs.extension", (0.3,) * 4)
-    assert card.read()["extension"] == pytest.approx((0.1, 0.2, 0.0, 0.0))
     misbehaviour.begin("garbage", time.monotonic())
     shown = {card.read()["extension"] for _ in range(3)}
     assert len(shown) == 3
     misbehaviour.end()
-    assert card.read()["extension"] == pytest.approx((0.3,) * 4)
+    assert card.read()["extension"] == pytest.approx((0.1, 0.2, 0.0, 0.0))
 
 
 def test_intermittent_server_delays_but_does_not_fail(server, misbehaviour):
@@ -394,3 +358,26 @@ def test_no_proxy_of_the_environment_comes_between_program_and_card(monkeypatch)
         proxy.setblocking(False)
         with pytest.raises(BlockingIOError):
             proxy.accept()
+
+
+@pytest.mark.parametrize(
+    ("code", "fault"),
+    [
+        (DAQmxErrors.PAL_TRANSFER_ABORTED, DeviceFault.UNPLUGGED),
+        (DAQmxErrors.DEV_ABSENT_OR_UNAVAILABLE, DeviceFault.UNPLUGGED),
+        (DAQmxErrors.DEV_CANNOT_BE_ACCESSED, DeviceFault.UNPLUGGED),
+        (DAQmxErrors.OPERATION_TIMED_OUT, DeviceFault.SILENT),
+        (DAQmxErrors.INVALID_ATTRIBUTE_VALUE, DeviceFault.FAILED),
+    ],
+    ids=lambda value: value.name,
+)
+def test_an_error_of_the_library_is_the_fault_that_its_name_says(monkeypatch, code, fault):
+    tasks = NiTasks(NiDaqSettings(), "card")
+
+    def identify():
+        raise DaqError(f"the library says {code.name}", code.value)
+
+    monkeypatch.setattr(tasks, "_identify", identify)
+    with pytest.raises(DeviceError, match=f"card.*{code.name}") as caught:
+        tasks.open()
+    assert caught.value.fault is fault

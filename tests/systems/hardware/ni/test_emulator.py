@@ -1,4 +1,3 @@
-import tempfile
 import time
 
 import grpc
@@ -12,28 +11,7 @@ from nidaqmx.errors import DaqError
 from nidaqmx.stream_readers import CounterReader
 from nidaqmx.stream_writers import AnalogMultiChannelWriter
 
-from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 from parapod.systems.hardware.ni import emulator as ni_errors
-from parapod.systems.hardware.ni.emulator import NiServer
-
-
-@pytest.fixture
-def harness():
-    return Harness({"legs.voltage": 4, "legs.stop": 1, "legs.extension": 4, "legs.limits": 12})
-
-
-@pytest.fixture
-def misbehaviour():
-    return Misbehaviour()
-
-
-@pytest.fixture
-def server(harness, misbehaviour):
-    with (
-        tempfile.TemporaryDirectory(prefix="ni") as folder,
-        NiServer(f"{folder}/socket", harness, misbehaviour) as server,
-    ):
-        yield server
 
 
 @pytest.fixture

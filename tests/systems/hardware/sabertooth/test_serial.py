@@ -2,9 +2,6 @@ import errno
 import itertools
 import math
 import os
-import signal
-import subprocess
-import sys
 import time
 
 import pytest
@@ -96,9 +93,6 @@ def hold(device, seconds, wanted=WANTED):
     while time.monotonic() < end:
         device.write(command(wanted))
         time.sleep(0.01)
-
-
-# --- settings
 
 
 # --- opening
@@ -215,34 +209,6 @@ def test_timeout_comes_back_to_a_driver_that_lost_its_power(drivers, harness, mo
         assert drivers.timeouts == (pytest.approx(0.2), 0.0)
         hold(device, 0.3)
         assert drivers.timeouts == pytest.approx((0.2, 0.2))
-
-
-CLIENT = """
-import sys, time
-from parapod.systems.hardware.sabertooth.serial import SabertoothSerial
-from parapod.systems.hardware.sabertooth.settings import SabertoothSettings
-
-device = SabertoothSerial(SabertoothSettings(port=sys.argv[1], serial_timeout_ms=200.0))
-device.configure()
-device.activate()
-while True:
-    device.write({"voltage": (6.0,) * 4, "stop": (0.0,)})
-    time.sleep(0.002)
-"""
-
-
-def test_motors_stop_when_the_client_is_killed(drivers, harness, judge):
-    def is_moving():
-        return 0.0 not in harness.get("legs.voltage")
-
-    arguments = [sys.executable, "-c", CLIENT, str(drivers.link)]
-    with subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True) as client:
-        until(lambda: is_moving() or client.poll() is not None, timeout=15.0)
-        assert is_moving(), client.stderr.read()
-        with judge() as judged:
-            client.send_signal(signal.SIGKILL)
-            until(lambda: harness.get("legs.voltage") == STILL)
-    judged.check(0.2 + MARGIN)
 
 
 # --- what the line can carry

@@ -1,0 +1,38 @@
+import tempfile
+
+import pytest
+
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from parapod.systems.hardware.ni.emulator import NiServer
+
+
+@pytest.fixture
+def harness():
+    return Harness({"legs.voltage": 4, "legs.stop": 1, "legs.extension": 4, "legs.limits": 12})
+
+
+@pytest.fixture
+def misbehaviour():
+    return Misbehaviour()
+
+
+@pytest.fixture
+def serve(harness, misbehaviour):
+    """serve(**arguments) gives a server that listens until the test is over."""
+    servers = []
+    # The path of a Unix socket is short.
+    with tempfile.TemporaryDirectory(prefix="ni") as folder:
+
+        def start(**arguments):
+            server = NiServer(f"{folder}/socket", harness, misbehaviour, **arguments)
+            servers.append(server)
+            return server.__enter__()
+
+        yield start
+        for server in servers:
+            server.__exit__(None, None, None)
+
+
+@pytest.fixture
+def server(serve):
+    return serve()
