@@ -17,7 +17,6 @@ from parapod.systems.hardware.addresses import (
     emulator_lock,
     resolved,
 )
-from parapod.systems.hardware.exclusive import is_kept
 
 if TYPE_CHECKING:
     from parapod.systems.hardware.device import Device
@@ -120,6 +119,8 @@ def refuse_without_emulator(drivers: Sequence[Driver], experiment: str) -> None:
     Raises:
         ScenarioError: a driver has such an address, and no emulator runs.
     """
+    from parapod.systems.hardware.exclusive import is_kept
+
     if is_kept(emulator_lock()):
         return
     directory = emulator_directory()
