@@ -75,7 +75,6 @@ class SabertoothSerial(Device):
         self,
         settings: SabertoothSettings,
         actuators: int | None = None,
-        power_on_baud: int | None = None,
         clock: Callable[[], float] = time.monotonic,
     ):
         """Describes the drivers; nothing is opened.
@@ -83,21 +82,18 @@ class SabertoothSerial(Device):
         Args:
             settings: settings of drivers and line.
             actuators: number of actuators; None: two for each driver.
-            power_on_baud: speed at which the drivers still listen [bit/s], if it is another one
-                (9600 for new ones): `configure` changes it to the settings' `baud`, which the
-                drivers keep without power (EEPROM), so this is for the first start only.
             clock: monotonic [s].
 
         Raises:
             ValueError: settings that do not fit together.
         """
-        self._settings, self._power_on_baud, self._clock = settings, power_on_baud, clock
+        self._settings, self._clock = settings, clock
         self.name, self.place = f"Sabertooth on {settings.path}", settings.path
         within = f"{settings.serial_timeout:g} s"
         self.watchdog = f"without packets the motor drivers stop the motors within {within}"
         self._motors = settings.motors[:actuators]
         self._size = len(self._motors)
-        _check(settings, self._size, power_on_baud)
+        _check(settings, self._size)
         self.commands = {"voltage": self._size, "stop": 1}
         self._port: Any = None
         self._is_active = False
@@ -111,7 +107,7 @@ class SabertoothSerial(Device):
             DeviceError: the port cannot be opened; who listens at it is not known.
         """
         self.close()
-        baud, old_baud = self._settings.baud, self._power_on_baud
+        baud, old_baud = self._settings.baud, self._settings.power_on_baud
         try:
             self._forget()
             if old_baud is not None and old_baud != baud:
@@ -333,11 +329,8 @@ def _packet_time(settings: SabertoothSettings) -> float:
     return PACKET_BYTES * BITS_PER_BYTE / settings.baud
 
 
-def _check(settings: SabertoothSettings, actuators: int, power_on_baud: int | None) -> None:
+def _check(settings: SabertoothSettings, actuators: int) -> None:
     """Refuses settings that do not fit together."""
-    for baud in (settings.baud, power_on_baud):
-        if baud is not None and baud not in BAUDS:
-            raise ValueError(f"baud must be one of {', '.join(map(str, BAUDS))}, not {baud}")
     addresses = tuple(settings.addresses)
     known = {address for address in addresses if address in ADDRESSES}
     if not known or len(known) != len(addresses):

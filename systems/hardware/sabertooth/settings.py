@@ -22,6 +22,8 @@ class SabertoothSettings(Schema):
         port: serial port; a level converter to 5 V leads from it to the drivers' inputs S1.
         baud: speed of the line [bit/s]; at 38400 four packets take 4.2 ms, at the maker's setting
             of 9600 they take 16.7 ms.
+        power_on_baud: speed at which the drivers still listen [bit/s], where it is another one, as
+            with new ones (9600): it is changed once, and they remember it without power.
         addresses: addresses of the motor drivers, as their switches 4 to 6 are set, in the order
             of the actuators: two each, motors 1 and 2.
         supply_voltage: supply of the motor drivers [V]; the prototype's actuators are for 12 V.
@@ -34,6 +36,7 @@ class SabertoothSettings(Schema):
     part: str = "legs"
     port: str = "emulator/sabertooth"
     baud: int = choice(38400, tuple(BAUDS))
+    power_on_baud: int | None = choice(None, tuple(BAUDS))
     addresses: list[int] = field(default_factory=lambda: [128, 129])
     supply_voltage: float = quantity(12.0, 1.0, 48.0)
     serial_timeout_ms: float = quantity(100.0, 100.0, 200.0)

@@ -57,9 +57,10 @@ def drivers(harness, misbehaviour, tmp_path):
         yield drivers
 
 
-def made(link, timeout=200.0, **options):
-    settings = SabertoothSettings(port=str(link), serial_timeout_ms=timeout)
-    return SabertoothSerial(settings, **options)
+def made(link, timeout=200.0, **settings):
+    return SabertoothSerial(
+        SabertoothSettings(port=str(link), serial_timeout_ms=timeout, **settings)
+    )
 
 
 @pytest.fixture
@@ -264,9 +265,9 @@ def fake(clock, monkeypatch):
     return port
 
 
-def open_device(clock, baud=38400, power_on_baud=None):
-    settings = SabertoothSettings(baud=baud, serial_timeout_ms=200.0)
-    device = SabertoothSerial(settings, power_on_baud=power_on_baud, clock=clock)
+def open_device(clock, **settings):
+    settings = SabertoothSettings(serial_timeout_ms=200.0, **settings)
+    device = SabertoothSerial(settings, clock=clock)
     device.configure()
     device.activate()
     clock.now += 1.0
