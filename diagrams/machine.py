@@ -15,6 +15,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, System
 
 from parapod.diagrams.faults import FaultTarget, Span, targets_of
+from parapod.diagrams.guard import Guard
 from parapod.diagrams.station import Behind
 from parapod.systems.core.errors import ParapodError, WiringError
 from parapod.systems.core.schema import Schema, quantity
@@ -158,6 +159,7 @@ class Machine[S]:
         emulated: adapts a scenario for emulation: what emulated devices simulate themselves is
             left out of the plant, and the plant is exchanged with them every so many seconds.
         exchange: simulated backend -> period of the exchange with emulated devices [s].
+        guard: makes what watches every job on the real machine; None: only devices are watched.
         log_every: periods of the controller between two samples of a recording.
     """
 
@@ -174,6 +176,7 @@ class Machine[S]:
     self_tests: Mapping[str, SelfTest] = field(default_factory=dict)
     emulated: Callable[[S, float], S] | None = None
     exchange: Mapping[str, float] = field(default_factory=dict)
+    guard: Callable[[S], Guard] | None = None
     log_every: int = 1
 
     def __repr__(self) -> str:

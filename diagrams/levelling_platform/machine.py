@@ -8,6 +8,7 @@ from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.levelling_platform.controller import make_controller
+from parapod.diagrams.levelling_platform.guard import PlatformGuard
 from parapod.diagrams.levelling_platform.plants import add_bodies, add_mock, add_statics
 from parapod.diagrams.levelling_platform.ports import PARTS, PORTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
@@ -86,5 +87,6 @@ PLATFORM = Machine(
         ),
     },
     emulated=_emulated,
+    guard=PlatformGuard,
     exchange={"multibody": 2e-3, "kinematic": 2e-3},
 )

@@ -15,6 +15,7 @@ from rich.console import Console
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.devices import Parts
 from parapod.diagrams.drivers.driver import refuse_without_emulator
+from parapod.diagrams.guard import Tripped
 from parapod.diagrams.station import Station
 from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.lab.live_log import LiveLog
@@ -30,6 +31,7 @@ from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
 from parapod.systems.core.scenario_file import dump_scenario
 from parapod.systems.hardware.io import DeviceThread
+from parapod.systems.hardware.position_memory import IncrementalDevice
 
 # A device that has been wrong for so long does not come back by itself [s].
 _PATIENCE = 0.2
@@ -97,6 +99,7 @@ def run_on_hardware(
 
     Raises:
         DeviceError: a device is not there, is another one, or has failed.
+        Tripped: the machine's guard has found what cannot be.
         DeadlineError: this computer is too slow.
         OutputError: the log cannot be written, or is not to be an MCAP file.
         ScenarioError: the devices are the emulator's, and there is none.
@@ -117,14 +120,38 @@ def run_on_hardware(
         loop.reset(root)
         simulator.Initialize()
 
+        guarded = _guarded(loop, root)
+
         def on_tick(context: Context) -> None:
             watch.check(time.monotonic())
+            guarded(time.monotonic())
             write(context.get_time())
             report(context.get_time())
 
         running = RealTimeLoop(simulator, station.scenario.control.period, on_tick)
         running.run(until)
     return running.timing
+
+
+def _guarded(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None]:
+    """Ends the job when the machine's guard does, and has no file remember wrong positions."""
+    if loop.machine.guard is None:
+        return lambda now: None
+    guard, parts = loop.machine.guard(loop.station.scenario), loop.station.behind.handle
+    ports: dict[str, Any] = {name: loop.ports[name] for name in guard.signals & loop.ports.keys()}
+    contexts = {name: port.get_system().GetMyContextFromRoot(root) for name, port in ports.items()}
+
+    def check(now: float) -> None:
+        trip = guard.check(now, {name: p.Eval(contexts[name]) for name, p in ports.items()})
+        if trip is None:
+            return
+        for part in trip.distrusted:
+            for thread in parts.threads[part]:
+                if isinstance(thread.device, IncrementalDevice):
+                    thread.device.distrust()
+        raise Tripped(trip)
+
+    return check
 
 
 @contextmanager

@@ -105,7 +105,8 @@ class IncrementalDevice(Device):
     With a memory it begins with the positions with which the last program ended. While there is
     no such file, a reference that the device has by itself counts, from its settings; without that
     either, the positions are unknown and nothing begins. From `activate` on the file knows
-    nothing; after `deactivate` it knows where the actuators stand.
+    nothing; after `deactivate` it knows where the actuators stand, unless the positions are
+    `distrust`ed.
 
     A device defines `_open`, `_energise` and `_release` in place of `configure`, `activate` and
     `deactivate`.
@@ -175,6 +176,10 @@ class IncrementalDevice(Device):
         if self._memory is not None and self._is_moving:
             self._memory.save(self._at_rest())
             self._is_moving = False
+
+    def distrust(self) -> None:
+        """Leaves the positions unknown to the memory, also when the device is deactivated."""
+        self._is_moving = False
 
     def set_reference(self, values: Sequence[float]) -> None:
         """Makes the present counts mean these positions.

@@ -306,6 +306,10 @@ class FaultDetector(LeafSystem):
         self.DeclareStateOutputPort("severity", self._severity)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
+    def forget(self, context: Context) -> None:
+        """Compares the next measurements with none before: for a loop that has left ticks out."""
+        context.get_mutable_discrete_state(self._memory)[_SEEN] = 0.0
+
     def _update(self, context: Context, discrete_state: Any) -> None:
         memory = elements(context.get_discrete_state(self._memory))
         look = _Look(self, context, memory)

@@ -329,22 +329,47 @@ def test_a_card_that_is_away_holds_its_outputs_until_the_next_program(
     in_time(ended.took, 4.0, f"end after the card was {kind} [s]")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "parts"),
+    ("part", "kind", "words"),
     [
-        ("stuck", ("imu", "legs")),
-        ("wrong", ("imu", "legs")),
-        ("slow", ("imu", "legs")),
-        ("delayed", ("imu", "legs")),
-        ("garbage", ("legs",)),
-        ("intermittent", ("legs",)),
+        ("legs", "stuck", "leg_response: a leg that does not move as its voltage says"),
+        *(
+            pytest.param(*row, marks=SLOW)
+            for row in (
+                ("legs", "wrong", "leg_response|encoder_jump"),
+                ("legs", "slow", "leg_response"),
+                ("legs", "delayed", "leg_response"),
+                ("legs", "garbage", "leg_response|encoder_jump|encoder_invalid"),
+                ("legs", "intermittent", "legs_stale|PXIe-6363 .* did not answer"),
+                ("imu", "wrong", "accel_mismatch|posture_mismatch"),
+                ("imu", "garbage", "imu_stale|ADIS16448 .*"),
+                ("imu", "intermittent", "imu_stale|ADIS16448 .*"),
+            )
+        ),
     ],
 )
-def test_after_a_run_with_devices_that_lie_the_machine_is_neutral(run_with, here, kind, parts):
-    ended = run_with(kind, *parts, end=1.5)
+def test_measurements_that_cannot_be_end_the_job_and_are_remembered_by_no_file(
+    run_with, here, in_time, part, kind, words
+):
+    ended = run_with(kind, part)
+    assert ended.code == 2
+    assert re.fullmatch(rf"parapod: error: (?:{words}).*", ended.error)
     assert ended.seen["voltage"] > 0.1
-    assert ended.took > 0.1
+    assert here.is_neutral
+    if part == "legs":
+        assert '"extension_m": null' in here.memory.path.read_text()
+    in_time(ended.neutral, 1.0, f"neutral after {part} {kind} [s]")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("part", "kind"),
+    [("imu", "stuck"), ("imu", "slow"), ("imu", "delayed")]
+    + [("wheels", kind) for kind in ("stuck", "wrong", "slow", "delayed", "intermittent")],
+)
+def test_after_a_run_with_devices_that_lie_the_machine_is_neutral(run_with, here, part, kind):
+    ended = run_with(kind, part, end=1.5)
+    assert ended.seen["voltage"] > 0.1
     assert here.is_neutral
 
 

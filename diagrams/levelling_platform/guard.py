@@ -1,0 +1,97 @@
+"""Guard of the real platform: the fault detector of the supervised operation, for every job."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.diagrams.guard import Trip
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.systems.levelling_platform.fault_detection import RULES, FaultDetector, Finding
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.plane import attitude_seeing
+from parapod.systems.levelling_platform.supervisor import Phase
+from parapod.systems.safety.faults import Severity
+
+# Input of the detector and signal of the loop.
+_SIGNALS = {
+    "extension": "legs.extension",
+    "limits": "legs.limits",
+    "voltage": "legs.voltage",
+    "gyro": "imu.gyro",
+    "accel": "imu.accel",
+    "age": "status.age",
+    "attitude": "attitude_estimated",
+    "ground": "ground_estimated",
+    "foot_offsets": "foot_offsets_estimated",
+}
+_VALID = "ground_valid"
+# Without these the legs are compared with their voltages, but not with the ground.
+_ON_GROUND = ("attitude_estimated", "ground_estimated", "foot_offsets_estimated", _VALID)
+_UP = (0.0, 0.0, 1.0)
+# Without the supervised operation nobody keeps feet on the ground: a leg that is a tenth of a
+# millimetre too short opens its switch.
+_NO_REASON = (Finding.FOOT_LOST,)
+# A tick that comes so much later or earlier is compared with none before [periods].
+_IRREGULAR = 0.5
+
+
+class PlatformGuard:
+    """Ends a job when the legs, their voltages, switches and the inertial sensor do not agree.
+
+    Every finding of `FaultDetector` that makes the supervised operation hold or brake ends it, but
+    for a lost foot; the self-locking legs then stand. Until the ground has been estimated nothing
+    is compared with it.
+    """
+
+    signals = frozenset((*_SIGNALS.values(), _VALID))
+
+    def __init__(self, scenario: LevellingScenario):
+        """Begins to watch.
+
+        Args:
+            scenario: its `control.period` is that of the loop.
+        """
+        self._period = scenario.control.period
+        self._detector = FaultDetector(MODEL_GEOMETRY, period=self._period)
+        self._context = self._detector.CreateDefaultContext()
+        for i in range(self._detector.num_input_ports()):
+            port = self._detector.get_input_port(i)
+            port.FixValue(self._context, np.zeros(port.size()))
+        self._looked: float | None = None
+
+    def check(self, now: float, values: Mapping[str, NDArray[Any]]) -> Trip | None:
+        """See `Guard`."""
+        late = abs(now - self._looked - self._period) if self._looked is not None else 0.0
+        if late > _IRREGULAR * self._period:
+            self._detector.forget(self._context)
+        self._looked = now
+        for name, value in self._seen(values).items():
+            self._detector.GetInputPort(name).FixValue(self._context, value)
+        ahead = self._detector.EvalUniquePeriodicDiscreteUpdate(self._context)
+        self._context.get_mutable_discrete_state().SetFrom(ahead)
+        findings: Any = self._detector.GetOutputPort("findings").Eval(self._context)
+        found = [rule for rule in RULES if findings[rule.finding] > 0.5]
+        grave = [
+            rule
+            for rule in found
+            if rule.severity >= Severity.HOLD and rule.finding not in _NO_REASON
+        ]
+        if not grave:
+            return None
+        worst = max(grave, key=lambda rule: rule.severity)
+        is_leg = any("encoder" in rule.device for rule in grave)
+        return Trip(worst.finding.name.lower(), worst.sign, ("legs",) if is_leg else ())
+
+    def _seen(self, values: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+        """Inputs of the detector."""
+        seen: dict[str, Any] = {
+            name: values[signal] for name, signal in _SIGNALS.items() if signal in values
+        }
+        knows_ground = all(name in values for name in _ON_GROUND) and values[_VALID][0] > 0.5
+        seen["phase"] = [float(Phase.POSTURE if knows_ground else Phase.FAULT)]
+        if not knows_ground:  # nor is the estimated attitude there yet
+            force = seen.get("accel", _UP)
+            seen["attitude"] = attitude_seeing(force if np.any(force) else _UP, _UP)
+        return seen
