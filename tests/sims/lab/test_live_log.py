@@ -59,11 +59,13 @@ def test_what_was_written_is_in_the_file_soon(path):
         until(lambda: read_mcap(path).time.tolist() == [0.5])
 
 
+# SIGINT is ignored by children of shells without job control, hence the default handler.
 WRITER = """
-import sys, time
+import signal, sys, time
 from pathlib import Path
 import numpy as np
 from parapod.sims.lab.live_log import LiveLog
+signal.signal(signal.SIGINT, signal.default_int_handler)
 with LiveLog(Path(sys.argv[1]), {"a": "m", "b": "V"}, (4, 12), {}) as log:
     print(log.process, flush=True)
     for k in range(100000):
@@ -103,7 +105,7 @@ def test_the_log_of_a_program_that_is_ended_is_whole(writer, path, name):
     program, process = writer
     time.sleep(0.5)
     os.killpg(program.pid, getattr(signal, name))  # Ctrl-C is for all of a terminal's programs
-    program.wait()
+    program.wait(20.0)
     ended = time.time()
     until(lambda: is_over(process))
     log = read_mcap(path)
