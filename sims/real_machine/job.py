@@ -21,6 +21,7 @@ from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.lab.live_log import LiveLog
 from parapod.sims.lab.progress import progress
 from parapod.sims.real_machine.real_time import (
+    DeadlineError,
     RealTimeLoop,
     Timing,
     ended_by_signals,
@@ -114,7 +115,7 @@ def run_on_hardware(
         write = stack.enter_context(_log(options, loop, root, what))
         # Before any device waits for heartbeats, because a collection stops all threads; and the
         # devices' threads, which send them, inherit the priority.
-        stack.enter_context(undisturbed())
+        has_priority = stack.enter_context(undisturbed())
         stack.enter_context(station.active())
         report = stack.enter_context(progress(options.console, what, until))
         loop.reset(root)
@@ -129,8 +130,19 @@ def run_on_hardware(
             report(context.get_time())
 
         running = RealTimeLoop(simulator, station.scenario.control.period, on_tick)
-        running.run(until)
+        running.timing.has_priority = has_priority
+        try:
+            running.run(until)
+        except DeadlineError as error:
+            raise DeadlineError(f"{error}{_unprivileged(running.timing)}") from None
     return running.timing
+
+
+def _unprivileged(timing: Timing) -> str:
+    """Remark about a loop that other programs may delay."""
+    if timing.has_priority:
+        return ""
+    return "; without real-time priority, which is not permitted (rtprio in limits.conf)"
 
 
 def _guarded(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None]:
@@ -193,6 +205,7 @@ def show_timing(timing: Timing, station: Station[Any], console: Console) -> None
     lines = [
         f"{timing.ticks} ticks of {1e3 * timing.period:g} ms, {timing.missed} missed; "
         f"late {_ms(late)}, cost {_ms(cost)} ms (median, 99 %, largest{newest})"
+        f"{_unprivileged(timing)}"
     ]
     parts: Parts = station.behind.handle
     for thread in parts.all_threads:

@@ -50,6 +50,7 @@ class Timing:
         cost: duration of each tick [s].
         ticks: number of ticks.
         missed: deadlines that passed without a tick.
+        has_priority: whether no other program delays it that has none.
     """
 
     period: float
@@ -58,6 +59,7 @@ class Timing:
     cost: deque[float] = field(init=False)
     ticks: int = 0
     missed: int = 0
+    has_priority: bool = True
 
     def __post_init__(self) -> None:
         self.late, self.cost = deque(maxlen=self.kept), deque(maxlen=self.kept)
@@ -176,11 +178,13 @@ class RealTimeLoop:
 
 
 @contextmanager
-def undisturbed() -> Iterator[None]:
+def undisturbed() -> Iterator[bool]:
     """Keeps Python's garbage collector and other programs away, as far as permitted.
 
     What exists is frozen out of the collector's sight and nothing is collected meanwhile. The
     calling thread gets the scheduling policy SCHED_FIFO if the user may have it.
+
+    Yields whether it has.
     """
     interval = sys.getswitchinterval()
     enabled = gc.isenabled()
@@ -190,7 +194,7 @@ def undisturbed() -> Iterator[None]:
     sys.setswitchinterval(SWITCH_INTERVAL)
     is_fifo = take_priority()
     try:
-        yield
+        yield is_fifo or has_priority()
     finally:
         if is_fifo:
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -206,12 +210,17 @@ def take_priority() -> bool:
     Returns:
         Whether it is one now, and was not before.
     """
-    if not hasattr(os, "sched_setscheduler") or os.sched_getscheduler(0) == os.SCHED_FIFO:
+    if not hasattr(os, "sched_setscheduler") or has_priority():
         return False
     with suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
         return True
     return False
+
+
+def has_priority() -> bool:
+    """Whether the calling thread is a real-time one."""
+    return hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO
 
 
 @contextmanager

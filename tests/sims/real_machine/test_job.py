@@ -8,6 +8,7 @@ from rich.console import Console
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.station import Station
+from parapod.sims.real_machine import real_time
 from parapod.sims.real_machine.job import DeviceWatch, show_timing
 from parapod.sims.real_machine.real_time import Timing
 from parapod.systems.hardware.device import DeviceError, DeviceFault
@@ -40,6 +41,23 @@ def test_of_a_long_run_it_is_said_of_how_many_ticks_that_is():
         "5 ticks of 10 ms, 0 missed; "
         "late 4.00, 4.98, 5.00, cost 8.00, 9.96, 10.00 ms (median, 99 %, largest of the last 3)\n"
     )
+
+
+def test_a_loop_that_others_may_delay_is_said_to_be_one(monkeypatch):
+    timing = timed(3, kept=3)
+    timing.has_priority = False
+    assert (
+        said(timing)
+        .replace("\n", " ")
+        .endswith(
+            "(median, 99 %, largest); without real-time priority, which is not permitted "
+            "(rtprio in limits.conf) "
+        )
+    )
+    monkeypatch.setattr(real_time, "take_priority", lambda: False)
+    monkeypatch.setattr(real_time, "has_priority", lambda: False)
+    with real_time.undisturbed() as has_priority:
+        assert not has_priority
 
 
 class BrokenThread(DeviceThread):
