@@ -1,5 +1,6 @@
 """Guards of real machines: they watch every job on the hardware and end what is not plausible."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -53,3 +54,28 @@ class Tripped(ParapodError):
     def __init__(self, trip: Trip):
         self.trip = trip
         super().__init__(f"{trip.name}: {trip.sign}; the job has been ended")
+
+
+# A tick that comes so much earlier or later than a period after the last one is irregular [-].
+_IRREGULAR = 0.5
+
+
+class Ticks:
+    """Tells regular ticks, whose measurements can be compared with those before, from others."""
+
+    def __init__(self, period: float):
+        """Begins; the first tick is irregular.
+
+        Args:
+            period: period of the loop [s].
+        """
+        self._period, self._last = period, -math.inf
+
+    def is_regular(self, now: float) -> bool:
+        """Whether a tick at this time comes a period after the one before.
+
+        Args:
+            now: monotonic clock [s].
+        """
+        late, self._last = now - self._last - self._period, now
+        return abs(late) <= _IRREGULAR * self._period

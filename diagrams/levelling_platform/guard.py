@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.diagrams.guard import Trip
+from parapod.diagrams.guard import Ticks, Trip
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.systems.levelling_platform.fault_detection import RULES, FaultDetector, Finding
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
@@ -33,8 +33,6 @@ _UP = (0.0, 0.0, 1.0)
 # Without the supervised operation nobody keeps feet on the ground: a leg that is a tenth of a
 # millimetre too short opens its switch.
 _NO_REASON = (Finding.FOOT_LOST,)
-# A tick that comes so much later or earlier is compared with none before [periods].
-_IRREGULAR = 0.5
 
 
 class PlatformGuard:
@@ -53,20 +51,17 @@ class PlatformGuard:
         Args:
             scenario: its `control.period` is that of the loop.
         """
-        self._period = scenario.control.period
-        self._detector = FaultDetector(MODEL_GEOMETRY, period=self._period)
+        self._ticks = Ticks(scenario.control.period)
+        self._detector = FaultDetector(MODEL_GEOMETRY, period=scenario.control.period)
         self._context = self._detector.CreateDefaultContext()
         for i in range(self._detector.num_input_ports()):
             port = self._detector.get_input_port(i)
             port.FixValue(self._context, np.zeros(port.size()))
-        self._looked: float | None = None
 
     def check(self, now: float, values: Mapping[str, NDArray[Any]]) -> Trip | None:
         """See `Guard`."""
-        late = abs(now - self._looked - self._period) if self._looked is not None else 0.0
-        if late > _IRREGULAR * self._period:
+        if not self._ticks.is_regular(now):
             self._detector.forget(self._context)
-        self._looked = now
         for name, value in self._seen(values).items():
             self._detector.GetInputPort(name).FixValue(self._context, value)
         ahead = self._detector.EvalUniquePeriodicDiscreteUpdate(self._context)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from parapod.diagrams.machine import Machine, SelfTest
 from parapod.diagrams.walking_chair.controller import make_controller
+from parapod.diagrams.walking_chair.guard import ChairGuard
 from parapod.diagrams.walking_chair.plants import add_bodies, add_mock, add_statics
 from parapod.diagrams.walking_chair.ports import PARTS, PORTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
@@ -45,6 +46,7 @@ CHAIR = Machine(
         ),
     },
     emulated=_emulated,
+    guard=ChairGuard,
     # The quasi-static plant's statics cost more than the bodies' dynamics.
     exchange={"multibody": 2e-3, "kinematic": 5e-3},
     log_every=2,

@@ -161,7 +161,9 @@ def _guarded(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None]:
             for thread in parts.threads[part]:
                 if isinstance(thread.device, IncrementalDevice):
                     thread.device.distrust()
-        raise Tripped(trip)
+        # A device that says what is wrong with it knows better.
+        errors = (thread.error for thread in parts.all_threads)
+        raise next(filter(None, errors), Tripped(trip))
 
     return check
 

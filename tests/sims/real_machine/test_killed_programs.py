@@ -231,7 +231,9 @@ def test_a_controller_whose_machine_is_gone_ends_and_names_a_device(machine, in_
     assert controller.returncode == 2, said
     assert re.match(r"parapod: error: (PXIe-6363|ADIS16448|EPOS2) ", said.splitlines()[-1]), said
     assert "Traceback" not in said
-    in_time(took, 2.0, "end after the emulator was killed [s]")
+    # Nobody has confirmed that anything stands, though asked for two seconds.
+    assert said.splitlines()[-1].endswith("MAY STILL BE LIVE: press the emergency stop")
+    in_time(took, 4.0, "end after the emulator was killed [s]")
 
 
 @pytest.mark.slow
