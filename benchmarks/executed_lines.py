@@ -138,8 +138,10 @@ class Tests:
         self._duration = [duration for _, duration, *_ in record["tests"]]
         self._is_used = [ok and took <= _LONGEST for _, took, ok, _ in record["tests"]]
         lines = record["lines"]
-        # Templates have lines too.
-        self._lines = {path: lines[path] for path in lines if path.endswith(".py")}
+        # Templates have lines too, and the package's own module lies elsewhere.
+        self._lines = {
+            path: lines[path] for path in lines if path.endswith(".py") and (root / path).is_file()
+        }
         self._shared = [
             {_sharing_key(name, *fixture) for fixture in shared}
             for name, _, _, shared in record["tests"]
