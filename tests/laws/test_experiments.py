@@ -127,6 +127,15 @@ def test_its_scenario_has_a_backend_and_a_seed(entry):
 
 
 @each_entry
+def test_its_seed_is_any_number_that_is_not_negative_and_has_31_bits(entry):
+    for seed in (0, 2**31 - 1):
+        assert scenario_of(entry, f"seed={seed}").seed == seed
+    for seed in (-1, 2**31):
+        with pytest.raises(ScenarioError, match=rf"seed = {seed} is outside 0..2147483647"):
+            scenario_of(entry, f"seed={seed}")
+
+
+@each_entry
 def test_its_default_scenario_and_each_switch_are_admissible(entry):
     experiment = entry.load()
     scenario = scenario_of(entry)

@@ -31,6 +31,36 @@ def test_shared_numbers_are_those_of_the_standard_or_the_maker(module, published
     assert {name: getattr(module, name) for name in published} == published
 
 
+# CiA 301 (2011), 7.5.2.19 and 7.5.2.20; CiA 402-2; the EPOS2's own (Firmware Specification).
+OBJECTS = {
+    "HEARTBEAT_CONSUMED": (0x1016, 1),
+    "HEARTBEAT_PRODUCED": (0x1017, 0),
+    "ERROR_CODE": (0x1003, 1),
+    "VENDOR": (0x1018, 1),
+    "PRODUCT": (0x1018, 2),
+    "CURRENT": (0x2027, 0),
+    "ENCODER_PULSES": (0x2210, 1),
+    "ABORT_CONNECTION": (0x6007, 0),
+    "CONTROLWORD": (0x6040, 0),
+    "STATUSWORD": (0x6041, 0),
+    "MODE": (0x6060, 0),
+    "POSITION": (0x6064, 0),
+    "VELOCITY": (0x606C, 0),
+    "MAX_VELOCITY": (0x607F, 0),
+    "ACCELERATION": (0x6083, 0),
+    "DECELERATION": (0x6084, 0),
+    "QUICK_STOP_DECELERATION": (0x6085, 0),
+    "PROFILE_TYPE": (0x6086, 0),
+    "TARGET_VELOCITY": (0x60FF, 0),
+}
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_objects_are_where_the_dictionaries_have_them(name):
+    entry = getattr(objects, name, None) or getattr(canopen, name)
+    assert (entry.index, entry.subindex) == OBJECTS[name]
+
+
 # Error codes of the EPOS2 Firmware Specification, chapter "Error Handling", by their groups.
 EPOS2_ERRORS = {
     0x1000: (0x0,),
