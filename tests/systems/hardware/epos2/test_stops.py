@@ -1,5 +1,6 @@
 """Stops that somebody else has asked for, and ends that drives do not obey."""
 
+import threading
 import time
 
 import pytest
@@ -53,6 +54,24 @@ def test_a_quick_stop_of_ours_is_none_of_somebody_else_s(rig):
         rig.wait(lambda wanted=wanted: set(rig.nodes.states) == {wanted})
         rig.drives.read()
     rig.wait(lambda: min(rig.command) > 1.9)
+
+
+def test_a_brake_is_one_above_a_half(rig):
+    rig.drives.write(RUN | {"brake": (0.5,)})
+    time.sleep(0.05)
+    assert set(rig.nodes.states) == {DriveState.OPERATION_ENABLED}
+    rig.drives.write(RUN | {"brake": (0.51,)})
+    rig.wait(lambda: set(rig.nodes.states) == {DriveState.QUICK_STOP_ACTIVE})
+
+
+def test_drives_that_need_a_while_to_stop_have_it(rig):
+    rig.harness.set("wheels.velocity", (0.0, 0.0, 2.0, 0.0))
+    standing = threading.Timer(0.2, rig.harness.set, ("wheels.velocity", (0.0,) * 4))
+    standing.start()
+    began = time.monotonic()
+    rig.drives.deactivate()
+    assert time.monotonic() - began >= 0.2
+    assert set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
 
 
 def test_a_node_that_obeys_no_process_data_is_stopped_by_service_data(rig):
