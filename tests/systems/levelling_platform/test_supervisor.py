@@ -456,3 +456,8 @@ def test_the_diagram_has_every_line_and_tells_faults_in_one_note():
     assert Event.FAULT.value in lines[-1]
     # No event has a character that ends a label.
     assert not any(set(event.value) & set(":;#") for event in Event)
+
+
+@pytest.mark.parametrize("kind", [Phase, Command, Refusal])
+def test_numbers_on_the_ports_follow_each_other_from_zero(kind):
+    assert [int(member) for member in kind] == list(range(len(kind)))
