@@ -256,3 +256,31 @@ def test_ground_that_changes_is_planned_for_anew(refer):
 def test_unknown_treatment_of_unreachable_commands_is_refused():
     with pytest.raises(ValueError, match="on_unreachable"):
         PostureReference(GEOMETRY, on_unreachable="stop")
+
+
+@pytest.mark.parametrize(
+    ("command", "other", "instant"),
+    [
+        ((0.095, -0.019, 0.7), (-0.114, 0.042, 0.7), 3.24),
+        ((0.046, -0.077, 0.7), (-0.119, -0.057, 0.3), 1.65),
+        ((0.113, 0.066, 0.3), (0.062, 0.023, 0.7), 3.24),
+    ],
+)
+def test_where_the_way_to_a_new_command_would_leave_the_stroke_it_brakes_first(
+    refer, command, other, instant
+):
+    reference = refer("clamp", posture_command=command).run(instant)
+    reference.set(posture_command=other).run(instant + PERIOD)
+    began, rate = reference.at(instant)
+    ended, standing = reference.at(instant + 0.3)
+    # On, by the way that braking evenly for .3 s takes, and to rest.
+    np.testing.assert_allclose(ended - began, 0.15 * rate, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(standing, 0.0, atol=1e-12)
+    assert np.abs(rate).max() > 1e-3
+    # Nothing new is planned meanwhile; then it goes on, inside all the way.
+    before = reference.run(instant + 0.2).output[0]
+    np.testing.assert_array_equal(before, reference.at(instant + 0.2)[0])
+    _, postures, rates = reference.record(instant + 20.0, step=0.05)
+    inverse_kinematics(GEOMETRY, postures, GROUND, OFFSETS)  # raises where one is out of reach
+    assert (postures[-1] - ended) @ (np.array(other) - ended) > 0.0
+    np.testing.assert_allclose(rates[-1], 0.0, atol=1e-12)
