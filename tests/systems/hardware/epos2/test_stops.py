@@ -92,3 +92,10 @@ def test_a_node_that_keeps_its_power_is_told_and_goes_on_to_wait_for_heartbeats(
     # Nobody sends any: it stops by itself.
     assert until(lambda: rig.nodes.states[2] is DriveState.FAULT)
     assert rig.command == (0.0,) * 4
+
+
+def test_drives_wait_for_two_heartbeats_at_least(make_rig):
+    period = {"heartbeat_period": 0.02}
+    make_rig(period | {"heartbeat_timeout": 0.04})
+    with pytest.raises(ValueError, match=r"heartbeat_timeout must be two periods \(0.02 s\)"):
+        make_rig(period | {"heartbeat_timeout": 0.039})
