@@ -1,8 +1,9 @@
 """A job on the real machine, in real time."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -150,11 +151,10 @@ def _guarded(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None]:
     if loop.machine.guard is None:
         return lambda now: None
     guard, parts = loop.machine.guard(loop.station.scenario), loop.station.behind.handle
-    ports: dict[str, Any] = {name: loop.ports[name] for name in guard.signals & loop.ports.keys()}
-    contexts = {name: port.get_system().GetMyContextFromRoot(root) for name, port in ports.items()}
+    signals = _readings(loop, root, guard.signals & loop.ports.keys())
 
     def check(now: float) -> None:
-        trip = guard.check(now, {name: p.Eval(contexts[name]) for name, p in ports.items()})
+        trip = guard.check(now, {name: read() for name, read in signals.items()})
         if trip is None:
             return
         for part in trip.distrusted:
@@ -166,6 +166,17 @@ def _guarded(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None]:
         raise next(filter(None, errors), Tripped(trip))
 
     return check
+
+
+def _readings(
+    loop: ClosedLoop[Any], root: Context, names: Iterable[str]
+) -> dict[str, Callable[[], Any]]:
+    """By name, what gives the present value of a signal."""
+    ports: dict[str, Any] = {name: loop.ports[name] for name in names}
+    return {
+        name: partial(port.Eval, port.get_system().GetMyContextFromRoot(root))
+        for name, port in ports.items()
+    }
 
 
 @contextmanager
@@ -186,9 +197,7 @@ def _log(
         "parapod": version("parapod"),
         "scenario": dump_scenario(loop.station.scenario),
     }
-    systems: list[Any] = [port.get_system() for port in loop.ports.values()]
-    contexts = [system.GetMyContextFromRoot(root) for system in systems]
-    sources = list(zip(loop.ports.values(), contexts, strict=True))
+    signals = _readings(loop, root, loop.ports)
     units = {name: loop.machine.unit(name) for name in loop.ports}
     sizes = [port.size() for port in loop.ports.values()]
 
@@ -196,7 +205,7 @@ def _log(
         options.console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     with LiveLog(path, units, sizes, metadata, tell) as log:
-        yield lambda t: log.write(t, [port.Eval(context) for port, context in sources])
+        yield lambda t: log.write(t, [read() for read in signals.values()])
 
 
 def show_timing(timing: Timing, station: Station[Any], console: Console) -> None:

@@ -298,7 +298,7 @@ def reads(device):
 
 
 def refusal(rig, words):
-    """What a device says that must not be configured, when no busy moment prevents it."""
+    """Words of a device that must not be configured, when no busy moment prevents it."""
     said = []
 
     def refused():

@@ -40,7 +40,7 @@ def watch(period, signals, late=()):
 
 
 def fastest(signals):
-    """Where the first branch has moved fast, and goes on to."""
+    """Sample from which on the first branch moves fast."""
     rates = np.abs(np.diff(signals["legs.position"][:, 0]))
     return int(np.argmax(np.convolve(rates, np.ones(30), "valid")))
 
