@@ -36,6 +36,7 @@ class KinematicPlatform(OnInclinedGround):
     | out `attitude` | 3 | rad | roll, pitch, yaw (zero) |
     | out `angular_velocity` | 3 | rad/s | of the platform, in its own frame |
     | out `specific_force` | 3 | m/s^2 | at rest: minus gravity, in the platform's frame |
+    | out `inertial_motion` | 9 | rad, rad/s, m/s^2 | the three above |
     | out `contact_force` | 4 | N | of the ground on the feet, normal to the ground |
     | out `load_force` | 4 | N | force with which the actuators hold, positive to extend |
     | out `foot_height` | 4 | m | of the feet above the ground, zero where they carry |
@@ -90,6 +91,7 @@ class KinematicPlatform(OnInclinedGround):
             ("attitude", 3),
             ("angular_velocity", 3),
             ("specific_force", 3),
+            ("inertial_motion", 9),
             ("contact_force", 4),
             ("load_force", 4),
             ("foot_height", 4),

@@ -77,7 +77,7 @@ class AttitudeEstimator(LeafSystem):
     of the present accelerometer reading, so the output never jumps from zero.
 
     State: discrete, v (3), last good gyro sample (3), number of samples averaged (1), -1 once
-    the averaging is over; gyro bias (3); for how long samples have been calm (1).
+    the averaging is over, for how long samples have been calm (1); gyro bias (3).
 
     Parameters (Context): time constant (1) [s], at least two periods.
 
@@ -100,10 +100,9 @@ class AttitudeEstimator(LeafSystem):
             BasicVector(np.array([params.time_constant]))
         )
         self._filter: Any = self.DeclareDiscreteState(
-            np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+            np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, params.calm_time])
         )
         self._bias: Any = self.DeclareDiscreteState(3)
-        self._calm: Any = self.DeclareDiscreteState(np.array([params.calm_time]))
         self.DeclareVectorOutputPort(
             "attitude",
             2,
@@ -118,13 +117,13 @@ class AttitudeEstimator(LeafSystem):
             "trusted",
             1,
             self._calc_trusted,
-            prerequisites_of_calc={self.discrete_state_ticket(self._calm)},
+            prerequisites_of_calc={self.discrete_state_ticket(self._filter)},
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_filter)
         self._start_samples = max(1, round(params.start_time / period))
 
     def _calc_attitude(self, context: Context, output: BasicVector) -> None:
-        x, y, z, _, _, _, count = context.get_discrete_state(self._filter).value().tolist()
+        x, y, z, _, _, _, count, _ = context.get_discrete_state(self._filter).value().tolist()
         if count == 0.0:
             accel = read(self._accel, context)
             if self._may_start(math.hypot(*accel)):
@@ -133,12 +132,12 @@ class AttitudeEstimator(LeafSystem):
         output.SetFromVector(np.array([roll, pitch]))
 
     def _calc_trusted(self, context: Context, output: BasicVector) -> None:
-        calm = context.get_discrete_state(self._calm)[0]
+        calm = context.get_discrete_state(self._filter)[7]
         output.SetFromVector(np.array([float(calm >= self.params.calm_time - 1e-9)]))
 
     def _update_filter(self, context: Context, discrete_state: DiscreteValues) -> None:
         state = context.get_discrete_state(self._filter).value().tolist()
-        up, last, count = state[0:3], state[3:6], state[6]
+        up, last, (count, calm) = state[0:3], state[3:6], state[6:8]
         bias = context.get_discrete_state(self._bias).value().tolist()
         gyro = read(self._gyro, context)
         accel = read(self._accel, context)
@@ -147,7 +146,6 @@ class AttitudeEstimator(LeafSystem):
         norm = math.hypot(*accel)
         if count > 0.0 and not _is_close(gyro, bias, self.params.rest_rate):
             count = _RUNNING
-        calm = context.get_discrete_state(self._calm)[0]
         if count == _RUNNING:
             is_calm = self._is_calm(up, bias, gyro, accel, norm)
             calm = min(calm + self.period, self.params.calm_time) if is_calm else 0.0
@@ -160,9 +158,8 @@ class AttitudeEstimator(LeafSystem):
             self._correct(up, bias, rate, accel, norm, tau)
         elif count > 0.0 or self._may_start(norm):
             count = self._average(up, bias, gyro, accel, norm, count)
-        discrete_state.set_value(self._filter, np.array([*up, *gyro, count]))
+        discrete_state.set_value(self._filter, np.array([*up, *gyro, count, calm]))
         discrete_state.set_value(self._bias, np.array(bias))
-        discrete_state.set_value(self._calm, np.array([calm]))
 
     def _average(
         self,

@@ -235,7 +235,7 @@ SLOW = PiControllerParams(pole=5.0, rate_feedforward=1.0, friction_feedforward=(
 STEPS = (Step(Phase.TRANSPORT, 0.0, Command.GO), Step(Phase.HOLD, 0.0, arm=(0.1, 0.2)))
 DRIVES = {"params": WHEEL_DRIVE, "channels": 4}
 NOT_BUILT = "NaN where an extension cannot be built"
-OF_A_PLANT = "posture attitude angular_velocity specific_force contact_force load_force "
+OF_A_PLANT = "posture attitude angular_velocity specific_force inertial_motion contact_force "
 OF_A_CHAIR = "body_position body_attitude force contact_force foot_height body_pose passenger_pose"
 
 ENTRIES: dict[str, Entry] = {
@@ -330,7 +330,7 @@ ENTRIES: dict[str, Entry] = {
     ),
     "KinematicPlatform": Entry(
         variants=({"wheels": WheelGeometry(), "ground": (0.01, 0.0)},),
-        passes={NOT_BUILT: f"{OF_A_PLANT} foot_height base_pose"},
+        passes={NOT_BUILT: f"{OF_A_PLANT} load_force foot_height base_pose"},
         shares=True,
     ),
     "LegRamp": Entry(
