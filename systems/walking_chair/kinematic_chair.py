@@ -33,9 +33,15 @@ class _Stance(NamedTuple):
     contact_force: NDArray[np.float64]
     foot_height: NDArray[np.float64]
     body_pose: NDArray[np.float64]
-    passenger_pose: NDArray[np.float64]  # (7)
+    seat: NDArray[np.float64]  # (3) place of the passenger on the body
     places: NDArray[np.float64]  # (12, 2) corners in the world
     carry: NDArray[np.bool_]  # (12)
+
+    @property
+    def passenger_pose(self) -> NDArray[np.float64]:
+        """Calculated where somebody looks, as drawings do."""
+        turn: Any = RollPitchYaw(self.body_attitude).ToRotationMatrix().matrix()
+        return np.concatenate((self.body_pose[:4], self.body_position + turn @ self.seat))
 
 
 class KinematicChair(LeafSystem):
@@ -155,7 +161,6 @@ class KinematicChair(LeafSystem):
         attitude = RollPitchYaw(at_rest.roll, at_rest.pitch, yaw)
         position = np.array((x, y, at_rest.height))
         turn = attitude.ToQuaternion().wxyz()
-        seated = position + attitude.ToRotationMatrix().matrix() @ passenger.place
         return _Stance(
             position,
             attitude.vector(),
@@ -163,7 +168,7 @@ class KinematicChair(LeafSystem):
             at_rest.loads.reshape(LEG_COUNT, 3).sum(axis=1),
             at_rest.gaps,
             np.concatenate((turn, position)),
-            np.concatenate((turn, seated)),
+            passenger.place,
             turned[:, :2] @ _heading(yaw).T + (x, y),
             carry,
         )
@@ -223,7 +228,7 @@ def _unknown() -> _Stance:
         contact_force=np.full(LEG_COUNT, np.nan),
         foot_height=np.full(_CORNERS, np.nan),
         body_pose=np.full(7, np.nan),
-        passenger_pose=np.full(7, np.nan),
+        seat=np.full(3, np.nan),
         places=np.full((_CORNERS, 2), np.nan),
         carry=np.zeros(_CORNERS, dtype=np.bool_),
     )

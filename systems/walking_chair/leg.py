@@ -200,8 +200,10 @@ def corner_numbers(reference: Reference) -> NDArray[np.intp]:
         ValueError: there is no such corner.
     """
     given = np.asarray(reference)
-    if given.dtype == np.intp and ((given >= 1) & (given <= len(CORNERS))).all():
-        return given
+    if given.dtype.kind in "if" and ((given >= 1) & (given <= len(CORNERS))).all():
+        whole = given.astype(np.intp, copy=False)
+        if whole is given or (whole == given).all():
+            return whole
     numbers = np.zeros(given.shape, dtype=np.intp)
     for number, name in enumerate(CORNERS, start=1):
         numbers[given == (name if given.dtype.kind in "UO" else number)] = number
