@@ -166,7 +166,7 @@ def make_parts(
     Args:
         drivers: drivers of the scenario.
         inputs: inputs of the station; each must be driven.
-        outputs: outputs of the station; each must be measured, once.
+        outputs: outputs of the station; each that has no default must be measured, once.
         period: period of the loop [s].
 
     Raises:
@@ -209,7 +209,7 @@ def _check(spec: "Port", devices: Sequence[tuple[str, Device]], what: str) -> No
     found = [device for device in here if signal in getattr(device, what)]
     key = "hardware.drivers"
     verb = "measured" if what == "measures" else "driven"
-    if not found:
+    if not found and (what == "commands" or spec.default is None):
         among = ", ".join(device.name for device in here) or "none"
         raise ScenarioError(
             f"{key}: {spec.name} is {verb} by no driver (those with part: {part}: {among})", key
@@ -236,7 +236,8 @@ def _add_parts(
         reader = add(builder, PartReader(part, threads, period))
         parts.readers[part] = reader
         for signal in _signals(machine.measured, part):
-            outputs[f"{part}.{signal}"] = reader.GetOutputPort(signal)
+            if reader.HasOutputPort(signal):
+                outputs[f"{part}.{signal}"] = reader.GetOutputPort(signal)
         if commanded := _signals(machine.inputs, part):
             writer = add(builder, PartWriter(part, threads, period))
             connect(builder, reader.GetOutputPort("stamp"), writer.GetInputPort("stamp"))

@@ -35,6 +35,7 @@ class Port:
         direction: "in" and "out" as the station has it; "truth" for what only a simulation
             knows; "inner" for signals of controller and commands.
         idle: value of an input that nothing drives.
+        default: value of an output that may be missing, shown where it is; None: it must be there.
         faults: plausible values and faults; empty where faults are not injected.
     """
 
@@ -44,6 +45,7 @@ class Port:
     meaning: str
     direction: Literal["in", "out", "truth", "inner"]
     idle: float = 0.0
+    default: float | None = None
     faults: tuple[Span, ...] = ()
 
     def __post_init__(self) -> None:
@@ -67,12 +69,20 @@ def In(
     faults: Sequence[Span] = (),
 ) -> Port:
     """Command to the machine, an input of its station."""
-    return Port(name, size, unit, meaning, "in", idle, tuple(faults))
+    return Port(name, size, unit, meaning, "in", idle, faults=tuple(faults))
 
 
-def Out(name: str, size: int, unit: str, meaning: str, *, faults: Sequence[Span] = ()) -> Port:
+def Out(
+    name: str,
+    size: int,
+    unit: str,
+    meaning: str,
+    *,
+    default: float | None = None,
+    faults: Sequence[Span] = (),
+) -> Port:
     """Measurement, an output of the station."""
-    return Port(name, size, unit, meaning, "out", faults=tuple(faults))
+    return Port(name, size, unit, meaning, "out", default=default, faults=tuple(faults))
 
 
 def Truth(name: str, size: int, unit: str, meaning: str) -> Port:
@@ -159,6 +169,8 @@ class Machine[S]:
         emulated: adapts a scenario for emulation: what emulated devices simulate themselves is
             left out of the plant, and the plant is exchanged with them every so many seconds.
         exchange: simulated backend -> period of the exchange with emulated devices [s].
+        cut: values of commands while the emergency stop is pressed, whatever is commanded: what
+            it does to the drives' supply.
         guard: makes what watches every job on the real machine; None: only devices are watched.
         log_every: periods of the controller between two samples of a recording.
     """
@@ -176,6 +188,7 @@ class Machine[S]:
     self_tests: Mapping[str, SelfTest] = field(default_factory=dict)
     emulated: Callable[[S, float], S] | None = None
     exchange: Mapping[str, float] = field(default_factory=dict)
+    cut: Mapping[str, float] = field(default_factory=dict)
     guard: Callable[[S], Guard] | None = None
     log_every: int = 1
 
@@ -192,8 +205,8 @@ class Machine[S]:
         of = ", ".join(self.parts)
         size = len(self.parts)
         status = (
-            Out("status.age", size, "s", f"age of the data of {of}"),
-            Out("status.fault", size, "code", f"a `DeviceFault` of {of}; 0 none"),
+            Out("status.age", size, "s", f"age of the data of {of}", default=0.0),
+            Out("status.fault", size, "code", f"a `DeviceFault` of {of}; 0 none", default=0.0),
         )
         table: dict[str, Port] = {}
         for port in (*self.ports, *status):

@@ -27,8 +27,8 @@ class Behind:
 
     Attributes:
         inputs: ports that take the commands, by the names of the machine's table.
-        outputs: ports that give the measurements and, where simulated, `truth.*`; `status.*` may
-            be left out of those whose devices are perfect.
+        outputs: ports that give the measurements and, where simulated, `truth.*`; those that have
+            a default may be left out.
         reset: puts it at the beginning of a scenario, in a root context at its defaults, which
             are the beginning of the scenario that it was built from.
         active: entered while the machine is to obey; simulated ones always do.
@@ -124,10 +124,10 @@ def _export(builder: DiagramBuilder, machine: "Machine[Any]", behind: Behind) ->
     outputs = (*machine.outputs, *(machine.truth if is_simulated else ()))
     found = dict(behind.outputs)
     for port in machine.outputs:
-        if port.name.startswith("status.") and port.name not in found:
-            # A plant that says nothing about its devices has perfect ones.
-            perfect = add(builder, ConstantVectorSource(np.zeros(port.size)), port.name)
-            found[port.name] = perfect.get_output_port()
+        if port.default is not None and port.name not in found:
+            default = np.full(port.size, port.default)
+            source = add(builder, ConstantVectorSource(default), port.name)
+            found[port.name] = source.get_output_port()
     _compare(machine, machine.inputs, behind.inputs, "input")
     _compare(machine, outputs, found, "output")
     for port in machine.inputs:

@@ -254,21 +254,23 @@ def make_controller(
     return diagram
 
 
-def make_supervised_controller(scenario: LevellingScenario) -> Diagram:
+def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = False) -> Diagram:
     """Wires supervisor, posture chain, contact keeper, ramps, PI loops and stability monitor.
 
     Inputs: `legs.extension` (4), `legs.limits` (12), `imu.gyro` (3), `imu.accel` (3),
-    `wheels.velocity` (4) and `status.age` (4), as the station has them; from the operator
-    `operator` (1), `drive_request` (2: forward speed, yaw rate), `posture_request` (3),
-    `arm_request` (2).
+    `legs.emergency_stop` (1), `wheels.velocity` (4) and `status.age` (4), as the station has
+    them; from the operator `operator` (1), `drive_request` (2: forward speed, yaw rate),
+    `posture_request` (3), `arm_request` (2); and where a person operates, `jog_request` (4: rates
+    of legs) and `operator_age` (1: time since the person was heard).
     Outputs: `legs.voltage` (4), `legs.stop` (1), `wheels.velocity_command` (4), `wheels.brake`
     (1), `turntable.position_command` (1), `arm.position_command` (1), `arm_command` (2: both);
-    `findings` (16), `severity` (1); `phase` (1),
+    `findings` (18), `severity` (1); `phase` (1),
     `refusal` (2), `arm_refused` (1), `arm_margin` (1: along the move asked for),
     `stability_margin` (1: now), and what `add_posture_chain` and `add_position_control` export.
 
     Args:
         scenario: its `control` part is used.
+        is_operated: whether a person operates it.
     """
     builder = DiagramBuilder()
     period = scenario.control.period
@@ -285,7 +287,10 @@ def make_supervised_controller(scenario: LevellingScenario) -> Diagram:
     pi = add_position_control(builder, scenario, desired, enable)
     connect(builder, desired, supervisor.GetInputPort("extension_desired_state"))
     _wire_supervisor(builder, chain, supervisor)
-    _add_fault_detector(builder, chain, supervisor, pi, period)
+    detector = _add_fault_detector(builder, chain, supervisor, pi, period)
+    if is_operated:
+        builder.ExportInput(supervisor.GetInputPort("jog_request"), "jog_request")
+        builder.ExportInput(detector.GetInputPort("operator_age"), "operator_age")
     _add_stability_monitor(builder, chain, supervisor, keeper, period)
     diagram = builder.Build()
     diagram.set_name("controller")
@@ -354,7 +359,7 @@ def _add_fault_detector(
     supervisor: Supervisor,
     pi: PiController,
     period: float,
-) -> None:
+) -> FaultDetector:
     detector = add(builder, FaultDetector(MODEL_GEOMETRY, period=period))
     for source, port in (
         (pi.GetOutputPort("voltage"), "voltage"),
@@ -374,9 +379,11 @@ def _add_fault_detector(
     ):
         builder.ConnectInput(name, detector.GetInputPort(port))
     builder.ExportInput(detector.GetInputPort("age"), "status.age")
+    builder.ExportInput(detector.GetInputPort("emergency_stop"), "legs.emergency_stop")
     connect(builder, detector.GetOutputPort("severity"), supervisor.GetInputPort("severity"))
     for name in ("findings", "severity"):
         builder.ExportOutput(detector.GetOutputPort(name), name)
+    return detector
 
 
 def _add_stability_monitor(

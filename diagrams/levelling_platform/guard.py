@@ -22,6 +22,7 @@ _SIGNALS = {
     "gyro": "imu.gyro",
     "accel": "imu.accel",
     "age": "status.age",
+    "emergency_stop": "legs.emergency_stop",
     "attitude": "attitude_estimated",
     "ground": "ground_estimated",
     "foot_offsets": "foot_offsets_estimated",

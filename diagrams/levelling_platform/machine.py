@@ -87,6 +87,12 @@ PLATFORM = Machine(
         ),
     },
     emulated=_emulated,
+    cut={
+        "legs.voltage": 0.0,
+        "legs.stop": 1.0,
+        "wheels.velocity_command": 0.0,
+        "wheels.brake": 1.0,
+    },
     guard=PlatformGuard,
     exchange={"multibody": 2e-3, "kinematic": 2e-3},
 )

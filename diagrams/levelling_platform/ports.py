@@ -55,6 +55,14 @@ PORTS = (
         "switches: extended x4, retracted x4, ground contact x4",
         faults=[Span(0.0, 1.0, is_binary=True)],
     ),
+    Out(
+        "legs.emergency_stop",
+        1,
+        "0/1",
+        "whether the emergency stop is pressed",
+        default=0.0,
+        faults=[Span(0.0, 1.0, is_binary=True)],
+    ),
     Out("wheels.position", 4, "rad", "encoders: wheel angles in whole counts"),
     Out("wheels.velocity", 4, "rad/s", "encoders: their rates in counts per period"),
     In(
@@ -93,6 +101,8 @@ PORTS = (
         faults=[_POSTURES],
     ),
     Inner("arm_request", "rad", "angles of turntable and arm that the operator asks for"),
+    Inner("jog_request", "m/s", "rates of single legs that the operator asks for"),
+    Inner("operator_age", "s", "time since the operator was heard"),
     Inner("steps_done", "-", "number of the operator's steps that have been done"),
     # Controllers.
     Inner("posture_desired_state", "rad, rad, m, and their rates", "smooth reference"),

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from parapod.diagrams.guard import Ticks, Trip
 from parapod.diagrams.walking_chair.scenario import ChairScenario
+from parapod.systems.safety.faults import EMERGENCY_STOP_SIGN
 from parapod.systems.walking_chair.geometry import BRANCHES
 
 _POSITION, _NODE, _MARGIN = "legs.position", "position_node", "support_margin"
-_AGE = "status.age"
+_AGE, _STOP = "status.age", "legs.emergency_stop"
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class ChairGuard:
     is off its way sooner or later; currents are watched by the drives themselves.
     """
 
-    signals = frozenset((_POSITION, _NODE, _MARGIN, _AGE))
+    signals = frozenset((_POSITION, _NODE, _MARGIN, _AGE, _STOP))
 
     def __init__(self, scenario: ChairScenario, limits: ChairLimits = ChairLimits()):
         """Begins to watch.
@@ -71,6 +72,8 @@ class ChairGuard:
         """Name of each sign, its words, for how long it must last, and whom it makes suspect."""
         limits, position = self._limits, values[_POSITION]
         legs = ("legs",)
+        if _STOP in values and values[_STOP][0] > 0.5:
+            yield "emergency_stop", (EMERGENCY_STOP_SIGN, 0.0, ())
         if self._position is not None and is_regular:
             jumps = np.abs(position - self._position) > limits.fastest * self._period
             if jumps.any():

@@ -46,6 +46,7 @@ CHAIR = Machine(
         ),
     },
     emulated=_emulated,
+    cut={"legs.velocity_command": 0.0, "legs.brake": 1.0},
     guard=ChairGuard,
     # The quasi-static plant's statics cost more than the bodies' dynamics.
     exchange={"multibody": 2e-3, "kinematic": 5e-3},

@@ -12,6 +12,7 @@ PORTS = (
     Out("legs.position", 12, "m", "encoders: lengths of the branches, joint to joint"),
     Out("legs.velocity", 12, "m/s", "encoders: their rates"),
     Out("legs.current", 12, "A", "currents of the motors, positive where they push"),
+    Out("legs.emergency_stop", 1, "0/1", "whether the emergency stop is pressed", default=0.0),
     Truth("body_position", 3, "m", "position of the body's centre S in the world"),
     Truth("body_attitude", 3, "rad", "roll, pitch, yaw of the body"),
     Truth("position", 12, "m", "lengths of the branches"),

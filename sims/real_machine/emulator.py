@@ -148,6 +148,7 @@ class EmulatedMachine:
         machine: the machine.
         harness: the wires.
         misbehaviours: by part of the machine.
+        emergency_stop: its button.
         period: between two exchanges of wires and physics [s].
     """
 
@@ -181,6 +182,7 @@ class EmulatedMachine:
         self._wires = make_emulator_directory() / WIRES
         self._program = _only_emulator()
         self.harness = SharedHarness(self._wires, self._sizes, self._parts, is_new=True)
+        self.emergency_stop = EmergencyStop()
         self.misbehaviours = {part: self.harness.misbehaviour(part) for part in self._parts}
         station = self._station
         self._outputs: list[tuple[str, OutputPort]]
@@ -219,8 +221,10 @@ class EmulatedMachine:
 
         def exchange(root: Context) -> None:
             self._show()
+            cut = self.machine.cut if self.emergency_stop.is_pressed else {}
             for name, port in inputs:
-                port.FixValue(root, self.harness.get(name))
+                asked = self.harness.get(name)
+                port.FixValue(root, [cut[name]] * len(asked) if name in cut else asked)
             on_tick(root)
 
         self._simulator.Initialize()
@@ -228,8 +232,11 @@ class EmulatedMachine:
 
     def _show(self) -> None:
         """Puts what the station shows on the wires."""
+        pressed = [float(self.emergency_stop.is_pressed)]
         for name, port in self._outputs:
-            self.harness.set(name, np.asarray(port.Eval(self._context)).tolist())
+            is_button = name.endswith(f".{EMERGENCY_STOP}")
+            shown = pressed if is_button else np.asarray(port.Eval(self._context)).tolist()
+            self.harness.set(name, shown)
 
     def ports(self) -> tuple[dict[str, str], list[int]]:
         """Units by the names of what can be logged, and their sizes."""
@@ -266,6 +273,33 @@ _LOG_PERIOD = 0.01  # [s]
 _FOREVER = 1e6  # [s]
 # The word that ends a device's misbehaviour.
 WELL = "well"
+# Pressed and released as if it were a part that misbehaves.
+EMERGENCY_STOP = "emergency_stop"
+_PRESSED, _RELEASED = "pressed", "released"
+
+
+class EmergencyStop:
+    """The button of an emulated machine.
+
+    Attributes:
+        is_pressed: whether the drives are without supply.
+    """
+
+    def __init__(self) -> None:
+        self.is_pressed = False
+
+    def begin(self, kind: str, now: float) -> None:
+        """Presses it."""
+        self.is_pressed = True
+
+    def end(self) -> None:
+        """Releases it."""
+        self.is_pressed = False
+
+
+def kinds_of(part: str) -> tuple[str, ...]:
+    """Words for what may happen to a part, the last of which ends it."""
+    return (_PRESSED, _RELEASED) if part == EMERGENCY_STOP else (*KINDS, WELL)
 
 
 @dataclass(frozen=True)
@@ -275,7 +309,7 @@ class DeviceFaultRequest:
     Attributes:
         at: from when on, since the emulator began [s].
         part: part of the machine.
-        kind: one of `KINDS`, or "well".
+        kind: one of `kinds_of` the part.
     """
 
     at: float
@@ -300,10 +334,12 @@ def parsed_fault(text: str, parts: Sequence[str], at: float | None = None) -> De
             at = float(words.pop(0))
         except ValueError:
             raise ScenarioError(f"{quoted(text)} does not begin with a time in seconds") from None
-    if at is None or len(words) != 2 or words[0] not in parts or words[1] not in (*KINDS, WELL):
+    known = (*parts, EMERGENCY_STOP)
+    if at is None or len(words) != 2 or words[0] not in known:
+        raise ScenarioError(f"{quoted(text)} is not PART KIND, with a part of {', '.join(known)}")
+    if words[1] not in (kinds := kinds_of(words[0])):
         raise ScenarioError(
-            f"{quoted(text)} is not PART KIND, with a part of {', '.join(parts)} and a kind of "
-            f"{', '.join((*KINDS, WELL))}"
+            f"{quoted(text)} is not PART KIND, with a kind of {', '.join(kinds)} for {words[0]}"
         )
     return DeviceFaultRequest(at, words[0], words[1])
 
@@ -337,7 +373,9 @@ def emulate(
     """
     said = console or Console(stderr=True)
     emulated = EmulatedMachine(machine, scenario)
-    schedule = Schedule(emulated.misbehaviours, requests, said)
+    schedule = Schedule(
+        {**emulated.misbehaviours, EMERGENCY_STOP: emulated.emergency_stop}, requests, said
+    )
     with ExitStack() as stack:
         stack.enter_context(ended_by_signals())
         metadata = {"scenario": dump_scenario(scenario), "parapod": version("parapod")}
@@ -377,7 +415,7 @@ class Schedule:
 
     def __init__(
         self,
-        misbehaviours: Mapping[str, Misbehaviour],
+        misbehaviours: Mapping[str, Misbehaviour | EmergencyStop],
         requests: Sequence[DeviceFaultRequest],
         console: Console,
     ):
@@ -389,6 +427,7 @@ class Schedule:
             console: console for the faults.
         """
         self._misbehaviours, self._console = misbehaviours, console
+        self._parts = [part for part in misbehaviours if part != EMERGENCY_STOP]
         self._waiting = sorted(requests, key=lambda request: request.at)
         self._now = 0.0
 
@@ -407,13 +446,13 @@ class Schedule:
             if not line.strip():
                 continue
             try:
-                self._do(parsed_fault(line.strip(), list(self._misbehaviours), self._now))
+                self._do(parsed_fault(line.strip(), self._parts, self._now))
             except ScenarioError as error:
                 self.say(str(error))
 
     def _do(self, request: DeviceFaultRequest) -> None:
         misbehaviour = self._misbehaviours[request.part]
-        if request.kind == WELL:
+        if request.kind == kinds_of(request.part)[-1]:
             misbehaviour.end()
         else:
             misbehaviour.begin(request.kind, time.monotonic())

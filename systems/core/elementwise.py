@@ -25,6 +25,13 @@ def sqrt(x: Elementwise) -> Elementwise:
     return np.sqrt(x)
 
 
+def quotient(x: Elementwise, y: Elementwise) -> Elementwise:
+    """Quotient x / y; NaN for a float by zero."""
+    if type(y) is float and not y:
+        return math.nan
+    return x / y
+
+
 def sin_cos(x: Elementwise) -> tuple[Elementwise, Elementwise]:
     """Sine and cosine of an angle; NaN for infinite ones."""
     if type(x) is float:

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
-from parapod.systems.core.ports import elements, read
+from parapod.systems.core.ports import elements, read, read_or_zeros
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, unevenness
 from parapod.systems.levelling_platform.supervisor import Command, Phase
-from parapod.systems.safety.faults import Severity
+from parapod.systems.safety.faults import EMERGENCY_STOP_SIGN, Severity
 
 
 class Finding(IntEnum):
@@ -39,6 +39,8 @@ class Finding(IntEnum):
     FOOT_LOST = 13
     PUSHED_UP = 14
     COMMAND_INVALID = 15
+    EMERGENCY_STOP = 16
+    OPERATOR_LOST = 17
 
 
 @dataclass(frozen=True)
@@ -178,6 +180,22 @@ RULES: tuple[Rule, ...] = (
         "command",
         "a posture asked for that is not finite",
     ),
+    Rule(
+        Finding.EMERGENCY_STOP,
+        Severity.LATCHED_OFF,
+        0.0,
+        0.05,
+        "emergency stop",
+        EMERGENCY_STOP_SIGN,
+    ),
+    Rule(
+        Finding.OPERATOR_LOST,
+        Severity.HOLD,
+        0.0,
+        0.35,
+        "operator's page",
+        "an operator of whom nothing has been heard",
+    ),
 )
 
 
@@ -224,6 +242,7 @@ class FaultDetectorParams:
         pushed: largest tilt while the legs look for the ground [rad].
         end: tolerance of the end switches [m].
         up: a leg of this extension cannot touch the ground [m].
+        silence: longest silence of an operator [s]; pages speak five times a second.
     """
 
     shortest: float = 0.375
@@ -243,6 +262,7 @@ class FaultDetectorParams:
     pushed: float = math.radians(0.35)
     end: float = 2e-3
     up: float = 0.440
+    silence: float = 0.3
 
 
 class FaultDetector(LeafSystem):
@@ -262,13 +282,15 @@ class FaultDetector(LeafSystem):
     | in `posture_request` | 3 | rad, rad, m | what the operator asks for |
     | in `operator` | 1 | - | a `Command`; RESET clears what has ended |
     | in `phase` | 1 | - | the supervisor's |
-    | out `findings` | 16 | 0/1 | by `Finding`; each stays until it is reset |
+    | in `emergency_stop` | 1 | 0/1 | whether it is pressed; unconnected: it is not |
+    | in `operator_age` | 1 | s | since the operator was heard; unconnected: there is none |
+    | out `findings` | 18 | 0/1 | by `Finding`; each stays until it is reset |
     | out `severity` | 1 | - | the worst `Severity` of them |
 
     A sign that lasts as long as its rule in `findings` says becomes a finding, and a finding
     stays until the operator resets it after its cause has gone.
 
-    State: discrete, findings (16), severity (1), how long each sign has lasted (16) [s], and a
+    State: discrete, findings (18), severity (1), how long each sign has lasted (18) [s], and a
     memory (16); updated every period.
 
     Bad input: is what it looks for.
@@ -296,6 +318,8 @@ class FaultDetector(LeafSystem):
             ("posture_request", 3),
             ("operator", 1),
             ("phase", 1),
+            ("emergency_stop", 1),
+            ("operator_age", 1),
         ):
             self.DeclareVectorInputPort(name, size)
         self._findings: Any = self.DeclareDiscreteState(_COUNT)
@@ -382,7 +406,7 @@ class _Look:
             signs.add(Finding.PUSHED_UP)
         if not all(map(math.isfinite, self._read("posture_request"))):
             signs.add(Finding.COMMAND_INVALID)
-        return signs
+        return signs | self._of_people()
 
     def _tilted(self) -> float:
         return max(
@@ -461,6 +485,21 @@ class _Look:
         if not self._read("age")[1] <= params.oldest:
             signs.add(Finding.IMU_STALE)
         return signs
+
+    def _of_people(self) -> set[Finding]:
+        """Somebody has pressed the stop, or is gone."""
+        signs = set()
+        if not self._optional("emergency_stop") <= 0.5:
+            signs.add(Finding.EMERGENCY_STOP)
+        if not self._optional("operator_age") <= self._params.silence:
+            signs.add(Finding.OPERATOR_LOST)
+        return signs
+
+    def _optional(self, name: str) -> float:
+        """An input that need not be connected; 0 then."""
+        port = self._detector.GetInputPort(name)
+        number: float = read_or_zeros(port, self._context)[0]
+        return number
 
     def _of_switches(self) -> set[Finding]:
         params, signs = self._params, set()

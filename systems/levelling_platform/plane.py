@@ -5,7 +5,7 @@ Elementwise functions (floats, arrays, AutoDiffXd) on vectors that are tuples of
 
 from collections.abc import Sequence
 
-from parapod.systems.core.elementwise import Elementwise, asin, atan2, sin_cos, sqrt
+from parapod.systems.core.elementwise import Elementwise, asin, atan2, quotient, sin_cos, sqrt
 
 type Vector3 = tuple[Elementwise, Elementwise, Elementwise]
 
@@ -155,7 +155,7 @@ def to_world(g: Vector3, roll: Elementwise, pitch: Elementwise) -> Vector3:
 
 def attitude_seeing(g: Vector3, n: Vector3) -> tuple[Elementwise, Elementwise]:
     """Roll and pitch of the platform that sees the world's vector n as g."""
-    roll = atan2(g[1], g[2]) - asin(n[1] / sqrt(g[1] * g[1] + g[2] * g[2]))
+    roll = atan2(g[1], g[2]) - asin(quotient(n[1], sqrt(g[1] * g[1] + g[2] * g[2])))
     sin_roll, cos_roll = sin_cos(roll)
     m_z = g[1] * sin_roll + g[2] * cos_roll
     return roll, atan2(n[0] * m_z - n[2] * g[0], n[0] * g[0] + n[2] * m_z)

@@ -34,6 +34,7 @@ class Phase(IntEnum):
     HOLD = 6
     RETRACT = 7
     FAULT = 8
+    STANDBY = 9
 
 
 class Event(StrEnum):
@@ -84,7 +85,8 @@ TRANSITIONS: tuple[Transition, ...] = (
     Transition(Phase.HOLD, Event.STOP, Phase.RETRACT),
     Transition(Phase.HOLD, Event.NEW_POSTURE, Phase.POSTURE),
     Transition(Phase.RETRACT, Event.LEGS_UP, Phase.TRANSPORT),
-    Transition(Phase.FAULT, Event.RESET, Phase.RETRACT),
+    Transition(Phase.FAULT, Event.RESET, Phase.STANDBY),
+    Transition(Phase.STANDBY, Event.STOP, Phase.RETRACT),
 )
 
 
@@ -143,7 +145,9 @@ class SupervisorParams:
 
     Attributes:
         raised: extension of a leg that is up [m]; beyond .42 m, where the feet are clear.
-        lowering_rate: rate of a leg that looks for ground [m/s]; about six times that at the foot.
+        clear: extension with which a leg leaves the ground alone [m]: nothing drives below.
+        lowering_rate: rate of a leg that looks for ground, or is jogged [m/s]; about six times
+            that at the foot.
         raising_rate: rate of a leg that goes up [m/s].
         standstill: largest velocity of a wheel that stands [rad/s].
         settle_time: time for which wheels must stand, and switches stay closed [s].
@@ -157,6 +161,7 @@ class SupervisorParams:
     """
 
     raised: float = 0.450
+    clear: float = 0.440
     lowering_rate: float = 0.003
     raising_rate: float = 0.006
     standstill: float = 0.02
@@ -267,7 +272,7 @@ class Decision:
         match code:
             case Command.GO if phase is Phase.TRANSPORT:
                 return {Event.GO}
-            case Command.STOP if Phase.BRAKE <= phase <= Phase.HOLD:
+            case Command.STOP if Phase.BRAKE <= phase <= Phase.HOLD or phase is Phase.STANDBY:
                 return {Event.STOP}
             case Command.RESET if phase is Phase.FAULT and cleared:
                 return {Event.RESET}
@@ -388,20 +393,39 @@ class Decision:
         out = self._out
         off = phase is Phase.FAULT and self._severity >= Severity.BRAKE
         out["legs_enable"], out["legs_stop"] = [0.0 if off else 1.0], [1.0 if off else 0.0]
-        driving = phase is Phase.TRANSPORT
+        jog = self._jog() if phase in (Phase.TRANSPORT, Phase.STANDBY) else []
+        driving = phase is Phase.TRANSPORT and not any(jog) and self._legs_are_clear()
         out["wheel_brake"] = [0.0 if driving else 1.0]
         request = self._signals["drive_request"]
         out["wheel_velocity_command"] = (
             list(request) if driving and all(map(math.isfinite, request)) else [0.0] * 4
         )
         out["arm_enable"] = [1.0 if phase is Phase.HOLD else 0.0]
-        out["leg_rate"] = [0.0] * LEG_COUNT
+        out["leg_rate"] = jog or [0.0] * LEG_COUNT
         if phase is Phase.LOWER:
             out["leg_rate"] = self._lower()
         elif phase is Phase.ESTIMATE and self._elapsed(_SINCE) >= self._params.estimate_time:
             out["estimate_ground"] = [1.0]
         elif phase is Phase.RETRACT:
             self._retract()
+
+    def _jog(self) -> list[float]:
+        """Rates of single legs that the operator asks for, within the stroke; wheels stand."""
+        request = self._signals.get("jog_request", [0.0] * LEG_COUNT)
+        params, wheels = self._params, self._read("wheel_velocity")
+        if not (any(request) and all(abs(v) <= params.standstill for v in wheels)):
+            return [0.0] * LEG_COUNT
+        low, high = self._operation.geometry.extension_min, params.raised
+        rates = []
+        for rate, d in zip(request, self._signals["extension"], strict=True):
+            slow, fast = (params.approach * (goal - d) for goal in (low, high))
+            is_known = math.isfinite(rate) and math.isfinite(d)
+            most = params.lowering_rate
+            rates.append(clamp(clamp(rate, slow, fast), -most, most) if is_known else 0.0)
+        return rates
+
+    def _legs_are_clear(self) -> bool:
+        return all(d >= self._params.clear for d in self._signals["extension"])
 
     def _lower(self) -> list[float]:
         """Each leg goes down until its own foot touches, and back to where it did."""
@@ -444,7 +468,8 @@ class Decision:
         out["leg_rate"] = [self._towards(goal, d, fastest) for d in self._signals["extension"]]
 
 
-_ALWAYS = ("operator", "drive_request", "posture_request", "severity", "limits", "extension")
+_ALWAYS = ("operator", "drive_request", "posture_request", "limits", "extension")
+_OPTIONAL = ("severity", "jog_request")
 
 
 class Supervisor(LeafSystem):
@@ -455,6 +480,7 @@ class Supervisor(LeafSystem):
     | in `operator` | 1 | - | a `Command`; counts when it changes |
     | in `drive_request` | 4 | rad/s | wheels' velocities; obeyed in transport only |
     | in `posture_request` | 3 | rad, rad, m | posture to take; may change while it is held |
+    | in `jog_request` | 4 | m/s | rates of single legs; unconnected: 0 |
     | in `severity` | 1 | - | `Severity` of the worst fault; unconnected: none |
     | in `limits` | 12 | 0/1 | switches: extended, retracted, ground contact of each leg |
     | in `extension` | 4 | m | measured extensions |
@@ -480,12 +506,15 @@ class Supervisor(LeafSystem):
     did: the wheels carry meanwhile, and uneven ground is met foot by foot. What does not fit is
     refused and the platform stays where it is: a command outside its phase, a ground that cannot
     be levelled, a posture out of reach. To leave, the platform first lowers itself parallel to
-    the ground as far as the stroke goes, and then raises its legs.
+    the ground as far as the stroke goes, and then raises its legs. After a fault it stands by
+    until it is told to stop, which raises the legs; while it stands by, and in transport at
+    rest, single legs can be jogged.
 
     State: discrete, each output, and a memory (12); updated every period.
 
     Bad input: a request that is not finite is not obeyed; a switch that is NaN is open, a severity
-    that is NaN is the gravest. A leg whose extension is NaN is at no goal, and stands still.
+    that is NaN is the gravest. A leg whose extension is NaN is at no goal, and stands still;
+    nothing drives while one is not up.
     """
 
     def __init__(
@@ -510,6 +539,7 @@ class Supervisor(LeafSystem):
             ("operator", 1),
             ("drive_request", 4),
             ("posture_request", 3),
+            ("jog_request", LEG_COUNT),
             ("severity", 1),
             ("limits", 12),
             ("extension", 4),
@@ -545,8 +575,8 @@ class Supervisor(LeafSystem):
     def _update(self, context: Context, discrete_state: Any) -> None:
         signals = {
             name: read(self.GetInputPort(name), context)
-            for name in _ALWAYS
-            if name != "severity" or self.GetInputPort(name).HasValue(context)
+            for name in (*_ALWAYS, *_OPTIONAL)
+            if name in _ALWAYS or self.GetInputPort(name).HasValue(context)
         }
         out = {name: elements(context.get_discrete_state(i)) for name, i in self._outputs.items()}
         memory = elements(context.get_discrete_state(self._memory))

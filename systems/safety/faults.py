@@ -85,6 +85,10 @@ class Severity(IntEnum):
     is gone does not end it."""
 
 
+# Sign of a pressed emergency stop; its contact is closed while it is not pressed.
+EMERGENCY_STOP_SIGN = "the emergency stop is pressed, or its wire is broken"
+
+
 @dataclass(frozen=True)
 class Fault:
     """A fault of a signal: what happens, to which element, from when to when.

@@ -15,6 +15,7 @@ from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     JobScenario,
     LevellingScenario,
+    PlatformFault,
 )
 from parapod.systems.levelling_platform.scripts import OperatorScript, Step
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
@@ -229,3 +230,54 @@ def test_a_platform_that_is_stopped_while_it_is_lowered_goes_back_without_a_jump
     desired = stopped.signals["extension_desired_state"][:, :4]
     assert np.abs(np.diff(desired, axis=0)).max() <= 1.1 * SupervisorParams().raising_rate * PERIOD
     assert np.abs(np.diff(stopped.signals["legs.voltage"], axis=0)).max() < 0.5
+
+
+# Emergency stop
+
+
+def test_after_an_emergency_stop_nothing_moves_until_it_is_reset_and_begun_again():
+    pressed, released, reset, begun = 8.0, 11.0, 14.0, 17.0
+    scenario = LevellingScenario(
+        backend="kinematic",
+        job=JobScenario(start="wheels"),
+        faults=[
+            PlatformFault(
+                at=pressed, target="legs.emergency_stop", kind="wrong", duration=released - pressed
+            )
+        ],
+    )
+    steps = (
+        Step(Phase.TRANSPORT, 1.0, Command.GO),
+        # In vain while the button is down.
+        Step(Phase.FAULT, 1.0, Command.RESET),
+        Step(Phase.FAULT, 1.0, Command.GO),
+        Step(Phase.FAULT, reset - pressed - 2.0, Command.RESET),
+        Step(Phase.STANDBY, begun - reset, Command.STOP),
+        Step(Phase.RETRACT, 1.0),
+    )
+    loop = ClosedLoop(
+        PLATFORM,
+        scenario,
+        controller=make_supervised_controller(scenario),
+        sources=[OperatorScript(steps, (0.0, 0.0, HEIGHT), PERIOD)],
+    )
+    simulator = Simulator(loop)
+    simulator.AdvanceTo(begun + 3.0)
+    signals = loop.recording(simulator.get_context())
+    time, phase = signals.time, signals["phase"][:, 0]
+    before = (time > pressed - 0.2) & (time < pressed)
+    assert (phase[before] == Phase.LOWER).all()  # it moves
+    assert np.abs(signals["legs.voltage"][before]).min() > 0.1
+    after = (time >= pressed + 0.03) & (time < begun)
+    assert set(phase[after & (time < reset)]) == {Phase.FAULT}
+    assert set(phase[after & (time > reset + 0.1)]) == {Phase.STANDBY}
+    cut = after & (time < reset)
+    assert not signals["legs.voltage"][cut].any()
+    assert (signals["legs.stop"][cut] == 1.0).all()
+    assert not signals["wheels.velocity_command"][after].any()
+    # Controlled again after the reset, where it has come to stand.
+    stood = signals["truth.extension"][after & (time > pressed + 0.3)]
+    assert np.ptp(stood, axis=0).max() < 2e-5
+    assert np.abs(signals["legs.voltage"][after]).max() < 0.3
+    assert (phase[time > begun + 0.5] == Phase.RETRACT).all()
+    assert (signals["legs.extension"][-1] > stood[-1] + 1e-3).all()

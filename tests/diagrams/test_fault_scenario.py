@@ -241,7 +241,8 @@ def test_each_fault_has_its_own_seed_that_follows_from_the_scenarios():
             "target: imu.giro",
             "target",
             "faults.1.target = 'imu.giro' is not one of legs.extension, imu.gyro, imu.accel, "
-            "legs.limits, legs.voltage, supply, posture_command (did you mean imu.gyro?)",
+            "legs.limits, legs.emergency_stop, legs.voltage, supply, posture_command "
+            "(did you mean imu.gyro?)",
         ),
         ("at: -1", "at", "faults.1.at = -1 is outside 0..3600"),
         ("duration: 0", "duration", "faults.1.duration = 0 is outside 0.001..3600"),

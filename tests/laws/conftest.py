@@ -69,6 +69,9 @@ def pushing(random, size):
 EXTENSIONS = around((0.405,) * 4 + (0.0,) * 4, *(0.004,) * 4, *(0.003,) * 4)
 POSTURE = around((0.0, 0.0, 0.477), 0.02, 0.02, 0.003)
 NAMED = {
+    one_of(0.0, 0.0, 1.0): "emergency_stop",
+    around(0.2, 0.15): "operator_age",
+    around(0.0, 0.002): "jog_request",
     one_of(0.0, 1.0): "brake enable ground_valid hold limits posture_control stop trigger trusted",
     one_of(1.0, 1.0, 1.0, 1.0, 1.0, 0.0): "standing",
     one_of(*Command): "operator",
@@ -398,7 +401,7 @@ ENTRIES: dict[str, Entry] = {
     "Supervisor": Entry(
         inputs={"limits": one_of(1.0, 1.0, 0.0), "severity": one_of(0, 1)},
         limits={
-            **{"phase": (0.0, 8.0), "leg_rate": 0.006, "refusal": (0.0, 8.0)},
+            **{"phase": (0.0, 9.0), "leg_rate": 0.006, "refusal": (0.0, 9.0)},
             **dict.fromkeys(("posture_control", "legs_enable", "legs_stop"), BINARY),
             **dict.fromkeys(("estimate_ground", "wheel_brake", "arm_enable"), BINARY),
         },

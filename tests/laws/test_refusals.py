@@ -171,7 +171,7 @@ REFUSALS = [
     (
         ["run", "deploy", "--set", "faults=[{target: legs.extensio}]"],
         r"faults\.0\.target = 'legs\.extensio' is not one of legs\.extension, imu\.gyro, "
-        r"imu\.accel, legs\.limits, legs\.voltage, supply, posture_command "
+        r"imu\.accel, legs\.limits, legs\.emergency_stop, legs\.voltage, supply, posture_command "
         r"\(did you mean legs\.extension\?\)",
     ),
     (

@@ -214,7 +214,7 @@ def test_an_input_that_need_not_be_connected_says_what_it_is_then(system_kind):
     unused = {port for port, text in meanings.items() if "not used" in text}
     needed = set()
     for specimen in system_kind.specimens:
-        for context, random in specimen.moments(40):
+        for context, random in specimen.moments(60):
             given = specimen.sample(random)
             for missing in given:
                 partly = specimen.system.CreateDefaultContext()

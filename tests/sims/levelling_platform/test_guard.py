@@ -17,6 +17,7 @@ FAULTS = {
     "no supply": ("leg_response|supply", 1.0, "legs"),
     "old legs": ("legs_stale", 0.02, "legs"),
     "old samples": ("imu_stale", 0.02, ""),
+    "pressed stop": ("emergency_stop", 0.0, ""),
     "no gyroscope": ("gyro_invalid", 0.2, ""),
     "wild gyroscope": ("gyro_invalid", 0.2, ""),
     "no gravity": ("accel_invalid", 0.3, ""),
@@ -80,6 +81,8 @@ def spoilt(name, signals, at):
             signals["status.age"][at:, 0] = 0.06
         case "old samples":
             signals["status.age"][at:, 1] = 0.06
+        case "pressed stop":
+            signals["legs.emergency_stop"][at:] = 1.0
         case "no gyroscope":
             gyro[at:, 2] = np.nan
         case "wild gyroscope":

@@ -14,7 +14,10 @@ FAULTS = {
     "jump of an encoder": ("encoder_jump", "branch 11 changes faster than it can", 0.0),
     "tipping": ("no_support", "the centre of mass is not above the feet that stand", 0.13),
     "old measurements": ("legs_stale", "measurements that are old", 0.13),
+    "pressed stop": ("emergency_stop", "the emergency stop is pressed", 0.0),
 }
+# Of which no encoder is the cause.
+WITHOUT_DOUBT = ("tipping", "old measurements", "pressed stop")
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +65,8 @@ def spoilt(name, signals, at):
             signals["support_margin"][at:] = -1e-3
         case "old measurements":
             signals["status.age"][at:] = 0.07
+        case "pressed stop":
+            signals["legs.emergency_stop"][at:] = 1.0
     return signals
 
 
@@ -78,7 +83,7 @@ def test_a_fault_while_the_branches_move_is_named_in_time(recorded, fault):
     assert trip.name == name
     assert trip.sign.startswith(words)
     assert 0 <= (when - at) * period <= deadline + 1e-9
-    assert trip.distrusted == (() if fault in ("tipping", "old measurements") else ("legs",))
+    assert trip.distrusted == (() if fault in WITHOUT_DOUBT else ("legs",))
 
 
 def test_a_sign_that_does_not_last_ends_nothing(recorded):

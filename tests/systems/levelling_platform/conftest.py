@@ -56,6 +56,8 @@ def operate(bench):
             """Goes to a phase by the usual way."""
             if phase is Phase.FAULT:
                 self.tick(severity=Severity.HOLD).set(severity=0.0)
+            elif phase is Phase.STANDBY:
+                self.to(Phase.FAULT).command(Command.RESET)
             elif phase is Phase.RETRACT:
                 self.to(Phase.LOWER).at(LOW).command(Command.STOP)
             elif phase is not Phase.TRANSPORT:

@@ -62,6 +62,8 @@ def healthy(phase):
         "posture_request": POSTURE,
         "operator": (0.0,),
         "phase": (float(phase),),
+        "emergency_stop": (0.0,),
+        "operator_age": (0.0,),
     }
 
 
@@ -196,6 +198,10 @@ SIGNS = {
         Phase.ESTIMATE,
         {"attitude": GROUND + np.radians((0.0, 0.4))},
     ),
+    "pressed stop": (Finding.EMERGENCY_STOP, Phase.TRANSPORT, {"emergency_stop": (1.0,)}),
+    "unknown stop": (Finding.EMERGENCY_STOP, Phase.HOLD, {"emergency_stop": (math.nan,)}),
+    "silent operator": (Finding.OPERATOR_LOST, Phase.LOWER, {"operator_age": (0.31,)}),
+    "no operator": (Finding.OPERATOR_LOST, Phase.HOLD, {"operator_age": (math.inf,)}),
     "nan command": (Finding.COMMAND_INVALID, Phase.HOLD, {"posture_request": (0, math.nan, 0.48)}),
 }
 # Periods during which a sign lasts before it is believed; other findings follow at once.
@@ -432,10 +438,10 @@ def test_everything_at_once_may_be_nan(watch):
         1.0, **{name: np.full(np.shape(v), math.nan) for name, v in well.items()}
     )
     assert {Finding.ENCODER_INVALID, Finding.LEGS_STALE, Finding.IMU_STALE} <= detector.findings
-    assert detector.severity == Severity.BRAKE
+    assert detector.severity == Severity.LATCHED_OFF
 
 
-@pytest.mark.parametrize("phase", [-1.0, 9.0])
+@pytest.mark.parametrize("phase", [-1.0, 10.0])
 def test_a_phase_that_is_none_is_no_reason_to_stop_looking(watch, phase):
     detector = watch()
     assert detector.wait(1.0, phase=phase).findings == set()
@@ -450,8 +456,10 @@ def test_there_is_one_rule_for_each_finding_that_can_be_found_in_time_and_be_tol
     assert list(map(int, Finding)) == list(range(len(RULES)))
     for rule in RULES:
         assert 0.0 <= rule.persists < rule.deadline
-        # It is told at least, and never waits for a person.
-        assert Severity.WARN <= rule.severity <= Severity.BRAKE
+        # It is told at least; only who has pressed the stop has to look before it goes on.
+        pressed = rule.finding is Finding.EMERGENCY_STOP
+        assert rule.severity >= Severity.WARN
+        assert pressed == (rule.severity > Severity.BRAKE)
         assert rule.device
         assert rule.sign
         assert "|" not in rule.device + rule.sign

@@ -90,8 +90,9 @@ def test_each_phase_has_its_outputs(operate, phase):
 def test_a_command_has_its_place_and_is_refused_elsewhere(operate, phase, command):
     places = {
         Command.GO: {Phase.TRANSPORT: Phase.BRAKE},
-        Command.STOP: dict.fromkeys(STOPPABLE, Phase.RETRACT) | {Phase.BRAKE: Phase.TRANSPORT},
-        Command.RESET: {Phase.FAULT: Phase.RETRACT},
+        Command.STOP: dict.fromkeys((*STOPPABLE, Phase.STANDBY), Phase.RETRACT)
+        | {Phase.BRAKE: Phase.TRANSPORT},
+        Command.RESET: {Phase.FAULT: Phase.STANDBY},
     }[command]
     operation = operate().to(phase).tick().command(command)
     assert operation.phase is places.get(phase, phase)
@@ -398,13 +399,13 @@ def reachable(start, transitions):
 
 
 def test_numbers_of_the_phases_are_those_of_the_port():
-    assert [phase.value for phase in Phase] == list(range(9))
-    assert (Phase.TRANSPORT, Phase.HOLD, Phase.FAULT) == (0, 6, 8)
+    assert [phase.value for phase in Phase] == list(range(10))
+    assert (Phase.TRANSPORT, Phase.HOLD, Phase.FAULT, Phase.STANDBY) == (0, 6, 8, 9)
 
 
 def test_every_phase_can_be_reached_from_transport_and_leads_back_to_it():
     assert reachable(Phase.TRANSPORT, TRANSITIONS) == set(Phase)
-    assert reachable(Phase.TRANSPORT, ORDINARY) == set(Phase) - {Phase.FAULT}
+    assert reachable(Phase.TRANSPORT, ORDINARY) == set(Phase) - {Phase.FAULT, Phase.STANDBY}
     assert all(Phase.TRANSPORT in reachable(phase, ORDINARY) for phase in Phase)
 
 
@@ -428,7 +429,7 @@ def test_a_fault_comes_before_a_stop_and_a_stop_before_what_goes_on():
 
 def test_only_a_reset_leads_out_of_fault():
     out = [t for t in TRANSITIONS if t.source is Phase.FAULT]
-    assert out == [Transition(Phase.FAULT, Event.RESET, Phase.RETRACT)]
+    assert out == [Transition(Phase.FAULT, Event.RESET, Phase.STANDBY)]
 
 
 @EACH_PHASE
@@ -461,3 +462,42 @@ def test_the_diagram_has_every_line_and_tells_faults_in_one_note():
 @pytest.mark.parametrize("kind", [Phase, Command, Refusal])
 def test_numbers_on_the_ports_follow_each_other_from_zero(kind):
     assert [int(member) for member in kind] == list(range(len(kind)))
+
+
+# Single legs
+
+
+@pytest.mark.parametrize("phase", Phase)
+def test_legs_are_jogged_while_it_stands_by_and_in_transport_at_rest(operate, phase):
+    operation = operate().to(phase).tick()
+    before = operation["leg_rate"]
+    operation.tick(jog_request=(0.0, -0.002, 0.0, 0.0))
+    jogged = operation.phase in (Phase.TRANSPORT, Phase.STANDBY)
+    expected = (0.0, -0.002, 0.0, 0.0) if jogged else before
+    np.testing.assert_array_equal(operation["leg_rate"], expected)
+    if jogged:  # and nothing drives meanwhile
+        assert operation["wheel_brake"] == 1.0
+        assert not operation["wheel_velocity_command"].any()
+        assert not operation.tick(jog_request=np.zeros(4))["leg_rate"].any()
+
+
+def test_a_leg_is_jogged_slowly_and_not_beyond_its_stroke(operate):
+    operation = operate(jog_request=(1.0, -1.0, math.nan, math.inf)).to(Phase.STANDBY)
+    low, most = MODEL_GEOMETRY.extension_min, PARAMS.lowering_rate
+    operation.at(np.full(4, 0.42)).tick()
+    assert operation["leg_rate"].tolist() == [most, -most, 0.0, 0.0]
+    operation.at((PARAMS.raised, low, 0.42, 0.42)).tick()
+    assert operation["leg_rate"].tolist() == [0.0] * 4
+    operation.at((math.nan, low + 1e-4, 0.42, 0.42)).tick()
+    np.testing.assert_allclose(operation["leg_rate"], (0.0, -1e-4 * PARAMS.approach, 0.0, 0.0))
+
+
+def test_nothing_is_jogged_while_wheels_turn_and_nothing_drives_below_a_leg(operate):
+    operation = operate(wheel_velocity=(0.0, 0.0, 0.1, 0.0), jog_request=(0.001, 0, 0, 0)).tick()
+    assert not operation["leg_rate"].any()
+    operation.set(jog_request=np.zeros(4)).tick()
+    assert operation["wheel_velocity_command"].tolist() == list(DRIVE)
+    for extension in (PARAMS.clear - 1e-4, math.nan):
+        operation.at((extension, *RAISED[1:])).tick()
+        assert operation["wheel_brake"] == 1.0
+        assert not operation["wheel_velocity_command"].any()

@@ -37,7 +37,7 @@ def test_a_reset_is_refused_until_the_fault_is_gone(operate):
     assert operation.refusal == RESET_REFUSED
     assert operation.wait(0.5, severity=Severity.WARN).phase is Phase.FAULT
     operation.tick(operator=0.0)
-    assert operation.command(Command.RESET).phase is Phase.RETRACT
+    assert operation.command(Command.RESET).phase is Phase.STANDBY
     assert operation["legs_enable"] == 1.0
 
 
@@ -47,7 +47,7 @@ def test_a_reset_waits_for_the_findings_that_end_with_it(operate, severity, peri
     operation = operate().to(Phase.FAULT)
     assert operation.tick(periods, severity=severity, operator=Command.RESET).phase is Phase.FAULT
     assert operation.refusal == NOTHING_REFUSED
-    assert operation.tick(severity=Severity.WARN).phase is Phase.RETRACT
+    assert operation.tick(severity=Severity.WARN).phase is Phase.STANDBY
     assert operation.refusal == NOTHING_REFUSED
     assert operation["legs_stop"] == 0.0
 
@@ -59,7 +59,7 @@ def test_a_reset_that_was_refused_does_not_shorten_the_next_one_s_wait(operate):
         assert operation.refusal == RESET_REFUSED
         operation.wait(0.5, operator=0.0)
     operation.tick(3, operator=Command.RESET)
-    assert operation.tick(severity=Severity.NONE).phase is Phase.RETRACT
+    assert operation.tick(severity=Severity.NONE).phase is Phase.STANDBY
 
 
 def test_a_reset_that_is_taken_back_while_it_waits_is_forgotten(operate):
@@ -70,7 +70,7 @@ def test_a_reset_that_is_taken_back_while_it_waits_is_forgotten(operate):
     # The next one waits as long as the first.
     operation.tick(3, severity=Severity.HOLD, operator=Command.RESET)
     assert operation.refusal == NOTHING_REFUSED
-    assert operation.tick(severity=Severity.NONE).phase is Phase.RETRACT
+    assert operation.tick(severity=Severity.NONE).phase is Phase.STANDBY
 
 
 @pytest.mark.parametrize("way_down", [False, True])
@@ -79,7 +79,10 @@ def test_after_a_fault_legs_go_up_at_once_even_if_it_was_on_the_way_down(operate
     if way_down:
         operation.set(posture_desired_state=(0, 0, 0.4, 0, 0, -0.01)).command(Command.STOP)
         assert operation["posture_control"] == 1.0
-    operation.to(Phase.FAULT).command(Command.RESET).tick()
+    operation.to(Phase.FAULT).command(Command.RESET)
+    for _ in range(50):  # until it is told to
+        assert operation.tick()["leg_rate"].tolist() == [0.0] * 4
+    operation.command(Command.STOP).tick()
     assert operation["posture_control"] == 0.0
     assert (operation["leg_rate"] > 0.0).all()
 
