@@ -1,9 +1,11 @@
 """Station, controller and sources of commands in one diagram, connected by port name."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder, MatrixGain, VectorLogSink
@@ -118,6 +120,23 @@ class ClosedLoop[S](Diagram):
             log = sink.FindLog(context)
             time, signals[name] = log.sample_times().copy(), log.data().T.copy()
         return Recording(time, signals, {name: self.machine.unit(name) for name in signals})
+
+    def readings(
+        self, root_context: Context, names: Collection[str] | None = None
+    ) -> dict[str, Callable[[], NDArray[np.float64]]]:
+        """By name, what gives the present value of a signal.
+
+        Args:
+            root_context: context of the diagram that is simulated.
+            names: signals, of which those that the loop has are taken; None for all.
+        """
+        ports: dict[str, Any] = {
+            name: port for name, port in self.ports.items() if names is None or name in names
+        }
+        return {
+            name: partial(port.Eval, port.get_system().GetMyContextFromRoot(root_context))
+            for name, port in ports.items()
+        }
 
     def _connect(self, builder: DiagramBuilder) -> dict[str, OutputPort]:
         """Connects everything; returns what can be recorded.

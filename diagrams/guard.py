@@ -18,11 +18,13 @@ class Trip:
         name: its name, as documents list it.
         sign: observation that shows it.
         distrusted: parts whose measurements may be wrong: what they show is remembered by no file.
+        ends: whether the job is ended; not if its own supervisor has seen to it.
     """
 
     name: str
     sign: str
     distrusted: tuple[str, ...] = ()
+    ends: bool = True
 
 
 class Guard(Protocol):
@@ -44,7 +46,7 @@ class Guard(Protocol):
             values: newest values, of those of the signals that the loop has.
 
         Returns:
-            The reason to end the job; None while everything is plausible.
+            What is wrong; None while everything is plausible.
         """
 
 

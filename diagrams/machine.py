@@ -9,8 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import entry_points
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
+from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, System
 
@@ -147,6 +148,21 @@ class MachineScenario(Schema):
 type Plant[S] = Callable[[DiagramBuilder, S, Meshcat | None], Behind]
 
 
+class Twin(Protocol):
+    """Drawing of a machine as its signals tell it, beside one of what it is asked for.
+
+    Attributes:
+        signals: names of the signals that it is drawn by; a loop need not have all of them.
+    """
+
+    @property
+    def signals(self) -> frozenset[str]:
+        """See the class."""
+
+    def show(self, values: Mapping[str, NDArray[Any]]) -> None:
+        """Draws the newest values, of those of the signals that the loop has."""
+
+
 @dataclass(frozen=True, repr=False)
 class Machine[S]:
     """One machine: its ports, and how the parts of its diagrams are made.
@@ -172,6 +188,7 @@ class Machine[S]:
         cut: values of commands while the emergency stop is pressed, whatever is commanded: what
             it does to the drives' supply.
         guard: makes what watches every job on the real machine; None: only devices are watched.
+        twin: draws the real machine from its signals; None: it is not drawn.
         log_every: periods of the controller between two samples of a recording.
     """
 
@@ -190,6 +207,7 @@ class Machine[S]:
     exchange: Mapping[str, float] = field(default_factory=dict)
     cut: Mapping[str, float] = field(default_factory=dict)
     guard: Callable[[S], Guard] | None = None
+    twin: "type[Twin] | None" = None
     log_every: int = 1
 
     def __repr__(self) -> str:

@@ -27,7 +27,7 @@ _SIGNALS = {
     "ground": "ground_estimated",
     "foot_offsets": "foot_offsets_estimated",
 }
-_VALID = "ground_valid"
+_VALID, _FINDINGS = "ground_valid", "findings"
 # Without these the legs are compared with their voltages, but not with the ground.
 _ON_GROUND = ("attitude_estimated", "ground_estimated", "foot_offsets_estimated", _VALID)
 _UP = (0.0, 0.0, 1.0)
@@ -41,10 +41,11 @@ class PlatformGuard:
 
     Every finding of `FaultDetector` that makes the supervised operation hold or brake ends it, but
     for a lost foot; the self-locking legs then stand. Until the ground has been estimated nothing
-    is compared with it.
+    is compared with it. A job with a supervisor has a detector of its own, whose findings are
+    taken: the supervisor reacts, and the job goes on.
     """
 
-    signals = frozenset((*_SIGNALS.values(), _VALID))
+    signals = frozenset((*_SIGNALS.values(), _VALID, _FINDINGS))
 
     def __init__(self, scenario: LevellingScenario):
         """Begins to watch.
@@ -61,13 +62,8 @@ class PlatformGuard:
 
     def check(self, now: float, values: Mapping[str, NDArray[Any]]) -> Trip | None:
         """See `Guard`."""
-        if not self._ticks.is_regular(now):
-            self._detector.forget(self._context)
-        for name, value in self._seen(values).items():
-            self._detector.GetInputPort(name).FixValue(self._context, value)
-        ahead = self._detector.EvalUniquePeriodicDiscreteUpdate(self._context)
-        self._context.get_mutable_discrete_state().SetFrom(ahead)
-        findings: Any = self._detector.GetOutputPort("findings").Eval(self._context)
+        is_supervised = _FINDINGS in values
+        findings = values[_FINDINGS] if is_supervised else self._findings(now, values)
         found = [rule for rule in RULES if findings[rule.finding] > 0.5]
         grave = [
             rule
@@ -78,7 +74,19 @@ class PlatformGuard:
             return None
         worst = max(grave, key=lambda rule: rule.severity)
         is_leg = any("encoder" in rule.device for rule in grave)
-        return Trip(worst.finding.name.lower(), worst.sign, ("legs",) if is_leg else ())
+        distrusted = ("legs",) if is_leg else ()
+        return Trip(worst.finding.name.lower(), worst.sign, distrusted, not is_supervised)
+
+    def _findings(self, now: float, values: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+        """Findings of the guard's own detector."""
+        if not self._ticks.is_regular(now):
+            self._detector.forget(self._context)
+        for name, value in self._seen(values).items():
+            self._detector.GetInputPort(name).FixValue(self._context, value)
+        ahead = self._detector.EvalUniquePeriodicDiscreteUpdate(self._context)
+        self._context.get_mutable_discrete_state().SetFrom(ahead)
+        findings: Any = self._detector.GetOutputPort("findings").Eval(self._context)
+        return findings
 
     def _seen(self, values: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         """Inputs of the detector."""

@@ -12,6 +12,7 @@ from parapod.diagrams.levelling_platform.guard import PlatformGuard
 from parapod.diagrams.levelling_platform.plants import add_bodies, add_mock, add_statics
 from parapod.diagrams.levelling_platform.ports import PARTS, PORTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.levelling_platform.twin import PlatformTwin
 from parapod.diagrams.machine import Machine, SelfTest
 from parapod.diagrams.wiring import named_source
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
@@ -94,5 +95,6 @@ PLATFORM = Machine(
         "wheels.brake": 1.0,
     },
     guard=PlatformGuard,
+    twin=PlatformTwin,
     exchange={"multibody": 2e-3, "kinematic": 2e-3},
 )

@@ -166,6 +166,7 @@ def add_visualization(
     positions: OutputPort,
     scene_graph: SceneGraph,
     meshcat: Meshcat,
+    path: str = "platform",
 ) -> None:
     """Adds the links that the plant leaves out, and publishes the whole to Meshcat.
 
@@ -175,11 +176,12 @@ def add_visualization(
         positions: positions of the model's joints (or its whole state).
         scene_graph: scene that is drawn.
         meshcat: where.
+        path: its path there.
     """
-    links = add(builder, ParallelLinks(model, scene_graph, positions.size()))
+    links = add(builder, ParallelLinks(model, scene_graph, positions.size()), f"links_of_{path}")
     connect(builder, positions, links.get_input_port())
     connect(builder, links.get_output_port(), scene_graph.get_source_pose_port(links.source_id))
-    publish(builder, scene_graph, meshcat, "platform")
+    publish(builder, scene_graph, meshcat, path)
 
 
 def add_drawing(
@@ -189,6 +191,8 @@ def add_drawing(
     extension: OutputPort,
     base_pose: OutputPort,
     arm_position: OutputPort,
+    *,
+    path: str = "platform",
 ) -> None:
     """Adds a drawing of the full model for a plant that is simulated with fewer joints or none.
 
@@ -199,17 +203,18 @@ def add_drawing(
         extension: extensions (4) [m].
         base_pose: quaternion and position (7) of the platform.
         arm_position: turntable and arm angle (2) [rad].
+        path: its path in the scene.
     """
     plant = MultibodyPlant(time_step=1.0)
-    scene_graph = add(builder, SceneGraph(), "drawing")
+    scene_graph = add(builder, SceneGraph(), f"drawing_of_{path}")
     plant.RegisterAsSourceForSceneGraph(scene_graph)
     model = add_platform(plant, "full", ground=ground)
-    pose = add(builder, PlatformPose(model))
+    pose = add(builder, PlatformPose(model), f"pose_of_{path}")
     connect(builder, extension, pose.GetInputPort("extension"))
     connect(builder, base_pose, pose.GetInputPort("base_pose"))
     connect(builder, arm_position, pose.GetInputPort("arm_position"))
     draw(builder, plant, pose.get_output_port(), scene_graph)
-    add_visualization(builder, model, pose.get_output_port(), scene_graph, meshcat)
+    add_visualization(builder, model, pose.get_output_port(), scene_graph, meshcat, path)
 
 
 def photograph(

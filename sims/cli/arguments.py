@@ -175,14 +175,16 @@ def load(arguments: argparse.Namespace) -> "tuple[Experiment[Any, Any], Any]":
     return experiment, scenario
 
 
-def machine_of(experiment: "Experiment[Any, Any]", scenario: Any) -> "Machine[Any]":
-    """The machine of an experiment, for commands that work with its devices.
+def machine_of(experiment: "Experiment[Any, Any]", scenario: Any) -> "tuple[Machine[Any], Any]":
+    """The machine of an experiment and its scenario, for commands that work with its devices.
 
     Raises:
         UsageError: the experiment runs no machine that has devices.
     """
     machine: Machine[Any] | None = getattr(experiment, "machine", None)
-    if machine is None or not isinstance(scenario, machine.scenario):
+    adapt = getattr(experiment, "machine_scenario", lambda scenario: scenario)
+    of_machine = adapt(scenario)
+    if machine is None or not isinstance(of_machine, machine.scenario):
         from parapod.diagrams.machine import list_machines
 
         text = f"'{experiment.name}' has no machine that can be emulated"
@@ -190,7 +192,7 @@ def machine_of(experiment: "Experiment[Any, Any]", scenario: Any) -> "Machine[An
             able = [m.experiment for m in list_machines() if m.experiment and m.emulated]
             text += f"; {' and '.join(map(repr, able))} have"
         raise UsageError(text)
-    return machine
+    return machine, of_machine
 
 
 def _switches(entry: Entry) -> Mapping[str, tuple[str, str]]:

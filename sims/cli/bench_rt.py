@@ -57,7 +57,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
     experiment = find_experiment(arguments.name)
     scenario = experiment.schema(backend=arguments.backend)
-    machine = machine_of(experiment, scenario)
+    machine, scenario = machine_of(experiment, scenario)
     rates, seconds = arguments.rates, arguments.seconds
     results = bench_real_time(machine, scenario, rates, seconds, Console(stderr=True))
     print_punctuality(results, Console())

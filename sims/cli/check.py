@@ -51,7 +51,7 @@ def execute(arguments: argparse.Namespace) -> int:
     if not 0.1 <= arguments.seconds <= 3600.0:
         raise UsageError(f"--seconds {arguments.seconds:g} is outside 0.1..3600")
     experiment, scenario = load(arguments)
-    machine = machine_of(experiment, scenario)
+    machine, scenario = machine_of(experiment, scenario)
 
     from rich.console import Console
 

@@ -48,7 +48,7 @@ def execute(arguments: argparse.Namespace) -> int:
     parent = os.getppid()  # before the imports, which take seconds
     check_outputs({"log": arguments.log})
     experiment, scenario = load(arguments)
-    machine = machine_of(experiment, scenario)
+    machine, scenario = machine_of(experiment, scenario)
 
     from parapod.sims.real_machine.emulator import emulate, parsed_fault
     from parapod.sims.real_machine.real_time import ended_by_signals, ended_with_parent

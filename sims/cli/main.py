@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from parapod.sims.cli import bench_rt, check, compare, emulate, report, run, scenario
+from parapod.sims.cli import bench_rt, check, compare, emulate, operate, report, run, scenario
 from parapod.sims.cli import list as list_command
 from parapod.sims.cli.arguments import HELD, INTERRUPTED, MISTAKE, Parser
 from parapod.systems.core.errors import ParapodError
@@ -16,6 +16,7 @@ from parapod.systems.core.errors import ParapodError
 _COMMANDS = {
     "list": list_command,
     "run": run,
+    "operate": operate,
     "scenario": scenario,
     "compare": compare,
     "report": report,

@@ -6,7 +6,9 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +41,8 @@ _CHUNK = 0.25
 _FRAMES_PER_SECOND = 30.0
 # Simulated time between two looks at a page, and between two changes of what it shows [s].
 LOOK_PERIOD = 0.1
+# Address at which scenes are served; all of this computer's would show them to its network.
+served_at: ContextVar[str] = ContextVar("served_at", default="localhost")
 _RENDERED = (".svg", ".png", ".pdf")
 _AS_TEXT = (".dot", ".gv")
 
@@ -94,7 +98,7 @@ def make_viewer(camera: Sequence[float], target: Sequence[float]) -> Meshcat:
     level = log.level
     log.setLevel(logging.WARNING)  # A recording needs no visitor, and a visitor is told by us.
     try:
-        meshcat = Meshcat(MeshcatParams(show_stats_plot=False))
+        meshcat = Meshcat(MeshcatParams(host=served_at.get(), show_stats_plot=False))
     finally:
         log.setLevel(level)
     for path in ("/Axes", "/Grid"):
@@ -232,9 +236,13 @@ class Bench:
             if scenario.backend == "hardware":
                 from parapod.sims.real_machine.job import run_on_hardware, show_timing
 
-                timing = run_on_hardware(loop, simulator, until, options, self.name)
+                look = monitor(loop, None) if monitor is not None else None
+                begun = time.perf_counter()
+                timing = run_on_hardware(
+                    loop, simulator, until, options, self.name, partial(_is_ended, look)
+                )
                 show_timing(timing, loop.station, self.console)
-                return until
+                return time.perf_counter() - begun
             loop.reset(simulator.get_mutable_context())
             monitors = [monitor(loop, meshcat)] if monitor is not None else []
             if panel is not None:
@@ -292,6 +300,12 @@ def shown_on(panel: Panel, read_out: ReadOut, loop: ClosedLoop[Any]) -> Monitor:
         return EventStatus.DidNothing()
 
     return look
+
+
+def _is_ended(look: Monitor | None, root_context: Context) -> bool:
+    """Whether a monitor would end a run."""
+    going_on = (EventStatus.Severity.kDidNothing, EventStatus.Severity.kSucceeded)
+    return look is not None and look(root_context).severity() not in going_on
 
 
 def _all_of(monitors: Sequence[Monitor]) -> Monitor:

@@ -238,6 +238,20 @@ class LoopExperiment[S, D](Experiment[S, D]):
 
         return ClosedLoop(self.machine, scenario, **options)
 
+    def machine_scenario(self, scenario: S) -> Any:
+        """The machine's scenario, where the experiment has one of its own."""
+        return scenario
+
+    def operated(self, scenario: S, controls: Any) -> "ClosedLoop[Any] | None":
+        """Builds the loop that a person operates, or None.
+
+        Args:
+            scenario: the scenario.
+            controls: the person's sliders and buttons: a `Panel`, or one with its methods.
+                Sources of commands with `shown()` add theirs when that is entered.
+        """
+        return None
+
     def scene(self, scenario: S) -> "Meshcat":
         """Makes the scene around the machine for the browser."""
         from parapod.sims.lab.bench import make_viewer

@@ -8,13 +8,16 @@ that a system reads either.
 import json
 import math
 import secrets
+import socket
 import threading
+import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from http import HTTPStatus
+from http.cookies import SimpleCookie
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 from jinja2 import Environment, PackageLoader
 from pydrake.geometry import Meshcat
@@ -25,6 +28,12 @@ _PORTS = range(7100, 7200)
 _POLL = 0.05
 # Of what a browser sends [bytes].
 _LONGEST_REQUEST = 4096
+# A page of which nothing is heard for so long operates no more: another one may [s].
+_LEASE = 1.0
+# A button that is held says so ten times a second [s].
+_HELD = 0.25
+_LOCAL = "localhost"
+_COOKIE = "parapod"
 
 
 @dataclass(frozen=True)
@@ -80,32 +89,53 @@ class _Slider:
         self.value = min(max(self.step * round(value / self.step), self.low), self.high)
 
 
+@dataclass
+class _Hold:
+    key: str
+    until: float = -math.inf
+    number: int = -1  # of the newest message about it: one that comes late is out of date
+
+    def hear(self, is_held: bool, number: int) -> None:
+        """Takes a message about it."""
+        if number > self.number:
+            self.number = number
+            self.until = time.monotonic() + (_HELD if is_held else 0.0)
+
+
 class Panel:
     """Sliders, buttons and numbers beside a Meshcat scene, served to browsers on this computer.
 
-    Sliders and buttons are added, read and deleted as those of `Meshcat`. All methods may be
-    called from any thread.
+    Sliders and buttons are added, read and deleted as those of `Meshcat`; there are buttons
+    besides that count while they are held. All methods may be called from any thread.
+
+    One page operates: the first that is opened, until it is closed or another one takes over;
+    further ones only look. `silence` tells for how long nothing has been heard of it.
 
     Attributes:
         meshcat: the scene.
         title: title of the page.
     """
 
-    def __init__(self, meshcat: Meshcat, title: str):
+    def __init__(self, meshcat: Meshcat, title: str, host: str = _LOCAL):
         """Serves the page on a free port.
 
         Args:
             meshcat: the scene that is framed.
             title: title of the page.
+            host: address at which it is served. Other computers reach any but "localhost"; who
+                asks then needs the token that `web_url` ends with.
 
         Raises:
-            OSError: no port is free.
+            OSError: no port is free, or there is no such address here.
         """
         self.meshcat, self.title = meshcat, title
         self._run = secrets.token_hex(8)
+        self._host, self._token = host, "" if host == _LOCAL else secrets.token_urlsafe(16)
         self._lock = threading.Lock()
         self._sliders: dict[str, _Slider] = {}
         self._buttons: dict[str, int] = {}
+        self._holds: dict[str, _Hold] = {}
+        self._operator, self._heard = "", -math.inf
         self._readout = Readout()
         self._page = _page(title, meshcat)
         self._server = _serve(self)
@@ -116,7 +146,11 @@ class Panel:
 
     def web_url(self) -> str:
         """The address of the page."""
-        return f"http://localhost:{self._server.server_address[1]}"
+        port = self._server.server_address[1]
+        if not self._token:
+            return f"http://{_LOCAL}:{port}"
+        name = socket.gethostname() if self._host in ("0.0.0.0", "::") else self._host
+        return f"http://{name}:{port}/?token={self._token}"
 
     def close(self) -> None:
         """Ends the service; open pages then say that the run has ended."""
@@ -127,6 +161,46 @@ class Panel:
         """Shows what the machine does from now on."""
         with self._lock:
             self._readout = readout
+
+    def silence(self) -> float:
+        """Time since something was heard of the page that operates [s]; infinite: never."""
+        with self._lock:
+            return time.monotonic() - self._heard
+
+    # Buttons that count while they are held.
+
+    def AddHold(self, name: str, key: str = "") -> None:
+        """Adds a button that counts while it is held.
+
+        Args:
+            name: name of the button.
+            key: key that does the same, as browsers name it: "ArrowUp".
+        """
+        with self._lock:
+            self._holds[name] = _Hold(key)
+
+    def DeleteHold(self, name: str, strict: bool = True) -> bool:
+        """Deletes such a button.
+
+        Raises:
+            KeyError: there is none of that name, and `strict`.
+        """
+        with self._lock:
+            return _delete(self._holds, name, strict)
+
+    def GetHoldNames(self) -> list[str]:
+        """Names of these buttons."""
+        with self._lock:
+            return list(self._holds)
+
+    def IsHeld(self, name: str) -> bool:
+        """Whether it is held now.
+
+        Raises:
+            KeyError: there is none of that name.
+        """
+        with self._lock:
+            return time.monotonic() < self._holds[name].until
 
     # Meshcat's names.
 
@@ -240,8 +314,9 @@ class Panel:
 
     # What browsers ask for.
 
-    def _state(self) -> dict[str, Any]:
+    def _state(self, page: str) -> dict[str, Any]:
         with self._lock:
+            operates = self._hear(page)
             readout = asdict(self._readout)
             for row in readout["rows"]:
                 for key in ("asked", "measured", "true"):
@@ -252,11 +327,37 @@ class Panel:
                 **readout,
                 "sliders": [asdict(slider) for slider in self._sliders.values()],
                 "buttons": list(self._buttons),
+                "holds": [{"name": name, "key": hold.key} for name, hold in self._holds.items()],
+                "operates": operates,
             }
+
+    def _beat(self, page: str) -> None:
+        with self._lock:
+            self._hear(page)
+
+    def _hear(self, page: str, takes_over: bool = False) -> bool:
+        """Notes that a page speaks; whether it is the one that operates."""
+        now = time.monotonic()
+        if page == self._operator or takes_over or now - self._heard > _LEASE:
+            self._operator, self._heard = page, now
+            return True
+        return False
 
     def _obey(self, request: Any) -> bool:
         """Moves a slider or counts a click; False where there is no such thing."""
+        page = request.get("page", "") if isinstance(request, dict) else ""
+        with self._lock:
+            if not self._hear(str(page), request == {"page": page, "take_over": True}):
+                return False
         match request:
+            case {"take_over": True}:
+                return True
+            case {"hold": str(name), "on": bool() as is_held, "number": int() as number}:
+                with self._lock:
+                    if name not in self._holds:
+                        return False
+                    self._holds[name].hear(is_held, number)
+                return True
             case {"slider": str(name), "value": float() | int() as value}:
                 with self._lock:
                     slider = self._sliders.get(name)
@@ -283,9 +384,10 @@ def _serve(panel: Panel) -> ThreadingHTTPServer:
     class Handler(_Handler):
         shown = panel
 
+    address = "127.0.0.1" if panel._host == _LOCAL else panel._host
     for port in _PORTS:
         try:
-            return ThreadingHTTPServer(("127.0.0.1", port), Handler)
+            return ThreadingHTTPServer((address, port), Handler)
         except OSError as error:
             taken = error
     raise OSError(f"no port of {_PORTS[0]}..{_PORTS[-1]} is free on this computer") from taken
@@ -297,12 +399,17 @@ class _Handler(BaseHTTPRequestHandler):
     shown: Panel
 
     def do_GET(self) -> None:
-        if not self._is_local():
+        asked = urlsplit(self.path)
+        query = parse_qs(asked.query)
+        if not self._is_admitted(query.get("token", [""])[0]):
             self._answer(HTTPStatus.FORBIDDEN)
-        elif self.path == "/":
+        elif asked.path == "/":
             self._answer(HTTPStatus.OK, "text/html; charset=utf-8", self.shown._page)
-        elif self.path == "/state":
-            body = json.dumps(self.shown._state()).encode()
+        elif asked.path == "/beat":
+            self.shown._beat(query.get("page", [""])[0])
+            self._answer(HTTPStatus.NO_CONTENT)
+        elif asked.path == "/state":
+            body = json.dumps(self.shown._state(query.get("page", [""])[0])).encode()
             self._answer(HTTPStatus.OK, "application/json", body)
         else:
             self._answer(HTTPStatus.NOT_FOUND)
@@ -312,7 +419,7 @@ class _Handler(BaseHTTPRequestHandler):
             size = int(self.headers.get("Content-Length", ""))
         except ValueError:
             size = -1
-        if not (self._is_local() and self._is_own_page()):
+        if not (self._is_admitted() and self._is_own_page()):
             self._answer(HTTPStatus.FORBIDDEN)
         elif not 0 <= size <= _LONGEST_REQUEST:
             self._answer(HTTPStatus.BAD_REQUEST)
@@ -324,10 +431,18 @@ class _Handler(BaseHTTPRequestHandler):
             is_done = self.shown._obey(request)
             self._answer(HTTPStatus.NO_CONTENT if is_done else HTTPStatus.BAD_REQUEST)
 
-    def _is_local(self) -> bool:
-        """Whether the page was asked for by this computer's name, not by a stranger's."""
-        host = urlsplit(f"//{self.headers.get('Host', '')}").hostname
-        return host in ("localhost", "127.0.0.1")
+    def _is_admitted(self, token: str = "") -> bool:
+        """Whether who asks has the token, or is on this computer where there is none.
+
+        Without one the page must be asked for by this computer's name, not by a stranger's.
+        """
+        expected = self.shown._token
+        if not expected:
+            host = urlsplit(f"//{self.headers.get('Host', '')}").hostname
+            return host in (_LOCAL, "127.0.0.1")
+        cookie = SimpleCookie(self.headers.get("Cookie", "")).get(_COOKIE)
+        shown = token or (cookie.value if cookie else "")
+        return secrets.compare_digest(shown.encode(), expected.encode())
 
     def _is_own_page(self) -> bool:
         """Whether what a browser sends is from the panel's page, not from another one."""
@@ -340,6 +455,9 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(body)))
             self.send_header("Cache-Control", "no-store")
+            if self.shown._token and status is HTTPStatus.OK:
+                cookie = f"{_COOKIE}={self.shown._token}; HttpOnly; SameSite=Strict"
+                self.send_header("Set-Cookie", cookie)
             self.end_headers()
             self.wfile.write(body)
         except ConnectionError:

@@ -20,6 +20,7 @@ from pydrake.systems.framework import Context, EventStatus
 from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.controller import make_supervised_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
@@ -32,6 +33,7 @@ from parapod.diagrams.levelling_platform.scenario import (
     PlantScenario,
     PlatformFault,
     SensorScenario,
+    emulated_hardware,
 )
 from parapod.sims.lab.bench import Bench, Monitor, Run, stay_live
 from parapod.sims.lab.experiment import LoopExperiment
@@ -47,6 +49,7 @@ from parapod.sims.levelling_platform.levelling import (
 from parapod.sims.levelling_platform.operation import (
     LiveOperation,
     PhaseLabel,
+    operated_platform,
     read_operation,
 )
 from parapod.systems.core.errors import RefusedRequest, UnreachablePosture
@@ -54,7 +57,7 @@ from parapod.systems.core.ports import value_of
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.fault_detection import Finding
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
-from parapod.systems.levelling_platform.kinematics import inverse_kinematics
+from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import normal_of, to_platform
 from parapod.systems.levelling_platform.reference import describe_range
@@ -151,8 +154,8 @@ class DeployScenario(Schema):
     """One operation: drive there, stand up, work, leave.
 
     Attributes:
-        backend: plant behind the station's ports: "multibody" (rigid bodies and contact) or
-            "kinematic" (quasi-static).
+        backend: plant behind the station's ports: "multibody" (rigid bodies and contact),
+            "kinematic" (quasi-static) or "hardware" (devices).
         seed: seed of everything random: gains, biases, noise.
         ground: see `GroundScenario`; the wheels need foot heights of 0 or more.
         drive: see `DriveScenario`.
@@ -162,10 +165,11 @@ class DeployScenario(Schema):
         sensors: see `SensorScenario`.
         control: see `ControlScenario`.
         faults: faults of the machine's signals; see `PlatformFault`.
+        hardware: see `HardwareScenario`; the defaults are the emulated devices.
         longest: time after which an operation that has not come to its end is ended [s].
     """
 
-    backend: str = choice("multibody", SIMULATED)
+    backend: str = choice("multibody", (*SIMULATED, "hardware"))
     seed: int = quantity(0, 0, 2**31 - 1)
     ground: GroundScenario = field(default_factory=uneven_ground)
     drive: DriveScenario = field(default_factory=DriveScenario)
@@ -175,6 +179,7 @@ class DeployScenario(Schema):
     sensors: SensorScenario = field(default_factory=SensorScenario)
     control: ControlScenario = field(default_factory=ControlScenario)
     faults: list[PlatformFault] = field(default_factory=list)
+    hardware: HardwareScenario = field(default_factory=emulated_hardware)
     longest: float = quantity(120.0, 1.0, 7200.0)
 
     @property
@@ -190,6 +195,7 @@ class DeployScenario(Schema):
             control=self.control,
             job=JobScenario(start="wheels", start_x_m=-self.drive.distance_m),
             faults=self.faults,
+            hardware=self.hardware,
         )
 
     def steps(self) -> tuple[Step, ...]:
@@ -229,11 +235,15 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
 
     machine = PLATFORM
     schema = DeployScenario
+    backends = (*SIMULATED, "hardware")
     signals = (
         "truth.posture",
         "legs.extension",
         "legs.limits",
         "legs.voltage",
+        "attitude_estimated",
+        "ground_estimated",
+        "foot_offsets_estimated",
         "extension_desired_state",
         "phase",
         "stability_margin",
@@ -245,6 +255,14 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
     def duration(self, scenario: DeployScenario) -> float:
         """End of an operation that does not come to its end [s]."""
         return scenario.longest
+
+    def machine_scenario(self, scenario: DeployScenario) -> LevellingScenario:
+        """See `LoopExperiment`."""
+        return scenario.machine
+
+    def operated(self, scenario: DeployScenario, controls: Any) -> ClosedLoop[LevellingScenario]:
+        """A person in place of the script."""
+        return operated_platform(scenario.machine, scenario.work.posture[2], controls)
 
     def loop(self, scenario: DeployScenario, **options: Any) -> ClosedLoop[LevellingScenario]:
         """The machine with its supervisor and an operator."""
@@ -343,7 +361,7 @@ def figures(time: NDArray[np.float64], signals: Signals) -> tuple[Figure, ...]:
 
 
 def _draw_posture(time: NDArray[np.float64], signals: Signals, canvas: "Canvas") -> None:
-    posture = in_deg_and_mm(signals["truth.posture"])
+    posture = in_deg_and_mm(posture_of(signals))
     rows: Any = canvas.subplots(3, 1, sharex=True)
     for i, (axes, (_, _, label)) in enumerate(zip(rows, AXES, strict=True)):
         axes.plot(time, posture[:, i])
@@ -429,10 +447,14 @@ def _posture(scenario: DeployScenario, signals: Signals) -> list[Metric]:
     """Errors while the posture is held, the arm's swing included."""
     wanted = in_deg_and_mm(np.array(scenario.work.posture))
     # The height counts from the plane that fits the ground under the feet best.
-    wanted[2] += np.mean(scenario.ground.foot_heights_mm)
-    truth = in_deg_and_mm(signals["truth.posture"][_holding(signals)])
-    error = truth - wanted if truth.size else np.full((1, 3), np.nan)
+    is_true = "truth.posture" in signals
+    if is_true:
+        wanted[2] += np.mean(scenario.ground.foot_heights_mm)
+    shown = in_deg_and_mm(posture_of(signals)[_holding(signals)])
+    error = shown - wanted if shown.size else np.full((1, 3), np.nan)
     meaning = "largest while the posture is held, against gravity and the feet's mean height"
+    if not is_true:
+        meaning += ", as measured"
     return error_metrics(error, "", (_ANGLE_BOUND, _HEIGHT_BOUND), _PAPER, meaning)
 
 
@@ -450,7 +472,7 @@ def _standing(scenario: DeployScenario, signals: Signals) -> list[Metric]:
         ),
         Metric(
             "wheel_clearance_mm",
-            1e3 * _smallest(_clearance(scenario, signals["truth.posture"][held])),
+            1e3 * _smallest(_clearance(scenario, signals)[held]),
             "mm",
             at_least=_CLEARANCE,
             meaning="of the lowest wheel while held",
@@ -475,10 +497,29 @@ def _smallest(values: NDArray[np.float64]) -> float:
     return float(values.min()) if values.size else np.nan
 
 
-def _clearance(scenario: DeployScenario, posture: NDArray[np.float64]) -> NDArray[np.float64]:
+def posture_of(signals: Signals) -> NDArray[np.float64]:
+    """Postures (n, 3) [rad, rad, m]: the true ones, or where nobody knows them the measured ones.
+
+    The measured ones follow from inertial sensor, extensions and estimated ground.
+    """
+    if "truth.posture" in signals:
+        return signals["truth.posture"]
+    legs = forward_kinematics(
+        MODEL_GEOMETRY,
+        signals["legs.extension"],
+        signals["ground_estimated"],
+        foot_offsets=signals["foot_offsets_estimated"],
+    )
+    return np.column_stack((signals["attitude_estimated"], legs[:, 2]))
+
+
+def _clearance(scenario: DeployScenario, signals: Signals) -> NDArray[np.float64]:
     """Clearance of the wheels (n, 4) above the ground's plane [m]."""
-    wheels = WheelGeometry()
-    normal = normal_of(*scenario.ground.inclination)
+    wheels, posture = WheelGeometry(), posture_of(signals)
+    ground: Any = scenario.ground.inclination
+    if "truth.posture" not in signals:
+        ground = signals["ground_estimated"].T
+    normal = normal_of(*ground)
     g = np.array(to_platform(normal, posture[:, 0], posture[:, 1]))
     below = np.array(wheels.axles) @ g.reshape(3, -1)
     clearance: NDArray[np.float64] = posture[:, 2] + below - wheels.radius

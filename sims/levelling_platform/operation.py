@@ -17,15 +17,19 @@ from parapod.sims.lab.bench import Live
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.levelling_platform.levelling import read_posture
 from parapod.systems.core.ports import value_of
-from parapod.systems.levelling_platform.fault_detection import Finding
+from parapod.systems.levelling_platform.fault_detection import RULES
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
-from parapod.systems.levelling_platform.sliders import OperatorControls
+from parapod.systems.levelling_platform.sliders import Controls, OperatorControls
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
 from parapod.systems.levelling_platform.supervisor import Phase, Refusal
 
 _HEIGHT = 0.16  # of capital letters [m]
 _PLACE = np.array([-2.0, 1.1, 1.75])  # lower left corner of the text, beside the arm [m]
 _PATH = "/phase"
+_ADVICE = {
+    Phase.FAULT: "nothing moves: 'Reset' once the cause is gone",
+    Phase.STANDBY: "stands by: 'Stop' raises the legs, and 'leg' buttons move one while held",
+}
 _REFUSED = {
     Refusal.COMMAND: "that has no place in this phase",
     Refusal.GROUND: "this ground cannot be levelled with the stroke",
@@ -77,6 +81,27 @@ def _outline(word: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return flat[0], flat[1]
 
 
+def operated_platform(
+    machine: LevellingScenario, height: float, controls: Controls, meshcat: Meshcat | None = None
+) -> ClosedLoop[LevellingScenario]:
+    """The platform with its supervisor, operated by a person.
+
+    Args:
+        machine: the platform.
+        height: height of the posture that is asked for at first [m].
+        controls: the person's sliders and buttons.
+        meshcat: scene in which a simulated platform is drawn; None for no drawing.
+    """
+    return ClosedLoop(
+        PLATFORM,
+        machine,
+        meshcat=meshcat,
+        controller=make_supervised_controller(machine, is_operated=True),
+        sources=(OperatorControls(controls, height, MODEL_GEOMETRY),),
+        log=(),
+    )
+
+
 class LiveOperation(Live):
     """The platform, operated by a person.
 
@@ -87,15 +112,8 @@ class LiveOperation(Live):
     """
 
     def __init__(self, machine: LevellingScenario, height: float, panel: Panel):
-        self.operator = OperatorControls(panel, height, MODEL_GEOMETRY)
-        loop = ClosedLoop(
-            PLATFORM,
-            machine,
-            meshcat=panel.meshcat,
-            controller=make_supervised_controller(machine),
-            sources=(self.operator,),
-            log=(),
-        )
+        loop = operated_platform(machine, height, panel, meshcat=panel.meshcat)
+        (self.operator,) = loop.sources
         super().__init__(panel, loop, read_operation)
 
     def operate(self) -> str:
@@ -116,8 +134,11 @@ def read_operation(loop: ClosedLoop[Any], root_context: Context) -> Readout:
     least = 1e3 * StabilityMonitorParams().margin
     rows = list(shown.rows) if phase in (Phase.POSTURE, Phase.HOLD) else [shown.rows[-1]]
     rows.append(Row("margin", least, margin if np.isfinite(margin) else None, None, "mm", 0))
-    found = [f.name.lower().replace("_", " ") for f in Finding if read("findings")[f] > 0.5]
-    remarks = [f"found: {name}" for name in found]
+    findings = read("findings")
+    found = [rule for rule in RULES if findings[rule.finding] > 0.5]
+    remarks = [f"{rule.finding.name.lower()}: {rule.sign}" for rule in found]
+    if phase in _ADVICE:
+        remarks.append(_ADVICE[phase])
     code = Refusal(int(read("refusal")[0]))
     if code is not Refusal.NONE:
         remarks.append(f"refused: {_REFUSED[code]}")

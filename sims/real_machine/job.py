@@ -1,9 +1,8 @@
 """A job on the real machine, in real time."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -39,6 +38,18 @@ from parapod.systems.hardware.position_memory import IncrementalDevice
 _PATIENCE = 0.2
 # How much faster trust is lost than it comes back [-].
 _DISTRUST = 4.0
+
+
+# Longer than anybody operates a machine at a stretch [s].
+_FOREVER = 1e6
+
+
+class _Over(Exception):
+    """The work is done."""
+
+
+def _nothing(now: float) -> None:
+    """Progress of work whose end nobody knows."""
 
 
 class DeviceWatch:
@@ -86,6 +97,7 @@ def run_on_hardware(
     until: float,
     options: RunOptions,
     what: str,
+    is_over: Callable[[Context], bool] = lambda root: False,
 ) -> Timing:
     """Runs a closed loop whose station is hardware; the machine is neutral when this returns.
 
@@ -95,9 +107,10 @@ def run_on_hardware(
     Args:
         loop: built for the backend "hardware".
         simulator: simulator of its diagram.
-        until: end of the run [s].
+        until: end of the run [s]; infinite: until `is_over`.
         options: console for progress, and file of the log.
         what: name of the work, for the progress and in the log.
+        is_over: is told the root context at every tick; whether the work is done.
 
     Raises:
         DeviceError: a device is not there, is another one, or has failed.
@@ -118,7 +131,9 @@ def run_on_hardware(
         # devices' threads, which send them, inherit the priority.
         has_priority = stack.enter_context(undisturbed())
         stack.enter_context(station.active())
-        report = stack.enter_context(progress(options.console, what, until))
+        report: Callable[[float], None] = _nothing
+        if until < _FOREVER:
+            report = stack.enter_context(progress(options.console, what, until))
         loop.reset(root)
         simulator.Initialize()
 
@@ -129,11 +144,15 @@ def run_on_hardware(
             guarded(time.monotonic())
             write(context.get_time())
             report(context.get_time())
+            if is_over(context):
+                raise _Over
 
         running = RealTimeLoop(simulator, station.scenario.control.period, on_tick)
         running.timing.has_priority = has_priority
         try:
-            running.run(until)
+            running.run(min(until, _FOREVER))
+        except _Over:
+            pass
         except DeadlineError as error:
             raise DeadlineError(f"{error}{_unprivileged(running.timing)}") from None
     return running.timing
@@ -151,7 +170,7 @@ def _guarded(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None]:
     if loop.machine.guard is None:
         return lambda now: None
     guard, parts = loop.machine.guard(loop.station.scenario), loop.station.behind.handle
-    signals = _readings(loop, root, guard.signals & loop.ports.keys())
+    signals = loop.readings(root, guard.signals)
 
     def check(now: float) -> None:
         trip = guard.check(now, {name: read() for name, read in signals.items()})
@@ -161,22 +180,13 @@ def _guarded(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None]:
             for thread in parts.threads[part]:
                 if isinstance(thread.device, IncrementalDevice):
                     thread.device.distrust()
+        if not trip.ends:
+            return
         # A device that says what is wrong with it knows better.
         errors = (thread.error for thread in parts.all_threads)
         raise next(filter(None, errors), Tripped(trip))
 
     return check
-
-
-def _readings(
-    loop: ClosedLoop[Any], root: Context, names: Iterable[str]
-) -> dict[str, Callable[[], Any]]:
-    """By name, what gives the present value of a signal."""
-    ports: dict[str, Any] = {name: loop.ports[name] for name in names}
-    return {
-        name: partial(port.Eval, port.get_system().GetMyContextFromRoot(root))
-        for name, port in ports.items()
-    }
 
 
 @contextmanager
@@ -197,7 +207,7 @@ def _log(
         "parapod": version("parapod"),
         "scenario": dump_scenario(loop.station.scenario),
     }
-    signals = _readings(loop, root, loop.ports)
+    signals = loop.readings(root)
     units = {name: loop.machine.unit(name) for name in loop.ports}
     sizes = [port.size() for port in loop.ports.values()]
 

@@ -192,7 +192,7 @@ RULES: tuple[Rule, ...] = (
         Finding.OPERATOR_LOST,
         Severity.HOLD,
         0.0,
-        0.35,
+        0.45,
         "operator's page",
         "an operator of whom nothing has been heard",
     ),
@@ -242,7 +242,7 @@ class FaultDetectorParams:
         pushed: largest tilt while the legs look for the ground [rad].
         end: tolerance of the end switches [m].
         up: a leg of this extension cannot touch the ground [m].
-        silence: longest silence of an operator [s]; pages speak five times a second.
+        silence: longest silence of an operator [s]; pages speak ten times a second.
     """
 
     shortest: float = 0.375
@@ -262,7 +262,7 @@ class FaultDetectorParams:
     pushed: float = math.radians(0.35)
     end: float = 2e-3
     up: float = 0.440
-    silence: float = 0.3
+    silence: float = 0.4
 
 
 class FaultDetector(LeafSystem):

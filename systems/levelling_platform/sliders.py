@@ -19,7 +19,9 @@ from parapod.systems.levelling_platform.supervisor import Command
 class Controls(Protocol):
     """Sliders and buttons that a person moves, with the names that Drake's Meshcat gives them.
 
-    One that has `SetSliderRange(name, min, max)` too is shown what can be reached.
+    One that has `SetSliderRange(name, min, max)` too is shown what can be reached. One whose
+    buttons can be held (`AddHold(name, key)`, `DeleteHold(name, strict)`, `IsHeld(name)`) drives
+    while they are, and one with `silence()` tells for how long nothing was heard of the person.
     """
 
     # fmt: off
@@ -33,6 +35,10 @@ class Controls(Protocol):
     def DeleteButton(self, name: str, strict: bool = True) -> Any: ...  # noqa: D102
     def GetButtonClicks(self, name: str) -> int: ...  # noqa: D102
     # fmt: on
+
+
+# Silence that is told at most [s].
+_LONGEST = 1e3
 
 
 @dataclass(frozen=True)
@@ -187,21 +193,27 @@ def _shown(
     controls: Controls,
     sliders: Sequence[tuple[str, float, float, float, float]],
     buttons: Sequence[str] = (),
+    holds: Sequence[tuple[str, str]] = (),
 ) -> Iterator[None]:
     """Shows sliders and buttons, and takes them away at the end."""
     added: list[str] = []
+    held: Any = controls
     try:
         for slider in sliders:
             controls.AddSlider(*slider)
             added.append(slider[0])
         for name in buttons:
             controls.AddButton(name)
+        for name, key in holds:
+            held.AddHold(name, key)
         yield
     finally:
         for name in added:
             controls.DeleteSlider(name, strict=False)
         for name in buttons:
             controls.DeleteButton(name, strict=False)
+        for name, _ in holds:
+            held.DeleteHold(name, strict=False)
 
 
 class PostureSliders(_PostureControls):
@@ -253,9 +265,12 @@ class OperatorControls(_PostureControls):
     | out `drive_request` | 2 | m/s, rad/s | forward speed and yaw rate |
     | out `posture_request` | 3 | rad, rad, m | posture to take |
     | out `arm_request` | 2 | rad | angles of turntable and arm |
+    | out `jog_request` | 4 | m/s | rates of single legs |
+    | out `operator_age` | 1 | s | since the person was heard; 0 for controls that cannot tell |
 
     Sliders and buttons exist while `shown` is entered; at first nothing drives, and everything
-    is level and upright.
+    is level and upright. With buttons that can be held it drives, and jogs a leg, while they are;
+    else sliders drive, and no leg is jogged.
 
     State: discrete, each output; clicks seen of each button and the end of the moment (4);
     updated every period.
@@ -271,6 +286,20 @@ class OperatorControls(_PostureControls):
         ("turntable [deg]", -90.0, 90.0, 1.0, radians(1)),
         ("arm [deg]", -90.0, 90.0, 1.0, radians(1)),
     )
+    # Buttons that are held, their keys; forward speed and yaw rate [m/s, rad/s].
+    HELD_DRIVE = (
+        ("ahead", "ArrowUp", (0.3, 0.0)),
+        ("back", "ArrowDown", (-0.3, 0.0)),
+        ("left", "ArrowLeft", (0.0, radians(10.0))),
+        ("right", "ArrowRight", (0.0, radians(-10.0))),
+    )
+    # And direction by leg; a longer actuator raises the foot. At this rate [m/s].
+    JOG_RATE = 0.002
+    HELD_JOG = tuple(
+        (f"leg {leg + 1} {way}", leg, sign)
+        for leg in range(LEG_COUNT)
+        for way, sign in (("up", 1.0), ("down", -1.0))
+    )
     # For how long a command is given [s].
     MOMENT = 0.2
 
@@ -282,6 +311,8 @@ class OperatorControls(_PostureControls):
             ("drive_request", [0.0, 0.0]),
             ("posture_request", self._level),
             ("arm_request", [0.0, 0.0]),
+            ("jog_request", [0.0] * LEG_COUNT),
+            ("operator_age", [0.0]),
         ):
             self._outputs[name] = self.DeclareDiscreteState(np.array(start))
             self.DeclareStateOutputPort(name, self._outputs[name])
@@ -290,19 +321,31 @@ class OperatorControls(_PostureControls):
     @contextmanager
     def shown(self) -> Iterator[None]:
         """Shows buttons and sliders, and takes them away at the end."""
-        more = [(*slider[:4], 0.0) for slider in (*self.DRIVE, *self.ARM)]
-        with _shown(self._controls, [*more, *self._sliders()], self.BUTTONS):
+        driving = () if self._can_be_held else self.DRIVE
+        more = [(*slider[:4], 0.0) for slider in (*driving, *self.ARM)]
+        holds = [(name, key) for name, key, _ in self.HELD_DRIVE]
+        holds += [(name, "") for name, _, _ in self.HELD_JOG]
+        with _shown(
+            self._controls,
+            [*more, *self._sliders()],
+            self.BUTTONS,
+            holds if self._can_be_held else (),
+        ):
             yield
+
+    @property
+    def _can_be_held(self) -> bool:
+        return hasattr(self._controls, "IsHeld")
 
     def _update(self, context: Context, discrete_state: Any) -> None:
         posture = self._read_posture()
         *seen, until = elements(context.get_discrete_state(self._memory))
         now = context.get_time()
         command = context.get_discrete_state(self._outputs["operator"])[0]
-        drive = np.zeros(2)
+        drive, jog = np.zeros(2), np.zeros(LEG_COUNT)
         if posture is not None:
             discrete_state.set_value(self._outputs["posture_request"], posture)
-            drive = self._read(self.DRIVE)
+            drive, jog = self._read_held() if self._can_be_held else (self._read(self.DRIVE), jog)
             discrete_state.set_value(self._outputs["arm_request"], self._read(self.ARM))
             clicks = [float(self._controls.GetButtonClicks(name)) for name in self.BUTTONS]
             pressed = [i for i, count in enumerate(clicks) if count > seen[i]]
@@ -317,7 +360,22 @@ class OperatorControls(_PostureControls):
             command = Command.NONE
         discrete_state.set_value(self._outputs["operator"], np.array([float(command)]))
         discrete_state.set_value(self._outputs["drive_request"], drive)
+        discrete_state.set_value(self._outputs["jog_request"], jog)
+        if hasattr(self._controls, "silence"):
+            # As large as it is useful, so that it is finite.
+            age = min(self._controls.silence(), _LONGEST)
+            discrete_state.set_value(self._outputs["operator_age"], np.array([age]))
         discrete_state.set_value(self._memory, np.array([*seen, until]))
+
+    def _read_held(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Drive and jog requests of the buttons that are held."""
+        controls: Any = self._controls
+        drive, jog = np.zeros(2), np.zeros(LEG_COUNT)
+        for name, _, request in self.HELD_DRIVE:
+            drive += np.array(request) * controls.IsHeld(name)
+        for name, leg, sign in self.HELD_JOG:
+            jog[leg] += sign * self.JOG_RATE * controls.IsHeld(name)
+        return drive, jog
 
     def _read(self, sliders: Sequence[tuple[str, float, float, float, float]]) -> NDArray[Any]:
         return np.array([s[-1] * self._controls.GetSliderValue(s[0]) for s in sliders])

@@ -1,6 +1,7 @@
 """The page beside a Meshcat scene: its controls, its numbers, and whom it obeys."""
 
 import json
+import time
 import urllib.error
 import urllib.request
 
@@ -174,3 +175,103 @@ def test_a_slider_needs_a_range_and_a_name_of_its_own(panel):
         panel.AddSlider("roll", -2.0, 2.0, 0.1, 0.5)
     with pytest.raises(ValueError, match="has no values"):
         panel.AddSlider("pitch", 2.0, -2.0, 0.1, 0.5)
+
+
+# Buttons that are held
+
+
+def test_a_button_is_held_while_its_page_says_so(panel):
+    panel.AddHold("ahead", "ArrowUp")
+    assert panel.GetHoldNames() == ["ahead"]
+    assert state(panel)["holds"] == [{"name": "ahead", "key": "ArrowUp"}]
+    assert not panel.IsHeld("ahead")
+    assert send(panel, {"hold": "ahead", "on": True, "number": 5}) == 204
+    assert panel.IsHeld("ahead")
+    assert send(panel, {"hold": "ahead", "on": False, "number": 7}) == 204
+    assert not panel.IsHeld("ahead")
+    # One that was overtaken on its way.
+    assert send(panel, {"hold": "ahead", "on": True, "number": 6}) == 204
+    assert not panel.IsHeld("ahead")
+    panel.DeleteHold("ahead")
+    assert state(panel)["holds"] == []
+    assert send(panel, {"hold": "ahead", "on": True, "number": 8}) == 400
+
+
+def test_a_button_is_let_go_when_nothing_more_is_heard(panel):
+    panel.AddHold("ahead")
+    send(panel, {"hold": "ahead", "on": True, "number": 1})
+    begun = time.monotonic()
+    while panel.IsHeld("ahead"):
+        assert time.monotonic() < begun + 0.4
+        time.sleep(0.01)
+    assert time.monotonic() > begun + 0.1
+
+
+# Who operates
+
+
+def test_one_page_operates_until_another_takes_over(panel):
+    panel.AddButton("Go")
+
+    def looks(page):
+        return not json.loads(ask(panel, f"/state?page={page}")[1])["operates"]
+
+    assert not looks("first")
+    assert looks("second")
+    assert send(panel, {"page": "second", "button": "Go"}) == 400
+    assert panel.GetButtonClicks("Go") == 0
+    assert send(panel, {"page": "second", "take_over": True}) == 204
+    assert looks("first")
+    assert send(panel, {"page": "second", "button": "Go"}) == 204
+    assert panel.GetButtonClicks("Go") == 1
+
+
+def test_silence_is_that_of_the_page_that_operates(panel):
+    assert panel.silence() == float("inf")
+    assert ask(panel, "/beat?page=first")[0] == 204
+    assert panel.silence() < 0.1
+    begun = time.monotonic()
+    while time.monotonic() < begun + 0.3:
+        ask(panel, "/beat?page=second")  # one that only looks
+        time.sleep(0.02)
+    assert 0.25 < panel.silence() < 1.0
+    time.sleep(0.8)
+    ask(panel, "/beat?page=second")  # the first one has been closed
+    assert panel.silence() < 0.1
+    assert json.loads(ask(panel, "/state?page=second")[1])["operates"]
+
+
+# Other computers
+
+
+def test_who_asks_at_another_address_needs_the_token(meshcat):
+    panel = Panel(meshcat, "one", host="127.0.0.1")
+    try:
+        panel.AddButton("Go")
+        url, token = panel.web_url().split("/?token=")
+        assert len(token) > 16
+
+        def asked(path, body=None, **headers):
+            data = None if body is None else json.dumps(body).encode()
+            request = urllib.request.Request(url + path, data, headers)
+            try:
+                with urllib.request.urlopen(request, timeout=5.0) as answer:
+                    return answer.status, answer.headers["Set-Cookie"]
+            except urllib.error.HTTPError as error:
+                return error.code, None
+
+        go = {"button": "Go"}
+        for path in ("/", "/state", "/beat", "/?token=", "/?token=wrong"):
+            assert asked(path) == (403, None)
+        assert asked("/", go, Origin=url)[0] == 403
+        status, cookie = asked(f"/?token={token}")
+        assert status == 200
+        assert "HttpOnly" in cookie
+        assert "SameSite=Strict" in cookie
+        own = {"Cookie": cookie.partition(";")[0], "Origin": url}
+        assert asked("/state", **own)[0] == 200
+        assert asked("/", go, **own)[0] == 204
+        assert asked("/", go, **own | {"Origin": "http://elsewhere"})[0] == 403
+        assert panel.GetButtonClicks("Go") == 1
+    finally:
+        panel.close()

@@ -54,6 +54,25 @@ def panel(meshcat):
 
 
 @pytest.fixture
+def page(panel):
+    """Somebody who looks at the page: `there` until it is cleared."""
+    there, over = threading.Event(), threading.Event()
+    there.set()
+
+    def speak():
+        while not over.wait(0.02):
+            if there.is_set():
+                panel._beat("")
+
+    panel._beat("")
+    thread = threading.Thread(target=speak)
+    thread.start()
+    yield there
+    over.set()
+    thread.join()
+
+
+@pytest.fixture
 def console():
     return Console(file=io.StringIO())
 
@@ -159,7 +178,7 @@ def test_the_page_tells_what_is_asked_measured_and_true(platform, panel):
         assert rows[row].true == pytest.approx(asked, abs=tolerance)
     assert rows["ground's roll"].measured == pytest.approx(0.3, abs=0.02)
     assert rows["ground's pitch"].measured == pytest.approx(0.2, abs=0.02)
-    state = panel._state()
+    state = panel._state("")
     assert state["state"] == shown.state
 
 
@@ -254,21 +273,99 @@ def test_an_operator_s_click_is_a_command_for_a_moment(panel):
         for button in ("Go", "Stop"):
             panel._obey({"button": button})
         assert command() is Command.STOP
-        panel.SetSliderValue("drive [m/s]", 0.3)
-        panel.SetSliderValue("turn [deg/s]", 10.0)
         panel.SetSliderValue("turntable [deg]", -20.0)
         panel.SetSliderValue("arm [deg]", 30.0)
+        hold(panel, "ahead", "left", "leg 1 up", "leg 3 down")
         command()
         np.testing.assert_allclose(output("drive_request"), [0.3, np.radians(10.0)])
+        np.testing.assert_allclose(output("jog_request"), [0.002, 0.0, -0.002, 0.0])
         np.testing.assert_allclose(output("arm_request"), np.radians([-20.0, 30.0]))
+        hold(panel, "back", "right", "leg 3 up")
+        command()
+        assert not output("drive_request").any()  # both ways at once
+        np.testing.assert_allclose(output("jog_request"), [0.002, 0.0, 0.0, 0.0])
+        hold(panel, *[name for name in panel.GetHoldNames() if name != "ahead"], on=False)
+        command()
+        np.testing.assert_allclose(output("drive_request"), [0.3, 0.0])
+        assert not output("jog_request").any()
         for _ in range(4):
             command()
+    assert panel.GetHoldNames() == []
     assert command() is Command.NONE
     assert not output("drive_request").any()  # nothing drives without controls
     np.testing.assert_allclose(output("arm_request"), np.radians([-20.0, 30.0]))
 
 
-def test_a_person_operates_the_platform(panel):
+def test_controls_without_buttons_to_hold_drive_by_sliders(meshcat):
+    operator = OperatorControls(meshcat)
+    simulator = Simulator(operator)
+    operator.GetInputPort("ground_valid").FixValue(simulator.get_mutable_context(), 0.0)
+    with operator.shown():
+        meshcat.SetSliderValue("drive [m/s]", 0.3)
+        meshcat.SetSliderValue("turn [deg/s]", 10.0)
+        simulator.AdvanceTo(0.06)
+        outputs = {
+            name: operator.GetOutputPort(name).Eval(simulator.get_context())
+            for name in ("drive_request", "jog_request", "operator_age")
+        }
+    np.testing.assert_allclose(outputs["drive_request"], [0.3, np.radians(10.0)])
+    assert not outputs["jog_request"].any()
+    assert outputs["operator_age"] == 0.0
+
+
+def test_a_platform_whose_operator_is_gone_holds_until_somebody_resets_it(panel, page):
+    scenario = load_scenario(DeployScenario, overrides=("backend=kinematic",))
+    live = LiveOperation(scenario.machine, 0.47, panel)
+    live.begin()
+
+    def phase():
+        return Phase(int(live.signal(live.loop.controller, "phase")[0]))
+
+    with live.operator.shown():
+        live.advance(0.5)
+        panel._obey({"button": "Go"})
+        live.advance(2.0)
+        assert phase() is Phase.LOWER
+        page.clear()
+        begun = time.monotonic()
+        while phase() is Phase.LOWER and time.monotonic() < begun + 2.0:
+            live.advance(0.05)
+            time.sleep(0.01)
+        silent = time.monotonic() - begun
+        assert phase() is Phase.FAULT
+        live.advance(1.0)
+        stood = live.signal(live.loop.station, "truth.extension")
+        live.advance(2.0)
+        np.testing.assert_allclose(
+            live.signal(live.loop.station, "truth.extension"), stood, atol=2e-5
+        )
+        assert any("operator_lost" in text for text in panel._state("")["remarks"])
+        page.set()
+        time.sleep(0.1)
+        live.advance(1.0)
+        assert phase() is Phase.FAULT
+        panel._obey({"button": "Reset"})
+        live.advance(1.0)
+        assert phase() is Phase.STANDBY
+        hold(panel, "leg 2 down")
+        live.advance(0.5)
+        hold(panel, "leg 2 down", on=False)
+        jogged = live.signal(live.loop.station, "legs.extension") - stood
+        assert jogged[1] < -5e-4
+        assert np.abs(np.delete(jogged, 1)).max() < 5e-5
+        panel._obey({"button": "Stop"})
+        live.advance(0.5)
+        assert phase() is Phase.RETRACT
+    assert silent < 0.5
+
+
+def hold(panel, *names, on=True):
+    """Presses buttons, or lets them go."""
+    for name in names:
+        assert panel._obey({"hold": name, "on": on, "number": time.monotonic_ns()})
+
+
+def test_a_person_operates_the_platform(panel, page):
     overrides = ("backend=kinematic", "ground.foot_heights_mm=[0, 0, 0, 0]")
     scenario = load_scenario(DeployScenario, overrides=overrides)
     live = LiveOperation(scenario.machine, 0.47, panel)
@@ -280,16 +377,16 @@ def test_a_person_operates_the_platform(panel):
             assert live.simulator.get_context().get_time() < longest
 
     with live.operator.shown():
-        panel.SetSliderValue("drive [m/s]", 0.2)
+        hold(panel, "ahead")
         live.advance(1.0)
-        assert panel._state()["state"] == "transport"
+        assert panel._state("")["state"] == "transport"
         assert live.signal(live.loop.station, "wheels.velocity").mean() > 0.5
-        panel.SetSliderValue("drive [m/s]", 0.0)
+        hold(panel, "ahead", on=False)
         live.advance(1.0)
         panel._obey({"button": "Go"})
         until(Phase.HOLD)
         live.advance(0.2)
-        rows = {row["label"]: row for row in panel._state()["rows"]}
+        rows = {row["label"]: row for row in panel._state("")["rows"]}
         assert rows["height"]["true"] == pytest.approx(470.0, abs=2.0)
         assert rows["margin"]["measured"] > rows["margin"]["asked"]
         panel.SetSliderValue("arm [deg]", 90.0)
@@ -297,7 +394,7 @@ def test_a_person_operates_the_platform(panel):
         live.advance(1.0)
         panel._obey({"button": "Stop"})
         live.advance(0.5)
-        assert panel._state()["state"] != "hold" or panel._state()["remarks"]
+        assert panel._state("")["state"] != "hold" or panel._state("")["remarks"]
         panel.SetSliderValue("arm [deg]", 0.0)
         panel.SetSliderValue("turntable [deg]", 0.0)
         until(Phase.TRANSPORT, 60.0)

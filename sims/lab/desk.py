@@ -1,0 +1,332 @@
+"""The operator's page in a process of its own, for machines that must not wait for it.
+
+Serving pages and drawing in three dimensions would keep Python's lock from the threads that talk
+to devices. Whoever drives the machine writes what is to be shown into a pipe, and reads from
+another one what the operator does; neither ever blocks. A page or a process that falls silent is
+told as silence, which the machine takes for a person who has let go.
+
+The program at this end has `Desk`, with the methods of `Panel`; the process has the `Panel`.
+"""
+
+import base64
+import json
+import os
+import pickle
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, replace
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from parapod.sims.lab.panel import Panel, Readout, Row
+from parapod.systems.core.errors import OutputError
+
+# Between two messages about what the operator does [s].
+_PERIOD = 0.02
+# Older ones are not believed: a button is not held any more [s].
+_STALE = 0.3
+# How long the process may take to begin, in which Drake is imported, and to end [s].
+_BEGINNING, _ENDING = 60.0, 5.0
+_PIECE = 1 << 16
+# Not yet written lines of what is only shown; further ones are left out [bytes].
+_WAITING = 1 << 15
+
+
+class Desk:
+    """Sliders, buttons and numbers on a page that another process serves; entered to begin.
+
+    Attributes:
+        process: number of the process; None before the beginning.
+    """
+
+    def __init__(self, experiment: str, scenario: Any, title: str, host: str = "localhost"):
+        """Describes the page.
+
+        Args:
+            experiment: name of the experiment whose scene and machine are drawn.
+            scenario: its scenario.
+            title: title of the page.
+            host: see `Panel`.
+        """
+        self.process: int | None = None
+        self._beginning = {
+            "experiment": experiment,
+            "scenario": _packed(scenario),
+            "title": title,
+            "host": host,
+        }
+        self._sliders: dict[str, float] = {}
+        self._clicks: dict[str, int] = {}
+        self._holds: set[str] = set()
+        self._held: set[str] = set()
+        self._heard, self._silence = -np.inf, np.inf
+        self._in, self._out = b"", b""
+        self._url = ""
+
+    def __enter__(self) -> Self:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "parapod.sims.lab.desk"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            bufsize=0,
+            start_new_session=True,  # where Ctrl-C does not reach it
+        )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self.process = self._process.pid
+        self._to, self._from = self._process.stdin.fileno(), self._process.stdout.fileno()
+        self._process.stdin.write(_line(self._beginning))
+        ready = select.select([self._from], [], [], _BEGINNING)[0]
+        said = json.loads(self._process.stdout.readline() or b"{}") if ready else {}
+        if "url" not in said:
+            self._end()
+            raise OutputError(f"the operator's page: {said.get('error', 'does not begin')}", None)
+        self._url = said["url"]
+        os.set_blocking(self._to, False)
+        os.set_blocking(self._from, False)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._end()
+
+    def __repr__(self) -> str:
+        return f"<operator's page at {self.web_url()}>"
+
+    def web_url(self) -> str:
+        """The address of the page."""
+        return self._url
+
+    def silence(self) -> float:
+        """Time since something was heard of the page that operates [s]; infinite: never."""
+        self._hear()
+        return time.monotonic() - self._heard + self._silence
+
+    def show(self, readout: Readout, signals: Mapping[str, Any] | None = None) -> None:
+        """Shows what the machine does from now on; left out while the process is busy.
+
+        Args:
+            readout: state and numbers.
+            signals: signals by which the machine is drawn, by name.
+        """
+        if len(self._out) > _WAITING:
+            self._write()
+            return
+        drawn = {name: np.asarray(value).tolist() for name, value in (signals or {}).items()}
+        self._tell({"readout": asdict(readout), "signals": drawn})
+
+    # Panel's names.
+
+    def AddSlider(
+        self,
+        name: str,
+        min: float,  # noqa: A002
+        max: float,  # noqa: A002
+        step: float,
+        value: float,
+    ) -> None:
+        """See `Panel`."""
+        self._sliders[name] = value
+        self._call("AddSlider", name, min, max, step, value)
+
+    def DeleteSlider(self, name: str, strict: bool = True) -> None:
+        """See `Panel`."""
+        if self._sliders.pop(name, None) is None and strict:
+            raise KeyError(name)
+        self._call("DeleteSlider", name, False)
+
+    def GetSliderNames(self) -> list[str]:
+        """See `Panel`."""
+        return list(self._sliders)
+
+    def GetSliderValue(self, name: str) -> float:
+        """See `Panel`."""
+        self._hear()
+        return self._sliders[name]
+
+    def SetSliderRange(self, name: str, min: float, max: float) -> None:  # noqa: A002
+        """See `Panel`."""
+        self._call("SetSliderRange", name, min, max)
+
+    def AddButton(self, name: str) -> None:
+        """See `Panel`."""
+        self._clicks[name] = 0
+        self._call("AddButton", name)
+
+    def DeleteButton(self, name: str, strict: bool = True) -> None:
+        """See `Panel`."""
+        if self._clicks.pop(name, None) is None and strict:
+            raise KeyError(name)
+        self._call("DeleteButton", name, False)
+
+    def GetButtonClicks(self, name: str) -> int:
+        """See `Panel`."""
+        self._hear()
+        return self._clicks[name]
+
+    def AddHold(self, name: str, key: str = "") -> None:
+        """See `Panel`."""
+        self._holds.add(name)
+        self._call("AddHold", name, key)
+
+    def DeleteHold(self, name: str, strict: bool = True) -> None:
+        """See `Panel`."""
+        if strict and name not in self._holds:
+            raise KeyError(name)
+        self._holds.discard(name)
+        self._call("DeleteHold", name, False)
+
+    def IsHeld(self, name: str) -> bool:
+        """See `Panel`; never while the page is silent."""
+        if name not in self._holds:
+            raise KeyError(name)
+        return self.silence() < _STALE and name in self._held
+
+    # The pipes.
+
+    def _call(self, method: str, *arguments: Any) -> None:
+        self._tell({"call": method, "with": arguments})
+
+    def _tell(self, message: Mapping[str, Any]) -> None:
+        self._out += _line(message)
+        self._write()
+
+    def _write(self) -> None:
+        with suppress(BlockingIOError, BrokenPipeError):
+            self._out = self._out[os.write(self._to, self._out) :]
+
+    def _hear(self) -> None:
+        """Takes over what the operator has done."""
+        with suppress(BlockingIOError):
+            self._in += os.read(self._from, _PIECE)
+        *lines, self._in = self._in.split(b"\n")
+        if not lines:
+            return
+        # Clicks are counted and holds repeated, so that the newest message has everything.
+        said = json.loads(lines[-1])
+        self._heard = time.monotonic()
+        self._silence = np.inf if said["silence"] is None else said["silence"]
+        self._held = set(said["held"])
+        for mine, theirs in ((self._sliders, said["sliders"]), (self._clicks, said["clicks"])):
+            mine.update((name, value) for name, value in theirs.items() if name in mine)
+
+    def _end(self) -> None:
+        """Ends the process."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        try:
+            self._process.wait(_ENDING)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+def _packed(scenario: Any) -> str:
+    """A scenario as text, with the usual drivers: others need not be known where pages are."""
+    if hasattr(scenario, "hardware"):
+        scenario = replace(scenario, hardware=type(scenario)().hardware)
+    return base64.b64encode(pickle.dumps(scenario)).decode()
+
+
+def _line(message: Mapping[str, Any]) -> bytes:
+    return f"{json.dumps(message)}\n".encode()
+
+
+# The other end.
+
+
+def _serve(source: int, sink: int) -> None:
+    """Serves the page until the pipe ends."""
+    beginning, _, rest = _first_line(source)
+    panel, twin = _open(json.loads(beginning))
+    os.write(sink, _line({"url": panel.web_url()}))
+    told, is_over = time.monotonic(), False
+    while not is_over:
+        if select.select([source], [], [], max(0.0, told + _PERIOD - time.monotonic()))[0]:
+            piece = os.read(source, _PIECE)
+            is_over = not piece
+            *lines, rest = (rest + piece).split(b"\n")
+            _obey(panel, twin, [json.loads(line) for line in lines])
+        if time.monotonic() >= told + _PERIOD:
+            told = time.monotonic()
+            os.write(sink, _line(_operated(panel)))
+    panel.close()
+
+
+def _first_line(source: int) -> tuple[bytes, bytes, bytes]:
+    data = b""
+    while b"\n" not in data and (piece := os.read(source, _PIECE)):
+        data += piece
+    return data.partition(b"\n")
+
+
+def _open(described: Mapping[str, str]) -> tuple[Panel, Any]:
+    """The page, and what draws the machine."""
+    from parapod.sims.lab.bench import served_at
+    from parapod.sims.lab.discovery import find_entry
+
+    experiment: Any = find_entry(described["experiment"]).load()
+    scenario = pickle.loads(base64.b64decode(described["scenario"]))
+    served_at.set(described["host"])
+    meshcat = experiment.scene(scenario)
+    machine = experiment.machine
+    twin = machine.twin and machine.twin(meshcat, experiment.machine_scenario(scenario))
+    return Panel(meshcat, described["title"], described["host"]), twin
+
+
+def _obey(panel: Panel, twin: Any, messages: Sequence[Mapping[str, Any]]) -> None:
+    shown = None
+    for message in messages:
+        if "call" in message:
+            getattr(panel, message["call"])(*message["with"])
+        else:
+            shown = message
+    if shown is None:
+        return
+    readout = shown["readout"]
+    panel.show(Readout(**readout | {"rows": [Row(**row) for row in readout["rows"]]}))
+    if twin is not None and shown["signals"]:
+        twin.show({name: np.array(value) for name, value in shown["signals"].items()})
+
+
+def _operated(panel: Panel) -> Mapping[str, Any]:
+    """What the operator does."""
+    silence = panel.silence()
+    return {
+        "sliders": {name: panel.GetSliderValue(name) for name in panel.GetSliderNames()},
+        "clicks": {name: panel.GetButtonClicks(name) for name in panel.GetButtonNames()},
+        "held": [name for name in panel.GetHoldNames() if panel.IsHeld(name)],
+        "silence": silence if np.isfinite(silence) else None,
+    }
+
+
+def main() -> int:
+    """Serves a page in a process of its own; its exit code."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # it ends when whoever drives the machine does
+        signal.signal(getattr(signal, name), signal.SIG_IGN)
+    sink = os.dup(sys.stdout.fileno())
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is no message
+    try:
+        _serve(sys.stdin.fileno(), sink)
+    except BrokenPipeError:
+        return 0
+    except Exception as error:
+        with suppress(OSError):
+            os.write(sink, _line({"error": " ".join(str(error).split()) or type(error).__name__}))
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
