@@ -14,15 +14,16 @@ from parapod.systems.walking_chair.planner import GaitPlanner
 from parapod.systems.walking_chair.support import SupportMonitor, SupportMonitorParams
 
 
-def make_controller(scenario: ChairScenario) -> Diagram:
+def make_controller(scenario: ChairScenario, is_operated: bool = False) -> Diagram:
     """Wires gait planner, feedforward, position controllers, payload estimator and monitor.
 
-    Inputs: `legs.position` (12), `legs.current` (12).
+    Inputs: `legs.position` (12), `legs.current` (12); where a person operates it, `halt` (1).
     Outputs: `legs.velocity_command` (12), `legs.brake` (1), `position_node` (12), `gait_time` (1),
     `support` (4), `done` (1), `payload_estimated` (3), `support_margin` (1), `hold` (1).
 
     Args:
         scenario: its `gait`, `control`, `drives.max_velocity_mm_s` and `begin` are used.
+        is_operated: whether a person operates it.
     """
     builder = DiagramBuilder()
     control, walk = scenario.control, scenario.gait.walk
@@ -51,6 +52,8 @@ def make_controller(scenario: ChairScenario) -> Diagram:
     builder.ConnectInput(measured, payload.GetInputPort("position"))
     builder.ConnectInput(measured, start.GetInputPort("position_measured"))
     builder.ExportInput(payload.GetInputPort("current"), "legs.current")
+    if is_operated:
+        builder.ExportInput(planner.GetInputPort("halt"), "halt")
     for port, name in (
         (position.GetOutputPort("velocity_command"), "legs.velocity_command"),
         (start.GetOutputPort("position_node"), "position_node"),

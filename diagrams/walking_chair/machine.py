@@ -8,6 +8,7 @@ from parapod.diagrams.walking_chair.guard import ChairGuard
 from parapod.diagrams.walking_chair.plants import add_bodies, add_mock, add_statics
 from parapod.diagrams.walking_chair.ports import PARTS, PORTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
+from parapod.diagrams.walking_chair.twin import ChairTwin
 
 
 def _emulated(scenario: ChairScenario, period: float) -> ChairScenario:
@@ -48,6 +49,7 @@ CHAIR = Machine(
     emulated=_emulated,
     cut={"legs.velocity_command": 0.0, "legs.brake": 1.0},
     guard=ChairGuard,
+    twin=ChairTwin,
     # The quasi-static plant's statics cost more than the bodies' dynamics.
     exchange={"multibody": 2e-3, "kinematic": 5e-3},
     log_every=2,

@@ -156,7 +156,7 @@ def _add_kinematic_plant(
     no_loops = add(builder, ConstantVectorSource(np.zeros(2 * LEG_COUNT)), "no_loops")
     signals["loop_error"] = no_loops.get_output_port()
     if meshcat is not None:
-        _draw(builder, scenario, drives, chair, meshcat)
+        add_drawing(builder, scenario, drives.GetOutputPort("position"), chair, meshcat)
 
     def stand(root_context: Context, begun: Beginning) -> None:
         chair.stand(root_context, begun.body[:2], begun.passenger)
@@ -164,27 +164,37 @@ def _add_kinematic_plant(
     return Plant(signals, stand, chair.seat)
 
 
-def _draw(
+def add_drawing(
     builder: DiagramBuilder,
     scenario: ChairScenario,
-    drives: VelocityServo,
+    position: OutputPort,
     chair: KinematicChair,
     meshcat: Meshcat,
+    path: str = "chair",
 ) -> None:
-    """Draws the bodies where the statics have them; the passenger is moved on the seat."""
+    """Draws the bodies where the statics have them; the passenger is moved on the seat.
+
+    Args:
+        builder: builder of the diagram that holds `chair`.
+        scenario: its passenger is drawn.
+        position: lengths of the branches (12) [m].
+        chair: statics with these lengths.
+        meshcat: scene in which to draw.
+        path: its path in the scene.
+    """
     plant, figure = MultibodyPlant(time_step=1.0), MultibodyPlant(time_step=1.0)
-    scene_graph = add(builder, SceneGraph(), "drawing")
+    scene_graph = add(builder, SceneGraph(), f"drawing_of_{path}")
     plant.RegisterAsSourceForSceneGraph(scene_graph)
     model = add_chair(plant, replace(scenario.passenger.passenger, mass=0.0))
-    pose = add(builder, ChairPose(model))
-    connect(builder, drives.GetOutputPort("position"), pose.GetInputPort("position"))
+    pose = add(builder, ChairPose(model), f"pose_of_{path}")
+    connect(builder, position, pose.GetInputPort("position"))
     connect(builder, chair.GetOutputPort("body_pose"), pose.GetInputPort("body_pose"))
     draw(builder, plant, pose.get_output_port(), scene_graph)
     if scenario.passenger.mass_kg > 0.0:
         figure.RegisterAsSourceForSceneGraph(scene_graph)
         add_passenger(figure)
         draw(builder, figure, chair.GetOutputPort("passenger_pose"), scene_graph)
-    publish(builder, scene_graph, meshcat, "chair")
+    publish(builder, scene_graph, meshcat, path)
 
 
 @dataclass(frozen=True)

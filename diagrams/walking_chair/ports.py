@@ -26,5 +26,6 @@ PORTS = (
     Inner("done", "0/1", "whether the gait is over"),
     Inner("payload_estimated", "kg, m, m", "mass and place of the payload"),
     Inner("support_margin", "m", "distance of the centre of mass from the support's edge"),
+    Inner("halt", "0/1", "whether the operator has the gait stand still"),
     Inner("hold", "0/1", "whether the gait waits because of the margin"),
 )

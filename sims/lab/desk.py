@@ -44,6 +44,7 @@ class Desk:
 
     Attributes:
         process: number of the process; None before the beginning.
+        wrong: reason why the process has ended; empty while it serves.
     """
 
     def __init__(self, experiment: str, scenario: Any, title: str, host: str = "localhost"):
@@ -56,6 +57,7 @@ class Desk:
             host: see `Panel`.
         """
         self.process: int | None = None
+        self.wrong = ""
         self._beginning = {
             "experiment": experiment,
             "scenario": _packed(scenario),
@@ -187,6 +189,10 @@ class Desk:
         self._holds.discard(name)
         self._call("DeleteHold", name, False)
 
+    def GetHoldNames(self) -> list[str]:
+        """See `Panel`."""
+        return sorted(self._holds)
+
     def IsHeld(self, name: str) -> bool:
         """See `Panel`; never while the page is silent."""
         if name not in self._holds:
@@ -209,12 +215,18 @@ class Desk:
     def _hear(self) -> None:
         """Takes over what the operator has done."""
         with suppress(BlockingIOError):
-            self._in += os.read(self._from, _PIECE)
+            piece = os.read(self._from, _PIECE)
+            self._in += piece
+            if not piece:
+                self.wrong = self.wrong or "its process has ended"
         *lines, self._in = self._in.split(b"\n")
         if not lines:
             return
         # Clicks are counted and holds repeated, so that the newest message has everything.
         said = json.loads(lines[-1])
+        if "error" in said:
+            self.wrong = said["error"]
+            return
         self._heard = time.monotonic()
         self._silence = np.inf if said["silence"] is None else said["silence"]
         self._held = set(said["held"])

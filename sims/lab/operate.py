@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from typing import Any
 
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, EventStatus
+from pydrake.systems.framework import Context
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.sims.lab.bench import LOOK_PERIOD, in_real_time
@@ -18,6 +18,8 @@ from parapod.systems.core.errors import OutputError, ParapodError
 END = "End"
 # A page that has been opened for a while speaks more often than that [s].
 _OPENED, _SILENCE, _LOOK = 1.0, 0.3, 0.05
+# A machine without a page has come to stand after that [s].
+_ABANDONED = 2.0
 # Time in which an open page shows why the machine does not move any more [s].
 _LAST_WORDS = 0.4
 
@@ -43,11 +45,17 @@ def operate(
         OutputError: nobody can operate this experiment, or the page or the log cannot begin.
         ParapodError: whatever ends a job on the real machine.
     """
+    if type(experiment).operated is LoopExperiment.operated:
+        raise OutputError(f"'{experiment.name}' has nothing that a person operates", None)
+    experiment.check(scenario)
+    if scenario.backend == "hardware":
+        from parapod.diagrams.drivers.driver import refuse_without_emulator
+
+        refuse_without_emulator(scenario.hardware.drivers, experiment.name)
     title = f"{experiment.name}: {experiment.machine.title}"
     with Desk(experiment.name, scenario, title, host) as desk:
         loop = experiment.operated(scenario, desk)
-        if loop is None:
-            raise OutputError(f"'{experiment.name}' has nothing that a person operates", None)
+        assert loop is not None
         with ExitStack() as stack:
             for source in loop.sources:
                 if hasattr(source, "shown"):
@@ -85,6 +93,8 @@ def _run(
 
     def is_over(root: Context) -> bool:
         shown(root)
+        if desk.wrong and desk.silence() > _ABANDONED:
+            raise OutputError(f"the operator's page is gone: {desk.wrong}", None)
         return desk.GetButtonClicks(END) > 0
 
     if scenario.backend == "hardware":
@@ -94,15 +104,10 @@ def _run(
         show_timing(timing, loop.station, options.console)
         return
 
-    def look(root: Context) -> EventStatus:
-        shown(root)
-        return EventStatus.DidNothing()
-
-    simulator.set_monitor(look)
     loop.reset(simulator.get_mutable_context())
     simulator.Initialize()
     with in_real_time(simulator):
-        while not desk.GetButtonClicks(END):
+        while not is_over(simulator.get_context()):
             simulator.AdvanceTo(simulator.get_context().get_time() + LOOK_PERIOD)
 
 

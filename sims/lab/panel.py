@@ -314,7 +314,7 @@ class Panel:
 
     # What browsers ask for.
 
-    def _state(self, page: str) -> dict[str, Any]:
+    def _state(self, page: str = "") -> dict[str, Any]:
         with self._lock:
             operates = self._hear(page)
             readout = asdict(self._readout)

@@ -18,6 +18,7 @@ from pydrake.systems.framework import Context
 from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.sims.lab.bench import LOOK_PERIOD, Live, ReadOut, Run, make_viewer, stay_live
@@ -31,6 +32,7 @@ from parapod.systems.walking_chair.chair import chair_inverse
 from parapod.systems.walking_chair.checks import check_forces, check_gait
 from parapod.systems.walking_chair.masses import Passenger
 from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.operator import ChairControls
 from parapod.systems.walking_chair.support import GaitSupport, SupportLost
 
 type Signals = Mapping[str, NDArray[Any]]
@@ -93,6 +95,12 @@ class ChairWalk(LoopExperiment[ChairScenario, Run]):
     def duration(self, scenario: ChairScenario) -> float:
         """Standing, walk, standing [s]."""
         return scenario.begin + scenario.gait.walk.duration + scenario.end
+
+    def operated(self, scenario: ChairScenario, controls: Any) -> ClosedLoop[ChairScenario]:
+        """The walk, step by step while a person holds a button."""
+        controller = make_controller(scenario, is_operated=True)
+        sources = (ChairControls(controls),)
+        return ClosedLoop(CHAIR, scenario, controller=controller, sources=sources, log=())
 
     def scene(self, scenario: ChairScenario) -> Meshcat:
         """A scene around the chair's way."""
@@ -439,7 +447,11 @@ def _read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
     )
     if is_held > 0.5:
         return Readout("waits: the passenger would tip it over", rows, (), True)
-    return Readout("has arrived" if read("done")[0] > 0.5 else "walks", rows)
+    if read("done")[0] > 0.5:
+        return Readout("has arrived", rows)
+    if any(halt()[0] > 0.5 for halt in loop.readings(root_context, ("halt",)).values()):
+        return Readout(f"stands; walks while '{ChairControls.WALK}' is held", rows)
+    return Readout("walks", rows)
 
 
 class LiveChair(Live):

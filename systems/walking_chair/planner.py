@@ -19,11 +19,12 @@ _ON_GRID = 1e-9
 
 
 class GaitPlanner(LeafSystem):
-    """A gait with a clock of its own, which can be held wherever all feet stand.
+    """A gait with a clock of its own, which can be held where all feet stand, and halted anywhere.
 
     | port | size | unit | meaning |
     |---|---|---|---|
     | in `hold` | 1 | - | above 0.5: no further step; unconnected: never |
+    | in `halt` | 1 | - | above 0.5: no further move; unconnected: never |
     | out `gait_time` | 1 | s | the gait's clock now |
     | out `support` | 4 | 0/1 | feet that stand now, as planned; a foot that swings does not |
     | out `done` | 1 | 0/1 | whether the gait is over |
@@ -37,7 +38,9 @@ class GaitPlanner(LeafSystem):
     period. While held the clock slows down and stops within the phase if all feet stand in it;
     a step that has begun is completed, because a chair that stands on two feet with the others
     in the air is no better off. Phases end and begin with the body at rest for all body laws but
-    "linear", so that a clock that stops there leaves nothing to brake. The chair rests at the
+    "linear", so that a clock that stops there leaves nothing to brake. Halted it stops at once,
+    in the middle of a step too: on the feet that stand the gait is balanced at every instant. The
+    chair rests at the
     gait's beginning until `begin`.
 
     Args:
@@ -46,6 +49,7 @@ class GaitPlanner(LeafSystem):
         period: period of the controller [s].
         begin: time at which the gait begins [s].
         pause: time that the clock takes to stop, and to run again [s].
+        halting: time that it takes to stop when it is halted [s].
     """
 
     def __init__(
@@ -55,12 +59,15 @@ class GaitPlanner(LeafSystem):
         period: float = 0.01,
         begin: float = 0.0,
         pause: float = 0.5,
+        halting: float = 0.1,
     ):
         super().__init__()
         self.set_name("gait_planner")
+        self._halting = halting
         self.walk, self._geometry = walk, geometry
         self._period, self._begin, self._pause = period, begin, pause
         self._hold = self.DeclareVectorInputPort("hold", 1)
+        self._halt = self.DeclareVectorInputPort("halt", 1)
         index = self.DeclareDiscreteState(BasicVector(np.array((0.0, 1.0))))
         state = {self.discrete_state_ticket(index)}
         clock = state | {self.time_ticket()} if begin > 0.0 else state
@@ -127,7 +134,9 @@ class GaitPlanner(LeafSystem):
         time, pace = self._clock(context)
         ahead = self._ahead(context, time, pace)
         step = self._period / self._pause
-        if self._hold.HasValue(context) and is_on(self._hold, context):
+        if self._halt.HasValue(context) and is_on(self._halt, context):
+            pace = max(0.0, pace - self._period / self._halting)
+        elif self._hold.HasValue(context) and is_on(self._hold, context):
             ahead, pace = self._held(time, ahead, pace, step)
         else:
             pace = min(1.0, pace + step)

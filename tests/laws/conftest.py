@@ -72,7 +72,9 @@ NAMED = {
     one_of(0.0, 0.0, 1.0): "emergency_stop",
     around(0.2, 0.15): "operator_age",
     around(0.0, 0.002): "jog_request",
-    one_of(0.0, 1.0): "brake enable ground_valid hold limits posture_control stop trigger trusted",
+    one_of(
+        0.0, 1.0
+    ): "brake enable ground_valid halt hold limits posture_control stop trigger trusted",
     one_of(1.0, 1.0, 1.0, 1.0, 1.0, 0.0): "standing",
     one_of(*Command): "operator",
     one_of(*Phase): "phase",
@@ -226,6 +228,15 @@ class Moved:
     def SetSliderRange(self, name, low, high):
         assert low <= high
 
+    def GetHoldNames(self):
+        return ["walk"]
+
+    def IsHeld(self, name):
+        return name in ("walk", "ahead", "leg 2 down")
+
+    def silence(self):
+        return 0.1
+
 
 BINARY = (0.0, 1.0)
 BODIES = {
@@ -242,6 +253,7 @@ OF_A_PLANT = "posture attitude angular_velocity specific_force inertial_motion c
 OF_A_CHAIR = "body_position body_attitude force contact_force foot_height body_pose passenger_pose"
 
 ENTRIES: dict[str, Entry] = {
+    "ChairControls": Entry(lambda: {"controls": Moved()}, limits={"halt": BINARY}),
     "AttitudeEstimator": Entry(
         limits={"attitude": math.pi, "gyro_bias": 0.035}, begins=("attitude", tilt)
     ),

@@ -261,6 +261,15 @@ REFUSALS = [
             ("imu off", "a time in seconds"),
         )
     ),
+    ("operate level", r"'level' has nothing that a person operates"),
+    ("operate workspace", r"'workspace' has nothing that a person operates"),
+    ("operate deploy --log x.mcap", r"--log is of hardware; the backend is multibody"),
+    (
+        "operate deploy --backend hardware",
+        r"!NiDaqLegs\.target = .*/ni\.sock.*parapod emulate deploy.*",
+    ),
+    ("operate deploy --backend mock", r"backend = 'mock' is not one of multibody, .*"),
+    ("operate chair-walk --host nowhere.invalid", r"the operator's page: .*"),
     ("run level --backend hardware", r"!NiDaqLegs\.target = .*/ni\.sock.*parapod emulate level.*"),
     ("check imu", r"!Adis16448SpiImu\.\w+ = .*/spi\.sock.*parapod emulate level.*"),
     ("check wheels", r"!Epos2Wheels\.channel = emulator/can.*parapod emulate level.*"),

@@ -178,7 +178,7 @@ def test_the_page_tells_what_is_asked_measured_and_true(platform, panel):
         assert rows[row].true == pytest.approx(asked, abs=tolerance)
     assert rows["ground's roll"].measured == pytest.approx(0.3, abs=0.02)
     assert rows["ground's pitch"].measured == pytest.approx(0.2, abs=0.02)
-    state = panel._state("")
+    state = panel._state()
     assert state["state"] == shown.state
 
 
@@ -339,7 +339,7 @@ def test_a_platform_whose_operator_is_gone_holds_until_somebody_resets_it(panel,
         np.testing.assert_allclose(
             live.signal(live.loop.station, "truth.extension"), stood, atol=2e-5
         )
-        assert any("operator_lost" in text for text in panel._state("")["remarks"])
+        assert any("operator_lost" in text for text in panel._state()["remarks"])
         page.set()
         time.sleep(0.1)
         live.advance(1.0)
@@ -379,14 +379,14 @@ def test_a_person_operates_the_platform(panel, page):
     with live.operator.shown():
         hold(panel, "ahead")
         live.advance(1.0)
-        assert panel._state("")["state"] == "transport"
+        assert panel._state()["state"] == "transport"
         assert live.signal(live.loop.station, "wheels.velocity").mean() > 0.5
         hold(panel, "ahead", on=False)
         live.advance(1.0)
         panel._obey({"button": "Go"})
         until(Phase.HOLD)
         live.advance(0.2)
-        rows = {row["label"]: row for row in panel._state("")["rows"]}
+        rows = {row["label"]: row for row in panel._state()["rows"]}
         assert rows["height"]["true"] == pytest.approx(470.0, abs=2.0)
         assert rows["margin"]["measured"] > rows["margin"]["asked"]
         panel.SetSliderValue("arm [deg]", 90.0)
@@ -394,7 +394,7 @@ def test_a_person_operates_the_platform(panel, page):
         live.advance(1.0)
         panel._obey({"button": "Stop"})
         live.advance(0.5)
-        assert panel._state("")["state"] != "hold" or panel._state("")["remarks"]
+        assert panel._state()["state"] != "hold" or panel._state()["remarks"]
         panel.SetSliderValue("arm [deg]", 0.0)
         panel.SetSliderValue("turntable [deg]", 0.0)
         until(Phase.TRANSPORT, 60.0)

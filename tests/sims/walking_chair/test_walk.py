@@ -1,6 +1,7 @@
 """The experiment `chair-walk`: a walk, its bounds, and the sliders after it."""
 
 import threading
+import time
 from unittest.mock import Mock
 
 import numpy as np
@@ -241,3 +242,44 @@ def test_the_chair_walks_on_until_told_to_stop(panel):
     click.start()
     assert chair.walk() == END
     assert 0.0 < chair.signal(chair.loop.controller, "gait_time")[0] < 3.0
+
+
+def test_the_chair_walks_while_its_operator_holds_a_button(panel):
+    experiment = find_entry("chair-walk").load()
+    scenario = scenario_with("backend=kinematic", "begin=0.2")
+    loop = experiment.operated(scenario, panel)
+    simulator = Simulator(loop)
+    root = simulator.get_context()
+    (operator,) = loop.sources
+    readings = loop.readings(root, ("legs.velocity_command", "gait_time"))
+
+    def advance(duration):
+        """Simulates as fast as a page is, so that a button is held for as long as it says."""
+        end = root.get_time() + duration
+        while root.get_time() < end:
+            if held:
+                panel._obey({"hold": "walk", "on": True, "number": time.monotonic_ns()})
+            simulator.AdvanceTo(root.get_time() + 0.05)
+
+    def fastest():
+        return np.abs(readings["legs.velocity_command"]()).max()
+
+    held = False
+    with operator.shown():
+        advance(0.5)
+        assert fastest() < 2e-3
+        assert experiment.read_out(loop, root).state.startswith("stands; ")
+        held = True
+        advance(2.5)
+        assert fastest() > 5e-3
+        assert experiment.read_out(loop, root).state == "walks"
+        held = False
+        time.sleep(0.26)  # the page is gone
+        advance(0.2)
+        assert fastest() < 2e-3
+        stood = readings["gait_time"]()
+        advance(1.0)
+        assert readings["gait_time"]() == stood
+        held = True
+        advance(1.0)
+        assert readings["gait_time"]() > stood

@@ -206,3 +206,26 @@ def test_a_circle_has_a_node_every_hundredth_of_a_second_if_nobody_says_another_
     node = reference.GetOutputPort("position_node").Eval(reference.CreateDefaultContext())
     wanted = lengths_at(FootCircle(), 0.01)
     np.testing.assert_array_equal(node, wanted)
+
+
+@pytest.mark.parametrize("time", [0.5, 1.37, 2.5])
+def test_halted_it_stops_at_once_anywhere_and_goes_on_from_there(fix, read, time):
+    planner, simulator, context = start(fix)
+    at(simulator, time)
+    fix(planner, context, halt=(1.0,))
+    begun = read(planner, context)["gait_time"][0]
+    at(simulator, time + 0.11)
+    halted = read(planner, context)
+    # On a ramp of .1 s: half of that is still gone.
+    assert halted["gait_time"][0] - begun == pytest.approx(0.055, abs=0.02)
+    at(simulator, time + 3.0)
+    stands = read(planner, context)
+    assert stands["gait_time"] == halted["gait_time"]
+    assert not stands["body_motion"][3:].any()
+    assert not stands["foot_motion"][12:].any()
+    fix(planner, context, halt=(0.0,))
+    at(simulator, time + 3.0 + 1.0)
+    # And half a pause to begin again.
+    assert read(planner, context)["gait_time"][0] - halted["gait_time"][0] == pytest.approx(
+        0.75, abs=0.03
+    )
