@@ -42,6 +42,12 @@ class Parts:
         """Threads of all parts."""
         return [thread for threads in self.threads.values() for thread in threads]
 
+    @property
+    def remarks(self) -> list[str]:
+        """What devices have found when they were configured, each with the device's name."""
+        devices = [thread.device for thread in self.all_threads]
+        return [f"{device.name}: {words}" for device in devices for words in device.remarks]
+
     def reset(self, root_context: Context, scenario: Any = None) -> None:
         """Begins with what the devices measure now; a scenario changes nothing about a machine.
 

@@ -130,7 +130,11 @@ def run_on_hardware(
         # Before any device waits for heartbeats, because a collection stops all threads; and the
         # devices' threads, which send them, inherit the priority.
         has_priority = stack.enter_context(undisturbed())
-        stack.enter_context(station.active())
+        try:
+            stack.enter_context(station.active())
+        finally:  # also of a machine that refuses to begin
+            for remark in parts.remarks:
+                options.console.print(remark, markup=False, highlight=False, soft_wrap=True)
         report: Callable[[float], None] = _nothing
         if until < _FOREVER:
             report = stack.enter_context(progress(options.console, what, until))

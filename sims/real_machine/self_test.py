@@ -90,6 +90,8 @@ def check_part(
             stack.enter_context(thread.device)
             power = "; its outputs have no power" if thread.device.commands else ""
             say(f"{thread.device.name}: configured{power}")
+            for words in thread.device.remarks:
+                say(f"{thread.device.name}: {words}")
         for thread in threads:
             if thread.device.measures:
                 metrics += _read(thread, seconds, say)

@@ -75,10 +75,13 @@ class Device(ABC):
         place: what no two programs may command, see `only_program`; "": nothing.
         measures: the signals that `read` returns, and their sizes.
         commands: the signals that `write` takes, and their sizes.
+        remarks: sentences, for people, about what `configure` has found and put right, such as a
+            fault from before; without the device's name.
     """
 
     name: str
     place: str = ""
+    remarks: Sequence[str] = ()
     watchdog: str = ""
     measures: Mapping[str, int] = {}
     commands: Mapping[str, int] = {}
