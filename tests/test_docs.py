@@ -132,8 +132,8 @@ def frame_bits(size):
 
 def bus_load(settings, period):
     """Largest share of the bus's time: SYNC, its answers, a command each, and a heartbeat."""
-    of_node = sum(frame_bits(pdo.size) for pdo in (objects.COMMAND, *reports(settings)))
-    cycle = frame_bits(0) + len(settings.node_ids) * of_node
+    cycle = frame_bits(0) + len(settings.node_ids) * frame_bits(objects.COMMAND.size)
+    cycle += sum(frame_bits(pdo.size) for i in settings.node_ids for pdo in reports(settings, i))
     heartbeat = frame_bits(1) / max(period, Timing().heartbeat_period)
     return (cycle / period + heartbeat) / settings.bitrate
 
@@ -151,7 +151,8 @@ def test_the_load_of_the_chairs_bus_is_what_its_driver_makes_of_it():
         in text
     )
     assert f"At 500 kbit/s it would be {100.0 * slow:.0f} %" in text
-    reading = frame_bits(0) + 2 * 12 * frame_bits(6)
+    # One of the frames has the digital inputs as well.
+    reading = frame_bits(0) + 23 * frame_bits(6) + frame_bits(8)
     assert f"of which the readings are {1e-3 * reading:.1f} ms" in text
 
 

@@ -26,7 +26,10 @@ class _Epos2(Epos2Settings, Driver):
         from parapod.systems.hardware.epos2.drives import Epos2
 
         with named(self):
-            return Epos2(self)
+            device = Epos2(self)
+            if "emergency_stop" in device.measures and "emergency_stop" not in ports.measures:
+                raise ValueError(f"with stop_node there must be a port {self.part}.emergency_stop")
+            return device
 
     def emulate(
         self, harness: "Harness", misbehaviour: "Misbehaviour"
@@ -45,6 +48,7 @@ class _Epos2(Epos2Settings, Driver):
             part=self.part,
             signs=self.directions,
             measures_current=self.measures_current,
+            stop_contact=None if self.stop_node is None else (self.stop_node, self.stop_input),
         )
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from parapod.diagrams.drivers.epos2 import Epos2Screws
 from parapod.systems.core.schema import quantity
-from parapod.systems.walking_chair.geometry import LEG_COUNT, ChairGeometry
+from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry
 
 # Lengths of a leg's branches, one UP and two UPS, retracted and extended, to the micrometre [mm].
 _RETRACTED, _EXTENDED = (1e3 * ChairGeometry().leg.strokes).round(3).T.tolist()
@@ -22,9 +22,12 @@ class Epos2Legs(Epos2Screws):
         max_velocity_rpm: largest velocity of a motor [rpm]; 4800 are 80 mm/s.
         position_min_mm: lengths below which nothing retracts, the ends of the strokes [mm].
         position_max_mm: lengths above which nothing extends, the ends of the strokes [mm].
+        stop_node: address of the controller at whose digital input is a contact of the emergency
+            stop, which is closed while that is not pressed; null: none is measured.
     """
 
     part: str = "legs"
+    stop_node: int | None = quantity(1, 1, 127)
     node_ids: list[int] = quantity(list(range(1, _BRANCHES + 1)), 1, 127, length=_BRANCHES)
     max_velocity_rpm: float = quantity(4800.0, 1.0, 100_000.0)
     reduction: float = quantity(5.0, 0.01, 10000.0)
@@ -32,3 +35,8 @@ class Epos2Legs(Epos2Screws):
     position_min_mm: list[float] = quantity(_RETRACTED * LEG_COUNT, 0.0, 5000.0, length=_BRANCHES)
     position_max_mm: list[float] = quantity(_EXTENDED * LEG_COUNT, 0.0, 5000.0, length=_BRANCHES)
     position_at_start_mm: list[float] | None = quantity(None, 0.0, 5000.0, length=_BRANCHES)
+
+    @property
+    def axis_names(self) -> tuple[str, ...]:
+        """See `Epos2Settings`."""
+        return BRANCHES

@@ -135,7 +135,15 @@ ROWS = {
     ),
     "Epos2Wheels": Row(**axes(4, settings=PATIENT)),
     "Epos2Screws": Row(**axes(2, settings=PATIENT | TWO_SCREWS, memory="positions.json")),
-    "Epos2Legs": Row(**axes(12, settings=PATIENT, memory="positions.json")),
+    "Epos2Legs": Row(
+        **axes(
+            12,
+            settings=PATIENT,
+            memory="positions.json",
+            measures=dict.fromkeys(("position", "velocity", "current"), 12)
+            | {"emergency_stop": 1},
+        )
+    ),
     "Adis16448SpiImu": Row(
         library="spidev",
         real={"address": "/dev/spidev77.7"},
@@ -427,6 +435,8 @@ def test_number_outside_its_range_is_refused_with_its_key(name):
         ("Epos2Axes", {"node_ids": [1, 1]}, "node ids must be different ones of 1..127"),
         ("Epos2Axes", {"node_ids": []}, "node ids must be different ones of 1..127"),
         ("Epos2Wheels", {"node_ids": [127]}, "node ids must be different ones of 1..127"),
+        ("Epos2Screws", {"stop_node": 3}, "stop_node must be one of the node_ids or null, not 3"),
+        ("Epos2Screws", {"stop_node": 1}, "there must be a port legs.emergency_stop"),
         ("Epos2Screws", {"signs": [1]}, "signs must be 2 times 1 or -1"),
         ("Epos2Legs", {"signs": [0] * 12}, "signs must be 12 times 1 or -1"),
         ("Epos2Legs", {"position_min_mm": [900.0] * 12}, "limits of axis 1 must be finite"),

@@ -150,6 +150,11 @@ class CanopenSlave:
         """Value of an entry of the object dictionary."""
         return entry.unpack(self.node.get_data(entry.index, entry.subindex))
 
+    def written(self, entry: Entry) -> int:
+        """Value that has been written to an entry since the last boot; 0 if none has."""
+        data = self.node.data_store.get(entry.index, {}).get(entry.subindex)
+        return 0 if data is None else entry.unpack(data)
+
     def hear(self, can_id: int, now: float) -> None:
         """Takes note of a frame that may be the heartbeat that is consumed."""
         if self._guarded is not None and can_id == HEARTBEAT_BASE + self._guarded[0]:

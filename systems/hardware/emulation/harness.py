@@ -33,6 +33,10 @@ class Harness:
             name: (0.0,) * size for name, size in sizes.items()
         }
 
+    def has(self, name: str) -> bool:
+        """Whether there is such a signal."""
+        return name in self._values
+
     def get(self, name: str) -> tuple[float, ...]:
         """The newest value of a signal."""
         return self._values[name]
@@ -60,6 +64,10 @@ class MutedHarness(Harness):
             muted: the signals that are not to be set.
         """
         self._harness, self._muted = harness, frozenset(muted)
+
+    def has(self, name: str) -> bool:
+        """See `Harness`."""
+        return self._harness.has(name)
 
     def get(self, name: str) -> tuple[float, ...]:
         """See `Harness`."""
@@ -222,6 +230,10 @@ class SharedHarness(Harness):
             self._memory = mmap.mmap(file.fileno(), end)
         # Not with `pack_into`, which makes zeros first: others would see an even count meanwhile.
         self._counts = memoryview(self._memory).cast("q")
+
+    def has(self, name: str) -> bool:
+        """See `Harness`."""
+        return name in self._layout
 
     def get(self, name: str) -> tuple[float, ...]:
         """See `Harness`."""

@@ -2,7 +2,8 @@
 
 import struct
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 from parapod.systems.hardware.canopen import (
@@ -26,6 +27,12 @@ from parapod.systems.hardware.ds402 import (
 )
 from parapod.systems.hardware.epos2 import objects
 from parapod.systems.hardware.epos2.settings import Epos2Settings
+
+_FAULTS = (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
+_NO_SUPPLY = (
+    f"has no supply for its motor, {objects.described(objects.UNDERVOLTAGE)}: "
+    "is the emergency stop pressed?"
+)
 
 # Polling period while waiting for a state or a standstill [s].
 POLL = 0.002
@@ -60,12 +67,28 @@ class Sample(NamedTuple):
         counts: position of the motor.
         rpm: velocity of the motor.
         milliamperes: current of the motor; 0 if it is not measured.
+        inputs: functionalities of digital inputs that are active, a bit each; None: not measured.
     """
 
     state: DriveState | None
     counts: int
     rpm: int
     milliamperes: int = 0
+    inputs: int | None = None
+
+
+class Condition(NamedTuple):
+    """Condition in which a drive should be.
+
+    Attributes:
+        is_active: whether it should have power.
+        is_running: whether it should have obeyed by now that it is not to stop.
+        is_stopped: whether the emergency stop is pressed: it may stop, and lose its supply.
+    """
+
+    is_active: bool
+    is_running: bool
+    is_stopped: bool
 
 
 class Epos2Controller:
@@ -79,6 +102,7 @@ class Epos2Controller:
         timing: Timing,
         beat: Callable[[], None],
         clock: Callable[[], float],
+        axis: str = "",
     ):
         """Describes a node.
 
@@ -89,9 +113,13 @@ class Epos2Controller:
             timing: times of bus and drives.
             beat: sends the heartbeat if it is time.
             clock: monotonic [s].
+            axis: name of its axis in errors.
         """
         self._bus, self._id, self._settings, self._timing = bus, node_id, settings, timing
-        self._beat, self._clock, self._reports = beat, clock, reports(settings)
+        self._beat, self._clock, self._reports = beat, clock, reports(settings, node_id)
+        self.name = f"node {node_id}" + (f" ({axis})" if axis else "")
+        # What its newest fault is; None while it has none, or nothing is known about it.
+        self._code: int | None = None
 
     @property
     def report_ids(self) -> list[int]:
@@ -116,35 +144,85 @@ class Epos2Controller:
                 DeviceFault.CORRUPT,
             )
 
-    def set_up(self) -> None:
-        """Takes the power, resets a fault, writes all settings and starts the node."""
+    def set_up(self) -> list[str]:
+        """Takes the power, resets a fault, writes all settings and starts the node.
+
+        Returns:
+            Remarks about faults from before, each without the node's name.
+        """
         self._set(objects.CONTROLWORD, Controlword.DISABLE_VOLTAGE)
         self.guard(False)
         counts = 4 * self._get(objects.ENCODER_PULSES)
         if counts != self._settings.counts_per_turn:
             words = f"is set up for {counts} counts per turn, not {self._settings.counts_per_turn}"
             raise self._error(words)
-        if self._state() is not DriveState.SWITCH_ON_DISABLED:
-            self._reset()
+        state = self._state()
+        remarks = self._past(state)
+        if state is not DriveState.SWITCH_ON_DISABLED:
+            try:
+                self._reset()
+            except DeviceError:
+                # Without its motor's supply it can be set up, and read, but not enabled.
+                if self._fault_code() != objects.UNDERVOLTAGE:
+                    raise
+                remarks = [_NO_SUPPLY]
+        if remarks and remarks != [_NO_SUPPLY]:
+            self._set(objects.ERROR_COUNT, 0)  # each is told once
         self._bus.manage(self._id, NMT_PRE_OPERATIONAL)
         for entry, value in set_up_of(self._settings, self._id):
             self._set(entry, value)
+        if self._id == self._settings.stop_node:
+            self._show_stop()
         self._bus.manage(self._id, NMT_START)
+        return remarks
+
+    def _show_stop(self) -> None:
+        """Has the emergency stop's digital input show whether there is voltage on it.
+
+        What the node does with its other inputs stays as it is.
+        """
+        number = self._settings.stop_input
+        function, wanted = objects.INPUT_FUNCTION[number - 1], objects.general_purpose(number)
+        if self._get(function) == objects.QUICK_STOP_FUNCTION:
+            raise self._error(
+                f"has its quick stop at digital input {number}; give another stop_input"
+            )
+        self._set(function, wanted)
+        bit = 1 << wanted
+        self._set(objects.INPUT_MASK, self._get(objects.INPUT_MASK) | bit)
+        for entry in (objects.INPUT_POLARITY, objects.INPUT_EXECUTION):
+            self._set(entry, self._get(entry) & ~bit)
+
+    def _past(self, state: DriveState | None) -> list[str]:
+        """Remarks about the errors in the node's history, those since it was switched on."""
+        count = min(self._get(objects.ERROR_COUNT), objects.HISTORY_SIZE)
+        codes = [self._get(entry) & 0xFFFF for entry in objects.ERROR_HISTORY[:count]]
+        said = [objects.described(code) for code in codes]
+        if state not in _FAULTS:
+            return [f"remembers errors from before: {', '.join(said)}"] if said else []
+        older = f"; before that: {', '.join(said[1:])}" if said[1:] else ""
+        what = said[0] if said else "its history does not say which"
+        return [f"was in a fault from before, which has been reset: {what}{older}"]
 
     def guard(self, is_guarded: bool) -> None:
         """Has the node stop its motor when this computer falls silent, or not."""
         # Whose heartbeat, and how long without it [ms].
-        guard = MASTER_ID << 16 | round(self._settings.heartbeat_timeout_ms)
+        guard = MASTER_ID << 16 | round(1e3 * self._settings.heartbeat_timeout)
         self._set(HEARTBEAT_CONSUMED, guard if is_guarded else 0)
 
     def recover(self) -> None:
-        """Resets a fault for want of heartbeats; refuses any other."""
-        if self._state() in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
-            code = self._get(objects.ERROR_CODE) & 0xFFFF
-            if code != objects.HEARTBEAT_LOST:
+        """Resets a fault for want of heartbeats or of the motor's supply; refuses any other."""
+        if self._state() in _FAULTS:
+            code = self._fault_code()
+            if code not in (objects.HEARTBEAT_LOST, objects.UNDERVOLTAGE):
                 raise self._faulty(code)
             self.guard(False)
-            self._reset()
+            try:
+                self._reset()
+            except DeviceError:
+                if code == objects.UNDERVOLTAGE and self._fault_code() == code:
+                    raise self._faulty(code) from None
+                raise
         # Nodes may leave the operational state when they miss heartbeats (CiA 301, 0x1029).
         self._bus.manage(self._id, NMT_START)
 
@@ -184,8 +262,7 @@ class Epos2Controller:
     def poll(self) -> Sample:
         """Asks for the newest sample by service data."""
         entries = (entry for pdo in self._reports for entry in pdo.entries)
-        statusword, *rest = (self._get(entry) for entry in entries)
-        return Sample(state_of(statusword), *rest)
+        return self._sample([self._get(entry) for entry in entries])
 
     def sample(self, frames: Mapping[int, bytes]) -> Sample:
         """The sample that the node's frames carry."""
@@ -201,26 +278,67 @@ class Epos2Controller:
             raise self._error(
                 f"sends frames of wrong length: {error}", DeviceFault.CORRUPT
             ) from None
-        statusword, counts = status
-        return Sample(state_of(statusword), counts, *motion)
+        return self._sample([*status, *motion])
 
-    def check(self, sample: Sample, is_active: bool, is_running: bool) -> None:
+    def _sample(self, values: Sequence[int]) -> Sample:
+        """The sample of the values of all reports, in their order."""
+        entries = (entry for pdo in self._reports for entry in pdo.entries)
+        by_entry = dict(zip(entries, values, strict=True))
+        return Sample(
+            state_of(by_entry[objects.STATUSWORD]),
+            by_entry[objects.POSITION],
+            by_entry[objects.VELOCITY],
+            by_entry.get(objects.CURRENT, 0),
+            by_entry.get(objects.INPUT_STATE),
+        )
+
+    def is_stop_pressed(self, sample: Sample) -> bool:
+        """Whether the contact of the emergency stop at this node is open."""
+        if sample.inputs is None:
+            return False
+        return not sample.inputs >> objects.general_purpose(self._settings.stop_input) & 1
+
+    def check(self, sample: Sample, wanted: Condition) -> None:
         """Refuses what a drive measures that does not do what it should.
 
         Args:
             sample: newest one.
-            is_active: whether the drive should have power.
-            is_running: whether it should have obeyed by now that it is not to stop.
+            wanted: condition in which it should be.
         """
-        if sample.state in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
-            raise self._faulty(self._bus.emergency(self._id))
-        if is_active and not is_energised(sample.state):
+        if sample.state in _FAULTS:
+            if self._code is None:
+                self._code = self._fault_code()
+            # Without power it may be without its motor's supply as well.
+            may_starve = wanted.is_stopped or not wanted.is_active
+            if not (may_starve and self._code == objects.UNDERVOLTAGE):
+                raise self._faulty(self._code)
+            return
+        self._code = None
+        if wanted.is_stopped:
+            return
+        if wanted.is_active and not is_energised(sample.state):
             raise self._error(f"has lost its power, it is in {sample.state or 'no known state'}")
-        if is_running and sample.state is DriveState.QUICK_STOP_ACTIVE:
-            raise self._error("stops, which this program did not ask for: is there a stop button?")
+        if wanted.is_running and sample.state is DriveState.QUICK_STOP_ACTIVE:
+            raise self._error(f"stops, which this program did not ask for: {self._stopper()}")
+
+    def _stopper(self) -> str:
+        """Words for what has stopped the drive."""
+        with suppress(DeviceError):
+            if self._get(objects.INPUT_STATE) >> objects.QUICK_STOP_FUNCTION & 1:
+                return "its digital input for a quick stop is active, as by the emergency stop"
+        return "is there a stop button?"
+
+    def _fault_code(self) -> int | None:
+        """Code of the fault that the drive is in; None if neither EMCY nor history tell it."""
+        code = self._bus.emergency(self._id)
+        if code is None:
+            with suppress(DeviceError):  # a history without an entry refuses to be read
+                code = self._get(objects.ERROR_CODE) & 0xFFFF
+        return code or None
 
     def _reset(self) -> None:
         """Resets a fault once the drive has finished its reaction to it."""
+        self._code = None
         deadline = self._clock() + stopping_time(self._settings, self._timing)
         while self._state() is DriveState.FAULT_REACTION_ACTIVE and self._clock() < deadline:
             time.sleep(POLL)
@@ -249,11 +367,13 @@ class Epos2Controller:
         self._bus.set(self._id, entry, value)
 
     def _faulty(self, code: int | None) -> DeviceError:
+        if code == objects.UNDERVOLTAGE:
+            return self._error(_NO_SUPPLY)
         words = "no EMCY was seen" if code is None else objects.described(code)
         return self._error(f"is in fault: {words}")
 
     def _error(self, words: str, fault: DeviceFault = DeviceFault.FAILED) -> DeviceError:
-        return DeviceError(self._settings.name, f"node {self._id} {words}", fault)
+        return DeviceError(self._settings.name, f"{self.name} {words}", fault)
 
 
 def set_up_of(settings: Epos2Settings, node_id: int) -> Iterator[tuple[Entry, int]]:
@@ -273,7 +393,7 @@ def set_up_of(settings: Epos2Settings, node_id: int) -> Iterator[tuple[Entry, in
     yield HEARTBEAT_PRODUCED, 0
     for index in objects.UNUSED:
         yield Entry(index, 1, "<I"), _unused_id(index, node_id) | NOT_VALID
-    for pdo in (objects.COMMAND, objects.TARGET, *reports(settings)):
+    for pdo in (objects.COMMAND, objects.TARGET, *reports(settings, node_id)):
         yield from _mapping(pdo, node_id)
 
 
@@ -295,10 +415,12 @@ def _mapping(pdo: Pdo, node_id: int) -> Iterator[tuple[Entry, int]]:
     yield Entry(pdo.communication, 1, "<I"), can_id
 
 
-def reports(settings: Epos2Settings) -> tuple[Pdo, Pdo]:
+def reports(settings: Epos2Settings, node_id: int) -> tuple[Pdo, Pdo]:
     """Process data with which a node answers SYNC."""
+    has_stop = node_id == settings.stop_node
+    status = objects.STATUS_AND_INPUTS if has_stop else objects.STATUS
     motion = objects.MOTION_AND_CURRENT if settings.measures_current else objects.MOTION
-    return objects.STATUS, motion
+    return status, motion
 
 
 def stopping_time(settings: Epos2Settings, timing: Timing) -> float:

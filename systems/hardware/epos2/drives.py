@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 
 from parapod.systems.hardware.canopen import (
@@ -16,6 +16,7 @@ from parapod.systems.hardware.ds402 import (
 from parapod.systems.hardware.epos2.controller import (
     MASTER_ID,
     POLL,
+    Condition,
     Epos2Controller,
     Sample,
     Timing,
@@ -40,6 +41,7 @@ class Epos2(IncrementalDevice):
     | measure `position` | n | rad or m | of the axes, as the controllers count since power-on |
     | measure `velocity` | n | rad/s or m/s | of the axes |
     | measure `current` | n | A | of the motors, positive where they push; if it is asked for |
+    | measure `emergency_stop` | 1 | 0/1 | 1: pressed, or its wire is broken; with `stop_node` |
     | command `velocity_command` | n | rad/s or m/s | of the axes |
     | command `brake` | 1 | - | above 0.5: stop and hold |
 
@@ -47,6 +49,17 @@ class Epos2(IncrementalDevice):
     hold the axes with power, and ignore velocities until `brake` falls, whatever goes wrong on
     this side. The position goes on counting, so a release needs no homing. Without power, after
     `deactivate` or a fault, nothing holds the axes but the friction of gear and screw.
+
+    **Emergency stop.** A contact of it, closed while it is not pressed, is at a digital input of
+    `stop_node`, whose status frame carries it. While it is open all drives have a quick stop,
+    whatever is commanded. After its release they keep it until a `brake` above 0.5 has been
+    commanded, or `activate` called: nothing moves on by itself. Drives that then stop by
+    themselves, or lose their motors' supply, are no error while it is pressed: readings go on.
+    Without power none is an error for want of its supply. `activate` refuses a pressed one.
+
+    **One for all.** Where axes share a load (`stops_together`), one that fails, loses its power
+    or stops by itself has all others stop quickly at the reading that tells it, and stay so as
+    after an emergency stop. For a node that is silent see "Limits".
 
     **Reference.** The controllers count from zero since their power-on. `position` is absolute
     when the settings say where the axes are at `configure`, or after `set_reference`.
@@ -98,11 +111,15 @@ class Epos2(IncrementalDevice):
         self.measures = {"position": axes, "velocity": axes}
         if settings.measures_current:
             self.measures["current"] = axes
+        if settings.stop_node is not None:
+            self.measures["emergency_stop"] = 1
         self.commands = {"velocity_command": axes, "brake": 1}
         self._bus: CanopenBus | None = None
         self._controllers: list[Epos2Controller] = []
         self._is_active = self._is_braked = self._is_referenced = False
         self._may_have_power = False
+        # Whether the emergency stop is pressed, and whether it or a failure keeps the axes braked.
+        self._is_pressed = self._is_stopped = False
         self._beaten = self._measured = -math.inf
         self._counts: list[int | None] = []
         self._offset, self._position = [0.0] * axes, [0.0] * axes
@@ -120,7 +137,7 @@ class Epos2(IncrementalDevice):
     def _open(self) -> None:
         """Opens the bus, makes sure of every controller and sets it up, without power.
 
-        A fault from before is reset.
+        A fault from before is reset, and told in `remarks`.
 
         Raises:
             MissingExtra: a library is not installed.
@@ -128,12 +145,14 @@ class Epos2(IncrementalDevice):
         """
         self.close()
         settings = self._settings
+        names = settings.axis_names or ("",) * len(settings.node_ids)
         bus = CanopenBus(self.name, settings.node_ids, self._timing.sdo_timeout)
         self._bus = bus
         self._controllers = [
-            Epos2Controller(bus, i, settings, self._timing, self._beat, self._clock)
-            for i in settings.node_ids
+            Epos2Controller(bus, i, settings, self._timing, self._beat, self._clock, axis)
+            for i, axis in zip(settings.node_ids, names, strict=True)
         ]
+        self.remarks, self._is_pressed, self._is_stopped = (), False, False
         self._counts = [None] * len(settings.node_ids)
         self._offset, self._is_referenced = [0.0] * len(settings.node_ids), False
         try:
@@ -141,8 +160,8 @@ class Epos2(IncrementalDevice):
             bus.listen(self._report_ids)
             for controller in self._controllers:
                 controller.identify()
-            for controller in self._controllers:
-                controller.set_up()
+            remarks = {each.name: each.set_up() for each in self._controllers}
+            self.remarks = together(remarks)
             self.read()
             if settings.position_at_start is not None:
                 self.set_reference(settings.position_at_start)
@@ -153,19 +172,28 @@ class Epos2(IncrementalDevice):
     def _energise(self) -> None:
         """Enables the drives at zero velocity; the axes are held from here on.
 
-        A fault for want of heartbeats is reset, since it tells of this computer's past and not
-        of the drive's health.
+        A fault for want of heartbeats, or of a supply that is there again, is reset, since it
+        tells of this computer's past, or the emergency stop's, and not of the drive's health.
 
         Raises:
             DeviceError: a node is silent, refuses, or has another fault; or there are limits,
-                and the positions are not known.
+                and the positions are not known; or the emergency stop is pressed.
         """
         self._open_bus()
         if self._limits is not None and not self._is_referenced:
             raise DeviceError(self.name, "the positions are not known, and there are limits")
+        if (stop := self._stop_controller) is not None:
+            self._samples()
+            if self._is_pressed:
+                number = self._settings.stop_input
+                raise DeviceError(
+                    self.name,
+                    f"the emergency stop at digital input {number} of {stop.name} is pressed, or "
+                    "its wire is broken",
+                )
         for controller in self._controllers:
             controller.recover()
-        self._is_active, self._is_braked = True, False
+        self._is_active, self._is_braked, self._is_stopped = True, False, False
         try:
             for controller in self._controllers:
                 controller.guard(True)
@@ -190,9 +218,7 @@ class Epos2(IncrementalDevice):
         began = self._clock()
         try:
             samples = self._samples()
-            is_running = self._is_active and self._is_running(began)
-            for controller, sample in zip(self._controllers, samples, strict=True):
-                controller.check(sample, self._is_active, is_running)
+            self._check(samples, began)
         except DeviceError:
             with suppress(DeviceError):
                 self._restrain()
@@ -208,6 +234,8 @@ class Epos2(IncrementalDevice):
         }
         if settings.measures_current:
             signals["current"] = [1e-3 * sign * sample.milliamperes for sample, sign in directed]
+        if settings.stop_node is not None:
+            signals["emergency_stop"] = [float(self._is_pressed)]
         return signals
 
     def write(self, commands: Signals) -> None:
@@ -217,6 +245,8 @@ class Epos2(IncrementalDevice):
             DeviceError: the bus is gone.
         """
         self._is_braked = commands["brake"][0] > 0.5
+        if self._is_braked and not self._is_pressed:
+            self._is_stopped = False
         self._command(commands["velocity_command"])
 
     def neutral(self) -> None:
@@ -287,9 +317,17 @@ class Epos2(IncrementalDevice):
             self._beaten = now
 
     def _samples(self) -> list[Sample]:
+        """Newest sample of each node; what the emergency stop says has been obeyed already."""
+        stop = self._stop_controller
         if not self._is_synchronous:
+            if stop is not None:
+                self._watch_stop(stop.is_stop_pressed(stop.poll()))
             return [controller.poll() for controller in self._controllers]
         frames = self._open_bus().synchronise(self._report_ids, self._timing.timeout)
+        if stop is not None:
+            # Also when another node is silent.
+            with suppress(DeviceError):
+                self._watch_stop(stop.is_stop_pressed(stop.sample(frames)))
         return [controller.sample(frames) for controller in self._controllers]
 
     def _set_reference(self, values: Sequence[float]) -> None:
@@ -318,10 +356,44 @@ class Epos2(IncrementalDevice):
         self._wanted = velocities
         if not self._is_active:
             self._send(Controlword.DISABLE_VOLTAGE)
-        elif self._is_braked:
+        elif self._is_braked or self._is_stopped:
             self._send(Controlword.QUICK_STOP)
         else:
             self._send(Controlword.ENABLE_OPERATION, self._targets())
+
+    @property
+    def _stop_controller(self) -> Epos2Controller | None:
+        """Controller at which the emergency stop's contact is."""
+        node = self._settings.stop_node
+        return None if node is None else self._controllers[self._settings.node_ids.index(node)]
+
+    def _watch_stop(self, is_pressed: bool) -> None:
+        """Takes note of the emergency stop, and stops the axes at once if it is pressed."""
+        self._is_pressed = is_pressed
+        if is_pressed:
+            self._stop()
+
+    def _check(self, samples: Sequence[Sample], now: float) -> None:
+        """Refuses drives that do not do what they should; the others may have to stop for them.
+
+        Raises:
+            DeviceError: names the first of them.
+        """
+        is_running = self._is_active and self._is_running(now)
+        wanted = Condition(self._is_active, is_running, self._is_pressed)
+        try:
+            for controller, sample in zip(self._controllers, samples, strict=True):
+                controller.check(sample, wanted)
+        except DeviceError:
+            if self._settings.stops_together:
+                self._stop()
+            raise
+
+    def _stop(self) -> None:
+        """Has all drives stop quickly, and stay so until the brake has been commanded."""
+        if self._is_active and not self._is_stopped:
+            self._is_stopped = True
+            self._send(Controlword.QUICK_STOP)
 
     def _restrain(self) -> None:
         """Slows down axes that have come closer to a limit since they were commanded."""
@@ -375,6 +447,19 @@ class Epos2(IncrementalDevice):
             time.sleep(POLL)
 
 
+def together(remarks: Mapping[str, Sequence[str]]) -> list[str]:
+    """Remarks of nodes, each once with the names of all that say the same.
+
+    Args:
+        remarks: by the node's name.
+    """
+    who: dict[str, list[str]] = {}
+    for name, said in remarks.items():
+        for words in said:
+            who.setdefault(words, []).append(name)
+    return [f"{', '.join(names)}: {words}" for words, names in who.items()]
+
+
 def unwrapped(counts: int, previous: int | None) -> int:
     """A position without the jumps of a 32-bit counter that overflows [counts].
 
@@ -402,6 +487,10 @@ def _check(settings: Epos2Settings, timing: Timing) -> None:
     if len(settings.directions) != axes or set(settings.directions) - {1, -1}:
         raise ValueError(f"signs must be {axes} times 1 or -1, not {settings.directions}")
     start, limits = settings.position_at_start, settings.limits
+    if settings.stop_node is not None and settings.stop_node not in settings.node_ids:
+        raise ValueError(
+            f"stop_node must be one of the node_ids or null, not {settings.stop_node}"
+        )
     if start is not None and len(start) != axes:
         raise ValueError(f"position_at_start must be {axes} values, not {start}")
     if limits is not None and len(limits.lower) != axes:

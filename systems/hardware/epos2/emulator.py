@@ -28,8 +28,11 @@ from parapod.systems.hardware.epos2 import objects
 # specification, states of the drive].
 _OFFSETS_MEASURED, _VOLTAGE_ENABLED = 0x0100, 0x0010
 _RPM = 2.0 * math.pi / 60.0  # [rad/s]
-# Error register: generic, communication (CiA 301).
-_GENERIC, _COMMUNICATION = 0x01, 0x10
+# Error register: generic, voltage, communication (CiA 301).
+_GENERIC, _VOLTAGE, _COMMUNICATION = 0x01, 0x04, 0x10
+# Inputs 1 to 6 as the maker delivers them: general purpose A to C, home, positive and negative
+# limit switch [EPOS2 24/5 Hardware Reference, 4.5]; and which of their bits are shown.
+_INPUT_FUNCTIONS, _INPUT_MASK = (15, 14, 13, 2, 1, 0), 0xE007
 
 
 class EmulatedMotor(NamedTuple):
@@ -91,6 +94,8 @@ class Epos2Node:
         self._motor, self._zero = motor, switched_on_at
         self.state = DriveState.SWITCH_ON_DISABLED
         self.measured = MeasuredMotor(switched_on_at)
+        self._history: list[int] = []  # from the newest to the oldest error
+        self._inputs, self._is_supplied = [False] * objects.INPUT_COUNT, True
         self._controlword, self._demand, self._stepped = 0, 0.0, -math.inf
         self._slave = CanopenSlave(node_id, _defaults(node_id, motor), line, self._miss_heartbeat)
         self._slave.node.add_read_callback(self._on_read)
@@ -122,8 +127,40 @@ class Epos2Node:
         if self.state is DriveState.FAULT:
             return
         self.state = DriveState.FAULT_REACTION_ACTIVE
-        self._store(objects.ERROR_CODE, code)
+        self._history = [code, *self._history][: objects.HISTORY_SIZE]
         self._slave.node.emcy.send(code, register)
+
+    def supply(self, is_there: bool) -> None:
+        """Has the motor's supply there or not; the controller's electronics have their own.
+
+        Without it the drive is in a fault at once, its power stage off, and cannot be reset
+        (assumption: with and without power alike).
+        """
+        self._is_supplied = is_there
+        if not is_there and self.state is not DriveState.FAULT:
+            self.trip(objects.UNDERVOLTAGE, _GENERIC | _VOLTAGE)
+            self.state, self._demand = DriveState.FAULT, 0.0
+
+    def connect(self, number: int, has_voltage: bool) -> None:
+        """Puts voltage to a digital input, or takes it away.
+
+        Args:
+            number: number of the input, from 1.
+            has_voltage: whether there is voltage.
+        """
+        self._inputs[number - 1] = has_voltage
+
+    @property
+    def _functions(self) -> int:
+        """State of the functionalities of the digital inputs (0x2071:01)."""
+        polarity, mask = (
+            self._slave.get(entry) for entry in (objects.INPUT_POLARITY, objects.INPUT_MASK)
+        )
+        active = 0
+        for entry, has_voltage in zip(objects.INPUT_FUNCTION, self._inputs, strict=True):
+            bit = 1 << self._slave.get(entry)
+            active |= bit if has_voltage != bool(polarity & bit) else 0
+        return active & mask
 
     def step(self, now: float) -> None:
         """Moves on to a time [s]."""
@@ -131,6 +168,9 @@ class Epos2Node:
         elapsed = max(0.0, now - self._stepped) if math.isfinite(self._stepped) else 0.0
         self._stepped = now
         self._demand = self._ramped(elapsed)
+        stops = self._slave.written(objects.INPUT_EXECUTION) & 1 << objects.QUICK_STOP_FUNCTION
+        if stops and stops & self._functions and is_energised(self.state):
+            self.state = DriveState.QUICK_STOP_ACTIVE
         if self.state is DriveState.FAULT_REACTION_ACTIVE and self._demand == 0.0:
             self.state = DriveState.FAULT
 
@@ -153,8 +193,13 @@ class Epos2Node:
     def _miss_heartbeat(self) -> None:
         self.trip(objects.HEARTBEAT_LOST, _GENERIC | _COMMUNICATION)
 
-    def _on_read(self, index: int, **_: Any) -> int | None:
+    def _on_read(self, index: int, subindex: int = 0, **_: Any) -> int | None:
         motor = self._motor
+        if index == objects.ERROR_COUNT.index:
+            errors = [len(self._history), *self._history]
+            return errors[subindex] if subindex < len(errors) else 0
+        if (index, subindex) == (objects.INPUT_STATE.index, objects.INPUT_STATE.subindex):
+            return self._functions
         if index == objects.STATUSWORD.index:
             powered = _VOLTAGE_ENABLED if is_energised(self.state) else 0
             return STATUSWORDS[self.state] | _OFFSETS_MEASURED | powered
@@ -170,17 +215,18 @@ class Epos2Node:
         return None
 
     def _on_write(self, index: int, data: bytes, **_: Any) -> None:
+        if index == objects.ERROR_COUNT.index and not any(data):
+            self._history = []
         if index != objects.CONTROLWORD.index:
             return
         word = objects.CONTROLWORD.unpack(data)
-        before, self.state = self.state, obeyed(self.state, self._controlword, word)
+        before, after = self.state, obeyed(self.state, self._controlword, word)
         self._controlword = word
+        if before is DriveState.FAULT and not self._is_supplied:
+            return
+        self.state = after
         if before is DriveState.FAULT and self.state is not before:
-            self._store(objects.ERROR_CODE, 0)
             self._slave.node.emcy.reset()
-
-    def _store(self, entry: Entry, value: int) -> None:
-        self._slave.node.set_data(entry.index, entry.subindex, entry.pack(value))
 
 
 def _wrapped(value: int, bits: int) -> int:
@@ -192,7 +238,13 @@ def _wrapped(value: int, bits: int) -> int:
 def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
     """The object dictionary as the maker delivers it."""
     return {
-        objects.ERROR_CODE: 0,
+        objects.ERROR_COUNT: 0,
+        **dict.fromkeys(objects.ERROR_HISTORY, 0),
+        **dict(zip(objects.INPUT_FUNCTION, _INPUT_FUNCTIONS, strict=True)),
+        objects.INPUT_STATE: 0,
+        objects.INPUT_MASK: _INPUT_MASK,
+        objects.INPUT_POLARITY: 0,
+        objects.INPUT_EXECUTION: 0,
         HEARTBEAT_CONSUMED: 0,
         HEARTBEAT_PRODUCED: 0,
         objects.VENDOR: motor.vendor,
@@ -215,8 +267,12 @@ def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
     }
 
 
+# Signal of the emergency stop within its part.
+EMERGENCY_STOP = "emergency_stop"
 # Longest time between two looks at ramps and heartbeats [s].
 _TICK = 0.002
+# How long capacitors feed the drives when their supply has been cut [s] (assumption).
+_HOLD_UP = 0.02
 
 
 class Epos2Nodes:
@@ -229,6 +285,10 @@ class Epos2Nodes:
     | from the machine `<part>.position` | n | rad or m | |
     | from the machine `<part>.velocity` | n | rad/s or m/s | |
     | from the machine `<part>.current` | n | A | if the machine has it |
+    | from the machine `<part>.emergency_stop` | 1 | 0/1 | 1: pressed; if the machine has it |
+
+    A pressed emergency stop opens its contact, which otherwise puts voltage to a digital input
+    of one node, and cuts the motors' supply of all nodes, not that of their electronics.
 
     The nodes are on a bus of python-can's interface `virtual`, which this process shares; with
     `link`, an emulated serial adapter brings it to other processes. Entering the context switches
@@ -236,6 +296,11 @@ class Epos2Nodes:
 
     Nodes that are `off` say nothing but still hear; nodes that are `unplugged` hear nothing
     either, and stop the axes when they miss the master's heartbeat.
+
+    Attributes:
+        nodes: the nodes.
+        adapter: emulated serial adapter, or None.
+        is_stop_wire_broken: whether the wire of the emergency stop's contact is broken.
     """
 
     def __init__(
@@ -250,6 +315,8 @@ class Epos2Nodes:
         signs: Sequence[int] = (),
         measures_current: bool = False,
         clock: Callable[[], float] = time.monotonic,
+        stop_contact: tuple[int, int] | None = None,
+        hold_up: float = _HOLD_UP,
     ):
         """Prepares the nodes; they answer within a `with` block.
 
@@ -264,7 +331,13 @@ class Epos2Nodes:
             signs: signs of the motors, in place of the `motor`'s; empty: none.
             measures_current: whether the machine has the wire `current`; else it is zero.
             clock: monotonic [s].
+            stop_contact: address of the node, and number of its digital input, at which the
+                contact of the emergency stop is; None: nowhere.
+            hold_up: how long the drives are fed when their supply has been cut [s].
         """
+        self._stop_contact, self._hold_up = stop_contact, hold_up
+        self._pressed_since: float | None = None
+        self.is_stop_wire_broken = False
         self._harness, self._ids, self.channel = harness, tuple(node_ids), channel
         self._misbehaviour = misbehaviour or Misbehaviour()
         self._clock = clock
@@ -287,6 +360,7 @@ class Epos2Nodes:
             self._lines = [SlaveLine(bus, self._misbehaviour, self._clock) for _ in self._ids]
             made = zip(self._ids, self._lines, self._motors, self._get("position"), strict=True)
             self.nodes = [Epos2Node(*parts) for parts in made]
+            self._press(self._clock())
             self._publish()
             thread = threading.Thread(
                 target=self._run, args=(bus,), name="EPOS2 nodes", daemon=True
@@ -335,6 +409,7 @@ class Epos2Nodes:
                     self._receive(message)
                     message = bus.recv(0.0)
                 now = self._clock()
+                self._press(now)
                 for line, node in zip(self._lines, self.nodes, strict=True):
                     line.step(now)
                     node.step(now)
@@ -350,6 +425,23 @@ class Epos2Nodes:
             # A frame of the wrong length or to an unknown entry: real nodes ignore it, too.
             with suppress(Exception):
                 line.receive(message)
+
+    def _press(self, now: float) -> None:
+        """Puts to the nodes what the emergency stop does."""
+        name = f"{self._part}.{EMERGENCY_STOP}"
+        is_pressed = self._harness.has(name) and self._harness.get(name)[0] > 0.5
+        if not is_pressed:
+            self._pressed_since = None
+        elif self._pressed_since is None:
+            self._pressed_since = now
+        since = self._pressed_since
+        is_supplied = since is None or now - since < self._hold_up
+        for node in self.nodes:
+            node.supply(is_supplied)
+        if self._stop_contact is not None:
+            node_id, number = self._stop_contact
+            is_closed = not (is_pressed or self.is_stop_wire_broken)
+            self.nodes[self._ids.index(node_id)].connect(number, is_closed)
 
     def _measure(self) -> None:
         n = len(self.nodes)

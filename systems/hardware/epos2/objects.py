@@ -1,17 +1,33 @@
 """The objects of an EPOS2 that parapod uses, and where they travel on the bus.
 
 Source: maxon motor, EPOS2 Positioning Controllers, Firmware Specification (object dictionary,
-communication objects, error codes); CiA 301 for the communication profile.
+communication objects, error codes); CiA 301 for the communication profile. Digital inputs: the
+same, 0x2070 and 0x2071; numbers of the functionalities as in the maker's EPOS Command Library
+(`DIC_QUICK_STOP` = 5 to `DIC_GENERAL_PURPOSE_A` = 15); voltages: EPOS2 24/5 Hardware Reference
+(rel5190), 4.5.2.
 """
 
 from parapod.systems.hardware.canopen import ON_ARRIVAL, ON_SYNC, Entry, Pdo
 
-ERROR_CODE = Entry(0x1003, 1, "<I")  # newest error; the code is the low word
+# Number of errors in the history; writing 0 empties it. A reset of a fault leaves it alone.
+ERROR_COUNT = Entry(0x1003, 0, "<B")
+HISTORY_SIZE = 5
+# From the newest to the oldest; the code is the low word.
+ERROR_HISTORY = tuple(Entry(0x1003, k, "<I") for k in range(1, HISTORY_SIZE + 1))
+ERROR_CODE = ERROR_HISTORY[0]
 VENDOR = Entry(0x1018, 1, "<I")
 PRODUCT = Entry(0x1018, 2, "<I")  # hardware version << 16 | application
 # Actual current behind a low-pass of 50 Hz [mA]: unlike 0x6078, which is not filtered, it can be
 # sampled at 100 Hz without the ripple of the current controller showing up as something slow.
 CURRENT = Entry(0x2027, 0, "<h")
+# What each digital input means: the number of a functionality, which is its bit in the four words
+# below; no two inputs may have the same.
+INPUT_COUNT = 6  # of an EPOS2 24/5
+INPUT_FUNCTION = tuple(Entry(0x2070, k, "<H") for k in range(1, INPUT_COUNT + 1))
+INPUT_STATE = Entry(0x2071, 1, "<H")  # 1: active; the only one of them that can be mapped
+INPUT_MASK = Entry(0x2071, 2, "<H")  # 0: the bit of the state is always 0
+INPUT_POLARITY = Entry(0x2071, 3, "<H")  # 0: active while there is voltage; 1: while there is none
+INPUT_EXECUTION = Entry(0x2071, 4, "<H")  # 1: the drive itself does what the functionality says
 ENCODER_PULSES = Entry(0x2210, 1, "<I")  # per turn, of which an edge detector makes four counts
 ABORT_CONNECTION = Entry(0x6007, 0, "<h")  # what a lost heartbeat does
 CONTROLWORD = Entry(0x6040, 0, "<H")
@@ -29,7 +45,16 @@ TARGET_VELOCITY = Entry(0x60FF, 0, "<i")  # [rpm]
 MAXON = 0xFB
 EPOS2_24_5 = 0x6220
 PROFILE_VELOCITY = 3
+QUICK_STOP_FUNCTION = 5  # of a digital input: it stops the drive
 ABORT_BY_QUICK_STOP = 3
+
+
+def general_purpose(number: int) -> int:
+    """Functionality of a digital input that the drive only reads: A to F for inputs 1 to 6.
+
+    None of them is another input's as the maker delivers it, where inputs 4 to 6 are switches.
+    """
+    return 16 - number
 
 
 # Statusword, position and velocity are ten bytes, and a frame has eight.
@@ -37,18 +62,20 @@ COMMAND = Pdo(0x200, 0x1400, 0x1600, ON_ARRIVAL, (CONTROLWORD, TARGET_VELOCITY))
 # A velocity alone: a controlword with it would end a quick stop that somebody else has begun.
 TARGET = Pdo(0x300, 0x1401, 0x1601, ON_ARRIVAL, (TARGET_VELOCITY,))
 STATUS = Pdo(0x180, 0x1800, 0x1A00, ON_SYNC, (STATUSWORD, POSITION))
+# With the digital inputs, of the node that has the emergency stop: they fill the eight bytes.
+STATUS_AND_INPUTS = STATUS._replace(entries=(STATUSWORD, POSITION, INPUT_STATE))
 MOTION = Pdo(0x280, 0x1801, 0x1A01, ON_SYNC, (VELOCITY,))
 # In the same frame: two bytes cost less there than a frame of their own.
 MOTION_AND_CURRENT = MOTION._replace(entries=(VELOCITY, CURRENT))
 # What of the others a drive might send or obey on its own.
 UNUSED = (0x1402, 0x1403, 0x1802, 0x1803)
 
-HEARTBEAT_LOST = 0x8130
+HEARTBEAT_LOST, UNDERVOLTAGE = 0x8130, 0x3220
 ERRORS = {
     0x1000: "generic error",
     0x2310: "overcurrent",
     0x3210: "overvoltage",
-    0x3220: "undervoltage",
+    UNDERVOLTAGE: "undervoltage",
     0x4210: "overtemperature",
     0x5113: "supply voltage (5 V) too low",
     0x5114: "supply voltage of the output stage too low",

@@ -32,6 +32,10 @@ class Epos2Settings(Schema):
             `Epos2`, "Guard".
         opening_pause_ms: pause after the port is opened [ms]; 2000 for SLCAN adapters that this
             resets.
+        stop_node: address of the controller at whose digital input is a contact of the emergency
+            stop, which is closed while that is not pressed; null: none is measured.
+        stop_input: number of that digital input; 4 to 6 take 24 V, and read an open contact as a
+            pressed one [EPOS2 24/5 Hardware Reference, 4.5.2].
     """
 
     part: str = ""
@@ -43,6 +47,18 @@ class Epos2Settings(Schema):
     max_velocity_rpm: float = quantity(8000.0, 1.0, 100_000.0)
     heartbeat_timeout_ms: float = quantity(100.0, 40.0, 1000.0)
     opening_pause_ms: float = quantity(0.0, 0.0, 5000.0)
+    stop_node: int | None = quantity(None, 1, 127)
+    stop_input: int = quantity(4, 1, 6)
+
+    @property
+    def axis_names(self) -> tuple[str, ...]:
+        """Names of the axes in errors; empty: nodes are told by their addresses alone."""
+        return ()
+
+    @property
+    def stops_together(self) -> bool:
+        """Whether all axes stop at once when one of them fails: those that share a load."""
+        return False
 
     @property
     def motor_per_unit(self) -> float:
@@ -212,6 +228,11 @@ class ScrewSettings(Epos2Settings):
 
     @property
     def measures_current(self) -> bool:
+        """See `Epos2Settings`."""
+        return True
+
+    @property
+    def stops_together(self) -> bool:
         """See `Epos2Settings`."""
         return True
 

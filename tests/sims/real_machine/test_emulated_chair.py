@@ -188,7 +188,7 @@ def test_the_emulator_says_what_to_run(chair):
 @pytest.mark.parametrize(
     ("kind", "words"),
     [
-        ("off", r"node 1 does not answer SYNC"),
+        ("off", r"node 1 \(branch 11\) does not answer SYNC"),
         ("garbage", r"node \d+ .*"),
         ("unplugged", r"no bus"),
     ],
@@ -204,6 +204,51 @@ def test_drives_that_fail_are_named_and_stand_within_a_second(here, in_time, cap
     in_time(neutral - begun, 1.0, f"neutral after {kind} [s]")
     # Drives that do not answer are asked for two seconds more.
     in_time(ended - begun, 4.0, f"end after {kind} [s]")
+
+
+# --- the emergency stop
+
+
+@pytest.mark.slow
+def test_a_pressed_emergency_stop_ends_the_walk_and_is_named(here, in_time, capsys):
+    with here.disturbed("pressed", "emergency_stop", after=1.2) as instants:
+        try:
+            assert main([*STEP, PATIENT]) == 2
+        finally:
+            here.misbehave("emergency_stop", "released")
+    shown = capsys.readouterr()
+    errors = [x for x in shown.err.splitlines() if x.startswith("parapod: error")]
+    assert errors == [
+        "parapod: error: emergency_stop: the emergency stop is pressed, or its wire is broken; "
+        "the job has been ended"
+    ]
+    begun, neutral = instants
+    in_time(neutral - begun, 0.3, "neutral after the emergency stop [s]")
+    # The drives have counted on: the next program knows where the screws stand, and is told.
+    assert here.memory.recall() == pytest.approx(here.wires.get("legs.position"), abs=2e-6)
+    assert main(["check", "legs", "--of", "chair-walk", "--seconds", "0.1"]) in (0, 1)
+    said = capsys.readouterr().out
+    assert re.search(r"node 1 \(branch 11\), .*EMCY 0x3220 \(undervoltage\)", said)
+    assert re.search(r"^emergency_stop: 0 ", said, re.MULTILINE)
+
+
+@pytest.mark.slow
+def test_a_pressed_emergency_stop_is_shown_and_refused_power(here, capsys):
+    here.misbehave("emergency_stop", "pressed")
+    try:
+        assert here.until(lambda: here.wires.get("legs.emergency_stop") == (1.0,), 2.0)
+        time.sleep(0.2)
+        check = ["check", "legs", "--of", "chair-walk", "--seconds", "0.1"]
+        assert here.until(lambda: main(check) in (0, 1), 10.0)  # also in a busy moment
+        said = capsys.readouterr().out
+        assert re.search(r"^emergency_stop: 1 ", said, re.MULTILINE)
+        assert "is the emergency stop pressed?" in said
+        assert main([*STEP, PATIENT]) == 2
+        refused = capsys.readouterr().err
+        assert "is the emergency stop pressed?" in refused  # what configure has found
+        assert "the emergency stop at digital input 4 of node 1 (branch 11) is pressed" in refused
+    finally:
+        here.misbehave("emergency_stop", "released")
 
 
 # --- programs that are killed

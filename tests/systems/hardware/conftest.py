@@ -128,7 +128,7 @@ class Rig:
             node: arguments of the emulator.
         """
         self.part, self.misbehaviour = part, Misbehaviour()
-        sizes = {"velocity_command": axes, "brake": 1} | dict.fromkeys(
+        sizes = {"velocity_command": axes, "brake": 1, "emergency_stop": 1} | dict.fromkeys(
             ("position", "velocity", "current"), axes
         )
         self.harness = Harness({f"{part}.{name}": size for name, size in sizes.items()})

@@ -182,7 +182,7 @@ def test_a_current_takes_two_bytes_of_the_frame_of_the_velocity():
     assert values[Entry(0x1A01, 0, "<B")] == 2
     assert values[Entry(0x1A01, 1, "<I")] == 0x606C0020
     assert values[Entry(0x1A01, 2, "<I")] == 0x20270010
-    assert [pdo.size for pdo in reports(settings)] == [6, 6]
+    assert [pdo.size for pdo in reports(settings, 3)] == [6, 6]
 
 
 def test_axes_are_in_the_order_of_the_node_ids(make_screws):
@@ -348,6 +348,27 @@ def test_a_node_that_falls_silent_is_named_and_all_screws_stop(make_screws, judg
         rig.wait(lambda: not any(rig.command), go_on)
         assert rig.nodes.states[6] is not DriveState.OPERATION_ENABLED
         assert DriveState.OPERATION_ENABLED in rig.nodes.states
+
+
+def test_eleven_screws_stop_within_a_period_when_one_drive_drops(make_screws, judge):
+    names = tuple(f"branch {leg}{branch}" for leg in range(1, 5) for branch in range(1, 4))
+    with make_screws(limits=LIMITS, axis_names=names) as rig:
+        rig.activate()
+        driven(rig, 0.2, lambda _: legs(0.02))
+        rig.nodes.trip(7, 0x2310)
+        with judge() as judged:
+            error = fault_of(rig.drives.read)
+            rig.wait_alone(
+                lambda: all(
+                    state is DriveState.QUICK_STOP_ACTIVE
+                    for i, state in enumerate(rig.nodes.states)
+                    if i != 6
+                )
+            )
+        assert str(error).endswith("node 7 (branch 31) is in fault: EMCY 0x2310 (overcurrent)")
+        judged.check(0.01)
+        rig.drives.write(legs(0.02))
+        rig.wait_alone(lambda: not any(rig.command))
 
 
 def test_reading_and_writing_twelve_nodes_takes_less_than_a_period(screws):
