@@ -1,4 +1,4 @@
-"""Guard of the real chair: branches that follow, encoders that do not jump, feet that support."""
+"""Guard of the real chair: branches that follow and carry, encoders and feet that are right."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -10,10 +10,20 @@ from numpy.typing import NDArray
 from parapod.diagrams.guard import Ticks, Trip
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.systems.safety.faults import EMERGENCY_STOP_SIGN
-from parapod.systems.walking_chair.geometry import BRANCHES
+from parapod.systems.walking_chair.chair import foot_corners
+from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
+from parapod.systems.walking_chair.masses import GRAVITY, ChairMasses
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.payload import (
+    PayloadEstimatorParams,
+    Stand,
+    unexplained_forces,
+)
+from parapod.systems.walking_chair.statics import force_map
 
 _POSITION, _NODE, _MARGIN = "legs.position", "position_node", "support_margin"
 _AGE, _STOP = "status.age", "legs.emergency_stop"
+_CURRENT, _SUPPORT, _PAYLOAD = "legs.current", "support", "payload_estimated"
 
 
 @dataclass(frozen=True)
@@ -26,6 +36,11 @@ class ChairLimits:
         margin: least distance of the centre of mass from the support's edge [m]; .051.
         oldest: largest age of the measurements [s]; .01.
         persists: time for which a sign must last, but for a jump [s].
+        unexplained: largest part of a branch's force that no ground explains [N], see
+            `unexplained_forces`; 8 that last, with 0 to 160 kg. A passenger of 57 kg who leans by
+            40 mm at once adds up to 30.
+        unexplained_persists: time for which that must last [s].
+        lowest: height below which a foot in the air may touch the ground already, or still [m].
     """
 
     following: float = 5e-3
@@ -33,16 +48,30 @@ class ChairLimits:
     margin: float = 0.0
     oldest: float = 0.06
     persists: float = 0.1
+    unexplained: float = 40.0
+    unexplained_persists: float = 0.3
+    lowest: float = 3e-3
+
+
+# Currents are compared with the statics at every so many ticks: it takes most of a millisecond.
+_STRIDE = 5
+# Time constant of the payload with which currents are compared [s]: a drive that fails must not
+# become a lighter passenger before it is noticed.
+_REMEMBERED = 10.0
+# The payload's estimate means something this long after the beginning: four time constants [s].
+_SETTLED = 2.0
 
 
 class ChairGuard:
-    """Ends a walk in which a branch does not follow, an encoder jumps or no foot supports.
+    """Ends a walk in which a branch does not follow or carry, an encoder jumps, no foot supports.
 
     The drives then stop and hold. A branch that is stuck, driven the wrong way or shown wrongly
-    is off its way sooner or later; currents are watched by the drives themselves.
+    is off its way sooner or later. One whose drive carries nothing, or that is held where it
+    should be free, has a current that no ground under the feet explains; too large currents are
+    watched by the drives themselves.
     """
 
-    signals = frozenset((_POSITION, _NODE, _MARGIN, _AGE, _STOP))
+    signals = frozenset((_POSITION, _NODE, _MARGIN, _AGE, _STOP, _CURRENT, _SUPPORT, _PAYLOAD))
 
     def __init__(self, scenario: ChairScenario, limits: ChairLimits = ChairLimits()):
         """Begins to watch.
@@ -55,6 +84,9 @@ class ChairGuard:
         self._position: NDArray[Any] | None = None
         self._ticks = Ticks(scenario.control.period)
         self._since: dict[str, float] = {}
+        self._count, self._mismatch = 0, ""
+        # Mass, and moments by gravity, of the payload, as they have been for a while [kg, kg m].
+        self._payload: NDArray[Any] | None = None
 
     def check(self, now: float, values: Mapping[str, NDArray[Any]]) -> Trip | None:
         """See `Guard`."""
@@ -86,8 +118,54 @@ class ChairGuard:
         if _MARGIN in values and values[_MARGIN][0] < limits.margin:
             words = "the centre of mass is not above the feet that stand"
             yield "no_support", (words, limits.persists, ())
+        if _CURRENT in values and _SUPPORT in values and _PAYLOAD in values:
+            if self._count % _STRIDE == 0:
+                self._mismatch = self._compared(values)
+            self._count += 1
+            if self._mismatch:
+                words, persists = self._mismatch, limits.unexplained_persists
+                yield "current_mismatch", (words, persists, legs)
         if _AGE in values and not values[_AGE][0] <= limits.oldest:
             yield "legs_stale", ("measurements that are old", limits.persists, ())
+
+    def _compared(self, values: Mapping[str, NDArray[Any]]) -> str:
+        """Sentence about the branch whose current is explained least; "" if all of them are."""
+        lengths = values[_POSITION].reshape(LEG_COUNT, 3)
+        forces = _FORCE_PER_CURRENT * values[_CURRENT]
+        corners = foot_corners(CHAIR_GEOMETRY, np.zeros(3), np.eye(3), lengths)
+        estimated, *place = values[_PAYLOAD]
+        finite = (corners, forces, values[_PAYLOAD])
+        if not all(np.isfinite(each).all() for each in finite):
+            return ""  # which other signs tell
+        newest = estimated * np.array((1.0, *place))
+        mass, *moments = payload = newest if self._payload is None else self._payload
+        stands = values[_SUPPORT] > 0.5
+        lowest = corners[..., 2].min(axis=-1)
+        ground = lowest[stands].mean() if stands.any() else lowest.min()
+        touching = stands | (lowest < ground + self._limits.lowest)
+        stand = Stand(
+            force_map(CHAIR_GEOMETRY, lengths),
+            corners.reshape(-1, 3),
+            np.repeat(touching, 3),
+            _MASSES.total,
+            np.array(moments) / mass if mass else 0.0 * newest[1:],
+        )
+        off = unexplained_forces(stand, mass, forces, _MASSES.foot_end * GRAVITY)
+        worst = int(np.abs(off).argmax())
+        if abs(off[worst]) <= self._limits.unexplained:
+            share = -np.expm1(-_STRIDE * self._period / _REMEMBERED)
+            if self._count * self._period >= _SETTLED:
+                self._payload = payload + share * (newest - payload)
+            return ""
+        shown, explained = forces[worst], forces[worst] - off[worst]
+        return (
+            f"{BRANCHES[worst]} holds {shown:.0f} N by its current, where the feet on the ground "
+            f"explain {explained:.0f} N: does each foot stand, is each screw whole and free?"
+        )
+
+
+_MASSES = ChairMasses()
+_FORCE_PER_CURRENT = PayloadEstimatorParams().force_per_current
 
 
 def _named(which: NDArray[Any], what: str) -> str:

@@ -174,6 +174,45 @@ def elastic_forces(
     return _NOTHING if missing > _MISSED * wanted[2] else rays.carrying(mass, factors)
 
 
+# Distance from S at which a moment counts as much as a force in `unexplained_forces` [m]: that of
+# a leg.
+_LEVER = 0.2
+
+
+def unexplained_forces(
+    stand: Stand,
+    mass: float,
+    forces: NDArray[np.float64],
+    foot_weight: float = 0.0,
+    friction: float = 0.5,
+) -> NDArray[np.float64]:
+    """Parts of the branches' forces that no ground under the touching corners can explain.
+
+    However stiff branches, legs and ground are, the ground only pushes, within its cone of
+    friction, on corners that touch it, and balances the weight. What is nearest to the measured
+    forces among all that it can do explains them; the rest is returned. It is not zero where a
+    drive shows a force that is not there, lacks one that must be, or a foot in the air is held.
+
+    Args:
+        stand: the chair.
+        mass: mass of the payload [kg].
+        forces: (12) of the branches, positive where they push [N].
+        foot_weight: weight of a foot below its actuators [N].
+        friction: largest coefficient that there may be.
+
+    Returns:
+        (12) [N].
+    """
+    own = stand.force_map[..., 2] @ np.full(len(stand.corners), foot_weight / 3.0)
+    lever = np.array((1.0, 1.0, 1.0, *(1.0 / _LEVER,) * 3))
+    rays = _rays(stand, friction)
+    rows = np.vstack((rays.branches, lever[:, np.newaxis] * rays.wrenches))
+    wanted = np.concatenate((forces + own, lever * stand.wrench(mass)))
+    factors = nnls(rows, wanted)[0] if len(rays.corner) else np.zeros(0)
+    unexplained: NDArray[np.float64] = forces + own - rays.branches @ factors
+    return unexplained
+
+
 def _rays(stand: Stand, friction: float) -> _Rays:
     sides = [(friction, 0.0), (-friction, 0.0), (0.0, friction), (0.0, -friction)]
     edges = [(x, y, 1.0) for x, y in sides] if friction > 0.0 else [(0.0, 0.0, 1.0)]
