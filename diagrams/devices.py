@@ -44,7 +44,7 @@ class Parts:
 
     @property
     def remarks(self) -> list[str]:
-        """What devices have found when they were configured, each with the device's name."""
+        """Findings of the devices from when they were configured, with the devices' names."""
         devices = [thread.device for thread in self.all_threads]
         return [f"{device.name}: {words}" for device in devices for words in device.remarks]
 
