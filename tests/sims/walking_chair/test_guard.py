@@ -178,6 +178,19 @@ def test_what_a_healthy_walk_leaves_unexplained_is_what_the_limits_say(recorded)
     assert watch(*recorded, limits=ChairLimits(unexplained=documented)) is None
 
 
+def test_a_foot_that_the_gait_has_lifted_may_touch_the_ground_for_a_while(recorded):
+    period, signals = recorded
+    four = signals["support"].sum(axis=1) > 3.5
+    kept = {name: np.array(values, dtype=float)[four] for name, values in signals.items()}
+    kept["legs.position"] = np.repeat(kept["legs.position"][-1:], four.sum(), axis=0)
+    kept["legs.current"] = np.repeat(kept["legs.current"][-1:], four.sum(), axis=0)
+    kept["position_node"] = kept["legs.position"]
+    kept["support"][:, 0] = 0.0
+    assert watch(period, kept) is None
+    trip, _ = watch(period, kept, limits=ChairLimits(lowest=-1.0))
+    assert trip.name == "current_mismatch"
+
+
 def test_a_passenger_may_lean(recorded):
     period, signals = recorded
     at = on_two_feet(period, signals["support"], 0)

@@ -18,6 +18,7 @@ from parapod.systems.walking_chair.payload import (
     elastic_forces,
     largest_payload,
     least_branch_force,
+    unexplained_forces,
 )
 from parapod.systems.walking_chair.statics import force_map, rest
 
@@ -188,6 +189,44 @@ def test_elastic_forces_store_the_least_energy():
             elastic_forces(stand, 57.0, friction, 2.0 * ups_stiffness).branch_forces,
         ):
             assert energy(other) > least
+
+
+@pytest.mark.parametrize("time", [FOUR, TWO, SHIFT])
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_forces_that_the_ground_can_make_leave_nothing_unexplained(time, friction):
+    stand = stand_at(time, (0.02, -0.01))
+    forces = elastic_forces(stand, 57.0, friction).branch_forces
+    np.testing.assert_allclose(unexplained_forces(stand, 57.0, forces), 0.0, atol=1e-3)
+
+
+def test_a_foot_hangs_on_its_branches_with_its_own_weight():
+    stand, weight = stand_at(TWO), 19.62
+    own = stand.force_map[..., 2] @ np.full(12, weight / 3.0)
+    forces = elastic_forces(stand, 57.0).branch_forces - own
+    np.testing.assert_allclose(unexplained_forces(stand, 57.0, forces, weight), 0.0, atol=1e-3)
+
+
+def test_a_force_on_a_foot_in_the_air_is_unexplained_as_a_whole():
+    stand = stand_at(TWO)  # on legs 2 and 4
+    forces = elastic_forces(stand, 57.0).branch_forces
+    for branch in (0, 1, 8):
+        held = forces + 100.0 * (np.arange(12) == branch)
+        expected = 100.0 * (np.arange(12) == branch)
+        np.testing.assert_allclose(unexplained_forces(stand, 57.0, held), expected, atol=1e-3)
+
+
+def test_a_branch_that_carries_nothing_lacks_a_force_that_must_be_there():
+    stand = stand_at(TWO)
+    forces = elastic_forces(stand, 57.0).branch_forces
+    forces[3] = 0.0  # branch 21
+    off = unexplained_forces(stand, 57.0, forces)
+    assert off[3] == off.min() < -40.0
+    assert np.abs(off).argmax() == 3
+
+
+def test_no_ground_explains_forces_of_a_chair_without_contacts():
+    stand = stand_at(TWO)._replace(touching=np.zeros(12, bool))
+    np.testing.assert_allclose(unexplained_forces(stand, 57.0, np.arange(12.0)), np.arange(12.0))
 
 
 def test_payload_aside_is_smaller_and_out_of_the_polygon_impossible():

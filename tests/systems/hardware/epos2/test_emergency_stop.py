@@ -173,7 +173,8 @@ def test_nothing_moves_on_by_itself_after_the_release(rig):
     shows(rig, True)
     rig.drives.write(HOLD)  # a brake meanwhile is none after it
     press(rig, False)
-    shows(rig, False)
+    rig.wait_alone(lambda: rig.nodes.nodes[NODE - 1]._inputs[INPUT - 1])
+    assert rig.drives.read()["emergency_stop"] == [0.0]
     for _ in range(30):
         rig.drives.write(RUN)
         rig.drives.read()
@@ -235,6 +236,15 @@ def test_drives_whose_supply_is_cut_are_no_riddle_while_the_stop_is_pressed(make
         rig.drives.activate()
         rig.drives.write(RUN)
         rig.wait(lambda: min(rig.command) > 1.9)
+
+
+def test_without_a_supply_no_drive_brakes(make_rig):
+    with make_rig({"quick_stop_deceleration": 0.1}, hold_up=0.0) as rig:
+        run(rig)
+        press(rig)
+        rig.wait_alone(lambda: DriveState.FAULT in rig.nodes.states)
+        rig.wait_alone(lambda: rig.is_braked)
+        assert rig.command == (0.0,) * 4  # on the ramp it would take 20 s
 
 
 def test_a_statusword_without_a_supply_has_no_voltage_enabled(make_stoppable):
