@@ -350,7 +350,7 @@ def test_a_node_that_falls_silent_is_named_and_all_screws_stop(make_screws, judg
         assert DriveState.OPERATION_ENABLED in rig.nodes.states
 
 
-def test_eleven_screws_stop_within_a_period_when_one_drive_drops(make_screws, judge):
+def test_eleven_screws_stop_by_the_reading_that_tells_that_one_drive_drops(make_screws, judge):
     names = tuple(f"branch {leg}{branch}" for leg in range(1, 5) for branch in range(1, 4))
     with make_screws(limits=LIMITS, axis_names=names) as rig:
         rig.activate()
@@ -366,7 +366,7 @@ def test_eleven_screws_stop_within_a_period_when_one_drive_drops(make_screws, ju
                 )
             )
         assert str(error).endswith("node 7 (branch 31) is in fault: EMCY 0x2310 (overcurrent)")
-        judged.check(0.01)
+        judged.check(0.05)  # some 5 ms where nothing else runs
         rig.drives.write(legs(0.02))
         rig.wait_alone(lambda: not any(rig.command))
 
