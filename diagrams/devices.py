@@ -32,21 +32,24 @@ class Parts:
     Attributes:
         threads: threads of each part's devices.
         readers: readers by part.
+        told: remarks that `news` has given already.
     """
 
     threads: dict[str, list[DeviceThread]]
     readers: dict[str, PartReader] = field(default_factory=dict)
+    told: set[str] = field(default_factory=set)
 
     @property
     def all_threads(self) -> list[DeviceThread]:
         """Threads of all parts."""
         return [thread for threads in self.threads.values() for thread in threads]
 
-    @property
-    def remarks(self) -> list[str]:
-        """Findings of the devices from when they were configured, with the devices' names."""
-        devices = [thread.device for thread in self.all_threads]
-        return [f"{device.name}: {words}" for device in devices for words in device.remarks]
+    def news(self) -> list[str]:
+        """Remarks of the devices that have not been given before, with the devices' names."""
+        said = [f"{t.device.name}: {text}" for t in self.all_threads for text in t.device.remarks]
+        news = [text for text in said if text not in self.told]
+        self.told.update(news)
+        return news
 
     def reset(self, root_context: Context, scenario: Any = None) -> None:
         """Begins with what the devices measure now; a scenario changes nothing about a machine.

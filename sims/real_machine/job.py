@@ -130,11 +130,14 @@ def run_on_hardware(
         # Before any device waits for heartbeats, because a collection stops all threads; and the
         # devices' threads, which send them, inherit the priority.
         has_priority = stack.enter_context(undisturbed())
-        try:
-            stack.enter_context(station.active())
-        finally:  # also of a machine that refuses to begin
-            for remark in parts.remarks:
-                options.console.print(remark, markup=False, highlight=False, soft_wrap=True)
+
+        def say_news() -> None:
+            for text in parts.news():
+                options.console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+        stack.callback(say_news)  # also of devices that are refused
+        stack.enter_context(station.active())
+        say_news()
         report: Callable[[float], None] = _nothing
         if until < _FOREVER:
             report = stack.enter_context(progress(options.console, what, until))

@@ -84,14 +84,19 @@ def check_part(
     threads = parts.threads[part]
     checked = None if move is None else _checked(machine, part, move, threads)
     metrics: list[Metric] = []
+
+    def say_news() -> None:
+        for text in parts.news():
+            say(text)
+
     with ExitStack() as stack:
         stack.enter_context(ended_by_signals())
+        stack.callback(say_news)  # also of devices that are refused
         for thread in threads:
             stack.enter_context(thread.device)
             power = "; its outputs have no power" if thread.device.commands else ""
             say(f"{thread.device.name}: configured{power}")
-            for words in thread.device.remarks:
-                say(f"{thread.device.name}: {words}")
+        say_news()
         for thread in threads:
             if thread.device.measures:
                 metrics += _read(thread, seconds, say)

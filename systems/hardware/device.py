@@ -72,6 +72,7 @@ class Device(ABC):
         name: kind and place of the device, as errors call it.
         watchdog: what makes the outputs neutral when nobody speaks to the device any more, as in
             "without heartbeats its drives stop within 0.1 s"; "": nothing does.
+        remarks: facts that whoever starts the device has to know, once it is configured or active.
         place: what no two programs may command, see `only_program`; "": nothing.
         measures: the signals that `read` returns, and their sizes.
         commands: the signals that `write` takes, and their sizes.
@@ -83,6 +84,7 @@ class Device(ABC):
     place: str = ""
     remarks: Sequence[str] = ()
     watchdog: str = ""
+    remarks: Sequence[str] = ()
     measures: Mapping[str, int] = {}
     commands: Mapping[str, int] = {}
 
