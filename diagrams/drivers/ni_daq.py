@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class NiDaqLegs(NiDaqSettings, Driver):
-    """Analog motor drivers, encoders and limit switches on an NI PXIe-6363: see `NiDaq`."""
+    """Analog motor drivers, encoders, switches and emergency stop on an NI PXIe-6363: `NiDaq`."""
 
     def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
@@ -54,6 +54,7 @@ class NiDaqLegs(NiDaqSettings, Driver):
             metres_per_count=self.metres_per_count,
             relay_line=self.relay.partition("/")[2],
             part=self.part,
+            stop_line=self.stop_input.partition("/")[2],
         )
 
 

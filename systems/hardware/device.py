@@ -72,17 +72,15 @@ class Device(ABC):
         name: kind and place of the device, as errors call it.
         watchdog: what makes the outputs neutral when nobody speaks to the device any more, as in
             "without heartbeats its drives stop within 0.1 s"; "": nothing does.
-        remarks: facts that whoever starts the device has to know, once it is configured or active.
+        remarks: facts that whoever starts the device has to know, once it is configured or active,
+            such as a fault from before; sentences without the device's name.
         place: what no two programs may command, see `only_program`; "": nothing.
         measures: the signals that `read` returns, and their sizes.
         commands: the signals that `write` takes, and their sizes.
-        remarks: sentences, for people, about what `configure` has found and put right, such as a
-            fault from before; without the device's name.
     """
 
     name: str
     place: str = ""
-    remarks: Sequence[str] = ()
     watchdog: str = ""
     remarks: Sequence[str] = ()
     measures: Mapping[str, int] = {}

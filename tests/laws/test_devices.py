@@ -75,8 +75,10 @@ class Row:
 
 CARD = {
     "library": "nidaqmx",
+    # A busy machine may keep resets from the card's watchdog.
+    "settings": {"watchdog_ms": 5000.0},
     "real": {"target": "unix:/nowhere/socket"},
-    "measures": {"extension": 4, "velocity": 4, "limits": 12},
+    "measures": {"extension": 4, "velocity": 4, "limits": 12, "emergency_stop": 1},
     "commands": {"voltage": 4, "stop": 1},
     "truth": ("extension", (0.401, 0.412, 0.423, 0.4344), 1e-5),
     # A server that stalls is not told from one that is slow: each call waits for its timeout.
@@ -427,6 +429,9 @@ def test_number_outside_its_range_is_refused_with_its_key(name):
         ("NiDaqLegs", {"outputs": "Other/ao0:3"}, "channels are of 2 cards"),
         ("NiDaqLegs", {"outputs": "PXI1Slot2/ao0:2"}, "3 outputs needs one counter, not"),
         ("NiDaqLegs", {"extension_at_start_mm": [1.0]}, "extension_at_start must be 4 values"),
+        ("NiDaqLegs", {"stop_input": "Other/port0/line13"}, "channels are of 2 cards"),
+        ("NiDaqLegs", {"stop_input": "PXI1Slot2/port0/line13:14"}, "must be one line, not PXI1"),
+        ("NiDaqLegs", {"watchdog_ms": 10.0}, "watchdog_ms must be 0 or at least 20, not 10"),
         ("NiDaqLegs", {"extension_file": ""}, "it needs extension_at_start_mm"),
         ("SabertoothLegs", {"addresses": [128, 128]}, "different ones of 128..135, not"),
         ("SabertoothLegs", {"addresses": [127, 128]}, "different ones of 128..135, not"),

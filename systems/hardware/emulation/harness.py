@@ -33,8 +33,7 @@ class Harness:
             name: (0.0,) * size for name, size in sizes.items()
         }
 
-    def has(self, name: str) -> bool:
-        """Whether there is such a signal."""
+    def __contains__(self, name: str) -> bool:
         return name in self._values
 
     def get(self, name: str) -> tuple[float, ...]:
@@ -65,9 +64,8 @@ class MutedHarness(Harness):
         """
         self._harness, self._muted = harness, frozenset(muted)
 
-    def has(self, name: str) -> bool:
-        """See `Harness`."""
-        return self._harness.has(name)
+    def __contains__(self, name: str) -> bool:
+        return name in self._harness
 
     def get(self, name: str) -> tuple[float, ...]:
         """See `Harness`."""
@@ -231,8 +229,7 @@ class SharedHarness(Harness):
         # Not with `pack_into`, which makes zeros first: others would see an even count meanwhile.
         self._counts = memoryview(self._memory).cast("q")
 
-    def has(self, name: str) -> bool:
-        """See `Harness`."""
+    def __contains__(self, name: str) -> bool:
         return name in self._layout
 
     def get(self, name: str) -> tuple[float, ...]:

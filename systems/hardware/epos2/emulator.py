@@ -429,7 +429,7 @@ class Epos2Nodes:
     def _press(self, now: float) -> None:
         """Puts to the nodes what the emergency stop does."""
         name = f"{self._part}.{EMERGENCY_STOP}"
-        is_pressed = self._harness.has(name) and self._harness.get(name)[0] > 0.5
+        is_pressed = name in self._harness and self._harness.get(name)[0] > 0.5
         if not is_pressed:
             self._pressed_since = None
         elif self._pressed_since is None:

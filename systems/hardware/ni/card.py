@@ -1,12 +1,13 @@
 """A multifunction card of National Instruments between controller, motor drivers and encoders."""
 
 import math
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
 from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
 from parapod.systems.hardware.ni.settings import NiDaqSettings, expand_channels
-from parapod.systems.hardware.ni.tasks import OUTPUT_MAX, OUTPUT_MIN, NiTasks
+from parapod.systems.hardware.ni.tasks import OUTPUT_MAX, OUTPUT_MIN, NiTasks, WatchdogExpired
 from parapod.systems.hardware.position_memory import IncrementalDevice
 
 # The counters have 32 bits (X Series User Manual, "Counters").
@@ -22,6 +23,12 @@ _CONFIGURE_TIMEOUT = 10.0
 # A flag is set above this; NaN counts as set.
 _SET = 0.5
 
+# Shares of the watchdog's timeout after which it is reset: by a write, when the loop's work is
+# done and nothing waits, as often as the default loop writes; by a read, where no writes come.
+_RESET_BY_WRITE, _RESET_BY_READ = 0.09, 0.25
+# Shortest timeout of the watchdog [s]: of a loop at 100 Hz that misses a reading.
+_SHORTEST_WATCHDOG = 0.02
+
 
 class NiDaq(IncrementalDevice):
     """Motor drivers with analog inputs, encoders and limit switches on one card.
@@ -30,7 +37,8 @@ class NiDaq(IncrementalDevice):
     |---|---|---|---|
     | measure `extension` | n | m | of the actuators, from the encoders |
     | measure `velocity` | n | m/s | mean since the last `read`; 0 at the first one |
-    | measure `limits` | m | - | digital inputs, 0 or 1, in the order of the channel string |
+    | measure `limits` | m | 0/1 | digital inputs, in the order of the channel string |
+    | measure `emergency_stop` | 1 | 0/1 | pressed, or pressed before and still latched |
     | command `voltage` | n | V | at the actuators, within plus and minus the supply voltage |
     | command `stop` | 1 | - | above 0.5: no power for the drives |
 
@@ -46,12 +54,21 @@ class NiDaq(IncrementalDevice):
     less than half of their range lies between two reads. The resolution of `velocity` is one
     count in the time between the reads.
 
-    **Hold.** The outputs are timed by software: the card holds the last voltage, and the relay,
-    when this program or its computer dies or the network fails, and the actuators go on moving.
-    `close` and every exit of a `with` block leave them neutral, but nothing in this program can
-    when it is killed. A machine needs what acts without it: end switches that cut the current of
-    their direction, an emergency stop in the supply, and a watchdog that opens the relay, such as
-    the card's own for digital lines (X Series User Manual, "Watchdog Timer"), one between relay
+    **Emergency stop.** Its feedback contact is read in one call with the limit switches; there is
+    no `emergency_stop` without `stop_input`. A reading at which it is pressed opens the relay and
+    makes the outputs neutral, whatever is commanded, even if nothing is. This is latched, lest a
+    program that hangs drives on when the button is released: the relay stays open, and
+    `emergency_stop` 1, until a command with a stop above 0.5 (not NaN) comes while the button is
+    released, or the device is deactivated and activated again.
+
+    **Hold.** The outputs are timed by software: the card holds the last voltage when this program
+    or its computer dies or the network fails. `close` and every exit of a `with` block leave them
+    neutral, but nothing in this program can when it is killed. Then the card's own watchdog opens
+    the relay: it is armed by `activate` and reset by reads and writes, and it expires when
+    nothing has reached the card for `watchdog_ms`. X Series cards have it for digital lines, so
+    the outputs hold even then. When it has expired under a living program, every `write` raises
+    until a stop or a new activation, as above. A card without one, or that refuses it, is
+    used all the same, and `remarks` say so; such a machine needs another watchdog between relay
     line and relay, or motor drivers in a serial mode with a timeout.
 
     **Sessions.** A server keeps the tasks of a client that is gone. The next device of the same
@@ -81,16 +98,17 @@ class NiDaq(IncrementalDevice):
         self.place = f"{settings.device}{place}"
         self._size = len(settings.counter_names)
         super().__init__(settings.extensions_path, self._size, settings.part)
-        inputs = len(expand_channels(settings.inputs))
+        self._limits = len(expand_channels(settings.inputs))
         self.measures: Mapping[str, int] = {
             "extension": self._size,
             "velocity": self._size,
-            "limits": inputs,
+            "limits": self._limits,
+            **({"emergency_stop": 1} if settings.stop_input else {}),
         }
         motors = {"voltage": self._size} if drives_motors else {}
         self.commands: Mapping[str, int] = {**motors, "stop": 1}
         self._tasks: NiTasks | None = None
-        self._is_active = False
+        self._is_active = self._is_pressed = self._is_latched = False
         self._last: tuple[list[int], list[float]] | None = None
         self._forget()
 
@@ -108,8 +126,10 @@ class NiDaq(IncrementalDevice):
             tasks.open()
             self._tasks = tasks
             self._forget()
+            # At power-up and after a reset the outputs are at 0 V, which is full speed.
             self._set_relay(tasks, False)
             self._write_neutral(tasks)
+            self._open_watchdog(tasks)
             if self._settings.extension_at_start is not None:
                 self._reference(tasks, self._settings.extension_at_start)
         except BaseException:
@@ -122,17 +142,28 @@ class NiDaq(IncrementalDevice):
         self._reference(self._begin(), values)
 
     def _energise(self) -> None:
-        """Closes the relay, with neutral outputs."""
+        """Closes the relay, with neutral outputs, unless the emergency stop is pressed."""
         tasks = self._begin()
         self._write_neutral(tasks)
-        self._set_relay(tasks, True)
+        self._take_inputs(tasks)
+        self._is_latched = self._is_pressed
+        if self._is_pressed:
+            self._remark(
+                f"the emergency stop is pressed ({self._settings.stop_input} is low), so the "
+                'relay stays open; without such a contact, say stop_input: ""'
+            )
+        self._arm(tasks)
+        self._set_relay(tasks, not self._is_latched)
         self._is_active = True
 
     def read(self) -> Signals:
-        """Extensions, velocities and limit switches."""
+        """Extensions, velocities, limit switches and emergency stop."""
         tasks = self._begin()
         stamps = self._count(tasks)
-        limits = tasks.read_inputs()
+        limits = self._take_inputs(tasks)
+        if self._is_active:
+            self._reset_watchdog(tasks, _RESET_BY_READ)
+            self._obey_stop(tasks)
         scale = self._settings.metres_per_count
         velocity = (0.0,) * self._size
         if self._last is not None:
@@ -141,43 +172,58 @@ class NiDaq(IncrementalDevice):
                 for count, stamp, old, then in zip(self._counts, stamps, *self._last, strict=True)
             )
         self._last = self._counts, stamps
-        return {
-            "extension": tuple(
-                offset + scale * count
-                for offset, count in zip(self._offset, self._counts, strict=True)
-            ),
-            "velocity": velocity,
-            "limits": limits,
-        }
+        extension = tuple(
+            offset + scale * count
+            for offset, count in zip(self._offset, self._counts, strict=True)
+        )
+        measured = {"extension": extension, "velocity": velocity, "limits": limits}
+        if self._settings.stop_input:
+            measured["emergency_stop"] = (float(self._is_pressed or self._is_latched),)
+        return measured
 
     def write(self, commands: Signals) -> None:
         """Puts voltages to the outputs, and opens the relay on a stop.
 
-        While the device is not active, whatever is asked is neutral.
+        While the device is not active, or the emergency stop latched, whatever is asked is
+        neutral.
+
+        Raises:
+            WatchdogExpired: the card has opened the relay by itself; until a stop is commanded.
+            DeviceError: the commands did not arrive.
         """
         tasks = self._begin()
         voltage = commands["voltage"] if self._drives_motors else (0.0,) * self._size
         if len(voltage) != self._size:
             raise ValueError(f"voltage has {self._size} elements, not {len(voltage)}")
         (stop,) = commands["stop"]
-        if self._is_active and stop <= _SET:
+        is_driven = self._is_active and stop <= _SET and not self._is_latched
+        if is_driven:
             self._set_relay(tasks, True)
+        if is_driven and self._relay:
             tasks.write_outputs([self._output(value) for value in voltage])
         else:
             self._cut(tasks)
+        if self._is_active and stop > _SET:
+            self._acknowledge(tasks)
+        if self._is_active:
+            self._reset_watchdog(tasks, _RESET_BY_WRITE)
+        if self._has_expired:
+            raise WatchdogExpired(self.name, self._expired_words)
 
     def neutral(self) -> None:
         """Makes the outputs neutral."""
         self._write_neutral(self._begin())
 
     def _release(self) -> None:
-        """Makes the outputs neutral and opens the relay."""
+        """Makes the outputs neutral, opens the relay, and then disarms the watchdog."""
         self._is_active = False
         tasks = self._begin()
         try:
             self._write_neutral(tasks)
         finally:
             self._set_relay(tasks, False)
+        self._disarm(tasks)
+        self._is_latched = False
 
     def close(self) -> None:
         """Makes the outputs neutral, opens the relay, and gives the card back."""
@@ -187,7 +233,8 @@ class NiDaq(IncrementalDevice):
         tasks.begin(self._settings.timeout)
         with suppress(Exception):
             self._cut(tasks)
-        tasks.close()
+            self._disarm(tasks)
+        tasks.close(is_stopped=not self._is_armed)
 
     def _begin(self) -> NiTasks:
         """The tasks, with the time of one call before them."""
@@ -203,6 +250,9 @@ class NiDaq(IncrementalDevice):
         self._offset = [0.0] * self._size
         self._counts = [0] * self._size
         self._last = None
+        self._is_pressed = self._is_latched = False
+        self._has_watchdog = self._is_armed = self._has_expired = False
+        self._reset_at = -math.inf
 
     def _output(self, voltage: float) -> float:
         """The output voltage for one at the actuator [V]."""
@@ -215,12 +265,17 @@ class NiDaq(IncrementalDevice):
         tasks.write_outputs([_NEUTRAL] * self._size)
 
     def _set_relay(self, tasks: NiTasks, is_on: bool) -> None:
-        """Sets the relay if it is not known to be so."""
-        if self._relay is not is_on:
-            # After a write that failed its position is not known.
-            self._relay = None
+        """Sets the relay if it is not known to be so; one that the watchdog has opened stays."""
+        if self._relay is is_on or self._has_expired:
+            return
+        # After a write that failed its position is not known.
+        self._relay = None
+        try:
             tasks.write_relay(is_on)
-            self._relay = is_on
+        except WatchdogExpired:
+            self._relay, self._has_expired = False, True
+            return
+        self._relay = is_on
 
     def _cut(self, tasks: NiTasks) -> None:
         """Opens the relay at once, then makes the outputs neutral."""
@@ -228,6 +283,95 @@ class NiDaq(IncrementalDevice):
             self._set_relay(tasks, False)
         finally:
             self._write_neutral(tasks)
+
+    def _take_inputs(self, tasks: NiTasks) -> tuple[float, ...]:
+        """Reads the digital inputs; gives the limit switches, and keeps the emergency stop."""
+        values = tasks.read_inputs()
+        self._is_pressed = any(value < _SET for value in values[self._limits :])
+        return values[: self._limits]
+
+    def _obey_stop(self, tasks: NiTasks) -> None:
+        """Opens the relay while the emergency stop is latched."""
+        self._is_latched = self._is_latched or self._is_pressed
+        if self._is_latched and self._relay is not False:
+            self._cut(tasks)
+
+    def _acknowledge(self, tasks: NiTasks) -> None:
+        """Ends what is latched, as far as its cause is over; the relay stays open."""
+        self._is_latched = self._is_pressed
+        if self._has_expired:
+            self._disarm(tasks)
+            self._arm(tasks)
+
+    def _open_watchdog(self, tasks: NiTasks) -> None:
+        """Prepares the card's watchdog, or remarks that there is none."""
+        self.watchdog, self.remarks = "", []
+        timeout = self._settings.watchdog_timeout
+        if tasks.had_expired:
+            self._remark("the watchdog of an earlier program had opened the relay; it is cleared")
+        if timeout == 0.0:
+            self._remark("no watchdog of its own: watchdog_ms is 0")
+            return
+        try:
+            tasks.open_watchdog()
+        except DeviceError as error:
+            self._do_without(error)
+            return
+        self._has_watchdog = True
+        self.watchdog = f"without this program the card opens the relay within {timeout:g} s"
+
+    def _do_without(self, error: DeviceError) -> None:
+        """Goes on without a watchdog that was refused; not if nothing has answered."""
+        if error.fault is not DeviceFault.FAILED:
+            raise error
+        self._has_watchdog, self.watchdog = False, ""
+        self._remark(f"no watchdog of its own: {error.words}")
+
+    def _remark(self, text: str) -> None:
+        self.remarks = [*self.remarks, text]
+
+    def _arm(self, tasks: NiTasks) -> None:
+        """Arms the watchdog if there is one."""
+        if not self._has_watchdog:
+            return
+        try:
+            tasks.arm_watchdog()
+        except DeviceError as error:
+            self._do_without(error)
+            return
+        self._is_armed, self._reset_at = True, time.monotonic()
+
+    def _disarm(self, tasks: NiTasks) -> None:
+        """Disarms the watchdog if it is armed; the relay is open before and afterwards."""
+        if not self._is_armed:
+            return
+        tasks.disarm_watchdog()
+        self._is_armed = self._has_expired = False
+        # The line was locked; what is written to it counts from now on.
+        self._relay = None
+        self._set_relay(tasks, False)
+
+    def _reset_watchdog(self, tasks: NiTasks, share: float) -> None:
+        """Starts the watchdog's timer anew if that is due; notes that it has run out."""
+        now = time.monotonic()
+        due = self._reset_at + share * self._settings.watchdog_timeout
+        if not self._is_armed or self._has_expired or now < due:
+            return
+        try:
+            tasks.reset_watchdog()
+        except WatchdogExpired:
+            self._relay, self._has_expired = False, True
+            self._write_neutral(tasks)
+            return
+        self._reset_at = now
+
+    @property
+    def _expired_words(self) -> str:
+        timeout = self._settings.watchdog_timeout
+        return (
+            f"its watchdog has opened the relay, because nothing had reached the card for "
+            f"{timeout:g} s; until a stop, or another start"
+        )
 
     def _count(self, tasks: NiTasks) -> list[float]:
         """Reads the counters and follows them through their wrap; tells when [s]."""
@@ -254,6 +398,13 @@ def _check(settings: NiDaqSettings) -> None:
     if len(counters) != size:
         raise ValueError(
             f"each of the {size} outputs needs one counter, not {', '.join(counters)}"
+        )
+    if settings.stop_input and len(expand_channels(settings.stop_input)) != 1:
+        raise ValueError(f"stop_input must be one line, not {settings.stop_input}")
+    if 0.0 < settings.watchdog_timeout < _SHORTEST_WATCHDOG:
+        raise ValueError(
+            f"watchdog_ms must be 0 or at least {1e3 * _SHORTEST_WATCHDOG:g}, "
+            f"not {settings.watchdog_ms:g}"
         )
     start = settings.extension_at_start
     if start is not None and len(start) != size:

@@ -4,6 +4,7 @@ From the inside out: refusals, the wiring behind the card's terminals, tasks and
 server that brings them to other processes.
 """
 
+import math
 import re
 import threading
 import time
@@ -17,6 +18,7 @@ from typing import Any, Self
 
 from parapod.systems.hardware.device import need
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from parapod.systems.safety.faults import FaultKind
 
 # What NI-DAQmx says; the numbers are those of nidaqmx.error_codes.
 _TEXTS = {
@@ -42,6 +44,13 @@ _TEXTS = {
     -200587: "Specified lines are reserved by another task or unavailable.",
     -200846: "Write cannot be performed when the auto start input is false and the task is not "
     "running.",
+    # In words of our own.
+    -200635: "Action specified is only for a watchdog timer task.",
+    -200644: "Watchdog timer cannot be reset because it has expired.",
+    -200662: "Watchdog timer is not supported by the device.",
+    -200668: "Watchdog timeout is out of the range of the device.",
+    -200678: "Write cannot be performed because the watchdog timer has expired.",
+    -200983: "Property cannot be read while the task is not reserved, committed or running.",
 }
 
 
@@ -72,8 +81,9 @@ class NiWiring:
 
     Outputs ao0.. go to motor drivers in analog mode, one for each element of the part's `voltage`;
     counters ctr0.. count the encoders of its `extension`; lines port0/line0.. are its `limits`;
-    one line closes the relay in the drivers' supply. With the relay open `voltage` is 0 and
-    `stop` is 1. The outputs hold what was last written.
+    one line closes the relay in the drivers' supply, and one shows the emergency stop's feedback
+    contact: high while `emergency_stop` is 0. With the relay open, or the stop pressed, `voltage`
+    is 0 and `stop` is 1. The outputs hold what was last written; a line without a wire is low.
     """
 
     def __init__(
@@ -85,6 +95,7 @@ class NiWiring:
         zero_extension: Sequence[float] | None = None,
         relay_line: str = "port0/line12",
         part: str = "legs",
+        stop_line: str = "port0/line13",
     ):
         """Switches the card on: outputs at 0 V, relay open.
 
@@ -97,8 +108,9 @@ class NiWiring:
                 they are started, as it is in truth.
             relay_line: line of the relay.
             part: part of the machine.
+            stop_line: line of the emergency stop's contact; "": it has no wire.
         """
-        self._part = part
+        self._part, self._stop_line = part, stop_line
         self._harness, self._misbehaviour = harness, misbehaviour
         self._supply, self._metres_per_count = supply_voltage, metres_per_count
         self._is_started_at_zero = zero_extension is None
@@ -106,6 +118,7 @@ class NiWiring:
         self._relay_line = relay_line
         self._outputs = {f"ao{index}": 0.0 for index in range(_OUTPUTS)}
         self._lines: dict[str, bool] = {}
+        self._was_pressed = self.is_pressed
         self._apply()
 
     @property
@@ -117,6 +130,17 @@ class NiWiring:
     def is_relay_closed(self) -> bool:
         """Whether the motor drivers have their supply."""
         return self._lines.get(self._relay_line, False)
+
+    @property
+    def is_pressed(self) -> bool:
+        """Whether the emergency stop is; a machine may have none."""
+        name = f"{self._part}.emergency_stop"
+        return name in self._harness and self._harness.get(name)[0] > 0.5
+
+    def follow(self) -> None:
+        """Takes the drives' supply when the emergency stop is pressed, or gives it back."""
+        if self.is_pressed != self._was_pressed:
+            self._apply()
 
     def set_outputs(self, volts: Mapping[str, float]) -> None:
         """Sets analog outputs, by their names [V]."""
@@ -133,15 +157,24 @@ class NiWiring:
         if self._is_started_at_zero:
             self._zero[counter] = self._edges(self._get("extension"))[counter]
 
-    def measure(self) -> tuple[tuple[int, ...], tuple[bool, ...]]:
-        """Edges that the counters have counted, and switches, as they are shown."""
+    def measure(self) -> tuple[tuple[int, ...], dict[str, bool]]:
+        """Edges that the counters have counted, and lines that are high, as they are shown.
+
+        Encoders and switches that are wrong have swapped wires; those of the stop's contact are
+        right.
+        """
         edges = self._edges(self._get("extension"))
         counts = [edge - zero for edge, zero in zip(edges, self._zero, strict=True)]
         # Plus and minus one: what is wrong or garbage changes a switch, too.
         bits = [1.0 if value > 0.5 else -1.0 for value in self._get("limits")]
-        shown = self._misbehaviour.shown((*counts, *bits), time.monotonic())
+        contact = -1.0 if self.is_pressed else 1.0
+        shown = self._misbehaviour.shown((*counts, *bits, contact), time.monotonic())
         size = len(counts)
-        return tuple(map(round, shown[:size])), tuple(value > 0.0 for value in shown[size:])
+        lines = {f"port0/line{i}": value > 0.0 for i, value in enumerate(shown[size:-1])}
+        if self._stop_line:
+            is_wrong = self._misbehaviour.kind == FaultKind.WRONG
+            lines[self._stop_line] = (contact if is_wrong else shown[-1]) > 0.0
+        return tuple(map(round, shown[:size])), lines
 
     def _get(self, signal: str) -> tuple[float, ...]:
         return self._harness.get(f"{self._part}.{signal}")
@@ -152,7 +185,8 @@ class NiWiring:
     def _apply(self) -> None:
         """Puts the outputs on the wires, as motor drivers and relay do."""
         size = len(self._get("voltage"))
-        is_on = self.is_relay_closed
+        self._was_pressed = self.is_pressed
+        is_on = self.is_relay_closed and not self._was_pressed
         shares = ((volts - _STILL) / _STILL for volts in self.outputs[:size])
         voltage = [self._supply * min(max(share, -1.0), 1.0) if is_on else 0.0 for share in shares]
         self._harness.set(f"{self._part}.voltage", voltage)
@@ -165,6 +199,13 @@ _LINES = (32, 8, 8)
 
 # Range of its analog outputs [V].
 _RANGE = 10.0
+
+# Cards with a watchdog: X Series (X Series User Manual, "Watchdog Timer"); M Series have none.
+_WITH_WATCHDOG = re.compile(r"-63\d\d")
+# Longest timeout of it [s] (ditto), and the one that never ends.
+_LONGEST_WATCHDOG, _NEVER = (2**32 - 1) * 8e-9, -1.0
+_RESET_TIMER, _CLEAR_EXPIRATION = 0, 1  # nidaqmx.constants.WDTTaskAction
+_RESERVE, _UNRESERVE = 4, 5  # nidaqmx.constants.TaskMode
 
 # The driver that is emulated: NI-DAQmx 2025 Q1.
 _VERSION = {0x1272: 25, 0x1923: 0, 0x2F22: 0}
@@ -186,6 +227,9 @@ class _Task:
     edges: int = 4
     distance: float = 0.0
     initial: float = 0.0
+    is_reserved: bool = False
+    timeout: float = 0.0
+    states: dict[str, bool] = field(default_factory=dict)
 
 
 class NiCard:
@@ -193,6 +237,10 @@ class NiCard:
 
     The methods with names of the driver's functions take a request of the NI gRPC Device Server
     and give the fields of its response. Tasks and outputs stay when a client goes.
+
+    **Watchdog.** One that expires sets its lines, which refuse writes until the expiration is
+    cleared, by its task or by any other, or another is started; then they hold until they are
+    written. Analog outputs hold all the while.
     """
 
     def __init__(self, wiring: NiWiring, device: str = "PXI1Slot2", product: str = "PXIe-6363"):
@@ -207,6 +255,8 @@ class NiCard:
         self._tasks: dict[str, _Task] = {}
         self._made = 0
         self._lock = threading.Lock()
+        self._expires_at, self._guarded = math.inf, dict[str, bool]()
+        self._locked: frozenset[str] = frozenset()
 
     @property
     def tasks(self) -> tuple[str, ...]:
@@ -226,8 +276,17 @@ class NiCard:
         Raises:
             NiRefusal: the driver refuses.
         """
+        self.advance()
         with self._lock:
             return getattr(self, function)(request)
+
+    def advance(self) -> None:
+        """Does what is due without a call: the watchdog expires, the button is pressed."""
+        with self._lock:
+            if time.monotonic() >= self._expires_at:
+                self._expires_at, self._locked = math.inf, frozenset(self._guarded)
+                self._wiring.set_lines(self._guarded)
+            self._wiring.follow()
 
     def CreateTask(self, request: Any) -> Mapping[str, Any]:
         """A task without channels, or the one of that name."""
@@ -244,7 +303,9 @@ class NiCard:
 
     def ClearTask(self, request: Any) -> Mapping[str, Any]:
         """Removes a task; the outputs hold."""
-        del self._tasks[self._task(request).name]
+        task = self._task(request)
+        self._stop(task)
+        del self._tasks[task.name]
         return {}
 
     def StartTask(self, request: Any) -> Mapping[str, Any]:
@@ -256,14 +317,71 @@ class NiCard:
                 code = -200587 if "line" in min(taken) else -50103
                 raise NiRefusal(code, Device=self._device, Task_Name=task.name)
         task.is_running = True
+        if task.kind == "watchdog":
+            self._locked = frozenset()
+            self._guarded = dict(task.states)
+            self._restart(task)
         if task.kind == "ctr":
             self._wiring.start_counter(int(task.channels[0][3:]))
         return {}
 
     def StopTask(self, request: Any) -> Mapping[str, Any]:
         """Gives the channels of a task back."""
-        self._task(request).is_running = False
+        self._stop(self._task(request))
         return {}
+
+    def TaskControl(self, request: Any) -> Mapping[str, Any]:
+        """Reserves a task that does not run, or no longer."""
+        if request.action_raw not in (_RESERVE, _UNRESERVE):
+            raise NiRefusal(-200077, Property="TaskControl", Requested_Value=request.action_raw)
+        self._task(request).is_reserved = request.action_raw == _RESERVE
+        return {}
+
+    def CreateWatchdogTimerTaskEx(self, request: Any) -> Mapping[str, Any]:
+        """A watchdog task without lines, or the one of that name."""
+        self._check_device(request.device_name)
+        if not _WITH_WATCHDOG.search(self._product):
+            raise NiRefusal(-200662, Device=self._device)
+        is_time = 0.0 < request.timeout <= _LONGEST_WATCHDOG
+        if not is_time and request.timeout != _NEVER:
+            raise NiRefusal(-200668, Requested_Value=request.timeout)
+        made = self.CreateTask(request)
+        if made["new_session_initialized"]:
+            task = self._tasks[made["task"]["name"]]
+            task.kind, task.timeout = "watchdog", request.timeout
+        return made
+
+    def CfgWatchdogDOExpirStates(self, request: Any) -> Mapping[str, Any]:
+        """Sets what lines become when the watchdog expires."""
+        task = self._watchdog(request)
+        levels = need("nidaqmx.constants").Level
+        states = {levels.HIGH.value: True, levels.LOW.value: False}
+        channels = self._channels(request.channel_names, "line")
+        if len(channels) != len(request.expir_state_array):
+            raise NiRefusal(-200524, Task_Name=task.name)
+        if not set(request.expir_state_array) <= set(states):
+            raise NiRefusal(-200077, Property="Watchdog.DO.ExpirState")
+        for channel, state in zip(channels, request.expir_state_array, strict=True):
+            task.states[channel] = states[state]
+        return {}
+
+    def ControlWatchdogTask(self, request: Any) -> Mapping[str, Any]:
+        """Starts the timer of a watchdog anew, or unlocks its lines."""
+        task = self._watchdog(request)
+        if request.action_raw == _CLEAR_EXPIRATION:
+            self._locked = frozenset()
+        elif self._locked:
+            raise NiRefusal(-200644, Task_Name=task.name)
+        elif task.is_running:
+            self._restart(task)
+        return {}
+
+    def GetWatchdogAttributeBool(self, request: Any) -> Mapping[str, Any]:
+        """Whether it has expired."""
+        task = self._watchdog(request)
+        if not task.is_running and not task.is_reserved:
+            raise NiRefusal(-200983, Task_Name=task.name)
+        return _attribute(request, {0x21A8: bool(self._locked)})
 
     def GetTaskAttributeString(self, request: Any) -> Mapping[str, Any]:
         """Its name and its channels."""
@@ -343,6 +461,8 @@ class NiCard:
     def WriteDigitalLines(self, request: Any) -> Mapping[str, Any]:
         """Sets the digital outputs of a task."""
         task = self._written(request, "do", len(request.write_array))
+        if self._locked & set(task.channels):
+            raise NiRefusal(-200678, Task_Name=task.name)
         values = map(bool, request.write_array)
         self._wiring.set_lines(dict(zip(task.channels, values, strict=True)))
         return {"samps_per_chan_written": 1}
@@ -350,8 +470,7 @@ class NiCard:
     def ReadDigitalLines(self, request: Any) -> Mapping[str, Any]:
         """Digital inputs, a byte each, in the order of the task."""
         task = self._task(request)
-        _, limits = self._wiring.measure()
-        inputs = {f"port0/line{index}": value for index, value in enumerate(limits)}
+        _, inputs = self._wiring.measure()
         read = bytes(inputs.get(channel, False) for channel in task.channels)
         return {"read_array": read, "samps_per_chan_read": 1, "num_bytes_per_samp": len(read)}
 
@@ -370,6 +489,23 @@ class NiCard:
         if task is None:
             raise NiRefusal(-200088, Task_Name=request.task.name)
         return task
+
+    def _watchdog(self, request: Any) -> _Task:
+        task = self._task(request)
+        if task.kind != "watchdog":
+            raise NiRefusal(-200635, Task_Name=task.name)
+        return task
+
+    def _restart(self, task: _Task) -> None:
+        """Starts the timer of a watchdog."""
+        never = task.timeout == _NEVER
+        self._expires_at = math.inf if never else time.monotonic() + task.timeout
+
+    def _stop(self, task: _Task) -> None:
+        """Stops a task; a watchdog that has expired stays so."""
+        if task.kind == "watchdog" and task.is_running:
+            self._expires_at = math.inf
+        task.is_running = False
 
     def _check_device(self, name: str) -> None:
         if name.lower() != self._device.lower():
@@ -456,7 +592,8 @@ class NiServer:
 
     Misbehaviour: while the device does not answer, calls hang until it does or their deadline is
     over, and are not carried out in that case; while it is unplugged, none listens at the
-    socket; everything else changes what counters and inputs show. Tasks and outputs stay.
+    socket; everything else changes what counters and inputs show. Tasks and outputs stay, and a
+    watchdog that nothing can reset expires.
 
     Attributes:
         calls: number of calls of each function.
@@ -477,22 +614,24 @@ class NiServer:
         zero_extension: Sequence[float] | None = None,
         relay_line: str = "port0/line12",
         part: str = "legs",
+        stop_line: str = "port0/line13",
     ):
         """Creates a server that does not listen yet.
 
         Args:
             path: path of the socket; at most some 100 characters.
             harness: wires to the simulated machine; with signals `voltage`, `stop`, `extension`
-                and `limits` of the part.
+                and `limits` of the part, and `emergency_stop` if it has one.
             misbehaviour: faults of the device.
             device: the card's name.
-            product: the card's type.
+            product: the card's type; those of the X Series have a watchdog.
             supply_voltage: supply voltage of the motor drivers [V].
             metres_per_count: one edge of an encoder's signals [m].
             zero_extension: extensions at which the counters are zero [m]; None: those at which
                 their task starts.
             relay_line: line of the relay.
             part: part of the machine.
+            stop_line: line of the emergency stop's contact; "": it has no wire.
 
         Raises:
             MissingExtra: gRPC or the driver library is not installed.
@@ -508,6 +647,7 @@ class NiServer:
             zero_extension,
             relay_line,
             part,
+            stop_line,
         )
         self.card = NiCard(self.wiring, device, product)
         self.calls: Counter[str] = Counter()
@@ -552,8 +692,9 @@ class NiServer:
             server.stop(None).wait()
 
     def _watch(self) -> None:
-        """Listens while the cable is in its place."""
+        """Listens while the cable is in its place, and lets the card do what is due by itself."""
         while not self._closing.wait(_POLL):
+            self.card.advance()
             if self._misbehaviour.is_unplugged and self._server is not None:
                 self._hang_up()
             elif self._server is None and not self._misbehaviour.is_unplugged:

@@ -21,7 +21,9 @@ class NiDaqSettings(Schema):
         counters: counters of the encoders, one an actuator, at their default terminals.
         inputs: digital inputs of the limit switches: extended, retracted, contact, each by
             actuator.
-        relay: digital output of the relay in the motor drivers' supply.
+        relay: digital output of the relay in the motor drivers' supply; low is open.
+        stop_input: digital input of the emergency stop's feedback contact, which is closed, and
+            the line high, while it is not pressed: a broken wire counts as pressed; "" for none.
         product: type of the card, as NI-DAQmx names it and as it must answer.
         um_per_count: one count of an encoder [um]; all four edges of signals A and B count. An
             assumption, as the encoder's resolution in simulation.
@@ -32,6 +34,8 @@ class NiDaqSettings(Schema):
             none, a program begins with `extension_at_start_mm`.
         supply_voltage: supply of the motor drivers [V]; the prototype's actuators are for 12 V.
         timeout_ms: longest time for one call [ms].
+        watchdog_ms: time without this program after which the card opens the relay by itself
+            [ms], up to the 34 s of an X Series card's timer; 0: never.
     """
 
     part: str = "legs"
@@ -40,6 +44,7 @@ class NiDaqSettings(Schema):
     counters: str = "PXI1Slot2/ctr0:3"
     inputs: str = "PXI1Slot2/port0/line0:11"
     relay: str = "PXI1Slot2/port0/line12"
+    stop_input: str = "PXI1Slot2/port0/line13"
     product: str = "PXIe-6363"
     um_per_count: float = quantity(10.0, 0.01, 1000.0)
     # No default: a guess would be believed, and the stroke's ends would be where they are not.
@@ -47,6 +52,7 @@ class NiDaqSettings(Schema):
     extension_file: str = "emulator/extensions.json"
     supply_voltage: float = quantity(12.0, 1.0, 48.0)
     timeout_ms: float = quantity(200.0, 5.0, 10000.0)
+    watchdog_ms: float = quantity(100.0, 0.0, 34000.0)
 
     @property
     def address(self) -> str:
@@ -65,11 +71,16 @@ class NiDaqSettings(Schema):
         Raises:
             ValueError: the channels are not of one card.
         """
-        text = ",".join((self.outputs, self.counters, self.inputs, self.relay))
+        text = ",".join((self.outputs, self.counters, self.all_inputs, self.relay))
         cards = {name.partition("/")[0] for name in expand_channels(text)}
         if len(cards) != 1:
             raise ValueError(f"the channels are of {len(cards)} cards: {', '.join(cards)}")
         return cards.pop()
+
+    @property
+    def all_inputs(self) -> str:
+        """Limit switches, then the emergency stop if there is one, as a channel string."""
+        return f"{self.inputs},{self.stop_input}" if self.stop_input else self.inputs
 
     @property
     def counter_names(self) -> tuple[str, ...]:
@@ -91,6 +102,11 @@ class NiDaqSettings(Schema):
     def timeout(self) -> float:
         """Longest time for one call [s]."""
         return 1e-3 * self.timeout_ms
+
+    @property
+    def watchdog_timeout(self) -> float:
+        """Time after which the card opens the relay by itself [s]; 0: never."""
+        return 1e-3 * self.watchdog_ms
 
 
 def expand_channels(text: str) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from parapod.systems.hardware.device import DeviceError, DeviceFault, need
 from parapod.systems.hardware.ni.settings import NiDaqSettings, expand_channels
+from parapod.systems.hardware.ni.watchdog import NiWatchdog
 
 # A driver that has lost its server tries again this often [ms], not ever more rarely, and by
 # itself: a connection that others of the same process share would inherit their waiting time.
@@ -37,6 +38,14 @@ _FAULTS = {
     -200474: DeviceFault.SILENT,  # OPERATION_TIMED_OUT
     -201003: DeviceFault.UNPLUGGED,  # DEV_CANNOT_BE_ACCESSED
 }
+_EXPIRED = {
+    -200644,  # CANT_RESET_EXPIRED_WATCHDOG
+    -200678,  # WRITE_FAILED_BECAUSE_WATCHDOG_EXPIRED
+}
+
+
+class WatchdogExpired(DeviceError):
+    """The card's watchdog has opened the relay, and keeps it open."""
 
 
 class BoundedChannel:
@@ -75,11 +84,14 @@ class BoundedChannel:
 
 
 class NiTasks:
-    """The tasks of one card: analog outputs, relay, counters and inputs.
+    """The tasks of one card: analog outputs, relay, counters, inputs and watchdog.
 
     Each has a name, made of the card's and of its purpose. A server keeps the tasks of a client
     that is gone, and with them the channels; under its name a successor finds such a task and
     takes its place, so the machine can be stopped without a restart of the server.
+
+    Attributes:
+        had_expired: whether the watchdog of an earlier program had opened the relay.
     """
 
     def __init__(self, settings: NiDaqSettings, name: str):
@@ -100,13 +112,17 @@ class NiTasks:
         self._writers = need("nidaqmx.stream_writers")
         self._tasks: list[Any] = []
         self._counters: list[Any] = []
-        self._bits = np.zeros(len(expand_channels(settings.inputs)), dtype=bool)
+        self._bits = np.zeros(len(expand_channels(settings.all_inputs)), dtype=bool)
+        self._watchdog = NiWatchdog(settings, self._told, self._options)
+        self._reset: Future[None] | None = None
+        self.had_expired = False
         self._waits = 0.0
         self._channel: BoundedChannel | None = None
         self._pool: ThreadPoolExecutor | None = None
         if self._target:
             grpc = need("grpc")
-            self._pool = ThreadPoolExecutor(len(settings.counter_names), name)
+            # One more for the watchdog, which nothing waits for.
+            self._pool = ThreadPoolExecutor(len(settings.counter_names) + 1, name)
             self._channel = BoundedChannel(grpc.insecure_channel(self._target, _CONNECTION))
 
     def begin(self, seconds: float) -> None:
@@ -123,6 +139,8 @@ class NiTasks:
         """
         with self._told():
             self._identify()
+            # Before the tasks of the lines, which an expired one has locked.
+            self.had_expired = self._watchdog.take_over()
             self._create_outputs()
             self._create_inputs()
             # Only a task that runs is quick to read and to write, and counts between the reads.
@@ -167,13 +185,57 @@ class NiTasks:
         return round(position / self._settings.metres_per_count), time.monotonic()
 
     def read_inputs(self) -> tuple[float, ...]:
-        """The digital inputs, 0 or 1."""
+        """The digital inputs, 0 or 1: limit switches, then the emergency stop if there is one."""
         with self._told():
             self._inputs.read_one_sample_multi_line(self._bits, self._waits)
         return tuple(map(float, self._bits))
 
-    def close(self) -> None:
-        """Gives the channels back and ends the connection; never raises."""
+    def open_watchdog(self) -> None:
+        """Prepares the card's watchdog, disarmed.
+
+        Raises:
+            DeviceError: the card has none, or refuses it for this line.
+        """
+        self._watchdog.open()
+
+    def arm_watchdog(self) -> None:
+        """Starts the card's watchdog."""
+        self._watchdog.arm()
+
+    def reset_watchdog(self) -> None:
+        """Starts its timer anew; over gRPC without waiting until that has happened.
+
+        Raises:
+            WatchdogExpired: it has opened the relay. Over gRPC the next call says so.
+        """
+        if self._pool is None:
+            self._watchdog.reset()
+            return
+        if self._reset is not None:
+            if not self._reset.done():
+                return
+            error, self._reset = self._reset.exception(), None
+            # Calls that did not arrive are told by those that are waited for.
+            if not isinstance(error, DeviceError) or error.fault is DeviceFault.FAILED:
+                _raise(error)
+        self._reset = self._pool.submit(self._watchdog.reset)
+
+    def disarm_watchdog(self) -> None:
+        """Stops its timer and unlocks the relay's line, which stays low until it is written."""
+        if self._reset is not None:
+            wait([self._reset], self._waits)
+            self._reset = None
+        self._watchdog.disarm()
+
+    def close(self, is_stopped: bool = True) -> None:
+        """Gives the channels back and ends the connection; never raises.
+
+        Args:
+            is_stopped: whether the relay is known to be open; otherwise the watchdog is left
+                armed, and opens it.
+        """
+        if is_stopped:
+            self._watchdog.close()
         for task in self._tasks:
             with suppress(Exception):
                 task.close()
@@ -222,7 +284,7 @@ class NiTasks:
             self._counters.append(self._readers.CounterReader(task.in_stream))
         inputs = self._task("inputs")
         inputs.di_channels.add_di_chan(
-            settings.inputs, line_grouping=self._constants.LineGrouping.CHAN_FOR_ALL_LINES
+            settings.all_inputs, line_grouping=self._constants.LineGrouping.CHAN_FOR_ALL_LINES
         )
         self._inputs = self._readers.DigitalSingleChannelReader(inputs.in_stream)
 
@@ -248,7 +310,10 @@ class NiTasks:
         except self._errors.RpcError as error:
             raise self._lost(error) from error
         except self._errors.Error as error:
-            fault = _FAULTS.get(getattr(error, "error_code", 0), DeviceFault.FAILED)
+            code = getattr(error, "error_code", 0)
+            if code in _EXPIRED:
+                raise WatchdogExpired(self._name, str(error)) from error
+            fault = _FAULTS.get(code, DeviceFault.FAILED)
             raise DeviceError(self._name, str(error), fault) from error
 
     def _lost(self, error: Any) -> DeviceError:
@@ -268,3 +333,8 @@ class NiTasks:
                     DeviceFault.SILENT,
                 )
         return DeviceError(self._name, str(error))
+
+
+def _raise(error: BaseException | None) -> None:
+    if error is not None:
+        raise error

@@ -135,6 +135,8 @@ def test_a_program_that_is_killed_leaves_the_old_or_the_new_extensions(path):
 class Tasks:
     """Counters, inputs and outputs of a card whose encoders turn when a test says so."""
 
+    had_expired = False
+
     def __init__(self, settings, name):
         self.counts, self.relay, self.time = [0] * 4, None, 0.0
 
@@ -144,14 +146,14 @@ class Tasks:
     def open(self):
         pass
 
-    def close(self):
+    def close(self, is_stopped=True):
         pass
 
     def read_counters(self):
         return [(count % 2**32, self.time) for count in self.counts]
 
     def read_inputs(self):
-        return (0.0,) * 12
+        return (*(0.0,) * 12, 1.0)
 
     def write_outputs(self, values):
         pass
@@ -164,7 +166,9 @@ class Tasks:
 def card(path, monkeypatch):
     """card(): a new one at the same file, as a new program has it."""
     monkeypatch.setattr("parapod.systems.hardware.ni.card.NiTasks", Tasks)
-    settings = NiDaqSettings(extension_at_start_mm=[410.0] * 4, extension_file=str(path))
+    settings = NiDaqSettings(
+        extension_at_start_mm=[410.0] * 4, extension_file=str(path), watchdog_ms=0.0
+    )
     return lambda: NiDaq(settings)
 
 

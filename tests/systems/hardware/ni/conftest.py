@@ -8,7 +8,8 @@ from parapod.systems.hardware.ni.emulator import NiServer
 
 @pytest.fixture
 def harness():
-    return Harness({"legs.voltage": 4, "legs.stop": 1, "legs.extension": 4, "legs.limits": 12})
+    sizes = {"voltage": 4, "stop": 1, "extension": 4, "limits": 12, "emergency_stop": 1}
+    return Harness({f"legs.{name}": size for name, size in sizes.items()})
 
 
 @pytest.fixture

@@ -17,10 +17,12 @@ COUNT = 1e-5
 TIMEOUT = 0.2
 # What a busy computer may add to a timeout [s].
 MARGIN = 0.3
+# The watchdog has tests of its own: see test_watchdog.py.
+PATIENT = {"watchdog_ms": 10000.0}
 
 
 def device(server, **settings):
-    settings = {"extension_file": "", "timeout_ms": 1e3 * TIMEOUT} | settings
+    settings = {"extension_file": "", "timeout_ms": 1e3 * TIMEOUT} | PATIENT | settings
     return NiDaq(NiDaqSettings(target=server.target, **settings))
 
 
@@ -144,6 +146,7 @@ def channels(name):
         "counters": f"{name}/ctr0:3",
         "inputs": f"{name}/port0/line0:11",
         "relay": f"{name}/port0/line12",
+        "stop_input": f"{name}/port0/line13",
     }
 
 
@@ -165,6 +168,8 @@ CARD = "PXI1Slot2"
         ({"inputs": f"{CARD}/port0/line30:33"}, ("port0/line32", "-200170")),
         ({"inputs": f"{CARD}/port3/line0"}, ("port3/line0", "-200170")),
         ({"relay": f"{CARD}/port0/line0"}, ("reserved", "-200587")),
+        ({"stop_input": f"{CARD}/port0/line12"}, ("reserved", "-200587")),
+        ({"stop_input": f"{CARD}/port0/line11"}, ("-200489",)),
     ],
 )
 def test_wrong_settings_are_refused_and_energise_nothing(server, harness, settings, texts):
