@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,8 +36,9 @@ from parapod.systems.sensors.imu import STANDARD_GRAVITY
 for library in ("nidaqmx", "grpc", "canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)
 
-# Where programs may not have a priority, others delay heartbeats by more than a wheel bears.
-PATIENT = "hardware.drivers.2.heartbeat_timeout_ms=500"
+# Where programs may not have a priority, others delay heartbeats by more than a wheel bears, and
+# resets by more than the card does.
+PATIENT = ("hardware.drivers.2.heartbeat_timeout_ms=500", "hardware.drivers.0.watchdog_ms=500")
 PARTS = ("arm", "imu", "legs", "turntable", "wheels")
 HEIGHTS = itertools.cycle((485.0, 470.0))
 
@@ -61,7 +63,7 @@ def job(estimate_at, settled_after, end, height=477.0):
         f"job.end={end}",
         f"job.height_mm={height}",
         "job.arm={start: 0, duration: 0.1}",
-        PATIENT,
+        *PATIENT,
     )
 
 
@@ -150,6 +152,7 @@ def test_measurements_are_mostly_younger_than_a_period_when_commands_are_written
 ):
     scenario = LevellingScenario(backend="hardware")
     scenario.hardware.drivers[2].heartbeat_timeout_ms = 500.0
+    scenario.hardware.drivers[0].watchdog_ms = 500.0
 
     def check():
         legs, _ = ages_of(ClosedLoop(PLATFORM, scenario, log=()), 2.0)
@@ -230,6 +233,7 @@ class Ended(NamedTuple):
 def put_back(machine, extension):
     """Drives the legs to where they have been, lest the next job's posture is out of reach."""
     drivers = LevellingScenario().hardware.drivers
+    drivers[0].watchdog_ms = 500.0
     parts = make_parts(drivers, PLATFORM.inputs, PLATFORM.measured, 0.01)
     (legs,) = parts.threads["legs"]
     machine.measure_legs()
@@ -310,14 +314,19 @@ def test_a_device_that_fails_is_named_and_leaves_the_machine_neutral_within_a_se
     ("kind", "words"),
     [("off", r"did not answer within 0\.1 s"), ("unplugged", r"no NI gRPC .* can be reached")],
 )
-def test_a_card_that_is_away_holds_its_outputs_until_the_next_program(
-    run_with, here, in_time, capsys, kind, words
+@pytest.mark.parametrize("watchdog_ms", [500, 0])
+def test_a_card_that_is_away_opens_the_relay_or_holds_until_the_next_program(
+    run_with, here, in_time, capsys, kind, words, watchdog_ms
 ):
-    ended = run_with(kind, "legs", arguments=("--set", "hardware.drivers.0.timeout_ms=100"))
+    settings = ("timeout_ms=100", f"watchdog_ms={watchdog_ms}")
+    overrides = (f"hardware.drivers.0.{setting}" for setting in settings)
+    ended = run_with(kind, "legs", arguments=("--set", *overrides))
     assert ended.code == 2
-    assert re.fullmatch(rf"parapod: error: PXIe-6363 PXI1Slot2 at \S+: .*{words}.*", ended.error)
+    # The guard may find first that measurements are old.
+    card = rf"(legs_stale: .*; )?PXIe-6363 PXI1Slot2 at \S+: .*{words}.*"
+    assert re.fullmatch(rf"parapod: error: {card}", ended.error)
     # Nobody can reach it; the wheels are stopped all the same.
-    assert here.has_power
+    assert here.has_power is (watchdog_ms == 0)
     assert here.wires.get("wheels.brake")[0] > 0.5
     here.misbehave("legs", "well")
     time.sleep(0.1)
@@ -325,7 +334,11 @@ def test_a_card_that_is_away_holds_its_outputs_until_the_next_program(
     assert main(["check", "legs"]) == 2
     assert "measure them" in capsys.readouterr().err
     assert here.is_neutral
-    assert ended.error.endswith("MAY STILL BE LIVE: press the emergency stop")
+    if watchdog_ms == 0:
+        assert ended.error.endswith("MAY STILL BE LIVE: press the emergency stop")
+    else:
+        assert ended.error.endswith("without this program the card opens the relay within 0.5 s")
+        assert "MAY STILL BE LIVE" not in ended.error
     in_time(ended.took, 4.0, f"end after the card was {kind} [s]")
 
 
@@ -339,7 +352,8 @@ def test_a_card_that_is_away_holds_its_outputs_until_the_next_program(
                 ("legs", "wrong", "leg_response|encoder_jump"),
                 ("legs", "slow", "leg_response"),
                 ("legs", "delayed", "leg_response"),
-                ("legs", "garbage", "leg_response|encoder_jump|encoder_invalid"),
+                # Garbage on the line of the emergency stop is obeyed at once.
+                ("legs", "garbage", "emergency_stop|leg_response|encoder_jump|encoder_invalid"),
                 ("legs", "intermittent", "legs_stale|PXIe-6363 .* did not answer"),
                 ("imu", "wrong", "accel_mismatch|posture_mismatch"),
                 ("imu", "garbage", "imu_stale|ADIS16448 .*"),
@@ -373,6 +387,42 @@ def test_after_a_run_with_devices_that_lie_the_machine_is_neutral(run_with, here
     assert here.is_neutral
 
 
+@pytest.mark.parametrize("released_after", [None, 0.02])
+def test_an_emergency_stop_ends_the_job_also_if_it_was_pressed_for_a_moment(
+    here, capsys, in_time, released_after
+):
+    before = here.wires.get("legs.extension")
+    pressed, words = [], "emergency_stop: the emergency stop is pressed, or its wire is broken"
+
+    def press():
+        if here.until(lambda: here.has_power, 30.0):
+            time.sleep(1.0)
+            pressed.append(time.monotonic())
+            here.misbehave("emergency_stop", "pressed")
+            if released_after is not None:
+                time.sleep(released_after)
+                here.misbehave("emergency_stop", "released")
+
+    hand = threading.Thread(target=press)
+    hand.start()
+    try:
+        code = main(brief())
+        took = time.monotonic() - pressed[0]
+        said = capsys.readouterr().err
+        assert code == 2
+        assert here.is_neutral
+        # Where programs wait for the computer, measurements are old before.
+        if "legs_stale" in said:
+            in_time(1.0, 1.0, "runs that ended before the stop, because measurements were old")
+        assert words in said.splitlines()[-1]
+    finally:
+        hand.join()
+        here.misbehave("emergency_stop", "released")
+        time.sleep(0.1)
+        put_back(here, before)
+    in_time(took, 2.0, "end after the emergency stop [s]")
+
+
 # --- what is refused
 
 
@@ -388,6 +438,7 @@ def test_after_a_run_with_devices_that_lie_the_machine_is_neutral(run_with, here
                 "0.counters=Dev9/ctr0:3",
                 "0.inputs=Dev9/port0/line0:11",
                 "0.relay=Dev9/port0/line12",
+                "0.stop_input=Dev9/port0/line13",
             ],
             r"Dev9 .*-200220",
         ),

@@ -18,8 +18,19 @@ for library in ("nidaqmx", "grpc", "canopen", "can", "serial", "mcap"):
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 
-# Where programs may not have a priority, others delay heartbeats by more than a wheel bears.
-PATIENT = "hardware.drivers.2.heartbeat_timeout_ms=500"
+# Where programs may not have a priority, others delay heartbeats by more than a wheel bears, and
+# resets by more than the card does.
+PATIENT = ("hardware.drivers.2.heartbeat_timeout_ms=500", "hardware.drivers.0.watchdog_ms=500")
+# A card of the M Series, which have no watchdog.
+HOLDING = """
+hardware:
+  drivers:
+    - !NiDaqLegs {product: PXIe-6259}
+    - !Adis16448SpiImu {}
+    - !Epos2Wheels {}
+    - !NotFittedPart {part: arm}
+    - !NotFittedPart {part: turntable}
+"""
 SERIAL = """
 hardware:
   drivers:
@@ -46,7 +57,7 @@ def job(estimate_at=0.5):
         *("job.settled_after=0.5", "job.end=20", f"job.estimate_at={estimate_at}"),
         f"job.height_mm={next(HEIGHTS)}",
         "job.arm={start: 0, duration: 0.1}",
-        PATIENT,
+        *PATIENT,
     )
 
 
@@ -54,6 +65,12 @@ def job(estimate_at=0.5):
 def analog(emulate):
     """A machine whose legs are driven by analog outputs."""
     return emulate()
+
+
+@pytest.fixture(scope="module")
+def holding(emulate):
+    """The first one with a card that has no watchdog."""
+    return emulate(HOLDING)
 
 
 @pytest.fixture(scope="module")
@@ -168,7 +185,7 @@ def test_the_log_of_a_killed_controller_is_readable_up_to_the_last_second(machin
     assert stamps[-1] > at - 1.0
 
 
-def test_wheels_stop_when_the_controller_is_killed_and_analog_outputs_hold(
+def test_wheels_stop_and_the_card_opens_the_relay_when_the_controller_is_killed(
     machine, in_time, capsys
 ):
     driving = machine.driving(DRIVING)
@@ -182,22 +199,49 @@ def test_wheels_stop_when_the_controller_is_killed_and_analog_outputs_hold(
         "wheels.velocity_command", "wheels.brake", "legs.voltage", "legs.stop"
     )
     before = (stamps > at - 0.2) & (stamps < at)
-    # A busy computer may have kept heartbeats from the wheels, which stop rightly then.
+    # A busy computer may have kept heartbeats from the wheels, which stop rightly then; and
+    # resets from the card.
     lost = (np.abs(speed[before] - 2.0) > 0.01).any() or (brake[before] > 0.5).any()
-    in_time(float(lost), 1.0, "wheels that stopped before the kill")
+    lost = lost or (stop[before] > 0.5).any()
+    in_time(float(lost), 1.0, "wheels or legs that stopped before the kill")
     stands = (speed == 0.0).all(axis=1) & (brake[:, 0] > 0.5)
     took = machine.first(stamps, stands, at)
-    # As documented: nothing tells the card that its program is gone.
-    after = stamps > at
-    np.testing.assert_allclose(voltage[after][:, :3], [[1.0, -1.0, 1.0]] * after.sum(), atol=0.01)
-    assert (stop[after] < 0.5).all()
+    is_open = (voltage == 0.0).all(axis=1) & (stop[:, 0] > 0.5)
+    opened = machine.first(stamps, is_open, at)
+    moving = voltage[before][:, :3]
+    np.testing.assert_allclose(moving, [[1.0, -1.0, 1.0]] * len(moving), atol=0.01)
     # The next program does not know where the rods are, but stops them.
     assert main(["check", "legs"]) == 2
-    line = capsys.readouterr().err
+    out, line = capsys.readouterr()
+    assert "the watchdog of an earlier program had opened the relay; it is cleared\n" in out
     assert re.fullmatch(r"parapod: error: extensions' file .*: says that .*\n", line)
     assert "measure them, and delete the file" in line
     assert machine.is_neutral
     in_time(took, 0.2, "wheels stopped after the kill [s]")
+    # As stated, after the timeout of 0.1 s; the log has a row in 10 ms.
+    in_time(opened, 0.12, "relay open after the kill [s]")
+
+
+@pytest.mark.slow
+def test_outputs_of_a_card_without_a_watchdog_hold_when_the_controller_is_killed(
+    holding, monkeypatch, capsys
+):
+    holding.measure_legs()
+    at = killed(holding.driving(DRIVING))
+    time.sleep(0.5)
+    stamps, voltage, stop = holding.logged("legs.voltage", "legs.stop")
+    # As documented: nothing tells the card that its program is gone.
+    after = stamps > at
+    np.testing.assert_allclose(voltage[after][:, :3], [[1.0, -1.0, 1.0]] * after.sum(), atol=0.01)
+    assert (stop[after] < 0.5).all()
+    assert holding.has_power
+    # The next program stops them, and says that the card does not by itself.
+    monkeypatch.setenv("PARAPOD_EMULATOR", holding.environment["PARAPOD_EMULATOR"])
+    assert main(["check", "legs", "--scenario", *holding.scenario]) == 2
+    out, line = capsys.readouterr()
+    assert re.search(r"^PXIe-6259 .*: no watchdog of its own: .*-200662", out, re.MULTILINE)
+    assert re.fullmatch(r"parapod: error: extensions' file .*: says that .*\n", line)
+    assert holding.is_neutral
 
 
 @pytest.mark.slow
@@ -221,7 +265,8 @@ def test_serial_drivers_stop_the_legs_when_the_controller_is_killed(serial, in_t
 
 @pytest.mark.slow
 def test_a_controller_whose_machine_is_gone_ends_and_names_a_device(machine, in_time):
-    controller = machine.parapod(*job(estimate_at=20.0))
+    without = ("--set", "hardware.drivers.0.watchdog_ms=0")
+    controller = machine.parapod(*job(estimate_at=20.0), *without)
     assert machine.until(lambda: machine.has_power, 30.0), controller.communicate()
     time.sleep(0.5)
     os.killpg(machine.process.pid, signal.SIGKILL)
