@@ -303,6 +303,12 @@ class EmulatedPlatform(Emulator):
         return legs and self.wires.get("wheels.brake")[0] > 0.5 and speeds == (0.0,) * 4
 
 
+class EmulatedPlatformOnWheels(EmulatedPlatform):
+    """The platform before it has been anywhere, on level ground."""
+
+    options = (*EmulatedPlatform.options, "--set", "job.start=wheels", "ground={roll_deg: 0}")
+
+
 class EmulatedChair(Emulator):
     """The walking chair."""
 
@@ -337,6 +343,12 @@ def emulators():
 def emulate(emulators):
     """emulate(scenario="") begins an `EmulatedPlatform`."""
     return partial(emulators, EmulatedPlatform)
+
+
+@pytest.fixture(scope="module")
+def emulate_on_wheels(emulators):
+    """emulate_on_wheels() begins an `EmulatedPlatformOnWheels`."""
+    return partial(emulators, EmulatedPlatformOnWheels)
 
 
 @pytest.fixture(scope="module")

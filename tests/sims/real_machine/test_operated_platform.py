@@ -1,0 +1,183 @@
+"""A person operates the emulated platform on a page, and lets go of it in several ways."""
+
+import json
+import os
+import signal
+import threading
+import time
+import urllib.request
+
+import numpy as np
+import pytest
+
+for library in ("nidaqmx", "grpc", "canopen", "can", "serial", "mcap"):
+    pytest.importorskip(library)
+
+
+class Page:
+    """A person in front of a browser."""
+
+    def __init__(self, url):
+        self.url, self.is_open, self.held = url, threading.Event(), ""
+        self.is_open.set()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._speak)
+        self._thread.start()
+
+    def _speak(self):
+        while not self._over.wait(0.05):
+            if not self.is_open.is_set():
+                continue
+            try:
+                urllib.request.urlopen(f"{self.url}/beat?page=me", timeout=2.0).close()
+                if self.held:
+                    self.send(hold=self.held, on=True, number=time.monotonic_ns())
+            except OSError:
+                return  # the program has ended
+
+    def state(self):
+        with urllib.request.urlopen(f"{self.url}/state?page=me", timeout=5.0) as answer:
+            return json.loads(answer.read())
+
+    def send(self, **body):
+        data = json.dumps({"page": "me", **body}).encode()
+        request = urllib.request.Request(self.url, data, {"Origin": self.url})
+        urllib.request.urlopen(request, timeout=5.0).close()
+
+    def click(self, name):
+        self.send(button=name)
+
+    def wait(self, state, timeout=30.0):
+        """Waits until the machine is in a state; says for how long."""
+        begun = time.monotonic()
+        while (shown := self.state())["state"] != state:
+            assert time.monotonic() < begun + timeout, shown
+            time.sleep(0.02)
+        return time.monotonic() - begun
+
+    def close(self):
+        self._over.set()
+        self._thread.join()
+
+
+@pytest.fixture(scope="module")
+def machine(emulate_on_wheels):
+    return emulate_on_wheels()
+
+
+@pytest.fixture
+def operate(machine):
+    """operate(*options): the program, and the page of a person who has opened it."""
+    begun = []
+
+    def begin(*options):
+        program = machine.parapod("operate", "deploy", "--backend=hardware", *options)
+        line = program.stderr.readline()
+        assert line.startswith("open http"), line + program.stderr.read()
+        page = Page(line.split()[1])
+        begun.append((program, page))
+        page.wait("transport")
+        return program, page
+
+    yield begin
+    for program, page in begun:
+        page.close()
+        if program.poll() is None:
+            program.send_signal(signal.SIGINT)
+            program.communicate(timeout=30.0)
+    assert machine.until(lambda: machine.is_neutral, 5.0)
+
+
+def voltages(machine):
+    return np.abs(machine.wires.get("legs.voltage"))
+
+
+@pytest.fixture
+def within(machine, in_time):
+    """within(condition, limit, what): waits until something holds, no longer than that."""
+
+    def wait(condition, limit, what):
+        begun = time.monotonic()
+        assert machine.until(condition, 5.0), what
+        in_time(time.monotonic() - begun, limit, what)
+
+    return wait
+
+
+def still(machine, seconds):
+    """Whether no leg moves for a time."""
+    before = np.array(machine.wires.get("legs.extension"))
+    time.sleep(seconds)
+    return np.abs(machine.wires.get("legs.extension") - before).max() < 5e-5
+
+
+def test_an_operator_drives_lowers_stops_and_goes_on(machine, operate, within, tmp_path):
+    log = tmp_path / "operated.mcap"
+    program, page = operate("--log", str(log))
+    page.held = "ahead"
+    assert machine.until(lambda: machine.wires.get("wheels.velocity_command")[0] > 1.0, 5.0)
+    page.held = ""
+    within(lambda: not any(machine.wires.get("wheels.velocity_command")), 0.6, "let go")
+    page.click("Go")
+    page.wait("lower")
+    time.sleep(0.5)
+    assert voltages(machine).min() > 0.1
+    # The emergency stop.
+    machine.misbehave("emergency_stop", "pressed")
+    within(lambda: not machine.has_power and not voltages(machine).any(), 0.2, "cut")
+    page.wait("fault", 2.0)
+    assert any(text.startswith("emergency_stop: ") for text in page.state()["remarks"])
+    page.click("Reset")  # in vain
+    machine.misbehave("emergency_stop", "released")
+    time.sleep(1.0)
+    assert page.state()["state"] == "fault"
+    assert not machine.has_power
+    assert not voltages(machine).any()
+    page.click("Reset")
+    page.wait("standby", 2.0)
+    assert still(machine, 0.5)
+    page.held = "leg 2 down"
+    before = np.array(machine.wires.get("legs.extension"))
+    time.sleep(1.0)
+    page.held = ""
+    moved = np.array(machine.wires.get("legs.extension")) - before
+    assert moved[1] < -5e-4
+    assert np.abs(np.delete(moved, 1)).max() < 1e-4
+    page.click("Stop")
+    page.wait("transport")
+    # The page is closed while legs move.
+    page.click("Go")
+    page.wait("lower")
+    time.sleep(0.5)
+    page.is_open.clear()
+    within(lambda: voltages(machine).max() < 0.05, 0.6, "page closed")
+    assert still(machine, 0.5)
+    page.is_open.set()
+    page.wait("fault", 2.0)
+    page.click("End")
+    _, said = program.communicate(timeout=30.0)
+    assert program.returncode == 0, said
+    assert log.stat().st_size > 100_000
+
+
+def test_a_machine_whose_page_dies_holds_and_then_ends(machine, operate, within):
+    program, page = operate()
+    page.click("Go")
+    page.wait("lower")
+    time.sleep(0.5)
+    children = f"/proc/{program.pid}/task/{program.pid}/children"
+    with open(children) as file:
+        (desk,) = [int(pid) for pid in file.read().split() if "lab.desk" in command_of(pid)]
+    page.is_open.clear()
+    begun = time.monotonic()
+    os.kill(desk, signal.SIGKILL)
+    within(lambda: voltages(machine).max() < 0.05, 0.6, "page killed")
+    _, said = program.communicate(timeout=30.0)
+    assert program.returncode == 2
+    assert "the operator's page is gone" in said
+    assert time.monotonic() - begun < 10.0
+
+
+def command_of(pid):
+    with open(f"/proc/{pid}/cmdline") as file:
+        return file.read().replace("\0", " ")
