@@ -97,7 +97,7 @@ def operated_platform(
         machine,
         meshcat=meshcat,
         controller=make_supervised_controller(machine, is_operated=True),
-        sources=(OperatorControls(controls, height, MODEL_GEOMETRY),),
+        sources=(OperatorControls(controls, height, MODEL_GEOMETRY, period=0.02),),
         log=(),
     )
 

@@ -192,7 +192,7 @@ RULES: tuple[Rule, ...] = (
         Finding.OPERATOR_LOST,
         Severity.HOLD,
         0.0,
-        0.45,
+        0.4,
         "operator's page",
         "an operator of whom nothing has been heard",
     ),
@@ -262,7 +262,7 @@ class FaultDetectorParams:
     pushed: float = math.radians(0.35)
     end: float = 2e-3
     up: float = 0.440
-    silence: float = 0.4
+    silence: float = 0.3
 
 
 class FaultDetector(LeafSystem):

@@ -128,6 +128,8 @@ def test_an_operator_drives_lowers_stops_and_goes_on(machine, operate, within, t
     page.wait("fault", 2.0)
     assert any(text.startswith("emergency_stop: ") for text in page.state()["remarks"])
     page.click("Reset")  # in vain
+    time.sleep(0.5)
+    assert page.state()["state"] == "fault"
     machine.misbehave("emergency_stop", "released")
     time.sleep(1.0)
     assert page.state()["state"] == "fault"
@@ -150,7 +152,8 @@ def test_an_operator_drives_lowers_stops_and_goes_on(machine, operate, within, t
     page.wait("lower")
     time.sleep(0.5)
     page.is_open.clear()
-    within(lambda: voltages(machine).max() < 0.05, 0.6, "page closed")
+    within(lambda: still(machine, 0.05), 0.55, "page closed")
+    time.sleep(0.5)
     assert still(machine, 0.5)
     page.is_open.set()
     page.wait("fault", 2.0)
@@ -171,7 +174,7 @@ def test_a_machine_whose_page_dies_holds_and_then_ends(machine, operate, within)
     page.is_open.clear()
     begun = time.monotonic()
     os.kill(desk, signal.SIGKILL)
-    within(lambda: voltages(machine).max() < 0.05, 0.6, "page killed")
+    within(lambda: still(machine, 0.05), 0.55, "page killed")
     _, said = program.communicate(timeout=30.0)
     assert program.returncode == 2
     assert "the operator's page is gone" in said

@@ -200,7 +200,7 @@ SIGNS = {
     ),
     "pressed stop": (Finding.EMERGENCY_STOP, Phase.TRANSPORT, {"emergency_stop": (1.0,)}),
     "unknown stop": (Finding.EMERGENCY_STOP, Phase.HOLD, {"emergency_stop": (math.nan,)}),
-    "silent operator": (Finding.OPERATOR_LOST, Phase.LOWER, {"operator_age": (0.41,)}),
+    "silent operator": (Finding.OPERATOR_LOST, Phase.LOWER, {"operator_age": (0.31,)}),
     "no operator": (Finding.OPERATOR_LOST, Phase.HOLD, {"operator_age": (math.inf,)}),
     "nan command": (Finding.COMMAND_INVALID, Phase.HOLD, {"posture_request": (0, math.nan, 0.48)}),
 }
