@@ -313,7 +313,7 @@ def _obey(panel: Panel, twin: Any, messages: Sequence[Mapping[str, Any]]) -> Non
 
 
 def _operated(panel: Panel) -> Mapping[str, Any]:
-    """What the operator does."""
+    """Everything that the operator does at this moment."""
     silence = panel.silence()
     return {
         "sliders": {name: panel.GetSliderValue(name) for name in panel.GetSliderNames()},

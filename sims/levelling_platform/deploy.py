@@ -20,6 +20,7 @@ from pydrake.systems.framework import Context, EventStatus
 from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.guard import Trip, Tripped
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.controller import make_supervised_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM
@@ -55,7 +56,7 @@ from parapod.sims.levelling_platform.operation import (
 from parapod.systems.core.errors import RefusedRequest, UnreachablePosture
 from parapod.systems.core.ports import value_of
 from parapod.systems.core.schema import Schema, choice, quantity
-from parapod.systems.levelling_platform.fault_detection import Finding
+from parapod.systems.levelling_platform.fault_detection import RULES, Finding
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
@@ -284,7 +285,8 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
 
         def monitor(loop: ClosedLoop[Any], meshcat: Meshcat | None) -> Monitor:
             label = PhaseLabel(meshcat) if meshcat and bench.options.html else None
-            watches.append(_Watch(loop, len(scenario.steps()), label))
+            is_real = scenario.backend == "hardware"
+            watches.append(_Watch(loop, len(scenario.steps()), label, ends_at_fault=is_real))
             return watches[-1].look
 
         run = bench.run(self, scenario, monitor=monitor)
@@ -472,7 +474,7 @@ def _standing(scenario: DeployScenario, signals: Signals) -> list[Metric]:
         ),
         Metric(
             "wheel_clearance_mm",
-            1e3 * _smallest(_clearance(scenario, signals)[held]),
+            1e3 * _smallest(_clearance(scenario, signals)[:, held]),
             "mm",
             at_least=_CLEARANCE,
             meaning="of the lowest wheel while held",
@@ -514,7 +516,7 @@ def posture_of(signals: Signals) -> NDArray[np.float64]:
 
 
 def _clearance(scenario: DeployScenario, signals: Signals) -> NDArray[np.float64]:
-    """Clearance of the wheels (n, 4) above the ground's plane [m]."""
+    """Clearance of the wheels (4, n) above the ground's plane [m]."""
     wheels, posture = WheelGeometry(), posture_of(signals)
     ground: Any = scenario.ground.inclination
     if "truth.posture" not in signals:
@@ -551,8 +553,15 @@ def _smoothness(scenario: DeployScenario, signals: Signals) -> list[Metric]:
 class _Watch:
     """Looks at a running operation: shows its phase, and ends it when there is nothing to come."""
 
-    def __init__(self, loop: ClosedLoop[Any], steps: int, label: PhaseLabel | None):
+    def __init__(
+        self,
+        loop: ClosedLoop[Any],
+        steps: int,
+        label: PhaseLabel | None,
+        ends_at_fault: bool = False,
+    ):
         self._loop, self._steps, self._label = loop, steps, label
+        self._ends_at_fault = ends_at_fault
         self._operator = loop.GetSubsystemByName("operator_script")
         self._phase: Phase | None = None
         self._entered, self._refused_at = 0.0, np.inf
@@ -571,6 +580,8 @@ class _Watch:
             self._refused_at = now
             self._refusal = self._read(root_context, "refusal").astype(int).tolist()
             self._margin = float(self._read(root_context, "arm_margin")[0])
+        if self._is_faulty and now > self._entered + _STANDING:
+            return EventStatus.ReachedTermination(self._loop.controller, "fault")
         if now > self._refused_at + _STANDING:
             return EventStatus.ReachedTermination(self._loop.controller, "refused")
         if not self.steps_left(root_context):
@@ -580,6 +591,11 @@ class _Watch:
     def steps_left(self, root_context: Context) -> int:
         """Number of the operator's steps that are still to come."""
         return self._steps - int(value_of(self._operator, "steps_done", root_context)[0])
+
+    @property
+    def _is_faulty(self) -> bool:
+        """Whether nobody is there who could reset a fault."""
+        return self._ends_at_fault and self._phase is Phase.FAULT
 
     def _is_refused(self, root_context: Context) -> bool:
         if self._read(root_context, "refusal")[0] != Refusal.NONE:
@@ -593,12 +609,18 @@ class _Watch:
         return value_of(self._loop.controller, port, root_context)
 
     def raise_refusal(self, root_context: Context) -> None:
-        """Says what was refused, if anything was.
+        """Says what was refused, or found to be wrong, if anything was.
 
         Raises:
+            Tripped: a fault that nobody resets.
             UnreachablePosture: a ground that cannot be levelled, or a posture out of reach.
             RefusedRequest: anything else.
         """
+        if self._is_faulty:
+            findings = self._read(root_context, "findings")
+            found = [rule for rule in RULES if findings[rule.finding] > 0.5]
+            worst = max(found, key=lambda rule: rule.severity)
+            raise Tripped(Trip(worst.finding.name.lower(), worst.sign))
         if not np.isfinite(self._refused_at):
             return
         code, detail = self._refusal

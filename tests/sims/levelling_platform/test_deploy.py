@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 import umsgpack
 from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
 
+from parapod.diagrams.guard import Tripped
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.sims.lab.files import read_log
-from parapod.sims.levelling_platform.deploy import DeployScenario
+from parapod.sims.levelling_platform.deploy import Deploy, DeployScenario, _Watch
 from parapod.sims.levelling_platform.operation import PhaseLabel
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.supervisor import Phase, SupervisorParams
@@ -94,6 +96,19 @@ def test_a_fault_leaves_nothing_that_acts_without_a_number(faulty):
     assert stopped[-1]
     assert not signals["legs.voltage"][stopped][1:].any()
     assert np.ptp(signals["truth.extension"][stopped][10:], axis=0).max() < 1e-9
+
+
+def test_where_nobody_resets_it_a_fault_ends_the_job_and_is_named():
+    fault = "faults=[{at: 1.0, target: legs.extension, index: 2, kind: off}]"
+    scenario = load_scenario(DeployScenario, overrides=("backend=kinematic", fault))
+    loop = Deploy("deploy").loop(scenario, log=())
+    watch = _Watch(loop, len(scenario.steps()), None, ends_at_fault=True)
+    simulator = Simulator(loop)
+    simulator.set_monitor(watch.look)
+    simulator.AdvanceTo(6.0)
+    assert 3.0 < simulator.get_context().get_time() < 3.1  # it is seen to stand for 2 s
+    with pytest.raises(Tripped, match=r"^(legs_stale|encoder_invalid): .*; the job has "):
+        watch.raise_refusal(simulator.get_context())
 
 
 def test_the_log_says_which_fault_was_injected_and_when(faulty, tmp_path):

@@ -5,6 +5,7 @@ import pytest
 
 from parapod.diagrams.levelling_platform.guard import PlatformGuard
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.systems.levelling_platform.fault_detection import Finding
 
 PERIOD = 0.01
 # Latest time after which each fault is found while the legs move [s].
@@ -36,7 +37,8 @@ def recorded(finished):
         assert np.diff(log.time) == pytest.approx(PERIOD)
         ages = {"status.age": np.full((len(log.time), 4), 0.01)}
         return log.time, {
-            name: log.signals[name] for name in PlatformGuard.signals - {*ages}
+            name: log.signals[name]
+            for name in PlatformGuard.signals - {*ages} & log.signals.keys()
         } | ages
 
     return read
@@ -130,3 +132,18 @@ def test_before_the_ground_is_known_and_without_an_estimator_the_legs_are_watche
     assert watch(time, seen) is None
     trip, _ = watch(time, spoilt("jump of an encoder", seen, 10))
     assert trip.name == "encoder_jump"
+
+
+def test_a_job_with_a_supervisor_goes_on_but_remembers_no_positions_that_may_be_wrong(recorded):
+    _, signals = recorded("level")
+    guard = PlatformGuard(LevellingScenario())
+    values = {name: samples[0] for name, samples in spoilt("no encoder", signals, 0).items()}
+    values["findings"] = np.zeros(len(Finding))
+    assert guard.check(50.0, values) is None  # that is for the supervisor's detector to find
+    values["findings"][Finding.ENCODER_JUMP] = 1.0
+    trip = guard.check(50.01, values)
+    assert (trip.name, trip.distrusted, trip.ends) == ("encoder_jump", ("legs",), False)
+    values["findings"][:] = 0.0
+    values["findings"][Finding.OPERATOR_LOST] = 1.0
+    trip = guard.check(50.02, values)
+    assert (trip.name, trip.distrusted, trip.ends) == ("operator_lost", (), False)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import threading
 import time
@@ -184,3 +185,35 @@ def test_a_machine_whose_page_dies_holds_and_then_ends(machine, operate, within)
 def command_of(pid):
     with open(f"/proc/{pid}/cmdline") as file:
         return file.read().replace("\0", " ")
+
+
+@pytest.mark.slow
+def test_the_whole_operation_is_carried_out_on_devices(machine, tmp_path):
+    found = tmp_path / "found.json"
+    options = ("--set", "drive.distance_m=0.3", "--json", str(found))
+    machine.run_well("run", "deploy", "--backend=hardware", *options)
+    metrics = json.loads(found.read_text())
+    assert metrics["steps_left"] == metrics["findings"] == 0.0
+    assert metrics["roll_error_deg"] < 0.2
+    assert machine.until(lambda: machine.is_neutral, 5.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("part", "kind", "words"),
+    [
+        ("legs", "stuck", "leg_response: |supply: "),
+        ("imu", "garbage", "accel_invalid: |gyro_invalid: |Adis16448"),
+        ("emergency_stop", "pressed", "emergency_stop: "),
+    ],
+)
+def test_a_fault_in_the_operation_is_named_and_ends_it(machine, part, kind, words):
+    program = machine.parapod("run", "deploy", "--backend=hardware")
+    assert machine.until(lambda: voltages(machine).min() > 0.1, 40.0)
+    machine.misbehave(part, kind)
+    _, said = program.communicate(timeout=60.0)
+    machine.misbehave(part, "released" if part == "emergency_stop" else "well")
+    machine.measure_legs()
+    assert program.returncode == 2
+    assert re.search(words, said.splitlines()[-1]), said
+    assert machine.until(lambda: machine.is_neutral, 5.0)
