@@ -9,10 +9,19 @@ import sys
 
 from rich.console import Console
 
-from benchmarks import accuracy, chair, endurance, hardware, kinematics, mutants, realtime
+from benchmarks import (
+    accuracy,
+    chair,
+    endurance,
+    faults,
+    hardware,
+    kinematics,
+    mutants,
+    realtime,
+)
 from benchmarks.report import Measurement, print_measurements
 
-_GROUPS = ("kinematics", "realtime", "accuracy", "chair", "endurance", "hardware", "day")
+_GROUPS = ("kinematics", "realtime", "accuracy", "chair", "endurance", "hardware", "faults", "day")
 _DEFAULT = tuple(name for name in _GROUPS if name != "day")
 
 
@@ -36,6 +45,7 @@ def main(arguments: list[str]) -> int:
             "chair": lambda: chair.run(console),
             "endurance": lambda: endurance.run(console),
             "hardware": lambda: hardware.run(console),
+            "faults": lambda: faults.run(console),
             "day": lambda: endurance.run_day(console),
         }[name]()
         print_measurements(name, measured, console)

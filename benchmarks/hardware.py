@@ -12,6 +12,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
+from benchmarks.emulated import emulated
 from benchmarks.report import Measurement
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.machine import PLATFORM
@@ -23,13 +24,14 @@ from parapod.sims.real_machine.real_time import DeadlineError, Timing
 from parapod.systems.hardware.device import DeviceError
 
 _DURATION = 15.0  # [s]
+_PHYSICS = ("--backend", "kinematic")
 # Runs with and without a log, and how long each is [s].
 _TURNS, _TURN = 3, 5.0
 
 
 def run(console: Console) -> list[Measurement]:
     results = _punctuality(console)
-    with _emulator():
+    with emulated(PLATFORM, *_PHYSICS):
         scenario = LevellingScenario(backend="hardware")
         loop = ClosedLoop(PLATFORM, scenario, log=())
         simulator = Simulator(loop)
@@ -59,7 +61,7 @@ def _logging(console: Console) -> list[Measurement]:
     for others in (0, 2 * len(os.sched_getaffinity(0))):
         missed: dict[bool, list[float]] = {False: [], True: []}
         late: dict[bool, list[float]] = {False: [], True: []}
-        with _emulator(), _busy(others), tempfile.TemporaryDirectory() as folder:
+        with emulated(PLATFORM, *_PHYSICS), _busy(others), tempfile.TemporaryDirectory() as folder:
             for is_logged in (False, True) * _TURNS:
                 log = Path(folder, "log.mcap") if is_logged else None
                 timing = _timing_of_a_turn(RunOptions(console=console, log=log))
@@ -123,31 +125,3 @@ def _punctuality(console: Console) -> list[Measurement]:
             Measurement(f"tick, 99 %, {p.rate:g} Hz", cost, "ms", 1e3 / p.rate, None, True),
         ]
     return results
-
-
-@contextmanager
-def _emulator() -> Iterator[None]:
-    """The emulated machine in another process, in a folder of its own."""
-    with tempfile.TemporaryDirectory(prefix="parapod") as folder:
-        os.environ["PARAPOD_EMULATOR"] = folder
-        command = [
-            sys.executable,
-            "-m",
-            "parapod.sims",
-            "emulate",
-            "level",
-            "--backend",
-            "kinematic",
-        ]
-        process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-        )
-        assert process.stderr is not None
-        try:
-            if not any(line.startswith("ready") for line in process.stderr):
-                raise RuntimeError("the emulator does not begin")
-            yield
-        finally:
-            process.terminate()
-            process.wait()
-            del os.environ["PARAPOD_EMULATOR"]

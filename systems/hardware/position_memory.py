@@ -8,14 +8,18 @@ import math
 import os
 import time
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from parapod.systems.core.quoting import quoted_path, show
 from parapod.systems.hardware.device import Device, DeviceError
 
 # Without power an actuator stands still after this: ten mechanical time constants and more [s].
 _COASTING = 0.05
+# Keys of the file beside the positions.
+_SAVED, _PROGRAMS = "saved", "programs_since_measured"
 # Largest number of looks whether it stands; an encoder on an edge may never be quiet.
 _LOOKS = 10
 
@@ -43,6 +47,20 @@ class PositionMemory:
         """
         self.path, self.signal, self._size = Path(path), signal, size
         self._key = f"{signal}_m"
+        self._saved: datetime | None = None
+        self._programs = 0
+
+    @property
+    def provenance(self) -> str:
+        """Age of the positions, and number of programs since somebody measured them."""
+        when = "an unknown time"
+        if self._saved is not None:
+            age = (datetime.now(UTC) - self._saved).total_seconds()
+            when = f"{_duration(age)} ago ({self._saved:%Y-%m-%d %H:%M} UTC)"
+        since = f"counted by {self._programs} programs since they were measured"
+        if self._programs == 1:
+            since = "counted by one program since they were measured"
+        return f"{self.signal}s as of {when}, {since}"
 
     def recall(self) -> tuple[float, ...] | None:
         """The positions [m]; None if there is no file.
@@ -51,7 +69,9 @@ class PositionMemory:
             DeviceError: the file says that they are not known, or is none of ours.
         """
         try:
-            known = json.loads(self.path.read_text(encoding="utf-8"))[self._key]
+            told = json.loads(self.path.read_text(encoding="utf-8"))
+            known = told[self._key]
+            self._saved, self._programs = _provenance(told)
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError) as error:
@@ -73,18 +93,31 @@ class PositionMemory:
         Raises:
             DeviceError: the file cannot be written.
         """
-        self._write(None)
+        self._write({self._key: None})
 
-    def save(self, positions: Sequence[float]) -> None:
+    def save(self, positions: Sequence[float], are_measured: bool = False) -> None:
         """The drives have no power and the actuators stand still, here [m].
+
+        Args:
+            positions: of the actuators [m].
+            are_measured: whether this program began with positions that somebody had measured,
+                and not with those of the file.
 
         Raises:
             DeviceError: the file cannot be written.
         """
-        self._write([float(x) for x in positions])
+        self._programs = 1 if are_measured else self._programs + 1
+        self._saved = datetime.now(UTC)
+        self._write(
+            {
+                self._key: [float(x) for x in positions],
+                _SAVED: self._saved.isoformat(timespec="seconds"),
+                _PROGRAMS: self._programs,
+            }
+        )
 
-    def _write(self, positions: list[float] | None) -> None:
-        text = json.dumps({self._key: positions}) + "\n"
+    def _write(self, told: Mapping[str, Any]) -> None:
+        text = json.dumps(told) + "\n"
         temporary = self.path.with_name(f"{self.path.name}.new")
         try:
             with open(temporary, "w", encoding="utf-8") as stream:
@@ -97,6 +130,20 @@ class PositionMemory:
 
     def _refused(self, why: str) -> DeviceError:
         return DeviceError(f"{self.signal}s' file {quoted_path(self.path)}", why)
+
+
+def _provenance(told: Mapping[str, Any]) -> tuple[datetime | None, int]:
+    """When positions were saved, and by how many programs; older files do not say."""
+    saved, programs = told.get(_SAVED), told.get(_PROGRAMS, 0)
+    return datetime.fromisoformat(saved) if saved else None, int(programs)
+
+
+def _duration(seconds: float) -> str:
+    """A time in the largest unit of which it has two."""
+    for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{max(seconds, 0.0):.0f} seconds"
 
 
 class IncrementalDevice(Device):
@@ -125,7 +172,7 @@ class IncrementalDevice(Device):
             size: number of actuators.
             part: part of the machine, as errors call it.
         """
-        self._part, self._is_moving = part, False
+        self._part, self._is_moving, self._is_measured = part, False, False
         self._memory = PositionMemory(Path(path), size, self.position_signal) if path else None
 
     @property
@@ -152,6 +199,7 @@ class IncrementalDevice(Device):
             known = self._memory.recall()
             if known is not None:
                 self.set_reference(known)
+                self.remarks = [*self.remarks, self._memory.provenance]
             elif not self.is_referenced:
                 raise DeviceError(
                     self.name,
@@ -162,6 +210,7 @@ class IncrementalDevice(Device):
         except BaseException:
             self.close()
             raise
+        self._is_measured = known is None
 
     def activate(self) -> None:
         """Gives power to neutral outputs; from now on the memory knows nothing."""
@@ -174,7 +223,7 @@ class IncrementalDevice(Device):
         """Takes the power from the outputs; then the memory knows where the actuators stand."""
         self._release()
         if self._memory is not None and self._is_moving:
-            self._memory.save(self._at_rest())
+            self._memory.save(self._at_rest(), self._is_measured)
             self._is_moving = False
 
     def distrust(self) -> None:
@@ -197,6 +246,7 @@ class IncrementalDevice(Device):
             what = f"{size} finite {self.position_signal}s"
             raise ValueError(f"{what} are needed, not {tuple(values)}")
         self._set_reference(values)
+        self._is_measured = True
 
     def _at_rest(self) -> Sequence[float]:
         """Positions that do not change any more."""

@@ -43,7 +43,7 @@ def here(chair, monkeypatch):
 
 def share_in_time(said):
     """Share of the commands made of measurements that were younger than a period."""
-    (line,) = [line for line in said.splitlines() if line.startswith("EPOS2")]
+    (line,) = [x for x in said.splitlines() if x.startswith("EPOS2") and " ms old " in x]
     late, of = map(int, re.search(r"(\d+) of (\d+) above one period", line).groups())
     return 1.0 - late / of
 

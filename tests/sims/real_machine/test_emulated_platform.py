@@ -115,7 +115,8 @@ def test_a_job_on_the_emulated_machine_holds_its_bounds_in_truth(levelled, machi
 
 def test_the_age_of_measurements_is_said_after_a_run(levelled):
     for device in ("PXIe-6363", "EPOS2"):
-        (line,) = [line for line in levelled.said.splitlines() if line.startswith(device)]
+        lines = levelled.said.splitlines()
+        (line,) = [one for one in lines if one.startswith(device) and " ms old " in one]
         words = r"were [\d.]+, [\d.]+, [\d.]+ ms old .* written, \d+ of \d+ above one period"
         assert re.search(words, line)
 

@@ -158,7 +158,7 @@ def test_the_garbage_collector_is_away_meanwhile_and_back_after():
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
 def test_signals_that_end_programs_pass_through_finally(name):
     number = getattr(signal, name)
-    before, ended = signal.getsignal(number), []
+    before, ended = signal.signal(number, signal.SIG_DFL), []  # also under nohup
 
     def killed():
         try:
@@ -167,10 +167,13 @@ def test_signals_that_end_programs_pass_through_finally(name):
         finally:
             ended.append(True)
 
-    with ended_by_signals(), pytest.raises(KeyboardInterrupt, match=name):
-        killed()
-    assert ended
-    assert signal.getsignal(number) == before
+    try:
+        with ended_by_signals(), pytest.raises(KeyboardInterrupt, match=name):
+            killed()
+        assert ended
+        assert signal.getsignal(number) == signal.SIG_DFL
+    finally:
+        signal.signal(number, before)
 
 
 def test_a_signal_that_is_ignored_under_nohup_ends_nothing():

@@ -6,6 +6,8 @@ import os
 import signal
 import subprocess
 import sys
+import time
+from datetime import UTC, datetime
 
 import pytest
 
@@ -40,8 +42,43 @@ def test_what_is_saved_is_recalled_to_the_last_bit(memory, path):
 
 def test_the_file_is_json_that_people_can_read_and_nothing_else_is_left(memory, path):
     memory.save(EXTENSION)
-    assert json.loads(path.read_text()) == {"extension_m": list(EXTENSION)}
+    told = json.loads(path.read_text())
+    assert told["extension_m"] == list(EXTENSION)
+    assert abs(datetime.fromisoformat(told["saved"]).timestamp() - time.time()) < 60.0
+    assert told["programs_since_measured"] == 1
     assert [file.name for file in path.parent.iterdir()] == ["extensions.json"]
+
+
+@pytest.mark.parametrize(
+    ("ago", "words"),
+    [(0.0, "seconds"), (3.0 * 3600.0, "3 hours ago"), (200.0, "3 minutes ago"), (4e6, "46 days")],
+)
+def test_it_tells_how_old_positions_are(memory, path, ago, words):
+    memory.save(EXTENSION, are_measured=True)
+    told = json.loads(path.read_text())
+    told["saved"] = datetime.fromtimestamp(time.time() - ago, UTC).isoformat()
+    path.write_text(json.dumps(told))
+    assert memory.recall() == EXTENSION
+    assert words in memory.provenance
+    assert memory.provenance.endswith("counted by one program since they were measured")
+
+
+def test_it_counts_the_programs_since_positions_were_measured(path):
+    for programs in (1, 2, 3):
+        memory = PositionMemory(path, 4, "extension")
+        assert (memory.recall() is None) == (programs == 1)
+        memory.forget()
+        memory.save(EXTENSION, are_measured=programs == 1)
+    memory.recall()
+    assert "counted by 3 programs since" in memory.provenance
+    memory.save(EXTENSION, are_measured=True)
+    assert "by one program" in memory.provenance
+
+
+def test_a_file_from_before_says_that_it_does_not_know_how_old_it_is(memory, path):
+    path.write_text(json.dumps({"extension_m": list(EXTENSION)}))
+    assert memory.recall() == EXTENSION
+    assert memory.provenance.startswith("extensions as of an unknown time, ")
 
 
 def test_what_was_forgotten_is_refused_with_what_to_do(memory):
@@ -66,6 +103,7 @@ def test_what_was_forgotten_is_refused_with_what_to_do(memory):
         ("[0.4, 0.4, 0.4, 0.4]", "cannot be read"),
         ('"extension_m"', "cannot be read"),
         ("{}", "cannot be read"),
+        ('{"extension_m": [0.4, 0.4, 0.4, 0.4], "saved": "soon"}', "cannot be read"),
         ('{"extension_m": 0.4}', "must have 4 extensions"),
         ('{"extension_m": [0.4, 0.4, 0.4]}', "must have 4 extensions"),
         ('{"extension_m": [0.4, 0.4, 0.4, NaN]}', "must have 4 extensions"),
