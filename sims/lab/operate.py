@@ -1,5 +1,6 @@
 """A person operates a machine, simulated or real, on a page that another process serves."""
 
+import socket
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -14,6 +15,7 @@ from parapod.sims.lab.desk import Desk
 from parapod.sims.lab.experiment import LoopExperiment, RunOptions
 from parapod.sims.lab.panel import Readout
 from parapod.systems.core.errors import OutputError, ParapodError
+from parapod.systems.core.quoting import quoted
 
 END = "End"
 # A page that has been opened for a while speaks more often than that [s].
@@ -47,6 +49,7 @@ def operate(
     """
     if type(experiment).operated is LoopExperiment.operated:
         raise OutputError(f"'{experiment.name}' has nothing that a person operates", None)
+    _check_host(host)
     experiment.check(scenario)
     if scenario.backend == "hardware":
         from parapod.diagrams.drivers.driver import refuse_without_emulator
@@ -68,6 +71,15 @@ def operate(
                 desk.show(Readout("ended", remarks=(str(error),), is_alarming=True))
                 time.sleep(_LAST_WORDS)
                 raise
+
+
+def _check_host(host: str) -> None:
+    """Refuses an address that this computer does not have."""
+    try:
+        socket.create_server((host, 0)).close()
+    except OSError as error:
+        why = f"no page can be served at {quoted(host)}: {error.strerror or error}"
+        raise OutputError(why, None) from None
 
 
 def _wait_for_page(desk: Desk, options: RunOptions) -> None:

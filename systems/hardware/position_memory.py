@@ -133,7 +133,7 @@ class PositionMemory:
 
 
 def _provenance(told: Mapping[str, Any]) -> tuple[datetime | None, int]:
-    """When positions were saved, and by how many programs; older files do not say."""
+    """Instant at which positions were saved, and number of programs; older files do not say."""
     saved, programs = told.get(_SAVED), told.get(_PROGRAMS, 0)
     return datetime.fromisoformat(saved) if saved else None, int(programs)
 

@@ -269,7 +269,10 @@ REFUSALS = [
         r"!NiDaqLegs\.target = .*/ni\.sock.*parapod emulate deploy.*",
     ),
     ("operate deploy --backend mock", r"backend = 'mock' is not one of multibody, .*"),
-    ("operate chair-walk --host nowhere.invalid", r"the operator's page: .*"),
+    (
+        "operate chair-walk --host nowhere.invalid",
+        r"no page can be served at 'nowhere\.invalid': .*",
+    ),
     ("run level --backend hardware", r"!NiDaqLegs\.target = .*/ni\.sock.*parapod emulate level.*"),
     ("check imu", r"!Adis16448SpiImu\.\w+ = .*/spi\.sock.*parapod emulate level.*"),
     ("check wheels", r"!Epos2Wheels\.channel = emulator/can.*parapod emulate level.*"),
