@@ -80,7 +80,7 @@ def emulated(machine: Machine[Any], *options: str) -> Iterator[Emulated]:
 
 
 def until(condition: Callable[[], bool], longest: float) -> float:
-    """How long it takes until something holds [s]; infinite if it does not in time."""
+    """Time until something holds [s]; infinite if it does not in time."""
     begun = time.monotonic()
     while not condition():
         if time.monotonic() > begun + longest:

@@ -1,5 +1,6 @@
 """The watchdog timer of an NI card, which opens the relay when no program resets it in time."""
 
+import warnings
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from typing import Any
@@ -38,6 +39,8 @@ class NiWatchdog:
         self._settings, self._told, self._options = settings, told, options
         self._errors, self._constants = need("nidaqmx.errors"), need("nidaqmx.constants")
         self._module, self._types = need("nidaqmx.system.watchdog"), need("nidaqmx.types")
+        # One that is left armed, because its card cannot be reached, is left so on purpose.
+        warnings.filterwarnings("ignore", category=self._errors.DaqResourceWarning)
         self._task: Any = None
 
     def take_over(self) -> bool:
