@@ -37,7 +37,7 @@ _KILLS = 20
 
 
 class Cell(NamedTuple):
-    """What has become of a job.
+    """Outcome of a job.
 
     Attributes:
         name: part and kind.
