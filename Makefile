@@ -4,7 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Compiled once for all the programs that tests start, whatever the environment says.
 PYTEST := env -u PYTHONDONTWRITEBYTECODE PYTHONPYCACHEPREFIX=$(CURDIR)/build/pycache $(BIN)/pytest
-TOGETHER := $(PYTEST) -n auto
+# One process more than there are cores: tests of devices wait for them.
+TOGETHER := $(PYTEST) -n $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
 ARGS ?=
 
 # The newest interpreter that is new enough; PYTHON=/path/to/python overrides it.
@@ -58,7 +59,8 @@ types: setup
 # What can run beside each other does, on all cores; what is judged by the clock then runs alone.
 pytest: setup
 	$(TOGETHER) -m "not real_time and not slow" $(ARGS) || [ $$? = 5 ]
-	$(PYTEST) -m "real_time and not slow" $(ARGS) || [ $$? = 5 ]  # 5: none of those asked for
+	$(PYTEST) -m "real_time and not slow" $(or $(ARGS),tests/sims/real_machine tests/diagrams) \
+	  || [ $$? = 5 ]  # 5: none of those asked for
 
 bench: setup
 	$(BIN)/python -m benchmarks $(ARGS)

@@ -285,7 +285,7 @@ SLOW = pytest.mark.slow
     ("part", "kind", "words"),
     [
         ("imu", "off", r"ADIS16448 at unix:\S+/spi\.sock: does not answer"),
-        ("wheels", "unplugged", r"EPOS2 on slcan \S+/can: no bus"),
+        pytest.param("wheels", "unplugged", r"EPOS2 on slcan \S+/can: no bus", marks=SLOW),
         pytest.param("imu", "garbage", r"ADIS16448 at \S+: .*0x[0-9A-F]{4}", marks=SLOW),
         pytest.param("imu", "intermittent", r"ADIS16448 at \S+: does not answer", marks=SLOW),
         pytest.param(
@@ -388,7 +388,7 @@ def test_after_a_run_with_devices_that_lie_the_machine_is_neutral(run_with, here
     assert here.is_neutral
 
 
-@pytest.mark.parametrize("released_after", [None, 0.02])
+@pytest.mark.parametrize("released_after", [pytest.param(None, marks=SLOW), 0.02])
 def test_an_emergency_stop_ends_the_job_also_if_it_was_pressed_for_a_moment(
     here, capsys, in_time, released_after
 ):

@@ -132,16 +132,16 @@ def test_an_operator_drives_lowers_stops_and_goes_on(machine, operate, within, t
     time.sleep(0.5)
     assert page.state()["state"] == "fault"
     machine.misbehave("emergency_stop", "released")
-    time.sleep(1.0)
+    time.sleep(0.5)
     assert page.state()["state"] == "fault"
     assert not machine.has_power
     assert not voltages(machine).any()
     page.click("Reset")
     page.wait("standby", 2.0)
-    assert still(machine, 0.5)
+    assert still(machine, 0.3)
     page.held = "leg 2 down"
     before = np.array(machine.wires.get("legs.extension"))
-    time.sleep(1.0)
+    time.sleep(0.7)
     page.held = ""
     moved = np.array(machine.wires.get("legs.extension")) - before
     assert moved[1] < -5e-4
@@ -153,8 +153,8 @@ def test_an_operator_drives_lowers_stops_and_goes_on(machine, operate, within, t
     # The page is closed while legs move.
     page.is_open.clear()
     within(lambda: still(machine, 0.05), 0.55, "page closed")
-    time.sleep(0.5)
-    assert still(machine, 0.5)
+    time.sleep(0.3)
+    assert still(machine, 0.3)
     page.is_open.set()
     page.wait("fault", 2.0)
     page.click("End")
