@@ -10,12 +10,12 @@ The program at this end has `Desk`, with the methods of `Panel`; the process has
 
 import base64
 import json
+import math
 import os
 import pickle
 import select
-import signal
-import subprocess
 import sys
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -25,6 +25,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from parapod.sims.lab.companion import PIECE, Companion, told
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.systems.core.errors import OutputError
 
@@ -34,7 +35,6 @@ _PERIOD = 0.02
 _STALE = 0.3
 # How long the process may take to begin, in which Drake is imported, and to end [s].
 _BEGINNING, _ENDING = 60.0, 5.0
-_PIECE = 1 << 16
 # Not yet written lines of what is only shown; further ones are left out [bytes].
 _WAITING = 1 << 15
 
@@ -68,31 +68,21 @@ class Desk:
         self._clicks: dict[str, int] = {}
         self._holds: set[str] = set()
         self._held: set[str] = set()
-        self._heard, self._silence = -np.inf, np.inf
-        self._in, self._out = b"", b""
+        # When the process has spoken, and for how long the page had been silent then.
+        self._heard = -math.inf, 0.0
+        self._out = b""
         self._url = ""
 
     def __enter__(self) -> Self:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "parapod.sims.lab.desk"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            bufsize=0,
-            start_new_session=True,  # where Ctrl-C does not reach it
-        )
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self.process = self._process.pid
-        self._to, self._from = self._process.stdin.fileno(), self._process.stdout.fileno()
-        self._process.stdin.write(_line(self._beginning))
-        ready = select.select([self._from], [], [], _BEGINNING)[0]
-        said = json.loads(self._process.stdout.readline() or b"{}") if ready else {}
+        self._companion = Companion("parapod.sims.lab.desk", json.dumps(self._beginning))
+        self.process, self._pipe = self._companion.pid, self._companion.sink
+        said = json.loads(self._companion.answer(_BEGINNING) or b"{}")
         if "url" not in said:
-            self._end()
+            self._companion.end(_ENDING)
             raise OutputError(f"the operator's page: {said.get('error', 'does not begin')}", None)
         self._url = said["url"]
-        os.set_blocking(self._to, False)
-        os.set_blocking(self._from, False)
+        os.set_blocking(self._pipe, False)
+        threading.Thread(target=self._listen, name="desk", daemon=True).start()
         return self
 
     def __exit__(
@@ -101,7 +91,7 @@ class Desk:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self._end()
+        self._companion.end(_ENDING)
 
     def __repr__(self) -> str:
         return f"<operator's page at {self.web_url()}>"
@@ -112,8 +102,8 @@ class Desk:
 
     def silence(self) -> float:
         """Time since something was heard of the page that operates [s]; infinite: never."""
-        self._hear()
-        return time.monotonic() - self._heard + self._silence
+        at, silence = self._heard
+        return time.monotonic() - at + silence
 
     def show(self, readout: Readout, signals: Mapping[str, Any] | None = None) -> None:
         """Shows what the machine does from now on; left out while the process is busy.
@@ -154,7 +144,6 @@ class Desk:
 
     def GetSliderValue(self, name: str) -> float:
         """See `Panel`."""
-        self._hear()
         return self._sliders[name]
 
     def SetSliderRange(self, name: str, min: float, max: float) -> None:  # noqa: A002
@@ -174,7 +163,6 @@ class Desk:
 
     def GetButtonClicks(self, name: str) -> int:
         """See `Panel`."""
-        self._hear()
         return self._clicks[name]
 
     def AddHold(self, name: str, key: str = "") -> None:
@@ -210,38 +198,21 @@ class Desk:
 
     def _write(self) -> None:
         with suppress(BlockingIOError, BrokenPipeError):
-            self._out = self._out[os.write(self._to, self._out) :]
+            self._out = self._out[os.write(self._pipe, self._out) :]
 
-    def _hear(self) -> None:
-        """Takes over what the operator has done."""
-        with suppress(BlockingIOError):
-            piece = os.read(self._from, _PIECE)
-            self._in += piece
-            if not piece:
-                self.wrong = self.wrong or "its process has ended"
-        *lines, self._in = self._in.split(b"\n")
-        if not lines:
-            return
-        # Clicks are counted and holds repeated, so that the newest message has everything.
-        said = json.loads(lines[-1])
-        if "error" in said:
-            self.wrong = said["error"]
-            return
-        self._heard = time.monotonic()
-        self._silence = np.inf if said["silence"] is None else said["silence"]
-        self._held = set(said["held"])
-        for mine, theirs in ((self._sliders, said["sliders"]), (self._clicks, said["clicks"])):
-            mine.update((name, value) for name, value in theirs.items() if name in mine)
-
-    def _end(self) -> None:
-        """Ends the process."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        try:
-            self._process.wait(_ENDING)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+    def _listen(self) -> None:
+        """Takes over what the operator does, as long as the process serves."""
+        for line in self._companion.lines():
+            said = json.loads(line)
+            if "error" in said:
+                self.wrong = said["error"]
+                return
+            for mine, theirs in ((self._sliders, said["sliders"]), (self._clicks, said["clicks"])):
+                mine.update((name, value) for name, value in theirs.items() if name in mine)
+            self._held = set(said["held"])
+            # The clock is the computer's, and the same in all its processes.
+            self._heard = said["at"], said["silence"]
+        self.wrong = "its process has ended"
 
 
 def _packed(scenario: Any) -> str:
@@ -258,29 +229,22 @@ def _line(message: Mapping[str, Any]) -> bytes:
 # The other end.
 
 
-def _serve(source: int, sink: int) -> None:
+def _serve(sink: int) -> None:
     """Serves the page until the pipe ends."""
-    beginning, _, rest = _first_line(source)
+    source, beginning, rest = told()
     panel, twin = _open(json.loads(beginning))
     os.write(sink, _line({"url": panel.web_url()}))
-    told, is_over = time.monotonic(), False
+    spoken, is_over = time.monotonic(), False
     while not is_over:
-        if select.select([source], [], [], max(0.0, told + _PERIOD - time.monotonic()))[0]:
-            piece = os.read(source, _PIECE)
+        if select.select([source], [], [], max(0.0, spoken + _PERIOD - time.monotonic()))[0]:
+            piece = os.read(source, PIECE)
             is_over = not piece
             *lines, rest = (rest + piece).split(b"\n")
             _obey(panel, twin, [json.loads(line) for line in lines])
-        if time.monotonic() >= told + _PERIOD:
-            told = time.monotonic()
+        if time.monotonic() >= spoken + _PERIOD:
+            spoken = time.monotonic()
             os.write(sink, _line(_operated(panel)))
     panel.close()
-
-
-def _first_line(source: int) -> tuple[bytes, bytes, bytes]:
-    data = b""
-    while b"\n" not in data and (piece := os.read(source, _PIECE)):
-        data += piece
-    return data.partition(b"\n")
 
 
 def _open(described: Mapping[str, str]) -> tuple[Panel, Any]:
@@ -314,23 +278,21 @@ def _obey(panel: Panel, twin: Any, messages: Sequence[Mapping[str, Any]]) -> Non
 
 def _operated(panel: Panel) -> Mapping[str, Any]:
     """Everything that the operator does at this moment."""
-    silence = panel.silence()
     return {
+        "at": time.monotonic(),
+        "silence": panel.silence(),
         "sliders": {name: panel.GetSliderValue(name) for name in panel.GetSliderNames()},
         "clicks": {name: panel.GetButtonClicks(name) for name in panel.GetButtonNames()},
         "held": [name for name in panel.GetHoldNames() if panel.IsHeld(name)],
-        "silence": silence if np.isfinite(silence) else None,
     }
 
 
 def main() -> int:
     """Serves a page in a process of its own; its exit code."""
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # it ends when whoever drives the machine does
-        signal.signal(getattr(signal, name), signal.SIG_IGN)
     sink = os.dup(sys.stdout.fileno())
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is no message
     try:
-        _serve(sys.stdin.fileno(), sink)
+        _serve(sink)
     except BrokenPipeError:
         return 0
     except Exception as error:

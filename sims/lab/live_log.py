@@ -10,8 +10,6 @@ import fcntl
 import json
 import os
 import select
-import signal
-import subprocess
 import sys
 import threading
 import time
@@ -23,6 +21,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from parapod.sims.lab.companion import PIECE, Companion, told
 from parapod.sims.lab.files import check_writable
 from parapod.sims.lab.mcap import McapWriter
 from parapod.systems.core.errors import OutputError, ParapodError
@@ -31,10 +30,9 @@ from parapod.systems.hardware.device import need
 
 # Longest time for which what has been read is not in the file [s].
 _FLUSH_PERIOD = 0.2
-# What the pipe holds, as much as the kernel gives to everybody; and what is read at once [bytes].
-_CAPACITY, _PIECE = 1 << 20, 1 << 16
-# How long the process may take to write what is left [s], and how often one looks.
-_ENDING, _LOOK = 30.0, 0.01
+_CAPACITY = 1 << 20  # of the pipe, as much as the kernel gives to everybody [bytes]
+# How long the process may take to begin, and to write what is left [s]; how often one looks.
+_BEGINNING, _ENDING, _LOOK = 60.0, 30.0, 0.01
 _READY = b"ready\n"
 # Numbers before those of the ports: stamp [ns], as bits of an integer, and time.
 _HEAD = 2
@@ -119,20 +117,11 @@ class LiveLog:
             self._tell(self._wrong)
 
     def __enter__(self) -> Self:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "parapod.sims.lab.live_log"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            bufsize=0,
-            start_new_session=True,  # where Ctrl-C does not reach it
-        )
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self.process, self._pipe = self._process.pid, self._process.stdin.fileno()
-        self._process.stdin.write(f"{self._beginning}\n".encode())
-        said = self._process.stdout.readline()
+        self._companion = Companion("parapod.sims.lab.live_log", self._beginning)
+        self.process, self._pipe = self._companion.pid, self._companion.sink
+        said = self._companion.answer(_BEGINNING)
         if said != _READY:
-            self._end()
+            self._companion.end(_ENDING)
             reason = said.decode(errors="replace").strip() or "its process does not begin"
             raise OutputError(f"cannot write {quoted_path(self._path)}: {reason}", self._path)
         with suppress(OSError, AttributeError):  # elsewhere than on Linux it holds less
@@ -156,7 +145,7 @@ class LiveLog:
                 time.sleep(_LOOK)
             except BrokenPipeError:
                 self._fail("its process has ended")
-        if self._end() != 0:
+        if self._companion.end(_ENDING) != 0:
             self._fail("its process has ended")
         self._thread.join()
         if self.lost:
@@ -166,19 +155,8 @@ class LiveLog:
 
     def _listen(self) -> None:
         """Tells what goes wrong in the process while it writes."""
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
+        for line in self._companion.lines():
             self._fail(line.decode(errors="replace").strip())
-
-    def _end(self) -> int:
-        """Ends the pipe and waits for the process; its exit code."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        try:
-            return self._process.wait(_ENDING)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            return self._process.wait()
 
 
 def _parts(row: Any, sizes: Sequence[int]) -> Iterator[Any]:
@@ -189,9 +167,9 @@ def _parts(row: Any, sizes: Sequence[int]) -> Iterator[Any]:
         yield row[begin:end]
 
 
-def _write_all(source: int) -> None:
+def _write_all() -> None:
     """Writes what comes through a pipe to the file that is named at its beginning."""
-    beginning, _, rest = _until_newline(source)
+    source, beginning, rest = told()
     described = json.loads(beginning)
     sizes = described["sizes"]
     length = 8 * (_HEAD + sum(sizes))
@@ -203,7 +181,7 @@ def _write_all(source: int) -> None:
         is_over = False
         while not is_over:
             if select.select([source], [], [], _FLUSH_PERIOD)[0]:
-                piece = os.read(source, _PIECE)
+                piece = os.read(source, PIECE)
                 rest, is_over = rest + piece, not piece
             whole = len(rest) - len(rest) % length
             for begin in range(0, whole, length):
@@ -217,19 +195,10 @@ def _write_all(source: int) -> None:
         writer.finish()
 
 
-def _until_newline(source: int) -> tuple[bytes, bytes, bytes]:
-    data = b""
-    while b"\n" not in data and (piece := os.read(source, _PIECE)):
-        data += piece
-    return data.partition(b"\n")
-
-
 def main() -> int:
     """Writes a log in a process of its own; its exit code."""
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # it ends when there is nothing more to write
-        signal.signal(getattr(signal, name), signal.SIG_IGN)
     try:
-        _write_all(sys.stdin.fileno())
+        _write_all()
     except (OSError, ParapodError) as error:
         reason = getattr(error, "strerror", None) or error
         os.write(sys.stdout.fileno(), f"{reason}\n".encode())

@@ -149,7 +149,7 @@ class Panel:
         port = self._server.server_address[1]
         if not self._token:
             return f"http://{_LOCAL}:{port}"
-        name = socket.gethostname() if self._host in ("0.0.0.0", "::") else self._host
+        name = socket.gethostname() if self._host == "0.0.0.0" else self._host
         return f"http://{name}:{port}/?token={self._token}"
 
     def close(self) -> None:

@@ -85,6 +85,17 @@ def test_it_shows_controls_and_hears_of_them(desk):
             get("height [mm]")
 
 
+def test_what_the_operator_did_while_nobody_asked_is_over(desk):
+    desk.AddHold("ahead")
+    until(lambda: state(desk)["holds"])
+    send(desk, hold="ahead", on=True, number=1)
+    time.sleep(2.5)  # in which more is said than a pipe holds
+    state(desk)
+    time.sleep(0.05)
+    assert not desk.IsHeld("ahead")
+    assert desk.silence() < 0.3
+
+
 def test_it_shows_the_newest_numbers_and_draws_the_machine(desk):
     rows = (Row("roll", 1.0, 1.5, float("nan"), "deg", 1),)
     desk.show(Readout("moving", rows, ("a remark",), True), SIGNALS)
