@@ -16,11 +16,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, EventStatus
+from pydrake.systems.framework import Context
 from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.guard import Trip, Tripped
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.controller import make_supervised_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM
@@ -49,22 +48,20 @@ from parapod.sims.levelling_platform.levelling import (
 )
 from parapod.sims.levelling_platform.operation import (
     LiveOperation,
+    OperationWatch,
     PhaseLabel,
     operated_platform,
     read_operation,
 )
-from parapod.systems.core.errors import RefusedRequest, UnreachablePosture
-from parapod.systems.core.ports import value_of
 from parapod.systems.core.schema import Schema, choice, quantity
-from parapod.systems.levelling_platform.fault_detection import RULES, Finding
+from parapod.systems.levelling_platform.fault_detection import Finding
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
-from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import normal_of, to_platform
-from parapod.systems.levelling_platform.reference import describe_range
 from parapod.systems.levelling_platform.scripts import OperatorScript, Step
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
-from parapod.systems.levelling_platform.supervisor import Command, Phase, Refusal, SupervisorParams
+from parapod.systems.levelling_platform.supervisor import Command, Phase, SupervisorParams
 from parapod.systems.levelling_platform.wheels import WheelGeometry
 
 type Signals = Mapping[str, NDArray[Any]]
@@ -84,10 +81,6 @@ _LIFTED = 0.5  # a foot that is back sooner has not been lost [s]
 _CLEARANCE = 20.0  # of the wheels while the platform works [mm]
 # A command that jumps is one that changes by more than this in a period [V].
 _VOLTAGE_STEP = 0.5
-# A refusal ends the operation after this long, in which the machine is seen to stand [s].
-_STANDING = 2.0
-# After this long in a phase its requests have been judged [s].
-_JUDGED = 0.1
 
 
 def uneven_ground() -> GroundScenario:
@@ -228,7 +221,7 @@ class Operation:
 
     run: Run
     steps_left: int
-    watch: "_Watch"
+    watch: OperationWatch
 
 
 class Deploy(LoopExperiment[DeployScenario, Operation]):
@@ -281,12 +274,13 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
 
     def run(self, scenario: DeployScenario, bench: Bench) -> Operation:
         """Runs until the operator has nothing left to do, or something is refused."""
-        watches: list[_Watch] = []
+        watches: list[OperationWatch] = []
 
         def monitor(loop: ClosedLoop[Any], meshcat: Meshcat | None) -> Monitor:
             label = PhaseLabel(meshcat) if meshcat and bench.options.html else None
             is_real = scenario.backend == "hardware"
-            watches.append(_Watch(loop, len(scenario.steps()), label, ends_at_fault=is_real))
+            steps = len(scenario.steps())
+            watches.append(OperationWatch(loop, steps, label, ends_at_fault=is_real))
             return watches[-1].look
 
         run = bench.run(self, scenario, monitor=monitor)
@@ -548,115 +542,3 @@ def _smoothness(scenario: DeployScenario, signals: Signals) -> list[Metric]:
             meaning="largest change of a desired extension in a period",
         ),
     ]
-
-
-class _Watch:
-    """Looks at a running operation: shows its phase, and ends it when there is nothing to come."""
-
-    def __init__(
-        self,
-        loop: ClosedLoop[Any],
-        steps: int,
-        label: PhaseLabel | None,
-        ends_at_fault: bool = False,
-    ):
-        self._loop, self._steps, self._label = loop, steps, label
-        self._ends_at_fault = ends_at_fault
-        self._operator = loop.GetSubsystemByName("operator_script")
-        self._phase: Phase | None = None
-        self._entered, self._refused_at = 0.0, np.inf
-        self._refusal, self._margin = [0, 0], np.nan
-
-    def look(self, root_context: Context) -> EventStatus:
-        """Monitor of the simulator."""
-        now = root_context.get_time()
-        phase = Phase(int(self._read(root_context, "phase")[0]))
-        if phase is not self._phase:
-            self._phase, self._entered = phase, now
-            if self._label is not None:
-                self._label.show(phase.name, now)
-        if not np.isfinite(self._refused_at) and self._is_refused(root_context):
-            # What the operator asks for next is not what was refused.
-            self._refused_at = now
-            self._refusal = self._read(root_context, "refusal").astype(int).tolist()
-            self._margin = float(self._read(root_context, "arm_margin")[0])
-        if self._is_faulty and now > self._entered + _STANDING:
-            return EventStatus.ReachedTermination(self._loop.controller, "fault")
-        if now > self._refused_at + _STANDING:
-            return EventStatus.ReachedTermination(self._loop.controller, "refused")
-        if not self.steps_left(root_context):
-            return EventStatus.ReachedTermination(self._loop.controller, "done")
-        return EventStatus.DidNothing()
-
-    def steps_left(self, root_context: Context) -> int:
-        """Number of the operator's steps that are still to come."""
-        return self._steps - int(value_of(self._operator, "steps_done", root_context)[0])
-
-    @property
-    def _is_faulty(self) -> bool:
-        """Whether nobody is there who could reset a fault."""
-        return self._ends_at_fault and self._phase is Phase.FAULT
-
-    def _is_refused(self, root_context: Context) -> bool:
-        if self._read(root_context, "refusal")[0] != Refusal.NONE:
-            return True
-        # The arm's request is judged anew once the posture is held.
-        judged = root_context.get_time() > self._entered + _JUDGED
-        in_hold = self._phase is Phase.HOLD and judged
-        return in_hold and bool(self._read(root_context, "arm_refused")[0] > 0.5)
-
-    def _read(self, root_context: Context, port: str) -> NDArray[np.float64]:
-        return value_of(self._loop.controller, port, root_context)
-
-    def raise_refusal(self, root_context: Context) -> None:
-        """Says what was refused, or found to be wrong, if anything was.
-
-        Raises:
-            Tripped: a fault that nobody resets.
-            UnreachablePosture: a ground that cannot be levelled, or a posture out of reach.
-            RefusedRequest: anything else.
-        """
-        if self._is_faulty:
-            findings = self._read(root_context, "findings")
-            found = [rule for rule in RULES if findings[rule.finding] > 0.5]
-            worst = max(found, key=lambda rule: rule.severity)
-            raise Tripped(Trip(worst.finding.name.lower(), worst.sign))
-        if not np.isfinite(self._refused_at):
-            return
-        code, detail = self._refusal
-        phase = Phase(int(self._read(root_context, "phase")[0])).name.lower()
-        if code in (Refusal.GROUND, Refusal.POSTURE):
-            self._raise_unreachable(root_context, phase)
-        if code == Refusal.NO_GROUND:
-            raise RefusedRequest(f"leg {detail} found no ground within its stroke", phase)
-        if code == Refusal.COMMAND:
-            raise RefusedRequest(
-                f"the operator's command has no place in {Phase(detail).name.lower()}", phase
-            )
-        margin, params = self._margin, StabilityMonitorParams()
-        if not np.isfinite(margin):
-            turn, swing = np.degrees(params.reach)
-            limits = f"{swing:.0f} deg of the arm or {turn:.0f} deg of the turntable"
-            raise RefusedRequest(f"the arm's move goes beyond {limits}", phase)
-        raise RefusedRequest(
-            f"the arm's move would leave {1e3 * margin:.0f} mm to the edge between the feet, "
-            f"which must be {1e3 * params.margin:.0f} mm or more",
-            phase,
-        )
-
-    def _raise_unreachable(self, root_context: Context, phase: str) -> None:
-        posture = value_of(self._operator, "posture_request", root_context)
-        standing = (
-            self._read(root_context, "ground_estimated"),
-            self._read(root_context, "foot_offsets_estimated"),
-        )
-        try:
-            inverse_kinematics(MODEL_GEOMETRY, posture, *standing)
-        except UnreachablePosture as error:
-            hint = describe_range(MODEL_GEOMETRY, posture, *standing)
-            raise UnreachablePosture(
-                error.leg,
-                error.extension,
-                error.admissible,
-                hint=f"{hint}; the machine stays in {phase}",
-            ) from None

@@ -12,8 +12,8 @@ from pydrake.systems.analysis import Simulator
 from parapod.diagrams.guard import Tripped
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.sims.lab.files import read_log
-from parapod.sims.levelling_platform.deploy import Deploy, DeployScenario, _Watch
-from parapod.sims.levelling_platform.operation import PhaseLabel
+from parapod.sims.levelling_platform.deploy import Deploy, DeployScenario
+from parapod.sims.levelling_platform.operation import OperationWatch, PhaseLabel
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.supervisor import Phase, SupervisorParams
 
@@ -102,7 +102,7 @@ def test_where_nobody_resets_it_a_fault_ends_the_job_and_is_named():
     fault = "faults=[{at: 1.0, target: legs.extension, index: 2, kind: off}]"
     scenario = load_scenario(DeployScenario, overrides=("backend=kinematic", fault))
     loop = Deploy("deploy").loop(scenario, log=())
-    watch = _Watch(loop, len(scenario.steps()), None, ends_at_fault=True)
+    watch = OperationWatch(loop, len(scenario.steps()), None, ends_at_fault=True)
     simulator = Simulator(loop)
     simulator.set_monitor(watch.look)
     simulator.AdvanceTo(6.0)
