@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Compiled once for all the programs that tests start, whatever the environment says.
 PYTEST := env -u PYTHONDONTWRITEBYTECODE PYTHONPYCACHEPREFIX=$(CURDIR)/build/pycache $(BIN)/pytest
+# Where tests are judged by the clock; tests/conftest.py marks them.
+REAL_TIME := tests/diagrams/test_hardware_station.py tests/sims/real_machine
 # One process more than there are cores: tests of devices wait for them.
 TOGETHER := $(PYTEST) -n $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
 ARGS ?=
@@ -59,7 +61,7 @@ types: setup
 # What can run beside each other does, on all cores; what is judged by the clock then runs alone.
 pytest: setup
 	$(TOGETHER) -m "not real_time and not slow" $(ARGS) || [ $$? = 5 ]
-	$(PYTEST) -m "real_time and not slow" $(or $(ARGS),tests/sims/real_machine tests/diagrams) \
+	$(PYTEST) -m "real_time and not slow" $(or $(ARGS),$(REAL_TIME)) \
 	  || [ $$? = 5 ]  # 5: none of those asked for
 
 bench: setup

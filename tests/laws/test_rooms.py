@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
+MARK = "mark." + "real_time"
 ROOMS = ("systems", "diagrams", "sims", "urdf", "benchmarks", "examples")
 # By rooms, what their modules import neither as a whole nor in part.
 FORBIDDEN = {
@@ -46,3 +47,21 @@ def test_docstrings_begin_with_an_imperative_or_a_noun():
                 assert first not in ("What", "How", "Of", "As", "With", "Where", "When", "Why"), (
                     f"{path.name}: {name} begins with '{first}'"
                 )
+
+
+def test_tests_that_are_judged_by_the_clock_are_those_that_are_run_alone():
+    """One that is marked elsewhere would be run by nobody."""
+    (line,) = [
+        line
+        for line in (ROOT / "Makefile").read_text().splitlines()
+        if line.startswith("REAL_TIME :=")
+    ]
+    conftest = ast.parse((ROOT / "tests" / "conftest.py").read_text())
+    (places,) = [
+        ast.literal_eval(node.value)
+        for node in conftest.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "REAL_TIME"
+    ]
+    assert set(line.split()[2:]) == {f"tests/{name}" for name in places}
+    marked = {path for path in (ROOT / "tests").rglob("*.py") if MARK in path.read_text()}
+    assert marked == {ROOT / "tests" / "conftest.py"}

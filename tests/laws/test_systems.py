@@ -215,7 +215,7 @@ def test_an_input_that_need_not_be_connected_says_what_it_is_then(system_kind):
     needed = set()
     for specimen in system_kind.specimens:
         for k, (context, random) in enumerate(specimen.moments(80)):
-            if k >= 30 and set(meanings) <= needed | optional | unused:
+            if k >= 40 and set(meanings) <= needed | optional | unused:
                 break
             given = specimen.sample(random)
             for missing in given:

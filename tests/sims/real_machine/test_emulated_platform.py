@@ -285,7 +285,7 @@ SLOW = pytest.mark.slow
     ("part", "kind", "words"),
     [
         ("imu", "off", r"ADIS16448 at unix:\S+/spi\.sock: does not answer"),
-        pytest.param("wheels", "unplugged", r"EPOS2 on slcan \S+/can: no bus", marks=SLOW),
+        ("wheels", "unplugged", r"EPOS2 on slcan \S+/can: no bus"),
         pytest.param("imu", "garbage", r"ADIS16448 at \S+: .*0x[0-9A-F]{4}", marks=SLOW),
         pytest.param("imu", "intermittent", r"ADIS16448 at \S+: does not answer", marks=SLOW),
         pytest.param(

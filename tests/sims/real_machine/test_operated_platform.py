@@ -203,7 +203,7 @@ def test_the_whole_operation_is_carried_out_on_devices(machine, tmp_path):
     ("part", "kind", "words"),
     [
         ("legs", "stuck", "leg_response: |supply: "),
-        ("imu", "garbage", "accel_invalid: |gyro_invalid: |Adis16448"),
+        ("imu", "garbage", "accel_invalid: |gyro_invalid: |ADIS16448"),
         ("emergency_stop", "pressed", "emergency_stop: "),
     ],
 )
