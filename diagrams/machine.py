@@ -17,6 +17,7 @@ from pydrake.systems.framework import DiagramBuilder, System
 
 from parapod.diagrams.faults import FaultTarget, Span, targets_of
 from parapod.diagrams.guard import Guard
+from parapod.diagrams.homing import Homing
 from parapod.diagrams.station import Behind
 from parapod.systems.core.errors import ParapodError, WiringError
 from parapod.systems.core.schema import Schema, quantity
@@ -182,6 +183,7 @@ class Machine[S]:
         sources: makes the systems that command the controller and the machine beside it.
         experiment: experiment whose scenario is used where only the machine is named.
         self_tests: moves of a part for the self-test of its devices, by part.
+        homings: how the axes of a part find their reference, by part.
         emulated: adapts a scenario for emulation: what emulated devices simulate themselves is
             left out of the plant, and the plant is exchanged with them every so many seconds.
         exchange: simulated backend -> period of the exchange with emulated devices [s].
@@ -203,6 +205,7 @@ class Machine[S]:
     sources: Callable[[S], Sequence[System]] = lambda scenario: ()
     experiment: str = ""
     self_tests: Mapping[str, SelfTest] = field(default_factory=dict)
+    homings: Mapping[str, Homing] = field(default_factory=dict)
     emulated: Callable[[S, float], S] | None = None
     exchange: Mapping[str, float] = field(default_factory=dict)
     cut: Mapping[str, float] = field(default_factory=dict)

@@ -9,6 +9,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.guard import PlatformGuard
+from parapod.diagrams.levelling_platform.homing import LEGS
 from parapod.diagrams.levelling_platform.plants import add_bodies, add_mock, add_statics
 from parapod.diagrams.levelling_platform.ports import PARTS, PORTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
@@ -87,6 +88,7 @@ PLATFORM = Machine(
             rest={"brake": 0.0},
         ),
     },
+    homings={"legs": LEGS},
     emulated=_emulated,
     cut={
         "legs.voltage": 0.0,

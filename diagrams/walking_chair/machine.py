@@ -5,6 +5,7 @@ from dataclasses import replace
 from parapod.diagrams.machine import Machine, SelfTest
 from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.guard import ChairGuard
+from parapod.diagrams.walking_chair.homing import LEGS
 from parapod.diagrams.walking_chair.plants import add_bodies, add_mock, add_statics
 from parapod.diagrams.walking_chair.ports import PARTS, PORTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
@@ -46,6 +47,7 @@ CHAIR = Machine(
             rest={"brake": 0.0},
         ),
     },
+    homings={"legs": LEGS},
     emulated=_emulated,
     cut={"legs.velocity_command": 0.0, "legs.brake": 1.0},
     guard=ChairGuard,

@@ -195,6 +195,21 @@ def machine_of(experiment: "Experiment[Any, Any]", scenario: Any) -> "tuple[Mach
     return machine, of_machine
 
 
+def agreed(question: str, what: str) -> bool:
+    """Whether the person at the terminal says yes.
+
+    Args:
+        question: question without "[yes/no]".
+        what: what asks, for those who have no terminal.
+
+    Raises:
+        UsageError: there is no terminal.
+    """
+    if not sys.stdin.isatty():
+        raise UsageError(f"{what} asks before anything moves; without a terminal add --yes")
+    return input(f"{question} [yes/no] ").strip().lower() == "yes"
+
+
 def _switches(entry: Entry) -> Mapping[str, tuple[str, str]]:
     """Options of an experiment; none of a package that cannot be read, which `list` names."""
     try:

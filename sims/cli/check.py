@@ -1,7 +1,6 @@
 """`parapod check`: self-test of the devices of one part of the machine."""
 
 import argparse
-import sys
 
 from parapod.sims.cli.arguments import (
     BROKEN,
@@ -9,6 +8,7 @@ from parapod.sims.cli.arguments import (
     UsageError,
     add_machine_option,
     add_scenario_options,
+    agreed,
     load,
     machine_of,
 )
@@ -61,17 +61,13 @@ def execute(arguments: argparse.Namespace) -> int:
     move = None
     if arguments.move is not None:
         move = Move(arguments.move - 1, arguments.size, arguments.duration)
-        if not arguments.yes and not _agreed(arguments.part, arguments.move):
+        question = (
+            f"{arguments.part} {arguments.move} will move. Is everybody clear of the machine?"
+        )
+        if not arguments.yes and not agreed(question, "--move"):
             print("nothing was moved")
             return BROKEN
     metrics = check_part(machine, scenario, arguments.part, move, arguments.seconds, print)
     result = Result(f"check {arguments.part}", "hardware", scenario.seed, tuple(metrics))
     print_table(result, Console())
     return HELD if result.passed else BROKEN
-
-
-def _agreed(part: str, number: int) -> bool:
-    if not sys.stdin.isatty():
-        raise UsageError("--move asks before anything moves; without a terminal add --yes")
-    question = f"{part} {number} will move. Is everybody clear of the machine? [yes/no] "
-    return input(question).strip().lower() == "yes"

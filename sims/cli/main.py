@@ -8,7 +8,17 @@ import os
 import sys
 from collections.abc import Sequence
 
-from parapod.sims.cli import bench_rt, check, compare, emulate, operate, report, run, scenario
+from parapod.sims.cli import (
+    bench_rt,
+    check,
+    compare,
+    emulate,
+    home,
+    operate,
+    report,
+    run,
+    scenario,
+)
 from parapod.sims.cli import list as list_command
 from parapod.sims.cli.arguments import HELD, INTERRUPTED, MISTAKE, Parser
 from parapod.systems.core.errors import ParapodError
@@ -22,6 +32,7 @@ _COMMANDS = {
     "report": report,
     "emulate": emulate,
     "check": check,
+    "home": home,
     "bench-rt": bench_rt,
 }
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from parapod.diagrams.block_diagram import BlockDiagram, draw
     from parapod.diagrams.closed_loop import ClosedLoop
     from parapod.diagrams.faults import FaultScenario, Span
+    from parapod.diagrams.homing import Homing
     from parapod.diagrams.machine import (
         ControlScenario,
         In,
@@ -52,6 +53,7 @@ _HOMES = {
     "diagrams.block_diagram": ("BlockDiagram", "draw"),
     "diagrams.closed_loop": ("ClosedLoop",),
     "diagrams.faults": ("FaultScenario", "Span"),
+    "diagrams.homing": ("Homing",),
     "diagrams.machine": (
         "ControlScenario",
         "In",
@@ -86,6 +88,7 @@ __all__ = [
     "FaultScenario",
     "Figure",
     "FunctionSystem",
+    "Homing",
     "In",
     "Inner",
     "LoopExperiment",

@@ -19,7 +19,9 @@ from parapod.systems.hardware.device import Device, DeviceError
 # Without power an actuator stands still after this: ten mechanical time constants and more [s].
 _COASTING = 0.05
 # Keys of the file beside the positions.
-_SAVED, _PROGRAMS = "saved", "programs_since_measured"
+_SAVED, _PROGRAMS, _REFERENCE = "saved", "programs_since_measured", "reference"
+# How positions that the settings give have been found.
+_BY_HAND = "measured by hand"
 # Largest number of looks whether it stands; an encoder on an edge may never be quiet.
 _LOOKS = 10
 
@@ -48,18 +50,17 @@ class PositionMemory:
         self.path, self.signal, self._size = Path(path), signal, size
         self._key = f"{signal}_m"
         self._saved: datetime | None = None
-        self._programs = 0
+        self._programs, self._reference = 0, _BY_HAND
 
     @property
     def provenance(self) -> str:
-        """Age of the positions, and number of programs since somebody measured them."""
+        """Age of the positions, how they have been found, and number of programs since."""
         when = "an unknown time"
         if self._saved is not None:
             age = (datetime.now(UTC) - self._saved).total_seconds()
             when = f"{_duration(age)} ago ({self._saved:%Y-%m-%d %H:%M} UTC)"
-        since = f"counted by {self._programs} programs since they were measured"
-        if self._programs == 1:
-            since = "counted by one program since they were measured"
+        programs = "one program" if self._programs == 1 else f"{self._programs} programs"
+        since = f"counted by {programs} since they were {self._reference}"
         return f"{self.signal}s as of {when}, {since}"
 
     def recall(self) -> tuple[float, ...] | None:
@@ -71,7 +72,7 @@ class PositionMemory:
         try:
             told = json.loads(self.path.read_text(encoding="utf-8"))
             known = told[self._key]
-            self._saved, self._programs = _provenance(told)
+            self._saved, self._programs, self._reference = _provenance(told)
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError) as error:
@@ -79,8 +80,8 @@ class PositionMemory:
         if known is None:
             raise self._refused(
                 "says that the last program ended while the drives had power, so nobody knows the "
-                f"{self.signal}s; measure them, and delete the file to begin with what you "
-                f"measured, given as {self.signal}_at_start_mm"
+                f"{self.signal}s; find them with `parapod home`, or measure them, and delete the "
+                f"file to begin with what you measured, given as {self.signal}_at_start_mm"
             )
         is_list = isinstance(known, list) and len(known) == self._size
         if not is_list or not all(isinstance(x, float) and math.isfinite(x) for x in known):
@@ -95,24 +96,26 @@ class PositionMemory:
         """
         self._write({self._key: None})
 
-    def save(self, positions: Sequence[float], are_measured: bool = False) -> None:
+    def save(self, positions: Sequence[float], reference: str | None = None) -> None:
         """The drives have no power and the actuators stand still, here [m].
 
         Args:
             positions: of the actuators [m].
-            are_measured: whether this program began with positions that somebody had measured,
-                and not with those of the file.
+            reference: how this program's own reference has been found, such as "measured by
+                hand"; None: it began with the positions of the file.
 
         Raises:
             DeviceError: the file cannot be written.
         """
-        self._programs = 1 if are_measured else self._programs + 1
+        self._programs = self._programs + 1 if reference is None else 1
+        self._reference = reference or self._reference
         self._saved = datetime.now(UTC)
         self._write(
             {
                 self._key: [float(x) for x in positions],
                 _SAVED: self._saved.isoformat(timespec="seconds"),
                 _PROGRAMS: self._programs,
+                _REFERENCE: self._reference,
             }
         )
 
@@ -132,10 +135,14 @@ class PositionMemory:
         return DeviceError(f"{self.signal}s' file {quoted_path(self.path)}", why)
 
 
-def _provenance(told: Mapping[str, Any]) -> tuple[datetime | None, int]:
-    """Instant at which positions were saved, and number of programs; older files do not say."""
+def _provenance(told: Mapping[str, Any]) -> tuple[datetime | None, int, str]:
+    """Instant at which positions were saved, number of programs, and how they were found.
+
+    Older files do not say.
+    """
     saved, programs = told.get(_SAVED), told.get(_PROGRAMS, 0)
-    return datetime.fromisoformat(saved) if saved else None, int(programs)
+    when = datetime.fromisoformat(saved) if saved else None
+    return when, int(programs), str(told.get(_REFERENCE, "measured"))
 
 
 def _duration(seconds: float) -> str:
@@ -153,7 +160,12 @@ class IncrementalDevice(Device):
     no such file, a reference that the device has by itself counts, from its settings; without that
     either, the positions are unknown and nothing begins. From `activate` on the file knows
     nothing; after `deactivate` it knows where the actuators stand, unless the positions are
-    `distrust`ed.
+    `distrust`ed. A reference that the device itself contradicts, by its end switches say, is
+    refused.
+
+    **Homing.** After `seek_reference` a device is configured without a reference: positions are
+    ways from wherever it is, and the memory knows nothing until somebody has set a reference and
+    told it to `remember`.
 
     A device defines `_open`, `_energise` and `_release` in place of `configure`, `activate` and
     `deactivate`.
@@ -173,6 +185,7 @@ class IncrementalDevice(Device):
             part: part of the machine, as errors call it.
         """
         self._part, self._is_moving, self._is_measured = part, False, False
+        self._is_homing = False
         self._memory = PositionMemory(Path(path), size, self.position_signal) if path else None
 
     @property
@@ -192,25 +205,53 @@ class IncrementalDevice(Device):
                 settings do not say the positions either.
         """
         self._open()
-        if self._memory is None:
+        if self._is_homing:
             return
-        signal = self.position_signal
         try:
-            known = self._memory.recall()
-            if known is not None:
-                self.set_reference(known)
-                self.remarks = [*self.remarks, self._memory.provenance]
-            elif not self.is_referenced:
-                raise DeviceError(
-                    self.name,
-                    f"nobody knows the {self._part}' {signal}s: measure them and give "
-                    f"{signal}_at_start_mm (there is no {quoted_path(self._memory.path)} that "
-                    "knows them)",
-                )
+            if self._memory is not None:
+                self._recall(self._memory)
+            if self.is_referenced and (why := self._contradiction()):
+                raise DeviceError(self.name, f"{why}: find the reference with `parapod home`")
         except BaseException:
             self.close()
             raise
+
+    def _recall(self, memory: PositionMemory) -> None:
+        """Begins with the memory's positions, or else with those of the settings."""
+        known, signal = memory.recall(), self.position_signal
+        if known is not None:
+            self.set_reference(known)
+            self.remarks = [*self.remarks, memory.provenance]
+        elif not self.is_referenced:
+            raise DeviceError(
+                self.name,
+                f"nobody knows the {self._part}' {signal}s: find them with `parapod home`, or "
+                f"measure them and give {signal}_at_start_mm (there is no "
+                f"{quoted_path(memory.path)} that knows them)",
+            )
         self._is_measured = known is None
+
+    def seek_reference(self) -> None:
+        """Has the device configured without a reference, from the next time on.
+
+        Raises:
+            DeviceError: there is no file that would keep what is found.
+        """
+        if self._memory is None:
+            raise DeviceError(self.name, f"has no {self.position_signal}_file to keep a reference")
+        self._is_homing = True
+
+    def remember(self, reference: str) -> None:
+        """Has the memory know where the actuators stand without power, by a reference that is set.
+
+        Args:
+            reference: how it has been found, such as "homed, again within 0.05 mm".
+
+        Raises:
+            DeviceError: the file cannot be written, or the device not be read.
+        """
+        assert self._memory is not None
+        self._memory.save(self._at_rest(), reference)
 
     def activate(self) -> None:
         """Gives power to neutral outputs; from now on the memory knows nothing."""
@@ -222,8 +263,8 @@ class IncrementalDevice(Device):
     def deactivate(self) -> None:
         """Takes the power from the outputs; then the memory knows where the actuators stand."""
         self._release()
-        if self._memory is not None and self._is_moving:
-            self._memory.save(self._at_rest(), self._is_measured)
+        if self._memory is not None and self._is_moving and not self._is_homing:
+            self._memory.save(self._at_rest(), _BY_HAND if self._is_measured else None)
             self._is_moving = False
 
     def distrust(self) -> None:
@@ -247,6 +288,10 @@ class IncrementalDevice(Device):
             raise ValueError(f"{what} are needed, not {tuple(values)}")
         self._set_reference(values)
         self._is_measured = True
+
+    def _contradiction(self) -> str:
+        """Reason why the reference cannot be, by what else the device measures; "" if it can."""
+        return ""
 
     def _at_rest(self) -> Sequence[float]:
         """Positions that do not change any more."""

@@ -389,6 +389,8 @@ def set_up_of(settings: Epos2Settings, node_id: int) -> Iterator[tuple[Entry, in
         objects.QUICK_STOP_DECELERATION,
         settings.rpm_per_second(stop),
     )
+    if settings.current_limit is not None:
+        yield objects.OUTPUT_CURRENT_LIMIT, round(1e3 * settings.current_limit)
     yield objects.ABORT_CONNECTION, objects.ABORT_BY_QUICK_STOP
     yield HEARTBEAT_PRODUCED, 0
     for index in objects.UNUSED:

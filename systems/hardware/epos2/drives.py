@@ -70,6 +70,9 @@ class Epos2(IncrementalDevice):
     has not been measured for the limits' `lead` are commanded zero, all of them if one node is
     silent or has a fault.
 
+    While an axis looks for its end (`seek_reference`) there are no limits, and its motor's current
+    is that of `homing_current_a` at most.
+
     **Guard.** This computer's heartbeat guards the axes from `activate` to `deactivate`:
     controllers that miss it for the settings' `heartbeat_timeout_ms` stop the axes by a quick stop
     and go to a fault. With the time for the quick stop that should be less than 0.2 s. The calls
@@ -133,6 +136,11 @@ class Epos2(IncrementalDevice):
     def is_referenced(self) -> bool:
         """Whether it is known which positions the counts mean."""
         return self._is_referenced
+
+    def seek_reference(self) -> None:
+        """See `IncrementalDevice`; with little force, and without limits."""
+        super().seek_reference()
+        self._settings, self._limits = self._settings.seeking, None
 
     def _open(self) -> None:
         """Opens the bus, makes sure of every controller and sets it up, without power.

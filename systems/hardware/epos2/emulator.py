@@ -34,6 +34,10 @@ _GENERIC, _VOLTAGE, _COMMUNICATION = 0x01, 0x04, 0x10
 # limit switch [EPOS2 24/5 Hardware Reference, 4.5]; and which of their bits are shown.
 _INPUT_FUNCTIONS, _INPUT_MASK = (15, 14, 13, 2, 1, 0), 0xE007
 
+# A motor stands below this share of its demand; the integral part of its velocity's control then
+# takes the current to its limit within this time [s] (assumption).
+_STANDING, _WINDING_UP = 0.02, 0.05
+
 
 class EmulatedMotor(NamedTuple):
     """Identity of an emulated controller, and the motor that it drives.
@@ -97,6 +101,7 @@ class Epos2Node:
         self._history: list[int] = []  # from the newest to the oldest error
         self._inputs, self._is_supplied = [False] * objects.INPUT_COUNT, True
         self._controlword, self._demand, self._stepped = 0, 0.0, -math.inf
+        self._held_up = 0.0  # how long the motor has stood against its demand [s]
         self._slave = CanopenSlave(node_id, _defaults(node_id, motor), line, self._miss_heartbeat)
         self._slave.node.add_read_callback(self._on_read)
         self._slave.node.add_write_callback(self._on_write)
@@ -168,11 +173,26 @@ class Epos2Node:
         elapsed = max(0.0, now - self._stepped) if math.isfinite(self._stepped) else 0.0
         self._stepped = now
         self._demand = self._ramped(elapsed)
+        self._held_up = self._held_up + elapsed if self._is_held_up else 0.0
         stops = self._slave.written(objects.INPUT_EXECUTION) & 1 << objects.QUICK_STOP_FUNCTION
         if stops and stops & self._functions and is_energised(self.state):
             self.state = DriveState.QUICK_STOP_ACTIVE
         if self.state is DriveState.FAULT_REACTION_ACTIVE and self._demand == 0.0:
             self.state = DriveState.FAULT
+
+    @property
+    def _is_held_up(self) -> bool:
+        """Whether the motor stands although it should turn."""
+        rpm = self.measured.velocity * self._motor.gear / _RPM
+        return abs(self._demand) >= 1.0 and abs(rpm) < _STANDING * abs(self._demand)
+
+    @property
+    def _current(self) -> float:
+        """Current of the motor [A], up to the limit, which one that is held up soon has."""
+        limit = 1e-3 * self._slave.get(objects.OUTPUT_CURRENT_LIMIT)
+        if self._held_up > _WINDING_UP:
+            return self._motor.sign * math.copysign(limit, self._demand)
+        return float(clamp(self.measured.current, -limit, limit))
 
     def _ramped(self, elapsed: float) -> float:
         """Velocity of the motor that is demanded next [rpm]."""
@@ -211,7 +231,7 @@ class Epos2Node:
             rpm = motor.sign * self.measured.velocity * motor.gear / _RPM
             return _wrapped(round(rpm), 32)
         if index == objects.CURRENT.index:
-            return _wrapped(round(1e3 * motor.sign * self.measured.current), 16)
+            return _wrapped(round(1e3 * motor.sign * self._current), 16)
         return None
 
     def _on_write(self, index: int, data: bytes, **_: Any) -> None:
@@ -262,6 +282,7 @@ def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
         objects.DECELERATION: 10000,
         objects.QUICK_STOP_DECELERATION: 10000,
         objects.PROFILE_TYPE: 0,
+        objects.OUTPUT_CURRENT_LIMIT: 10_000,
         objects.TARGET_VELOCITY: 0,
         **process_data_defaults(node_id),
     }

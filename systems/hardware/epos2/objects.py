@@ -41,6 +41,7 @@ DECELERATION = Entry(0x6084, 0, "<I")  # [rpm/s]
 QUICK_STOP_DECELERATION = Entry(0x6085, 0, "<I")  # [rpm/s]
 PROFILE_TYPE = Entry(0x6086, 0, "<h")  # 0: trapezoidal
 TARGET_VELOCITY = Entry(0x60FF, 0, "<i")  # [rpm]
+OUTPUT_CURRENT_LIMIT = Entry(0x6410, 2, "<H")  # [mA] of the motor data
 
 MAXON = 0xFB
 EPOS2_24_5 = 0x6220

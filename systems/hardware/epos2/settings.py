@@ -4,8 +4,8 @@ An axis turns or is pushed: the unit of its SI properties is rad or m.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.hardware.addresses import resolved
@@ -84,6 +84,16 @@ class Epos2Settings(Schema):
     def measures_current(self) -> bool:
         """Whether the motors' currents are measured as well."""
         return False
+
+    @property
+    def current_limit(self) -> float | None:
+        """Largest current of a motor [A]; None: the controllers' own setting."""
+        return None
+
+    @property
+    def seeking(self) -> Self:
+        """Settings with which axes look for their ends."""
+        return self
 
     @property
     def position_at_start(self) -> tuple[float, ...] | None:
@@ -183,6 +193,9 @@ class ScrewSettings(Epos2Settings):
             [mm/s^2].
         quick_stop_mm_s2: deceleration with which they stop for want of heartbeats, and to brake
             [mm/s^2].
+        current_limit_a: largest current of a motor [A]; 10 A is that of the controller.
+        homing_current_a: the same while a screw looks for the end of its stroke, against which it
+            then pushes no harder [A].
         position_min_mm: lengths below which nothing retracts, one for each axis [mm].
         position_max_mm: lengths above which nothing extends, one for each axis [mm].
         limit_lead_ms: time by which an axis slows down early before these lengths [ms]: it could
@@ -199,6 +212,8 @@ class ScrewSettings(Epos2Settings):
     signs: list[int] = quantity([1], -1, 1)
     acceleration_mm_s2: float = quantity(2000.0, 1.0, 1e6)
     quick_stop_mm_s2: float = quantity(4000.0, 1.0, 1e6)
+    current_limit_a: float = quantity(10.0, 0.05, 10.0)
+    homing_current_a: float = quantity(0.5, 0.05, 10.0)
     position_min_mm: list[float] = quantity([0.0], 0.0, 5000.0)
     position_max_mm: list[float] = quantity([1.0], 0.0, 5000.0)
     limit_lead_ms: float = quantity(150.0, 10.0, 1000.0)
@@ -241,6 +256,16 @@ class ScrewSettings(Epos2Settings):
         """See `Epos2Settings`."""
         start = self.position_at_start_mm
         return None if start is None else tuple(1e-3 * mm for mm in start)
+
+    @property
+    def current_limit(self) -> float:
+        """See `Epos2Settings`."""
+        return self.current_limit_a
+
+    @property
+    def seeking(self) -> Self:
+        """See `Epos2Settings`."""
+        return replace(self, current_limit_a=self.homing_current_a)
 
     @property
     def positions_path(self) -> str:

@@ -54,6 +54,9 @@ class NiDaq(IncrementalDevice):
     less than half of their range lies between two reads. The resolution of `velocity` is one
     count in the time between the reads.
 
+    **End switches.** Where the settings say at which extensions they close, a reference that they
+    contradict is refused by `configure`.
+
     **Emergency stop.** Its feedback contact is read in one call with the limit switches; there is
     no `emergency_stop` without `stop_input`. A reading at which it is pressed opens the relay and
     makes the outputs neutral, whatever is commanded, even if nothing is. This is latched, lest a
@@ -140,6 +143,28 @@ class NiDaq(IncrementalDevice):
 
     def _set_reference(self, values: Sequence[float]) -> None:
         self._reference(self._begin(), values)
+
+    def _contradiction(self) -> str:
+        """See `IncrementalDevice`."""
+        settings, measured = self._settings, self.read()
+        tolerance = 1e-3 * settings.switch_tolerance_mm
+        for k, (name, end, sign) in enumerate(
+            (("extended", settings.extended_mm, 1.0), ("retracted", settings.retracted_mm, -1.0))
+        ):
+            switches = measured["limits"][k * self._size : (k + 1) * self._size]
+            if end is None or len(switches) < self._size:
+                continue
+            for i, (x, switch) in enumerate(
+                zip(measured["extension"], switches, strict=True), start=1
+            ):
+                beyond = sign * (x - 1e-3 * end)
+                if abs(beyond) > tolerance and (switch > _SET) != (beyond > 0.0):
+                    state = "closed" if switch > _SET else "open"
+                    return (
+                        f"the switch '{name}' of {settings.part} {i}, which closes at {end:g} mm, "
+                        f"is {state}, but its extension should be {1e3 * x:.1f} mm"
+                    )
+        return ""
 
     def _energise(self) -> None:
         """Closes the relay, with neutral outputs, unless the emergency stop is pressed."""

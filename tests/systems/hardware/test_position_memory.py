@@ -16,7 +16,7 @@ from parapod.systems.hardware.ni.card import NiDaq
 from parapod.systems.hardware.ni.settings import NiDaqSettings
 from parapod.systems.hardware.position_memory import PositionMemory
 
-EXTENSION = (0.401, 0.402, 0.1 + 0.2, 1.0 / 3.0)
+EXTENSION = (0.401, 0.402, 0.1 + 0.3, 1.21 / 3.0)
 
 
 @pytest.fixture
@@ -54,13 +54,13 @@ def test_the_file_is_json_that_people_can_read_and_nothing_else_is_left(memory, 
     [(0.0, "seconds"), (3.0 * 3600.0, "3 hours ago"), (200.0, "3 minutes ago"), (4e6, "46 days")],
 )
 def test_it_tells_how_old_positions_are(memory, path, ago, words):
-    memory.save(EXTENSION, are_measured=True)
+    memory.save(EXTENSION, "measured by hand")
     told = json.loads(path.read_text())
     told["saved"] = datetime.fromtimestamp(time.time() - ago, UTC).isoformat()
     path.write_text(json.dumps(told))
     assert memory.recall() == EXTENSION
     assert words in memory.provenance
-    assert memory.provenance.endswith("counted by one program since they were measured")
+    assert memory.provenance.endswith("by one program since they were measured by hand")
 
 
 def test_it_counts_the_programs_since_positions_were_measured(path):
@@ -68,11 +68,20 @@ def test_it_counts_the_programs_since_positions_were_measured(path):
         memory = PositionMemory(path, 4, "extension")
         assert (memory.recall() is None) == (programs == 1)
         memory.forget()
-        memory.save(EXTENSION, are_measured=programs == 1)
+        memory.save(EXTENSION, "measured by hand" if programs == 1 else None)
     memory.recall()
     assert "counted by 3 programs since" in memory.provenance
-    memory.save(EXTENSION, are_measured=True)
+    memory.save(EXTENSION, "measured by hand")
     assert "by one program" in memory.provenance
+
+
+def test_it_tells_how_a_reference_was_found_however_many_programs_ago(path):
+    for reference in ("homed, again within 0.05 mm", None, None):
+        memory = PositionMemory(path, 4, "extension")
+        memory.recall()
+        memory.save(EXTENSION, reference)
+    memory.recall()
+    assert memory.provenance.endswith("3 programs since they were homed, again within 0.05 mm")
 
 
 def test_a_file_from_before_says_that_it_does_not_know_how_old_it_is(memory, path):
@@ -278,3 +287,32 @@ def test_a_file_that_cannot_be_written_keeps_the_drives_without_power(card, path
         with pytest.raises(DeviceError, match="cannot be written: Read-only"):
             ours.activate()
         assert ours._tasks.relay is False
+
+
+def test_while_a_reference_is_looked_for_the_file_knows_nothing_until_it_is_told(card, path):
+    PositionMemory(path, 4, "extension").save(EXTENSION)
+    with card() as ours:
+        ours.deactivate()
+    homing = card()
+    homing.seek_reference()
+    with homing:
+        assert extension(homing) != pytest.approx(EXTENSION)  # the file is not believed
+        homing.activate()
+        homing.deactivate()
+        with pytest.raises(DeviceError, match="nobody knows the extensions"):
+            PositionMemory(path, 4, "extension").recall()
+        homing.set_reference(EXTENSION)
+        turn(homing, [100] * 4)
+        homing.activate()
+        homing.deactivate()
+        assert json.loads(path.read_text()) == {"extension_m": None}
+        homing.remember("homed")
+    with card() as next_one:
+        assert extension(next_one) == pytest.approx([x + 1e-3 for x in EXTENSION])
+        assert "since they were homed" in next_one.remarks[-1]
+
+
+def test_a_card_without_a_file_has_nothing_to_keep_a_reference(monkeypatch):
+    card = NiDaq(NiDaqSettings(extension_at_start_mm=[410.0] * 4, extension_file=""))
+    with pytest.raises(DeviceError, match="has no extension_file to keep a reference"):
+        card.seek_reference()

@@ -12,6 +12,7 @@ import pytest
 from parapod.systems.hardware.canopen import Entry
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import DriveState
+from parapod.systems.hardware.epos2 import objects
 from parapod.systems.hardware.epos2.controller import reports, set_up_of
 from parapod.systems.hardware.epos2.emulator import EmulatedMotor
 from parapod.systems.hardware.epos2.settings import ScrewSettings
@@ -385,3 +386,40 @@ def test_reading_and_writing_twelve_nodes_takes_less_than_a_period(screws):
             f"{1e3 * np.min(times):.1f} ms at best"
         )
     assert np.median(times) < 0.01
+
+
+# The reference
+
+
+def limit_of(rig, node=1):
+    return rig.nodes.nodes[node - 1]._slave.get(objects.OUTPUT_CURRENT_LIMIT)
+
+
+def test_screws_that_look_for_their_ends_have_no_limits_and_little_force(make_screws, tmp_path):
+    params = {"limits": LIMITS, "position_file": str(tmp_path / "p.json"), "homing_current_a": 0.4}
+    with make_screws(**params) as rig:
+        rig.drives.seek_reference()
+        with rig.drives:
+            assert limit_of(rig) == 400
+            rig.drives.activate()  # although nobody knows the positions
+            for _ in range(3):
+                rig.drives.read()
+                rig.drives.write(legs(-0.01))
+                time.sleep(0.02)
+            asked = rig.harness.get("legs.velocity_command")[0]
+            assert asked == pytest.approx(-0.01, abs=1e-3)
+
+
+def test_every_start_sets_the_largest_current_again(make_screws):
+    with make_screws(current_limit_a=2.5) as rig, rig.drives:
+        assert [limit_of(rig, node) for node in IDS] == [2500] * AXES
+
+
+def test_a_motor_that_is_held_up_pushes_with_its_largest_current(make_screws):
+    with make_screws(current_limit_a=2.5) as rig, rig.drives:
+        rig.drives.activate()
+        deadline = time.monotonic() + 5.0
+        while abs((now := rig.drives.read()["current"])[1]) < 2.0 < deadline - time.monotonic():
+            rig.drives.write(legs(-0.01))  # nothing moves: the wires stay as they are
+            time.sleep(0.01)
+        assert now == pytest.approx([-2.5] * AXES)

@@ -111,13 +111,46 @@ def test_counters_are_followed_through_their_wrap(serve, harness, direction):
     zero = [value - direction * COUNT * (2**31 - 5) for value in start]
     harness.set("legs.extension", start)
     server = serve(zero_extension=zero)
-    with device(server, extension_at_start_mm=[1e3 * x for x in start]) as card:
+    anywhere = {"extended_mm": None, "retracted_mm": None}
+    with device(server, extension_at_start_mm=[1e3 * x for x in start], **anywhere) as card:
         for step in range(0, 40, 4):
             moved = [value + direction * COUNT * step for value in start]
             harness.set("legs.extension", moved)
             measured = card.read()
             assert measured["extension"] == pytest.approx(moved, abs=1e-9)
             assert all(abs(value) < 1.0 for value in measured["velocity"])
+
+
+@pytest.mark.parametrize(
+    ("third", "closed", "words"),
+    [
+        (420.0, (), None),
+        (459.9, (2,), None),
+        (459.0, (2,), None),  # within the tolerance
+        (460.4, (), None),
+        (458.0, (2,), "the switch 'extended' of legs 3, which closes at 459.5 mm, is closed"),
+        (461.0, (), "'extended' of legs 3, which closes at 459.5 mm, is open"),
+        (420.0, (6,), "'retracted' of legs 3, .* is closed, but its extension should be 420.0 mm"),
+        (379.0, (), "'retracted' of legs 3, which closes at 380.5 mm, is open"),
+        (420.0, (10,), None),  # the ground says nothing about it
+    ],
+)
+def test_a_reference_that_an_end_switch_contradicts_is_refused(
+    server, harness, third, closed, words
+):
+    start = [410.0, 410.0, third, 410.0]
+    harness.set("legs.extension", [1e-3 * x for x in start])
+    harness.set("legs.limits", [float(i in closed) for i in range(12)])
+    card = device(server, extension_at_start_mm=start)
+    if words is None:
+        with card:
+            assert card.is_referenced
+        return
+    with pytest.raises(DeviceError, match=words) as caught, card:
+        pass
+    assert "parapod home" in str(caught.value)
+    with device(server, extension_at_start_mm=start, extended_mm=None, retracted_mm=None):
+        pass  # not compared
 
 
 def test_a_reference_tells_what_the_counts_mean(card, harness):

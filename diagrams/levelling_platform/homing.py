@@ -1,0 +1,165 @@
+"""Homing of the platform's legs against their switches, and its check on the ground."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.diagrams.homing import (
+    BySwitch,
+    Check,
+    Homing,
+    HomingError,
+    Procedure,
+    Sign,
+    Values,
+    lead,
+)
+from parapod.systems.actuators.linear_actuator import LinearActuatorParams
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
+from parapod.systems.levelling_platform.kinematics import (
+    forward_kinematics,
+    inverse_kinematics,
+    unevenness,
+)
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.plane import attitude_seeing
+from parapod.systems.levelling_platform.wheels import WheelGeometry
+
+_EXTENSION, _LIMITS, _ACCEL = "legs.extension", "legs.limits", "imu.accel"
+_EXTENDED, _CONTACT = slice(0, LEG_COUNT), slice(2 * LEG_COUNT, 3 * LEG_COUNT)
+_GAIN = LinearActuatorParams().gain
+# Voltages of the search, and of legs that look for the ground [V].
+_FAST, _SLOW, _LOWERING = 1.0, 0.3, 0.5
+_STROKE = 0.085  # a little more than there is between the end stops [m]
+# Where a leg is up again [m], and how far below first contact the ground is looked for [m].
+_UP, _DEEPEST = 0.450, 0.012
+# How many times longer than by its voltage a leg may take on its way down [-].
+_SLOWEST = 2.0
+# How far the legs then retract, which lifts the platform by six times that [m].
+_RISE = 2e-3
+# Time in which the inertial sensor is averaged, machine at rest [s].
+_AVERAGED = 1.0
+# On a floor that is flat to 12 mm, six times an extension's error [m, m, deg].
+_TOUCH_BOUND, _PLANE_BOUND, _TILT_BOUND = 2e-3, 3e-3, 0.4
+
+
+def _sign(driver: Any, index: int, period: float) -> Sign:
+    return BySwitch(_LIMITS, index)
+
+
+def _positions(driver: Any) -> list[float]:
+    if driver.extended_mm is None:
+        raise HomingError(
+            f"!{type(driver).__name__}.extended_mm = null: nobody knows where the switches close"
+        )
+    return [1e-3 * driver.extended_mm] * LEG_COUNT
+
+
+def check_on_floor(homing: Homing, driver: Any, period: float) -> Procedure[list[Check]]:
+    """Lowers the legs onto the floor on which the wheels stand, and rises a little on them.
+
+    Wheels and feet then stand on one plane, so each leg's extension at first contact is known
+    from the drawing; so is that the feet are in a plane, and, however the floor is inclined and
+    whatever the inertial sensor's bias, by how much the platform tilts when it is lifted.
+
+    Raises:
+        HomingError: a foot finds no ground.
+    """
+    expected = _touching()
+    rolling = yield from _inclination(period)
+    touched = yield from _lower(homing, period, float(expected.min()) - _DEEPEST)
+    lifting = (touched - _RISE).tolist()
+    standing = yield from lead(homing, _EXTENSION, lifting, period)
+    stood = np.array(standing[_EXTENSION])
+    lifted = yield from _inclination(period)
+    yield from lead(homing, _EXTENSION, [_UP] * LEG_COUNT, period)
+    posture = forward_kinematics(MODEL_GEOMETRY, stood, np.zeros(2))
+    tilt = np.degrees(lifted - rolling - posture[:2])
+    plane = unevenness(MODEL_GEOMETRY, touched)
+    return [
+        Check(
+            "touch_error_mm",
+            1e3 * float(np.abs(touched - expected).max()),
+            "mm",
+            1e3 * _TOUCH_BOUND,
+            "extension at first contact against the drawing, wheels and feet on one floor",
+        ),
+        Check(
+            "plane_error_mm",
+            1e3 * float(np.abs(plane).max()),
+            "mm",
+            1e3 * _PLANE_BOUND,
+            "distance of the feet from one plane at first contact",
+        ),
+        Check(
+            "inclination_error_deg",
+            float(np.abs(tilt).max()),
+            "deg",
+            _TILT_BOUND,
+            "tilt when the legs lift the platform, by the sensor against the extensions",
+        ),
+    ]
+
+
+def _touching() -> NDArray[np.float64]:
+    """Extensions (4) with which the feet touch the floor on which the wheels stand [m]."""
+    stops = LinearActuatorParams()
+    whole = replace(MODEL_GEOMETRY, extension_min=stops.stop_min, extension_max=stops.stop_max)
+    posture = (0.0, 0.0, WheelGeometry().standing_height)
+    return inverse_kinematics(whole, posture, np.zeros(2))
+
+
+def _lower(homing: Homing, period: float, deepest: float) -> Procedure[NDArray[np.float64]]:
+    """Lowers all legs until each foot touches; extensions at first contact (4) [m]."""
+    values = yield [0.0] * LEG_COUNT
+    touched, elapsed = np.full(LEG_COUNT, np.nan), 0.0
+    longest = _SLOWEST * (max(values[_EXTENSION]) - deepest) / (_GAIN * _LOWERING)
+    while np.isnan(touched).any():
+        here, contact = np.array(values[_EXTENSION]), np.array(values[_LIMITS])[_CONTACT]
+        new = np.isnan(touched) & (contact > 0.5)
+        touched = np.where(new, here, touched)
+        if (here[np.isnan(touched)] < deepest).any():
+            i = int(np.argmin(np.where(np.isnan(touched), here, np.inf)))
+            raise HomingError(
+                f"foot {i + 1} has found no ground at {1e3 * here[i]:.1f} mm, where the wheels' "
+                "floor should be: reference, contact switch or floor"
+            )
+        if elapsed > longest:
+            i = int(np.argmax(np.isnan(touched)))
+            raise HomingError(f"leg {i + 1} does not come down: encoder, drive or supply")
+        values = yield np.where(np.isnan(touched), -_LOWERING, 0.0).tolist()
+        elapsed += period
+    return touched
+
+
+def _inclination(period: float) -> Procedure[NDArray[np.float64]]:
+    """Roll and pitch (2) of the platform at rest, by the accelerometer [rad]."""
+    force = np.zeros(3)
+    count = round(_AVERAGED / period)
+    values: Values
+    for k in range(2 * count):
+        values = yield [0.0] * LEG_COUNT
+        if k >= count:  # at rest by now
+            force += np.array(values[_ACCEL])
+    x, y, z = (force / np.linalg.norm(force)).tolist()
+    return np.array(attitude_seeing((x, y, z), (0.0, 0.0, 1.0)))
+
+
+LEGS = Homing(
+    command="voltage",
+    measures="extension",
+    gain=_GAIN,
+    fast=_FAST,
+    slow=_SLOW,
+    longest=_STROKE,
+    sign=_sign,
+    positions=_positions,
+    size=LEG_COUNT,
+    others=(_LIMITS, _EXTENDED),
+    checks=check_on_floor,
+    parts=("imu",),
+    rest={"stop": 0.0},
+    prepare="on its wheels on a flat floor, legs up, nothing below them",
+)
