@@ -135,7 +135,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Found:
-    """Where axes have found their ends.
+    """Places at which axes have found their ends.
 
     Attributes:
         edge: (n) positions at which the ends' signs come, as measured without reference [m].
