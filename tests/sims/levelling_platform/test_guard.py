@@ -1,5 +1,8 @@
 """The guard of the real platform, shown simulated jobs, as they were and with faults in them."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,6 +10,7 @@ from parapod.diagrams.levelling_platform.guard import PlatformGuard
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.systems.levelling_platform.fault_detection import Finding
 
+_HARDWARE = Path(__file__).parents[3] / "docs" / "hardware.md"
 PERIOD = 0.01
 # Latest time after which each fault is found while the legs move [s].
 FAULTS = {
@@ -147,3 +151,18 @@ def test_a_job_with_a_supervisor_goes_on_but_remembers_no_positions_that_may_be_
     values["findings"][Finding.OPERATOR_LOST] = 1.0
     trip = guard.check(50.02, values)
     assert (trip.name, trip.distrusted, trip.ends) == ("operator_lost", (), False)
+
+
+def test_the_documents_tell_what_is_found_and_by_when():
+    rows = re.findall(
+        r"^\| ([^|`]+) \| (`[^|]+`) \| ([\d.]+) s \| (yes|no) \|$", _HARDWARE.read_text(), re.M
+    )
+    told = {
+        name: (finding.replace("`", "").replace(" or ", "|"), float(within), remembered)
+        for name, finding, within, remembered in rows
+    }
+    found = {
+        name: (finding, deadline, "no" if part else "yes")
+        for name, (finding, deadline, part) in FAULTS.items()
+    }
+    assert told == found
