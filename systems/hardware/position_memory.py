@@ -150,7 +150,8 @@ def _duration(seconds: float) -> str:
     for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
         if seconds >= 2.0 * size:
             return f"{seconds / size:.0f} {unit}"
-    return f"{max(seconds, 0.0):.0f} seconds"
+    whole = max(round(seconds), 0)
+    return "1 second" if whole == 1 else f"{whole} seconds"
 
 
 class IncrementalDevice(Device):

@@ -51,7 +51,13 @@ def test_the_file_is_json_that_people_can_read_and_nothing_else_is_left(memory, 
 
 @pytest.mark.parametrize(
     ("ago", "words"),
-    [(0.0, "seconds"), (3.0 * 3600.0, "3 hours ago"), (200.0, "3 minutes ago"), (4e6, "46 days")],
+    [
+        (0.0, "second"),
+        (40.0, "40 seconds ago"),
+        (3.0 * 3600.0, "3 hours ago"),
+        (200.0, "3 minutes ago"),
+        (4e6, "46 days"),
+    ],
 )
 def test_it_tells_how_old_positions_are(memory, path, ago, words):
     memory.save(EXTENSION, "measured by hand")
