@@ -27,11 +27,11 @@ from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.machine import Machine, Port
 from parapod.diagrams.station import Station
 from parapod.sims.lab.live_log import LiveLog
+from parapod.sims.real_machine.privileges import FIFO, take_priority
 from parapod.sims.real_machine.real_time import (
     SWITCH_INTERVAL,
     RealTimeLoop,
     ended_by_signals,
-    take_priority,
     undisturbed,
 )
 from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError
@@ -395,7 +395,7 @@ def emulate(
             if record is not None and next(ticks) % every == 0:
                 record.write(now, emulated.values(root))
 
-        with undisturbed():
+        with undisturbed((FIFO,)):
             emulated.run(min(duration, _FOREVER), on_tick)
 
 
