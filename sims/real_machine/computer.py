@@ -124,7 +124,7 @@ def _preemption(root: Path) -> str:
     if found[0] != "PREEMPT_DYNAMIC":
         return found[0]
     chosen = re.search(r"\((\w+)\)", _text(root / "sys/kernel/debug/sched/preempt"))
-    return f"{found[0]}, {chosen[1] if chosen else 'its mode is for root to read'}"
+    return f"{found[0]}, {chosen[1] if chosen else 'mode unreadable'}"
 
 
 def _text(path: Path) -> str:

@@ -254,7 +254,9 @@ def show_timing(timing: Timing, station: Station[Any], console: Console) -> None
         f"{_unprivileged(timing)}"
     ]
     if timing.disk_faults:
-        lines.append(f"{timing.disk_faults} pages of the program were read from the disk meanwhile")
+        lines.append(
+            f"{timing.disk_faults} pages of the program were read from the disk meanwhile"
+        )
     parts: Parts = station.behind.handle
     for thread in parts.all_threads:
         ages = thread.write_ages

@@ -118,9 +118,7 @@ def parsed_cores(text: str) -> set[int]:
 
 
 @contextmanager
-def privileges(
-    asked: Collection[str], kernel: Kernel = KERNEL
-) -> Iterator[tuple[Outcome, ...]]:
+def privileges(asked: Collection[str], kernel: Kernel = KERNEL) -> Iterator[tuple[Outcome, ...]]:
     """Takes privileges for the calling thread and those that it starts meanwhile.
 
     The memory's is of the whole process. Programs that it starts meanwhile inherit policy and
