@@ -268,7 +268,7 @@ def print_settings(results: Sequence[Measured], console: Console) -> None:
         for name in (*names, "wake-up alone"):
             table.add_column(name, justify="right", no_wrap=True)
         for one in here:
-            cells = [_pair(one.period_error), str(one.missed)]
+            cells = [_pair(one.period_error), f"{one.missed} / {one.ticks + one.missed}"]
             cells += [_pair(one.ages)] if has_ages else []
             cells += [f"{one.page_faults} / {one.disk_faults}", _pair(one.wake_up)]
             table.add_row(one.setting.name, *cells)

@@ -256,6 +256,7 @@ class EmulatedMachine:
 
     def disturbed(self) -> dict[str, Misbehaviour | Circuit]:
         """Everything that can be made to misbehave, by its name."""
+        may: dict[str, Misbehaviour | Circuit]
         may = {**self.misbehaviours, DRIVES: self._drives, **self.circuits}
         return {name: may[name] for name in disturbable(self.machine, self._parts)}
 
