@@ -178,14 +178,14 @@ def measure(matrix: Matrix, works: Sequence[Work], kills: int, only: str = "") -
                     place.leave()
 
 
-_WORKS = {"platform": (LEVEL, DEPLOY), "chair": (WALK,)}
+_WORKS = {"level": LEVEL, "deploy": DEPLOY, "walk": WALK}
 
 
 def run(console: Console) -> list[Measurement]:
     """The whole matrix, for all benchmarks."""
     matrix = Matrix(console)
     try:
-        measure(matrix, [work for works in _WORKS.values() for work in works], KILLS)
+        measure(matrix, [*_WORKS.values()], KILLS)
     finally:
         matrix.print()
     return matrix.measurements()
@@ -194,9 +194,7 @@ def run(console: Console) -> list[Measurement]:
 def main(arguments: list[str]) -> int:
     """The command; its exit code: 1 if a cell is not as it must be."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks faults", description=__doc__)
-    parser.add_argument(
-        "machines", nargs="*", metavar="MACHINE", help="platform, chair; default both"
-    )
+    parser.add_argument("jobs", nargs="*", metavar="JOB", help=f"{', '.join(_WORKS)}; default all")
     parser.add_argument(
         "--kills", type=int, default=KILLS, metavar="N", help=f"of each program; default {KILLS}"
     )
@@ -204,14 +202,14 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the instants; default 0")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows as they come")
     options = parser.parse_args(arguments)
-    if unknown := set(options.machines) - set(_WORKS):
-        parser.error(f"there is no machine '{min(unknown)}'; there are: {', '.join(_WORKS)}")
+    if unknown := set(options.jobs) - set(_WORKS):
+        parser.error(f"there is no job '{min(unknown)}'; there are: {', '.join(_WORKS)}")
     if not 0 <= options.kills <= 1000:
         parser.error(f"--kills {options.kills} is outside 0..1000")
     random.seed(options.seed)
     console = Console()
     matrix = Matrix(console, options.json)
-    works = [work for name in options.machines or _WORKS for work in _WORKS[name]]
+    works = [_WORKS[name] for name in options.jobs or _WORKS]
     try:
         measure(matrix, works, options.kills, options.only)
     except KeyboardInterrupt:

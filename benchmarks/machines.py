@@ -12,7 +12,7 @@ from parapod.diagrams.machine import Machine
 from parapod.diagrams.walking_chair.machine import CHAIR
 
 # How long a job may take to move, and to end [s].
-BEGINNING, LONGEST = 40.0, 90.0
+BEGINNING, LONGEST = 60.0, 90.0
 _ATTEMPTS = 3
 
 

@@ -46,7 +46,7 @@ def test_a_row_is_judged_by_its_bounds(matrix, values, verdict):
 
 def test_a_cell_that_goes_wrong_is_a_row_and_the_file_is_whole_after_each(matrix, tmp_path):
     path, stream = tmp_path / "rows.json", io.StringIO()
-    table = matrix.Matrix(Console(file=stream, width=120), path)
+    table = matrix.Matrix(Console(file=stream, width=120), path, lambda: 0.2)
 
     def fails():
         assert len(json.loads(path.read_text())["rows"]) == 1
@@ -65,3 +65,24 @@ def test_a_cell_that_goes_wrong_is_a_row_and_the_file_is_whole_after_each(matrix
     (missed, live) = table.measurements()
     assert (missed.value, missed.passed, live.value) == (1, False, 0)
     assert "legs slow (broken)" in missed.name
+
+
+@pytest.mark.parametrize(
+    ("load", "is_live", "afters", "verdict"),
+    [
+        (3.0, False, [5.0, 0.5], "ok"),
+        (3.0, False, [5.0, 5.0, 5.0], "late"),
+        (0.5, False, [5.0], "late"),  # nobody else is to blame
+        (3.0, True, [0.5], "live"),  # nothing excuses that
+    ],
+)
+def test_what_a_busy_computer_has_missed_is_measured_again(matrix, load, is_live, afters, verdict):
+    left = list(afters)
+    table = matrix.Matrix(Console(file=io.StringIO()), None, lambda: load)
+    table.measure(
+        *("platform, level", "imu off"),
+        lambda: matrix.Row("platform, level", "imu off", "off", left.pop(0), 1.0, 2, is_live),
+    )
+    (row,) = table.rows
+    assert (row.verdict, left) == (verdict, [])
+    assert (f"measured {len(afters)} times" in row.remark) == (load > 1.0)
