@@ -55,13 +55,12 @@ class Kernel:
         os.sched_setscheduler(0, policy, os.sched_param(priority or 0))
 
     def lock_memory(self) -> None:
-        """Locks the pages that the process has, and those that it gets once they are touched.
+        """Locks the pages of the process that have been touched, and others once they are.
 
-        What it has is read from the disk now. Not what it gets: the stacks of threads to come
-        would take memory that they never use.
+        Nothing is read ahead: pages that nobody needs, such as the stacks of threads to come,
+        would take memory, and where that is short the kernel ends the program.
         """
-        self._call("mlockall", _CURRENT)
-        self._call("mlockall", _FUTURE | _ON_FAULT)
+        self._call("mlockall", _CURRENT | _FUTURE | _ON_FAULT)
 
     def unlock_memory(self) -> None:
         """Ends that."""
@@ -168,7 +167,7 @@ def _with_memory(kernel: Kernel, stack: ExitStack) -> str:
         raise OSError(errno.EPERM, "only without a limit is it safe")
     kernel.lock_memory()
     stack.callback(kernel.unlock_memory)
-    return "the whole process"
+    return "pages stay in memory once they are touched"
 
 
 def _with_core(kernel: Kernel, stack: ExitStack) -> str:
