@@ -1,5 +1,6 @@
 """Programs of a real machine that are killed at random instants, and what is left then."""
 
+import math
 import os
 import random
 import signal
@@ -68,7 +69,7 @@ class Victim(NamedTuple):
     """
 
     name: str
-    kill: Callable[[Place, Path], Kill]
+    kill: Callable[[Place, Running, Path], Kill]
     bound: float
 
 
@@ -85,7 +86,7 @@ def killed(place: Place, victim: Victim, times: int, name: str) -> Row:
         place.work.name,
         name,
         found=next((kill.found for kill in kills if kill.code == 0), kills[-1].found),
-        after=after if np.isfinite(after) else None,
+        after=after if math.isfinite(after) else None,
         bound=victim.bound,
         code=min((kill.code for kill in kills), key=abs),
         is_live=None if kills[0].is_live is None else any(kill.is_live for kill in kills),
@@ -95,9 +96,10 @@ def killed(place: Place, victim: Victim, times: int, name: str) -> Row:
 
 
 def _kill(place: Place, victim: Victim, k: int) -> Kill:
-    log = place.get().machine.folder / f"killed{k}.mcap"
+    running = place.get()
+    log = running.machine.folder / f"killed{k}.mcap"
     try:
-        return victim.kill(place, log)
+        return victim.kill(place, running, log)
     finally:
         log.unlink(missing_ok=True)
 
@@ -122,11 +124,10 @@ def _next(running: Running) -> tuple[bool, str]:
     program = Program("check", "legs", "--of", running.work.experiment, "--seconds", "0.1")
     code = program.wait(LONGEST)
     is_neutral = until(lambda: not running.has_power and not running.is_moving, 1.0)
-    return code in (0, 1, 2) and np.isfinite(is_neutral), program.last_words
+    return code in (0, 1, 2) and math.isfinite(is_neutral), program.last_words
 
 
-def _controller(place: Place, log: Path) -> Kill:
-    running = place.get()
+def _controller(place: Place, running: Running, log: Path) -> Kill:
     with running.working("--log", str(log)) as program:
         _wait_at_random(program)
         os.kill(program.process.pid, signal.SIGKILL)
@@ -135,12 +136,11 @@ def _controller(place: Place, log: Path) -> Kill:
     until(lambda: False, _FINISHING)
     is_safe, words = _next(running)
     is_live = running.stays_live
-    running.machine.remember(place.work.remembered)
+    running.machine.remember(running.work.remembered)
     return Kill(after, code, is_live, words, _is_readable(log), is_safe)
 
 
-def _logger(place: Place, log: Path) -> Kill:
-    running = place.get()
+def _logger(place: Place, running: Running, log: Path) -> Kill:
     with running.working("--log", str(log)) as program:
         writer = program.companion("parapod.sims.lab.live_log")
         _wait_at_random(program)
@@ -149,13 +149,12 @@ def _logger(place: Place, log: Path) -> Kill:
         code = program.wait(LONGEST)
     is_readable = _is_readable(log)
     is_live, (is_safe, _) = running.stays_live, _next(running)
-    running.machine.remember(place.work.remembered)
+    running.machine.remember(running.work.remembered)
     return Kill(after, code, is_live, program.last_words, is_readable, is_safe)
 
 
-def _emulator(place: Place, log: Path) -> Kill:
+def _emulator(place: Place, running: Running, log: Path) -> Kill:
     """The machine itself is gone; its controller must end, and another machine must begin."""
-    running = place.get()
     with running.working("--log", str(log)) as program:
         _wait_at_random(program)
         running.machine.process.kill()
@@ -167,9 +166,9 @@ def _emulator(place: Place, log: Path) -> Kill:
     return Kill(begun, code, None, words, is_readable, is_safe)
 
 
-def _panel(place: Place, log: Path) -> Kill:
+def _panel(place: Place, running: Running, log: Path) -> Kill:
     """The process of the operator's page, while a leg or the chair is moved by hand."""
-    running, is_chair = place.get(), place.work is WALK
+    is_chair = place.work is WALK
     first = next(iter(place.work.moving))
     more = ("--set", "begin=0.5") if is_chair else ()
     program = Program(
@@ -201,7 +200,7 @@ def _panel(place: Place, log: Path) -> Kill:
         if page is not None:
             page.close()
     is_live, (is_safe, _) = running.stays_live, _next(running)
-    running.machine.remember(place.work.remembered)
+    running.machine.remember(running.work.remembered)
     return Kill(after, code, is_live, program.last_words, _is_readable(log), is_safe)
 
 

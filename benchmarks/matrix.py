@@ -10,6 +10,7 @@ from pathlib import Path
 
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from benchmarks.report import Measurement
@@ -19,6 +20,7 @@ OK, HARMLESS, SKIPPED = "ok", "harmless", "skipped"
 # With more programs a core that want to compute, a missed bound may be theirs; so many times it is
 # measured then.
 _BUSY, _ATTEMPTS = 1.0, 3
+_LONGEST_WORDS = 100  # of a program that are shown; the file has all of them
 
 
 @dataclass(frozen=True)
@@ -130,33 +132,26 @@ class Matrix:
             "rows": [row.as_json() for row in self.rows],
         }
         temporary = self._path.with_name(f".{self._path.name}")
-        temporary.write_text(json.dumps(found, indent=1) + "\n")
+        temporary.write_text(json.dumps(found, indent=1, default=str) + "\n")
         os.replace(temporary, self._path)
 
     def print(self) -> None:
-        """Prints the table."""
-        table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-        for name in ("machine, job", "cell", "found as", "after s", "<= s", "exit", "live", ""):
-            is_number = name in ("after s", "<= s", "exit")
-            table.add_column(
-                name,
-                justify="right" if is_number else "left",
-                no_wrap=name != "found as",
-                overflow="fold",
+        """Prints a table for each machine."""
+        for machine in dict.fromkeys(row.machine for row in self.rows):
+            table = Table(
+                *("cell", "after s", "<= s", "exit", "live", "", "found as; remarks"),
+                title=machine,
+                title_justify="left",
+                box=box.SIMPLE_HEAD,
+                padding=(0, 1, 0, 0),
+                pad_edge=False,
             )
-        for row in self.rows:
-            words = "; ".join(filter(None, (row.found[:100], row.remark)))
-            table.add_row(
-                row.machine,
-                row.cell,
-                words.replace("[", "\\["),
-                _seconds(row.after),
-                "" if row.bound is None else f"{row.bound:g}",
-                "" if row.code is None else str(row.code),
-                "-" if row.is_live is None else "yes" if row.is_live else "no",
-                row.verdict,
-            )
-        self._console.print(table)
+            for column in table.columns[:-1]:
+                column.no_wrap = True
+            for row in self.rows:
+                if row.machine == machine:
+                    table.add_row(*map(escape, _cells(row)))
+            self._console.print(table)
 
     def measurements(self) -> list[Measurement]:
         """Sums, beside other benchmarks' figures."""
@@ -181,6 +176,21 @@ def _measured(machine: str, cell: str, measured: Callable[[], Row]) -> Row:
     except Exception as error:
         words = " ".join(f"{type(error).__name__}: {error}".split())
         return Row(machine, cell, remark=words, is_broken=True)
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    """Cells of a row."""
+    found, _, _ = row.found.partition("; ")
+    words = "; ".join(filter(None, (found[:_LONGEST_WORDS], row.remark)))
+    return (
+        row.cell,
+        _seconds(row.after),
+        "" if row.bound is None else f"{row.bound:g}",
+        "" if row.code is None else str(row.code),
+        "-" if row.is_live is None else "yes" if row.is_live else "no",
+        row.verdict,
+        words,
+    )
 
 
 def load_of_this_computer() -> float:
