@@ -98,7 +98,7 @@ class Running:
 
 @dataclass
 class Place:
-    """Where jobs of one kind find their machine; begun again when that is needed."""
+    """Machine for jobs of one kind; begun again when that is needed."""
 
     work: Work
     _running: Running | None = None
@@ -123,7 +123,7 @@ class Place:
 
 
 def begun[T](place: Place, measured: Callable[[], T]) -> T:
-    """What is measured in a job, which is tried again when it does not begin.
+    """Result of a job, which is tried again when it does not begin.
 
     Raises:
         NotBegun: it has not begun three times.

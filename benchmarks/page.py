@@ -35,7 +35,7 @@ class Page:
                 return  # the program has ended
 
     def state(self) -> Any:
-        """What the page shows."""
+        """Everything that the page shows."""
         with urllib.request.urlopen(f"{self.url}/state?page=me", timeout=5.0) as answer:
             return json.loads(answer.read())
 

@@ -209,7 +209,7 @@ class Throttling:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """What is known."""
+        """Everything that is known, by its name."""
         seen = {"seconds": self.seconds, "full_seconds": self.full, "busiest": self.busiest}
         return {"words": self.words, "is_told": self.is_told} | seen
 

@@ -44,7 +44,7 @@ _TURN, _ALONE = 5.0, 1.0
 
 @dataclass(frozen=True)
 class Setting:
-    """What a turn asks of the kernel, and whether it has a log.
+    """Privileges that a turn asks the kernel for, and whether it has a log.
 
     Attributes:
         name: for people.

@@ -249,7 +249,7 @@ class EmulatedMachine:
         return self.circuits[EMERGENCY_STOP].is_broken
 
     def _driven(self, asked: Sequence[float]) -> tuple[float, ...]:
-        """What reaches the motors through drives that are no device of their own."""
+        """Commands that reach the motors through drives that are no device of their own."""
         now = time.monotonic()
         reached = self._drives.shown(asked, now)
         return reached if self._drives.answers(now) else (0.0,) * len(reached)
