@@ -61,6 +61,10 @@ class Program:
     def last_words(self) -> str:
         return self.said[-1].removeprefix("parapod: error: ") if self.said else ""
 
+    def word(self, words: str) -> str:
+        """First line with these words; "" if there is none."""
+        return next((line for line in self.said if words in line), "")
+
     def companion(self, module: str) -> int:
         """Number of the process of its own in which it runs a module.
 

@@ -158,11 +158,11 @@ def _full_disk(place: Place) -> Row:
             resource.prlimit(writer, resource.RLIMIT_FSIZE, (size, size))
         except (AttributeError, OSError) as error:
             return Row(work.name, cell, remark=f"no limit can be set: {error}", is_skipped=True)
-        after = until(lambda: any("cannot write" in line for line in program.said), LONGEST)
+        after = until(lambda: bool(program.word("cannot write")), LONGEST)
         code = program.wait(LONGEST)
     is_live = running.stays_live
     running.machine.remember(work.remembered)
-    return Row(work.name, cell, program.last_words, after, _USUAL, code, is_live)
+    return Row(work.name, cell, program.word("cannot write"), after, _USUAL, code, is_live)
 
 
 @contextmanager

@@ -145,12 +145,12 @@ def _logger(place: Place, running: Running, log: Path) -> Kill:
         writer = program.companion("parapod.sims.lab.live_log")
         _wait_at_random(program)
         os.kill(writer, signal.SIGKILL)
-        after = until(lambda: any("cannot write" in line for line in program.said), 5.0)
+        after = until(lambda: bool(program.word("cannot write")), 5.0)
         code = program.wait(LONGEST)
     is_readable = _is_readable(log)
     is_live, (is_safe, _) = running.stays_live, _next(running)
     running.machine.remember(running.work.remembered)
-    return Kill(after, code, is_live, program.last_words, is_readable, is_safe)
+    return Kill(after, code, is_live, program.word("cannot write"), is_readable, is_safe)
 
 
 def _emulator(place: Place, running: Running, log: Path) -> Kill:
