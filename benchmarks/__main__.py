@@ -1,4 +1,5 @@
 """`python -m benchmarks [--strict] [GROUP ...]`: kinematics, realtime, accuracy, .. (see _GROUPS).
+`python -m benchmarks faults [--help]`: the fault matrix by itself, with options.
 `python -m benchmarks mutants [--help]`: how many single changes of the code the tests notice.
 
 Measures and prints: the groups that are named, or all but the day's run. With `--strict` a missed
@@ -28,6 +29,8 @@ _DEFAULT = tuple(name for name in _GROUPS if name != "day")
 def main(arguments: list[str]) -> int:
     if arguments[:1] == ["mutants"]:
         return mutants.main(arguments[1:])
+    if arguments[:1] == ["faults"]:
+        return faults.main(arguments[1:])
     console = Console()
     names = [name for name in arguments if name != "--strict"]
     strict = len(names) < len(arguments)

@@ -189,6 +189,9 @@ class Machine[S]:
         exchange: simulated backend -> period of the exchange with emulated devices [s].
         cut: values of commands while the emergency stop is pressed, whatever is commanded: what
             it does to the drives' supply.
+        drives: commands that reach motors through drives which are no device of their own; the
+            emulator has them misbehave as `drives`.
+        switches: measurements of switches, which the emulator breaks both ways as `switches`.
         guard: makes what watches every job on the real machine; None: only devices are watched.
         twin: draws the real machine from its signals; None: it is not drawn.
         log_every: periods of the controller between two samples of a recording.
@@ -209,6 +212,8 @@ class Machine[S]:
     emulated: Callable[[S, float], S] | None = None
     exchange: Mapping[str, float] = field(default_factory=dict)
     cut: Mapping[str, float] = field(default_factory=dict)
+    drives: tuple[str, ...] = ()
+    switches: tuple[str, ...] = ()
     guard: Callable[[S], Guard] | None = None
     twin: "type[Twin] | None" = None
     log_every: int = 1

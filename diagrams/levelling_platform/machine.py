@@ -96,6 +96,8 @@ PLATFORM = Machine(
         "wheels.velocity_command": 0.0,
         "wheels.brake": 1.0,
     },
+    drives=("legs.voltage",),
+    switches=("legs.limits",),
     guard=PlatformGuard,
     twin=PlatformTwin,
     exchange={"multibody": 2e-3, "kinematic": 2e-3},

@@ -15,9 +15,12 @@ HELP = "measure how punctually this computer runs the controller"
 DESCRIPTION = (
     "Runs a machine's closed loop in real time at several rates, and in turns with "
     "it a loop that only wakes up. Prints how late ticks begin (period error), what they cost, "
-    "and how late the machine wakes up by itself: a controller cannot be more punctual than that."
+    "and how late the machine wakes up by itself: a controller cannot be more punctual than that. "
+    "With --backend hardware the controller drives emulated devices, in processes that the "
+    "command begins and ends itself; no other device is opened."
 )
-_BACKENDS = ("mock", "kinematic")  # never the hardware: the job moves the machine
+_BACKENDS = ("mock", "kinematic", "hardware")
+_RATES = (100.0, 200.0, 500.0)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,22 +30,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rates",
         type=float,
         nargs="+",
-        default=[100.0, 200.0, 500.0],
         metavar="HZ",
-        help="of the loop; default 100 200 500",
+        help="of the loop; default 100 200 500; on devices that of the scenario",
     )
     parser.add_argument(
-        "--seconds", type=float, default=10.0, metavar="S", help="at each rate; default 10"
+        "--seconds",
+        type=float,
+        default=10.0,
+        metavar="S",
+        help="at each rate, and for each setting; default 10",
     )
     parser.add_argument(
-        "--backend", default="mock", choices=_BACKENDS, help="of the station; default mock"
+        "--backend",
+        default="mock",
+        choices=_BACKENDS,
+        help="of the station; hardware: emulated devices of its own; default mock",
+    )
+    parser.add_argument(
+        "--log", action="store_true", help="with a log of all ports and without, in turns"
+    )
+    parser.add_argument(
+        "--settings",
+        action="store_true",
+        help="under ordinary scheduling, SCHED_FIFO, mlockall, affinity to one core, and all "
+        "three, in turns",
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
-    for rate in arguments.rates:
+    for rate in arguments.rates or ():
         if not 20.0 <= rate <= 1000.0:
             raise UsageError(f"--rates {rate:g} is outside 20..1000 Hz")
     if not 1.0 <= arguments.seconds <= 3600.0:
@@ -53,15 +71,43 @@ def execute(arguments: argparse.Namespace) -> int:
 
     from parapod.sims.lab.discovery import find_experiment
     from parapod.sims.lab.files import write_json
+    from parapod.sims.real_machine.computer import (
+        print_computer,
+        this_computer,
+        watched_throttling,
+    )
+    from parapod.sims.real_machine.deadlines import bench_settings, print_settings, settings_of
     from parapod.sims.real_machine.punctuality import bench_real_time, print_punctuality
 
     experiment = find_experiment(arguments.name)
     scenario = experiment.schema(backend=arguments.backend)
     machine, scenario = machine_of(experiment, scenario)
-    rates, seconds = arguments.rates, arguments.seconds
-    results = bench_real_time(machine, scenario, rates, seconds, Console(stderr=True))
-    print_punctuality(results, Console())
+    if arguments.backend not in machine.backends:
+        raise UsageError(
+            f"--backend {arguments.backend}: {machine.title} has {', '.join(machine.backends)}"
+        )
+    on_devices = arguments.backend == "hardware"
+    usual = [1.0 / scenario.control.period] if on_devices else _RATES
+    rates, seconds = arguments.rates or usual, arguments.seconds
+    shown, aside = Console(), Console(stderr=True)
+    computer = this_computer()
+    print_computer(computer, shown)
+    found: dict[str, object] = {"computer": computer.as_json()}
+    with watched_throttling(computer) as throttling:
+        if on_devices or arguments.settings or arguments.log:
+            settings = settings_of(arguments.settings, arguments.log)
+            measured = bench_settings(
+                machine, machine.experiment, scenario, rates, seconds, settings, aside
+            )
+            found["settings"] = [one.as_json() for one in measured]
+            print_settings(measured, shown)
+        else:
+            results = bench_real_time(machine, scenario, rates, seconds, aside)
+            found["rates"] = [result.as_json() for result in results]
+            print_punctuality(results, shown)
+    found["throttling"] = throttling.as_json()
+    shown.print(f"real-time programs: {throttling.words}", markup=False, highlight=False)
     if arguments.json is not None:
-        write_json(arguments.json, {"rates": [result.as_json() for result in results]})
+        write_json(arguments.json, found)
         print(f"wrote {arguments.json}")
     return HELD

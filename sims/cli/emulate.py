@@ -17,7 +17,8 @@ DESCRIPTION = (
     "Simulates the machine in real time behind emulators of its devices, which speak the makers' "
     "protocols. Another program then runs `parapod run NAME --backend hardware` as on the real "
     "machine. Lines on standard input, PART KIND, make a device misbehave, as in `imu garbage`, "
-    "and `imu well` ends it. The emulator ends with Ctrl-C, and with the program that began it; "
+    "and `imu well` ends it; `emergency_stop pressed`, `supply lost` and `switches open` are of "
+    "what is no device. The emulator ends with Ctrl-C, and with the program that began it; "
     "`setsid --fork parapod emulate NAME` lets it outlive a shell."
 )
 
@@ -50,11 +51,13 @@ def execute(arguments: argparse.Namespace) -> int:
     experiment, scenario = load(arguments)
     machine, scenario = machine_of(experiment, scenario)
 
-    from parapod.sims.real_machine.emulator import emulate, parsed_fault
+    from parapod.sims.real_machine.disturbances import disturbable, parsed_fault
+    from parapod.sims.real_machine.emulator import emulate
     from parapod.sims.real_machine.real_time import ended_by_signals, ended_with_parent
 
     parts = sorted({driver.part for driver in scenario.hardware.drivers})
-    requests = [parsed_fault(text, parts) for text in arguments.fault]
+    may = disturbable(machine, parts)
+    requests = [parsed_fault(text, may) for text in arguments.fault]
     duration = math.inf if arguments.duration is None else arguments.duration
     try:
         with ended_by_signals(), ended_with_parent(parent):

@@ -182,10 +182,10 @@ class Desk:
         return sorted(self._holds)
 
     def IsHeld(self, name: str) -> bool:
-        """See `Panel`; never while the page is silent."""
+        """See `Panel`; never while the page is silent, nor once its process has ended."""
         if name not in self._holds:
             raise KeyError(name)
-        return self.silence() < _STALE and name in self._held
+        return not self.wrong and self.silence() < _STALE and name in self._held
 
     # The pipes.
 

@@ -5,11 +5,9 @@ import math
 import multiprocessing
 import signal
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from importlib.metadata import version
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
@@ -27,16 +25,27 @@ from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.machine import Machine, Port
 from parapod.diagrams.station import Station
 from parapod.sims.lab.live_log import LiveLog
+from parapod.sims.real_machine.disturbances import (
+    CIRCUITS,
+    CLOSED,
+    DRIVES,
+    EMERGENCY_STOP,
+    SWITCHES,
+    Circuit,
+    DeviceFaultRequest,
+    Schedule,
+    disturbable,
+)
+from parapod.sims.real_machine.privileges import FIFO, take_priority
 from parapod.sims.real_machine.real_time import (
     SWITCH_INTERVAL,
     RealTimeLoop,
     ended_by_signals,
-    take_priority,
     undisturbed,
 )
 from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError
 from parapod.systems.core.ports import read_array
-from parapod.systems.core.quoting import quoted, quoted_path
+from parapod.systems.core.quoting import quoted_path
 from parapod.systems.core.scenario_file import dump_scenario
 from parapod.systems.hardware.addresses import (
     WIRES,
@@ -44,7 +53,7 @@ from parapod.systems.hardware.addresses import (
     emulator_lock,
     make_emulator_directory,
 )
-from parapod.systems.hardware.emulation.harness import KINDS, Misbehaviour, SharedHarness
+from parapod.systems.hardware.emulation.harness import SUPPLY, Misbehaviour, SharedHarness
 from parapod.systems.hardware.exclusive import InUse, is_kept, only_program
 
 # How long a process may take until its device answers: Drake is imported in each [s].
@@ -148,7 +157,7 @@ class EmulatedMachine:
         machine: the machine.
         harness: the wires.
         misbehaviours: by part of the machine.
-        emergency_stop: its button.
+        circuits: what is no device and breaks all the same, by the names of `disturbed`.
         period: between two exchanges of wires and physics [s].
     """
 
@@ -178,11 +187,13 @@ class EmulatedMachine:
         self._simulator = Simulator(self._station)
         self._context = self._simulator.get_mutable_context()
         self._sizes = {spec.name: spec.size for spec in (*machine.inputs, *machine.outputs)}
+        self._sizes[SUPPLY] = 1
         self._parts = sorted({driver.part for driver in scenario.hardware.drivers})
         self._wires = make_emulator_directory() / WIRES
         self._program = _only_emulator()
         self.harness = SharedHarness(self._wires, self._sizes, self._parts, is_new=True)
-        self.emergency_stop = EmergencyStop()
+        self.circuits = {name: Circuit() for name in CIRCUITS}
+        self._drives = Misbehaviour(scenario.seed)
         self.misbehaviours = {part: self.harness.misbehaviour(part) for part in self._parts}
         station = self._station
         self._outputs: list[tuple[str, OutputPort]]
@@ -221,21 +232,43 @@ class EmulatedMachine:
 
         def exchange(root: Context) -> None:
             self._show()
-            cut = self.machine.cut if self.emergency_stop.is_pressed else {}
+            is_cut = self._is_pressed or self.circuits[SUPPLY].is_broken
+            cut = self.machine.cut if is_cut else {}
             for name, port in inputs:
                 asked = self.harness.get(name)
+                if name in self.machine.drives:
+                    asked = self._driven(asked)
                 port.FixValue(root, [cut[name]] * len(asked) if name in cut else asked)
             on_tick(root)
 
         self._simulator.Initialize()
         RealTimeLoop(self._simulator, self.period, exchange, is_strict=False).run(duration)
 
+    @property
+    def _is_pressed(self) -> bool:
+        return self.circuits[EMERGENCY_STOP].is_broken
+
+    def _driven(self, asked: Sequence[float]) -> tuple[float, ...]:
+        """Commands that reach the motors through drives that are no device of their own."""
+        now = time.monotonic()
+        reached = self._drives.shown(asked, now)
+        return reached if self._drives.answers(now) else (0.0,) * len(reached)
+
+    def disturbed(self) -> dict[str, Misbehaviour | Circuit]:
+        """Everything that can be made to misbehave, by its name."""
+        may: dict[str, Misbehaviour | Circuit]
+        may = {**self.misbehaviours, DRIVES: self._drives, **self.circuits}
+        return {name: may[name] for name in disturbable(self.machine, self._parts)}
+
     def _show(self) -> None:
         """Puts what the station shows on the wires."""
-        pressed = [float(self.emergency_stop.is_pressed)]
+        pressed, switches = [float(self._is_pressed)], self.circuits[SWITCHES].state
+        self.harness.set(SUPPLY, [0.0 if self.circuits[SUPPLY].is_broken else 1.0])
         for name, port in self._outputs:
             is_button = name.endswith(f".{EMERGENCY_STOP}")
             shown = pressed if is_button else np.asarray(port.Eval(self._context)).tolist()
+            if switches and name in self.machine.switches:
+                shown = [float(switches == CLOSED)] * len(shown)
             self.harness.set(name, shown)
 
     def ports(self) -> tuple[dict[str, str], list[int]]:
@@ -271,77 +304,6 @@ def _only_emulator() -> ExitStack:
 
 _LOG_PERIOD = 0.01  # [s]
 _FOREVER = 1e6  # [s]
-# The word that ends a device's misbehaviour.
-WELL = "well"
-# Pressed and released as if it were a part that misbehaves.
-EMERGENCY_STOP = "emergency_stop"
-_PRESSED, _RELEASED = "pressed", "released"
-
-
-class EmergencyStop:
-    """The button of an emulated machine.
-
-    Attributes:
-        is_pressed: whether the drives are without supply.
-    """
-
-    def __init__(self) -> None:
-        self.is_pressed = False
-
-    def begin(self, kind: str, now: float) -> None:
-        """Presses it."""
-        self.is_pressed = True
-
-    def end(self) -> None:
-        """Releases it."""
-        self.is_pressed = False
-
-
-def kinds_of(part: str) -> tuple[str, ...]:
-    """Words for what may happen to a part, the last of which ends it."""
-    return (_PRESSED, _RELEASED) if part == EMERGENCY_STOP else (*KINDS, WELL)
-
-
-@dataclass(frozen=True)
-class DeviceFaultRequest:
-    """Fault that an emulated device is asked for.
-
-    Attributes:
-        at: from when on, since the emulator began [s].
-        part: part of the machine.
-        kind: one of `kinds_of` the part.
-    """
-
-    at: float
-    part: str
-    kind: str
-
-
-def parsed_fault(text: str, parts: Sequence[str], at: float | None = None) -> DeviceFaultRequest:
-    """A request such as "12 imu garbage", or "imu well" when the time is known.
-
-    Args:
-        text: text that was written.
-        parts: parts of the machine.
-        at: the time, if the text does not begin with it [s].
-
-    Raises:
-        ScenarioError: it is not such a request.
-    """
-    words = text.split()
-    if at is None and words:
-        try:
-            at = float(words.pop(0))
-        except ValueError:
-            raise ScenarioError(f"{quoted(text)} does not begin with a time in seconds") from None
-    known = (*parts, EMERGENCY_STOP)
-    if at is None or len(words) != 2 or words[0] not in known:
-        raise ScenarioError(f"{quoted(text)} is not PART KIND, with a part of {', '.join(known)}")
-    if words[1] not in (kinds := kinds_of(words[0])):
-        raise ScenarioError(
-            f"{quoted(text)} is not PART KIND, with a kind of {', '.join(kinds)} for {words[0]}"
-        )
-    return DeviceFaultRequest(at, words[0], words[1])
 
 
 def emulate(
@@ -373,9 +335,7 @@ def emulate(
     """
     said = console or Console(stderr=True)
     emulated = EmulatedMachine(machine, scenario)
-    schedule = Schedule(
-        {**emulated.misbehaviours, EMERGENCY_STOP: emulated.emergency_stop}, requests, said
-    )
+    schedule = Schedule(emulated.disturbed(), requests, said)
     with ExitStack() as stack:
         stack.enter_context(ended_by_signals())
         metadata = {"scenario": dump_scenario(scenario), "parapod": version("parapod")}
@@ -395,7 +355,7 @@ def emulate(
             if record is not None and next(ticks) % every == 0:
                 record.write(now, emulated.values(root))
 
-        with undisturbed():
+        with undisturbed((FIFO,)):
             emulated.run(min(duration, _FOREVER), on_tick)
 
 
@@ -408,56 +368,3 @@ def _introduce(scenario: Any, experiment: str, console: Console) -> None:
         f"ready: in another terminal, parapod run {experiment} --backend hardware",
     ):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
-
-
-class Schedule:
-    """Faults and their times, asked for before and meanwhile."""
-
-    def __init__(
-        self,
-        misbehaviours: Mapping[str, Misbehaviour | EmergencyStop],
-        requests: Sequence[DeviceFaultRequest],
-        console: Console,
-    ):
-        """Prepares it.
-
-        Args:
-            misbehaviours: by part of the machine.
-            requests: faults that are asked for in advance.
-            console: console for the faults.
-        """
-        self._misbehaviours, self._console = misbehaviours, console
-        self._parts = [part for part in misbehaviours if part != EMERGENCY_STOP]
-        self._waiting = sorted(requests, key=lambda request: request.at)
-        self._now = 0.0
-
-    def advance(self, now: float) -> None:
-        """Begins and ends what is due; `now` is the time since the beginning [s]."""
-        self._now = now
-        while self._waiting and self._waiting[0].at <= now:
-            self._do(self._waiting.pop(0))
-
-    def listen(self) -> None:
-        """Takes requests from standard input, if there is one, in a thread of its own."""
-        threading.Thread(target=self._read, name="requests", daemon=True).start()
-
-    def _read(self) -> None:
-        for line in sys.stdin:
-            if not line.strip():
-                continue
-            try:
-                self._do(parsed_fault(line.strip(), self._parts, self._now))
-            except ScenarioError as error:
-                self.say(str(error))
-
-    def _do(self, request: DeviceFaultRequest) -> None:
-        misbehaviour = self._misbehaviours[request.part]
-        if request.kind == kinds_of(request.part)[-1]:
-            misbehaviour.end()
-        else:
-            misbehaviour.begin(request.kind, time.monotonic())
-        self.say(f"{self._now:.2f} s: {request.part} {request.kind}")
-
-    def say(self, text: str) -> None:
-        """Prints a remark."""
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)

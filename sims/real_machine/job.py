@@ -1,7 +1,7 @@
 """A job on the real machine, in real time."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from typing import Any
@@ -21,6 +21,7 @@ from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.lab.live_log import LiveLog
 from parapod.sims.lab.progress import progress
 from parapod.sims.real_machine.real_time import (
+    USUAL,
     DeadlineError,
     RealTimeLoop,
     Timing,
@@ -50,6 +51,10 @@ class _Over(Exception):
 
 def _nothing(now: float) -> None:
     """Progress of work whose end nobody knows."""
+
+
+def _unheard(timing: Timing) -> None:
+    """For a timing that nobody looks at before the end."""
 
 
 class DeviceWatch:
@@ -98,6 +103,8 @@ def run_on_hardware(
     options: RunOptions,
     what: str,
     is_over: Callable[[Context], bool] = lambda root: False,
+    asked: Collection[str] = USUAL,
+    begun: Callable[[Timing], None] = _unheard,
 ) -> Timing:
     """Runs a closed loop whose station is hardware; the machine is neutral when this returns.
 
@@ -111,6 +118,8 @@ def run_on_hardware(
         options: console for progress, and file of the log.
         what: name of the work, for the progress and in the log.
         is_over: is told the root context at every tick; whether the work is done.
+        asked: names of the privileges that it takes, see `privileges`.
+        begun: is given the timing before the first tick, also of a run that then fails.
 
     Raises:
         DeviceError: a device is not there, is another one, or has failed.
@@ -126,10 +135,10 @@ def run_on_hardware(
     watch = DeviceWatch(parts.all_threads)
     with ExitStack() as stack:
         stack.enter_context(ended_by_signals())
-        write = stack.enter_context(_log(options, loop, root, what))
+        write = stack.enter_context(logged(options, loop, root, what))
         # Before any device waits for heartbeats, because a collection stops all threads; and the
         # devices' threads, which send them, inherit the priority.
-        has_priority = stack.enter_context(undisturbed())
+        outcomes = stack.enter_context(undisturbed(asked))
 
         def say_news() -> None:
             for text in parts.news():
@@ -155,7 +164,8 @@ def run_on_hardware(
                 raise _Over
 
         running = RealTimeLoop(simulator, station.scenario.control.period, on_tick)
-        running.timing.has_priority = has_priority
+        running.timing.refused = tuple(each for each in outcomes if not each.is_taken)
+        begun(running.timing)
         try:
             running.run(min(until, _FOREVER))
         except _Over:
@@ -166,10 +176,8 @@ def run_on_hardware(
 
 
 def _unprivileged(timing: Timing) -> str:
-    """Remark about a loop that other programs may delay."""
-    if timing.has_priority:
-        return ""
-    return "; without real-time priority, which is not permitted (rtprio in limits.conf)"
+    """Remark about a loop that other programs, or the disk, may delay."""
+    return "".join(f"; {outcome.told}" for outcome in timing.refused)
 
 
 def _guarded(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None]:
@@ -197,10 +205,20 @@ def _guarded(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None]:
 
 
 @contextmanager
-def _log(
+def logged(
     options: RunOptions, loop: ClosedLoop[Any], root: Context, what: str
 ) -> Iterator[Callable[[float], None]]:
-    """Yields what writes all ports to an MCAP file; without one, nothing."""
+    """Yields what writes all ports to an MCAP file; without one, nothing.
+
+    Args:
+        options: file of the log, and console for what is wrong with it.
+        loop: the loop.
+        root: its context.
+        what: name of the work.
+
+    Raises:
+        OutputError: the log cannot be written, or is not to be an MCAP file.
+    """
     path = options.log
     if path is None:
         yield lambda _: None
@@ -235,6 +253,10 @@ def show_timing(timing: Timing, station: Station[Any], console: Console) -> None
         f"late {_ms(late)}, cost {_ms(cost)} ms (median, 99 %, largest{newest})"
         f"{_unprivileged(timing)}"
     ]
+    if timing.disk_faults:
+        lines.append(
+            f"{timing.disk_faults} pages of the program were read from the disk meanwhile"
+        )
     parts: Parts = station.behind.handle
     for thread in parts.all_threads:
         ages = thread.write_ages

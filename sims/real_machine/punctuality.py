@@ -156,10 +156,10 @@ def print_punctuality(results: Sequence[Punctuality], console: Console) -> None:
 
 
 def _shown(seconds: NDArray[np.float64]) -> str:
-    return " / ".join(_three_digits(1e3 * value) for value in seconds)
+    return " / ".join(three_digits(1e3 * value) for value in seconds)
 
 
-def _three_digits(ms: float) -> str:
+def three_digits(ms: float) -> str:
     """Format a time with four characters, so that three times three fit a terminal."""
     decimals = 2 if ms < 9.995 else 1 if ms < 99.95 else 0
     return f"{ms:.{decimals}f}"

@@ -2,13 +2,14 @@
 
 import gc
 import os
+import resource
 import signal
 import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import FrameType
 
@@ -17,6 +18,14 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
+from parapod.sims.real_machine.privileges import (
+    FIFO,
+    KERNEL,
+    MEMORY,
+    Kernel,
+    Outcome,
+    privileges,
+)
 from parapod.systems.core.errors import ParapodError
 
 # A controller that is this late is not in control [s].
@@ -28,7 +37,8 @@ _WINDOW = 1.0  # [s]
 SWITCH_INTERVAL = 1e-4
 # The timing of so many ticks is kept: a quarter of an hour at 100 Hz.
 KEPT = 100_000
-_PRIORITY = 40
+# Privileges of every job.
+USUAL = (FIFO, MEMORY)
 _PARENT_PERIOD = 0.2  # between two looks at the program that began this one [s]
 
 
@@ -50,7 +60,9 @@ class Timing:
         cost: duration of each tick [s].
         ticks: number of ticks.
         missed: deadlines that passed without a tick.
-        has_priority: whether no other program delays it that has none.
+        page_faults: pages of memory that the program touched first while the loop ran.
+        disk_faults: pages that were read from the disk meanwhile.
+        refused: privileges that the kernel has refused it.
     """
 
     period: float
@@ -59,7 +71,9 @@ class Timing:
     cost: deque[float] = field(init=False)
     ticks: int = 0
     missed: int = 0
-    has_priority: bool = True
+    page_faults: int = 0
+    disk_faults: int = 0
+    refused: tuple[Outcome, ...] = ()
 
     def __post_init__(self) -> None:
         self.late, self.cost = deque(maxlen=self.kept), deque(maxlen=self.kept)
@@ -134,6 +148,15 @@ class RealTimeLoop:
         Raises:
             DeadlineError: see the class.
         """
+        before = resource.getrusage(resource.RUSAGE_SELF)
+        try:
+            self._run(until)
+        finally:
+            after = resource.getrusage(resource.RUSAGE_SELF)
+            self.timing.page_faults += after.ru_minflt - before.ru_minflt
+            self.timing.disk_faults += after.ru_majflt - before.ru_majflt
+
+    def _run(self, until: float) -> None:
         period, timing = self.timing.period, self.timing
         context = self._simulator.get_context()
         begin = context.get_time()
@@ -178,13 +201,20 @@ class RealTimeLoop:
 
 
 @contextmanager
-def undisturbed() -> Iterator[bool]:
+def undisturbed(
+    asked: Collection[str] = USUAL, kernel: Kernel = KERNEL
+) -> Iterator[tuple[Outcome, ...]]:
     """Keeps Python's garbage collector and other programs away, as far as permitted.
 
     What exists is frozen out of the collector's sight and nothing is collected meanwhile. The
-    calling thread gets the scheduling policy SCHED_FIFO if the user may have it.
+    calling thread and those that it starts get the privileges that are asked for, where the user
+    may have them.
 
-    Yields whether it has.
+    Args:
+        asked: names of `PRIVILEGES`.
+        kernel: system calls.
+
+    Yields what the kernel has said to each of them.
     """
     interval = sys.getswitchinterval()
     enabled = gc.isenabled()
@@ -192,35 +222,14 @@ def undisturbed() -> Iterator[bool]:
     gc.freeze()
     gc.disable()
     sys.setswitchinterval(SWITCH_INTERVAL)
-    is_fifo = take_priority()
     try:
-        yield is_fifo or has_priority()
+        with privileges(asked, kernel) as outcomes:
+            yield outcomes
     finally:
-        if is_fifo:
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         sys.setswitchinterval(interval)
         gc.unfreeze()
         if enabled:
             gc.enable()
-
-
-def take_priority() -> bool:
-    """Makes the calling thread and those that it starts from now on real-time ones, if permitted.
-
-    Returns:
-        Whether it is one now, and was not before.
-    """
-    if not hasattr(os, "sched_setscheduler") or has_priority():
-        return False
-    with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
-        return True
-    return False
-
-
-def has_priority() -> bool:
-    """Whether the calling thread is a real-time one."""
-    return hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO
 
 
 @contextmanager

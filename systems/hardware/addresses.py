@@ -13,7 +13,7 @@ from parapod.systems.core.quoting import quoted_path
 PREFIX = "emulator/"
 # The file of the wires between the emulated devices; there while the emulator runs.
 WIRES = "wires"
-_VARIABLE = "PARAPOD_EMULATOR"
+VARIABLE = "PARAPOD_EMULATOR"
 
 
 def emulator_directory() -> Path:
@@ -21,7 +21,7 @@ def emulator_directory() -> Path:
 
     Short, because a socket's path has at most some 100 characters.
     """
-    named = os.environ.get(_VARIABLE)
+    named = os.environ.get(VARIABLE)
     if named:
         return Path(named)
     run = os.environ.get("XDG_RUNTIME_DIR")
@@ -49,7 +49,7 @@ def make_emulator_directory() -> Path:
     if why:
         raise ScenarioError(
             f"the emulator's folder {quoted_path(directory)} {why}; remove it, or name another "
-            f"one in the environment's {_VARIABLE}"
+            f"one in the environment's {VARIABLE}"
         )
     return directory
 

@@ -242,7 +242,7 @@ REFUSALS = [
     ("bench-rt --rates", r"argument --rates: expected at least one argument .*"),
     ("bench-rt --rates fast", r"argument --rates: invalid float value: 'fast' .*"),
     # The machine itself is never measured.
-    ("bench-rt --backend hardware", r"argument --backend: invalid choice: 'hardware' .*"),
+    ("bench-rt --backend multibody", r"argument --backend: invalid choice: 'multibody' .*"),
     ("bench-rt --of chair-circle", r"backend = 'mock' is not one of kinematic.*"),
     # --- devices, where no emulator runs
     (

@@ -52,6 +52,15 @@ class Harness:
         self._values[name] = tuple(float(value) for value in values)
 
 
+SUPPLY = "supply"
+"""Wire of the drives' supply where a machine's emulator has it: 1 [-] while it is there."""
+
+
+def is_supplied(harness: Harness) -> bool:
+    """Whether the drives have their supply."""
+    return SUPPLY not in harness or harness.get(SUPPLY)[0] > 0.5
+
+
 class MutedHarness(Harness):
     """Wires of which a device is cut off from some: what it sets on them is lost."""
 

@@ -20,7 +20,7 @@ from parapod.systems.hardware.emulation.canopen_slave import (
     SlaveLine,
     process_data_defaults,
 )
-from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour, is_supplied
 from parapod.systems.hardware.emulation.slcan import SlcanPty
 from parapod.systems.hardware.epos2 import objects
 
@@ -307,6 +307,7 @@ class Epos2Nodes:
     | from the machine `<part>.velocity` | n | rad/s or m/s | |
     | from the machine `<part>.current` | n | A | if the machine has it |
     | from the machine `<part>.emergency_stop` | 1 | 0/1 | 1: pressed; if the machine has it |
+    | from the machine `supply` | 1 | 0/1 | 0: the motors have none; if the machine has it |
 
     A pressed emergency stop opens its contact, which otherwise puts voltage to a digital input
     of one node, and cuts the motors' supply of all nodes, not that of their electronics.
@@ -357,7 +358,7 @@ class Epos2Nodes:
             hold_up: how long the drives are fed when their supply has been cut [s].
         """
         self._stop_contact, self._hold_up = stop_contact, hold_up
-        self._pressed_since: float | None = None
+        self._cut_since: float | None = None
         self.is_stop_wire_broken = False
         self._harness, self._ids, self.channel = harness, tuple(node_ids), channel
         self._misbehaviour = misbehaviour or Misbehaviour()
@@ -448,17 +449,16 @@ class Epos2Nodes:
                 line.receive(message)
 
     def _press(self, now: float) -> None:
-        """Puts to the nodes what the emergency stop does."""
+        """Puts to the nodes what the emergency stop does, or a supply that is lost."""
         name = f"{self._part}.{EMERGENCY_STOP}"
         is_pressed = name in self._harness and self._harness.get(name)[0] > 0.5
-        if not is_pressed:
-            self._pressed_since = None
-        elif self._pressed_since is None:
-            self._pressed_since = now
-        since = self._pressed_since
-        is_supplied = since is None or now - since < self._hold_up
+        if is_supplied(self._harness) and not is_pressed:
+            self._cut_since = None
+        elif self._cut_since is None:
+            self._cut_since = now
+        is_fed = self._cut_since is None or now - self._cut_since < self._hold_up
         for node in self.nodes:
-            node.supply(is_supplied)
+            node.supply(is_fed)
         if self._stop_contact is not None:
             node_id, number = self._stop_contact
             is_closed = not (is_pressed or self.is_stop_wire_broken)

@@ -96,6 +96,19 @@ def test_what_the_operator_did_while_nobody_asked_is_over(desk):
     assert desk.silence() < 0.3
 
 
+def test_nothing_is_held_any_more_as_soon_as_the_process_has_ended(desk):
+    # As the newest word of a process that was killed just now.
+    desk.AddHold("ahead")
+    heard, held = desk._heard, desk._held
+    try:
+        desk._heard, desk._held = (time.monotonic() + 60.0, 0.0), {"ahead"}
+        assert desk.IsHeld("ahead")
+        desk.wrong = "its process has ended"
+        assert not desk.IsHeld("ahead")
+    finally:
+        desk.wrong, desk._heard, desk._held = "", heard, held
+
+
 def test_it_shows_the_newest_numbers_and_draws_the_machine(desk):
     rows = (Row("roll", 1.0, 1.5, float("nan"), "deg", 1),)
     desk.show(Readout("moving", rows, ("a remark",), True), SIGNALS)

@@ -8,8 +8,8 @@ from rich.console import Console
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.station import Station
-from parapod.sims.real_machine import real_time
 from parapod.sims.real_machine.job import DeviceWatch, show_timing
+from parapod.sims.real_machine.privileges import Outcome
 from parapod.sims.real_machine.real_time import Timing
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.io import DeviceThread, Sample
@@ -43,21 +43,18 @@ def test_of_a_long_run_it_is_said_of_how_many_ticks_that_is():
     )
 
 
-def test_a_loop_that_others_may_delay_is_said_to_be_one(monkeypatch):
+def test_privileges_that_were_refused_are_said():
     timing = timed(3, kept=3)
-    timing.has_priority = False
-    assert (
-        said(timing)
-        .replace("\n", " ")
-        .endswith(
-            "(median, 99 %, largest); without real-time priority, which is not permitted "
-            "(rtprio in limits.conf) "
-        )
-    )
-    monkeypatch.setattr(real_time, "take_priority", lambda: False)
-    monkeypatch.setattr(real_time, "has_priority", lambda: False)
-    with real_time.undisturbed() as has_priority:
-        assert not has_priority
+    reason = "EPERM; the limit rtprio is 0, 40 or more is needed"
+    timing.refused = (Outcome("SCHED_FIFO", False, reason),)
+    text = said(timing).replace("\n", " ")
+    assert text.endswith(f"(median, 99 %, largest); SCHED_FIFO refused: {reason} ")
+
+
+def test_pages_that_came_from_the_disk_are_said():
+    timing = timed(3, kept=3)
+    timing.disk_faults = 2
+    assert said(timing).splitlines()[-1].startswith("2 pages of the program were read from the")
 
 
 class BrokenThread(DeviceThread):

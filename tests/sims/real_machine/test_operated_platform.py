@@ -1,12 +1,12 @@
 """A person operates the emulated platform on a page, and lets go of it in several ways."""
 
+import importlib.util
 import json
 import os
 import re
 import signal
-import threading
 import time
-import urllib.request
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,51 +14,13 @@ import pytest
 for library in ("nidaqmx", "grpc", "canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)
 
-
-class Page:
-    """A person in front of a browser."""
-
-    def __init__(self, url):
-        self.url, self.is_open, self.held = url, threading.Event(), ""
-        self.is_open.set()
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._speak)
-        self._thread.start()
-
-    def _speak(self):
-        while not self._over.wait(0.05):
-            if not self.is_open.is_set():
-                continue
-            try:
-                urllib.request.urlopen(f"{self.url}/beat?page=me", timeout=2.0).close()
-                if self.held:
-                    self.send(hold=self.held, on=True, number=time.monotonic_ns())
-            except OSError:
-                return  # the program has ended
-
-    def state(self):
-        with urllib.request.urlopen(f"{self.url}/state?page=me", timeout=5.0) as answer:
-            return json.loads(answer.read())
-
-    def send(self, **body):
-        data = json.dumps({"page": "me", **body}).encode()
-        request = urllib.request.Request(self.url, data, {"Origin": self.url})
-        urllib.request.urlopen(request, timeout=5.0).close()
-
-    def click(self, name):
-        self.send(button=name)
-
-    def wait(self, state, timeout=30.0):
-        """Waits until the machine is in a state; says for how long."""
-        begun = time.monotonic()
-        while (shown := self.state())["state"] != state:
-            assert time.monotonic() < begun + timeout, shown
-            time.sleep(0.02)
-        return time.monotonic() - begun
-
-    def close(self):
-        self._over.set()
-        self._thread.join()
+# The benchmarks' person: folders of tests are no package that could import it.
+_spec = importlib.util.spec_from_file_location(
+    "page", Path(__file__).parents[3] / "benchmarks" / "page.py"
+)
+_page = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(_page)
+Page = _page.Page
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
-from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from parapod.systems.hardware.emulation.harness import SUPPLY, Harness, Misbehaviour
 from parapod.systems.hardware.epos2.controller import Timing
 from parapod.systems.hardware.epos2.drives import Epos2
 from parapod.systems.hardware.epos2.emulator import Epos2Nodes
@@ -131,7 +131,10 @@ class Rig:
         sizes = {"velocity_command": axes, "brake": 1, "emergency_stop": 1} | dict.fromkeys(
             ("position", "velocity", "current"), axes
         )
-        self.harness = Harness({f"{part}.{name}": size for name, size in sizes.items()})
+        self.harness = Harness(
+            {f"{part}.{name}": size for name, size in sizes.items()} | {SUPPLY: 1}
+        )
+        self.harness.set(SUPPLY, (1.0,))
         self.harness.set(f"{part}.position", [position] * axes)
         self.nodes = Epos2Nodes(
             self.harness,

@@ -266,6 +266,16 @@ def test_a_cut_supply_without_a_contact_asks_for_the_emergency_stop(make_rig):
         assert words.endswith("(undervoltage): is the emergency stop pressed?")
 
 
+def test_a_lost_supply_is_told_without_anybody_having_pressed_the_stop(make_stoppable):
+    with make_stoppable(hold_up=0.05) as rig:
+        run(rig)
+        rig.harness.set("supply", (0.0,))
+        words = until_refused(rig, "no supply")
+        assert words.startswith("node 1 has no supply for its motor, EMCY 0x3220")
+        rig.wait_for(DriveState.FAULT)
+        assert set(rig.command) == {0.0}
+
+
 def test_drives_are_set_up_and_read_without_their_motors_supply(make_stoppable):
     with make_stoppable(hold_up=0.0) as rig:
         press(rig)
