@@ -32,6 +32,7 @@ class ChairLimits:
 
     Attributes:
         following: largest distance of a branch from where it is to be next [m]; .9 mm.
+        swinging: largest mean distance from there over some tenths of a second [m]; .5 mm.
         fastest: speed of a branch [m/s]; .078.
         margin: least distance of the centre of mass from the support's edge [m]; .051.
         oldest: largest age of the measurements [s]; .01.
@@ -44,6 +45,7 @@ class ChairLimits:
     """
 
     following: float = 5e-3
+    swinging: float = 1.2e-3
     fastest: float = 0.15
     margin: float = 0.0
     oldest: float = 0.06
@@ -55,6 +57,10 @@ class ChairLimits:
 
 # Currents are compared with the statics at every so many ticks: it takes most of a millisecond.
 _STRIDE = 5
+# Time constant of the mean distance of a branch from its way [s].
+_AVERAGED = 0.3
+# A branch swings if that with signs is less than this share of that without [-].
+_TO_AND_FRO = 0.5
 # Time constant of the payload with which currents are compared [s]: a drive that fails must not
 # become a lighter passenger before it is noticed.
 _REMEMBERED = 10.0
@@ -63,7 +69,7 @@ _SETTLED = 2.0
 
 
 class ChairGuard:
-    """Ends a walk in which a branch does not follow or carry, an encoder jumps, no foot supports.
+    """Ends a walk in which a branch does not follow or carry, or swings, or no foot supports.
 
     The drives then stop and hold. A branch that is stuck, driven the wrong way or shown wrongly
     is off its way sooner or later. One whose drive carries nothing, or that is held where it
@@ -84,6 +90,8 @@ class ChairGuard:
         self._position: NDArray[Any] | None = None
         self._ticks = Ticks(scenario.control.period)
         self._since: dict[str, float] = {}
+        # Mean distances from the way, and mean sizes of these [m].
+        self._off, self._size = np.zeros(len(BRANCHES)), np.zeros(len(BRANCHES))
         self._count, self._mismatch = 0, ""
         # Mass, and moments by gravity, of the payload, as they have been for a while [kg, kg m].
         self._payload: NDArray[Any] | None = None
@@ -115,6 +123,7 @@ class ChairGuard:
             if off.any():
                 words = _named(off, f"is more than {1e3 * limits.following:g} mm off its way")
                 yield "following_error", (words, limits.persists, legs)
+            yield from self._swings(position - values[_NODE])
         if _MARGIN in values and values[_MARGIN][0] < limits.margin:
             words = "the centre of mass is not above the feet that stand"
             yield "no_support", (words, limits.persists, ())
@@ -127,6 +136,20 @@ class ChairGuard:
                 yield "current_mismatch", (words, persists, legs)
         if _AGE in values and not values[_AGE][0] <= limits.oldest:
             yield "legs_stale", ("measurements that are old", limits.persists, ())
+
+    def _swings(
+        self, off: NDArray[Any]
+    ) -> Iterator[tuple[str, tuple[str, float, tuple[str, ...]]]]:
+        """Sign of a branch that swings about its way, as with commands that come too late."""
+        share, off = -np.expm1(-self._period / _AVERAGED), np.nan_to_num(off)
+        self._off += share * (off - self._off)
+        self._size += share * (np.abs(off) - self._size)
+        swinging = self._size > self._limits.swinging
+        swinging &= np.abs(self._off) < _TO_AND_FRO * self._size
+        if swinging.any():
+            mean = 1e3 * self._size[swinging].max()
+            words = _named(swinging, f"swings about its way, {mean:.1f} mm off it on average")
+            yield "oscillation", (words, 0.0, ())
 
     def _compared(self, values: Mapping[str, NDArray[Any]]) -> str:
         """Sentence about the branch whose current is explained least; "" if all of them are."""

@@ -18,13 +18,14 @@ FAULTS = {
     "wrong sign of an encoder": ("following_error", "branch 11 is more", 0.4),
     "no encoder": ("following_error", "branch 11 is more", 0.13),
     "jump of an encoder": ("encoder_jump", "branch 11 changes faster than it can", 0.0),
+    "swinging branch": ("oscillation", "branch 11 swings about its way, 1.", 0.8),
     "branch held in the air": ("current_mismatch", "branch 11 holds", 0.42),
     "tipping": ("no_support", "the centre of mass is not above the feet that stand", 0.13),
     "old measurements": ("legs_stale", "measurements that are old", 0.13),
     "pressed stop": ("emergency_stop", "the emergency stop is pressed", 0.0),
 }
 # Of which no encoder is the cause.
-WITHOUT_DOUBT = ("tipping", "old measurements", "pressed stop")
+WITHOUT_DOUBT = ("swinging branch", "tipping", "old measurements", "pressed stop")
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +54,7 @@ def fastest(signals):
     return int(np.argmax(np.convolve(rates, np.ones(30), "valid")))
 
 
-def spoilt(name, signals, at):
+def spoilt(name, signals, at, period=0.01):
     """Signals with a fault from a sample on."""
     signals = {key: np.array(values, dtype=float) for key, values in signals.items()}
     position = signals["legs.position"]
@@ -66,6 +67,9 @@ def spoilt(name, signals, at):
             position[at:, 0] = np.nan
         case "jump of an encoder":
             position[at:, 0] += 4e-3
+        case "swinging branch":
+            later = period * np.arange(len(position) - at)
+            position[at:, 0] += 2.6e-3 * np.sin(2.0 * np.pi * 4.0 * later)
         case "branch held in the air":
             signals["legs.current"][at:, 0] += 1.0
         case "tipping":
