@@ -9,6 +9,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.guard import PlatformGuard
+from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.plants import add_bodies, add_mock, add_statics
 from parapod.diagrams.levelling_platform.ports import PARTS, PORTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
@@ -16,7 +17,6 @@ from parapod.diagrams.levelling_platform.twin import PlatformTwin
 from parapod.diagrams.machine import Machine, SelfTest
 from parapod.diagrams.wiring import named_source
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.scripts import PostureScript, Waypoint
 
 
@@ -33,7 +33,10 @@ def make_script(scenario: LevellingScenario) -> PostureScript:
         for w in job.waypoints
     ]
     return PostureScript(
-        MODEL_GEOMETRY, 1e-3 * job.height_mm, waypoints, period=scenario.control.period
+        geometry_as_known(scenario.control),
+        1e-3 * job.height_mm,
+        waypoints,
+        period=scenario.control.period,
     )
 
 
