@@ -8,7 +8,17 @@ import os
 import sys
 from collections.abc import Sequence
 
-from parapod.sims.cli import adopt, bench_rt, check, compare, emulate, operate, report, run, scenario
+from parapod.sims.cli import (
+    adopt,
+    bench_rt,
+    check,
+    compare,
+    emulate,
+    operate,
+    report,
+    run,
+    scenario,
+)
 from parapod.sims.cli import list as list_command
 from parapod.sims.cli.arguments import HELD, INTERRUPTED, MISTAKE, Parser
 from parapod.systems.core.errors import ParapodError

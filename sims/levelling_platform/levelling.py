@@ -124,6 +124,14 @@ def in_deg_and_mm(posture: NDArray[np.float64]) -> NDArray[np.float64]:
     return posture * [math.degrees(1.0), math.degrees(1.0), 1e3]
 
 
+# Signals that `measured_posture` is made of.
+MEASURED = (
+    "attitude_estimated",
+    "ground_estimated",
+    "ground_valid",
+    "foot_offsets_estimated",
+    "legs.extension",
+)
 AS_MEASURED = (
     "posture as measured: angles by the inertial sensor, heights by the encoders on the "
     "estimated ground"
