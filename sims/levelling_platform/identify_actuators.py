@@ -93,7 +93,7 @@ class IdentifyActuatorsScenario(Schema):
         plant: see `PlantScenario`; it carries the load.
         actuators: see `ActuatorScenario`.
         encoder_resolution_mm: one count of the actuators' encoders [mm]; 0 for perfect ones.
-        control: see `ControlScenario`; a real machine's, which leads the legs to the ground.
+        control: see `ControlScenario`; it leads a real machine's legs to the ground.
         hardware: see `HardwareScenario`; the defaults are the emulated devices.
     """
 
@@ -115,12 +115,7 @@ class IdentifyActuatorsScenario(Schema):
     @property
     def on_wheels(self) -> LevellingScenario:
         """The machine on level ground, on its wheels with the legs lifted."""
-        return replace(
-            self.machine,
-            control=self.control,
-            hardware=self.hardware,
-            job=JobScenario(start="wheels"),
-        )
+        return replace(self.machine, job=JobScenario(start="wheels"))
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,8 @@ from parapod.sims.lab.experiment import LoopExperiment
 from parapod.systems.core.errors import RefusedRequest
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 
+# Time at the beginning of a job in which nothing is commanded, so that it can be refused [s].
+AT_REST = 0.5
 # Where no controller holds the platform level, further than this it does not tilt [rad].
 _TILT = np.radians(3.0)
 
@@ -80,13 +82,14 @@ class LegWatch:
             loop: of a `LegJob`.
         """
         self._loop = loop
-        self.is_over = False
+        self.is_over = self._is_begun = False
         self.rows: dict[str, list[Any]] = {name: [] for name in ("t", *self.signals)}
 
     def look(self, root: Context) -> bool:
         """Notes the newest tick, once; returns whether it is new.
 
         Raises:
+            RefusedRequest: see `check_beginning`.
             Tripped: the platform tilts.
         """
         if root.get_time() < len(self.rows["t"]) * self._loop.scenario.control.period - 1e-9:
@@ -94,12 +97,22 @@ class LegWatch:
         self.rows["t"].append(read_at(self._loop, root))
         for name, value in self._loop.readings(root, self.signals).items():
             self.rows[name].append(value().copy())
+        if not self._is_begun and root.get_time() > 0.5 * AT_REST:
+            self._is_begun = True
+            self.check_beginning()
         tilt = np.abs(self.rows["attitude_estimated"][-1]).max()
         if not tilt <= _TILT:
             degrees, most = np.degrees([tilt, _TILT])
             sign = f"a platform that is inclined by {degrees:.1f} deg, more than {most:g} deg"
             raise Tripped(Trip("tilt", sign))
         return True
+
+    def check_beginning(self) -> None:
+        """Refuses a machine that does not stand as the job needs it, before anything moves.
+
+        Raises:
+            RefusedRequest: names the leg.
+        """
 
     def newest(self, name: str) -> NDArray[np.float64]:
         """Newest value of a signal."""

@@ -7,13 +7,14 @@ the legs are lowered onto level ground until the platform stands, and the steps 
 from functools import partial
 
 import numpy as np
-from pydrake.systems.framework import Context, System
+from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import named_source
 from parapod.sims.lab.bench import Bench
 from parapod.sims.levelling_platform.leg_job import (
+    AT_REST,
     LegJob,
     LegWatch,
     carry_out,
@@ -25,9 +26,8 @@ from parapod.systems.levelling_platform.geometry import LEG_COUNT
 
 # Where the feet of a machine on its wheels are in the air, before the end switches close [m].
 LIFTED = (0.428, 0.458)
-# Time at 0 V in which the beginning is looked at, rest after each way [s], and largest rate of a
-# lifted leg [m/s].
-_LOOK, _SETTLE, _LIFTING = 0.5, 2.0, 5e-3
+# Rest after each way [s], and largest rate of a lifted leg [m/s].
+_SETTLE, _LIFTING = 2.0, 5e-3
 _SWITCHED = 0.05  # from control to voltages [s]
 
 
@@ -43,7 +43,7 @@ class _Timeline:
 
     def __init__(self, steps: StepsScenario):
         lasts = schedule(steps).end_time()
-        self.lift = _LOOK
+        self.lift = AT_REST
         lifted = 1e-3 * steps.lifted_extension_mm
         farthest = max(LIFTED[1] - lifted, lifted - LIFTED[0])
         begin = self.lift + easing_time(farthest, _LIFTING) + _SETTLE
@@ -83,14 +83,8 @@ class _Timeline:
 class _StepsWatch(LegWatch):
     """Notes both cases, and refuses a machine that does not begin with lifted legs."""
 
-    def look(self, root: Context) -> bool:
+    def check_beginning(self) -> None:
         """See `LegWatch`."""
-        is_new = super().look(root)
-        if is_new and len(self.rows["t"]) == 1:
-            self._check_beginning()
-        return is_new
-
-    def _check_beginning(self) -> None:
         low, high = (1e3 * limit for limit in LIFTED)
         for leg, (length, touches) in enumerate(
             zip(1e3 * self.newest("legs.extension"), self.touching, strict=True)
