@@ -21,6 +21,8 @@ from parapod.systems.levelling_platform.geometry import LEG_COUNT
 
 # Time at the beginning of a job in which nothing is commanded, so that it can be refused [s].
 AT_REST = 0.5
+# Extensions at which a platform on level ground stands on its feet [m].
+STANDING = (0.385, 0.425)
 # Where no controller holds the platform level, further than this it does not tilt [rad].
 _TILT = np.radians(3.0)
 
@@ -179,3 +181,19 @@ def refuse_beginning(leg: int, what: str) -> RefusedRequest:
         what: how the leg is, and how it is to be.
     """
     return RefusedRequest(f"leg {leg + 1} {what}", "place")
+
+
+def refuse_unless_standing(watch: LegWatch) -> None:
+    """Refuses a machine that does not stand on all its feet.
+
+    Raises:
+        RefusedRequest: names the leg.
+    """
+    low, high = (1e3 * limit for limit in STANDING)
+    begin = f"begin on level ground, with all feet on it at {low:g}..{high:g} mm"
+    lengths = 1e3 * watch.newest("legs.extension")
+    for leg, (length, touches) in enumerate(zip(lengths, watch.touching, strict=True)):
+        if not touches:
+            raise refuse_beginning(leg, f"does not touch the ground; {begin}")
+        if not low <= length <= high:
+            raise refuse_beginning(leg, f"is at {length:.1f} mm; {begin}")

@@ -36,6 +36,7 @@ from parapod.sims.lab.experiment import Experiment, Logged
 from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.results import Metric
 from parapod.sims.levelling_platform.driven import make_simulator, on_level_ground
+from parapod.sims.levelling_platform.leg_job import AT_REST
 from parapod.sims.levelling_platform.slip_measured import (
     Measured,
     Times,
@@ -59,7 +60,6 @@ if TYPE_CHECKING:
 BEGIN = 0.5  # at rest before the lift, and before the creep counts [s]
 _LEVEL = (0.0, 0.0)  # roll and pitch of the ground [rad]
 _PERIOD = 0.01  # of the recording [s]
-_CONTROLLED = 0.5  # from when on the legs of a real machine are led [s]
 # After the brakes close the rods come to rest first [s].
 _STOPPING = 0.1
 _HEIGHT_BOUND = 0.1  # [mm]
@@ -330,7 +330,7 @@ def swing_trajectory(scenario: SlipScenario) -> PiecewisePolynomial:
 def lift_sources(scenario: SlipScenario, times: Times) -> tuple[System, ...]:
     """Sources for a real machine, which is brought to where the lift begins first."""
     control = PiecewisePolynomial.ZeroOrderHold(
-        [0.0, _CONTROLLED, times.braked, times.end + 1.0], [[0.0, 1.0, 0.0, 0.0]]
+        [0.0, AT_REST, times.braked, times.end + 1.0], [[0.0, 1.0, 0.0, 0.0]]
     )
     lift, swing = lift_trajectory(scenario), swing_trajectory(scenario)
     for trajectory in (lift, swing):

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context
 
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.levelling_platform.model import geometry_as_known
@@ -20,7 +19,14 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.results import Metric
-from parapod.sims.levelling_platform.leg_job import LegJob, LegWatch, carry_out, refuse_beginning
+from parapod.sims.levelling_platform.leg_job import (
+    AT_REST,
+    STANDING,
+    LegJob,
+    LegWatch,
+    carry_out,
+    refuse_unless_standing,
+)
 from parapod.systems.levelling_platform.eased_legs import easing_time
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, unevenness
@@ -33,11 +39,8 @@ if TYPE_CHECKING:
 
 type Floats = NDArray[np.float64]
 
-# Extensions at which a platform on level ground stands on its feet [m].
-STANDING = (0.385, 0.425)
-# Time at 0 V in which the beginning is looked at, rest before the lift [s]; largest rate of a leg
-# that is brought to where the lift begins [m/s].
-_LOOK, _SETTLE, _RATE = 0.5, 1.0, 4e-3
+# Rest before the lift [s], and largest rate of a leg that is brought to where it begins [m/s].
+_SETTLE, _RATE = 1.0, 4e-3
 _LEVEL = (0.0, 0.0)
 # Two counts of the encoders: braked actuators do not move [mm].
 _HELD = 0.021
@@ -73,7 +76,7 @@ class Times:
         """
         low, high = STANDING
         start = 1e-3 * scenario.lift.initial_extension_mm
-        begin = _LOOK + easing_time(max(start - low, high - start), _RATE) + _SETTLE
+        begin = AT_REST + easing_time(max(start - low, high - start), _RATE) + _SETTLE
         return cls(
             begin,
             begin + rest,
@@ -150,19 +153,9 @@ def _in_plane(geometry: PlatformGeometry, extension: Floats) -> Floats:
 class _LiftWatch(LegWatch):
     """Refuses a machine that does not begin on its feet."""
 
-    def look(self, root: Context) -> bool:
+    def check_beginning(self) -> None:
         """See `LegWatch`."""
-        is_new = super().look(root)
-        if is_new and len(self.rows["t"]) == 1:
-            low, high = (1e3 * limit for limit in STANDING)
-            begin = f"begin on level ground, with all feet on it at {low:g}..{high:g} mm"
-            lengths = 1e3 * self.newest("legs.extension")
-            for leg, (length, touches) in enumerate(zip(lengths, self.touching, strict=True)):
-                if not touches:
-                    raise refuse_beginning(leg, f"does not touch the ground; {begin}")
-                if not low <= length <= high:
-                    raise refuse_beginning(leg, f"is at {length:.1f} mm; {begin}")
-        return is_new
+        refuse_unless_standing(self)
 
 
 def measure_lift(
