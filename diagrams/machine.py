@@ -188,6 +188,8 @@ class Machine[S]:
         cut: values of commands while the emergency stop is pressed, whatever is commanded: what
             it does to the drives' supply.
         guard: makes what watches every job on the real machine; None: only devices are watched.
+        instrument: tells the true signals, by name, as somebody reads them off an instrument
+            beside the emulated machine; None: there is none.
         twin: draws the real machine from its signals; None: it is not drawn.
         log_every: periods of the controller between two samples of a recording.
     """
@@ -207,6 +209,7 @@ class Machine[S]:
     exchange: Mapping[str, float] = field(default_factory=dict)
     cut: Mapping[str, float] = field(default_factory=dict)
     guard: Callable[[S], Guard] | None = None
+    instrument: Callable[[Mapping[str, NDArray[Any]]], str] | None = None
     twin: "type[Twin] | None" = None
     log_every: int = 1
 

@@ -1,9 +1,11 @@
 """The levelling platform: one declaration, and its sources of commands."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
+from numpy.typing import NDArray
 from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -62,6 +64,19 @@ def _emulated(scenario: LevellingScenario, period: float) -> LevellingScenario:
     return replace(scenario, control=replace(scenario.control, period=period))
 
 
+# What the optical tracker of Appendix B resolves [mm, deg].
+_TRACKER = (0.05, 0.01)
+
+
+def _instrument(signals: Mapping[str, NDArray[Any]]) -> str:
+    """The posture as the optical tracker of Appendix B tells it."""
+    roll, pitch, height = signals["truth.posture"].tolist()
+    length, angle = _TRACKER
+    shown = [length * round(1e3 * height / length)]
+    shown += [angle * round(math.degrees(x) / angle) for x in (roll, pitch)]
+    return f"height {shown[0]:.2f} mm, roll {shown[1]:.2f} deg, pitch {shown[2]:.2f} deg"
+
+
 PLATFORM = Machine(
     name="levelling_platform",
     title="the levelling platform",
@@ -98,6 +113,7 @@ PLATFORM = Machine(
         "wheels.brake": 1.0,
     },
     guard=PlatformGuard,
+    instrument=_instrument,
     twin=PlatformTwin,
     exchange={"multibody": 2e-3, "kinematic": 2e-3},
 )

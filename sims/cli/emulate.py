@@ -17,7 +17,8 @@ DESCRIPTION = (
     "Simulates the machine in real time behind emulators of its devices, which speak the makers' "
     "protocols. Another program then runs `parapod run NAME --backend hardware` as on the real "
     "machine. Lines on standard input, PART KIND, make a device misbehave, as in `imu garbage`, "
-    "and `imu well` ends it. The emulator ends with Ctrl-C, and with the program that began it; "
+    "and `imu well` ends it; `measure` prints the machine's true state as somebody with an "
+    "instrument reads it. The emulator ends with Ctrl-C, and with the program that began it; "
     "`setsid --fork parapod emulate NAME` lets it outlive a shell."
 )
 

@@ -1,7 +1,7 @@
 """Jobs in which an experiment leads the legs itself, on the real machine under its guard."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,11 +71,20 @@ class LegWatch:
     """Notes what a leg job measures, and ends one that goes wrong beside what the guard sees.
 
     Attributes:
+        tilt_limit: largest roll or pitch [rad].
+        signals: names of the signals that it notes.
         rows: by signal, its value at each tick; `t` is the time at which the legs were read [s].
         is_over: whether the job is done before its end.
     """
 
-    signals = ("legs.extension", "legs.voltage", "legs.limits", "attitude_estimated", "imu.gyro")
+    tilt_limit: ClassVar[float] = _TILT
+    signals: ClassVar[Sequence[str]] = (
+        "legs.extension",
+        "legs.voltage",
+        "legs.limits",
+        "attitude_estimated",
+        "imu.gyro",
+    )
 
     def __init__(self, loop: ClosedLoop[Any]):
         """Begins to watch.
@@ -84,7 +93,7 @@ class LegWatch:
             loop: of a `LegJob`.
         """
         self._loop = loop
-        self.is_over = self._is_begun = False
+        self.is_over, self._is_begun, self._ticks = False, False, 0
         self.rows: dict[str, list[Any]] = {name: [] for name in ("t", *self.signals)}
 
     def look(self, root: Context) -> bool:
@@ -94,8 +103,9 @@ class LegWatch:
             RefusedRequest: see `check_beginning`.
             Tripped: the platform tilts.
         """
-        if root.get_time() < len(self.rows["t"]) * self._loop.scenario.control.period - 1e-9:
+        if root.get_time() < self._ticks * self._loop.scenario.control.period - 1e-9:
             return False
+        self._ticks += 1
         self.rows["t"].append(read_at(self._loop, root))
         for name, value in self._loop.readings(root, self.signals).items():
             self.rows[name].append(value().copy())
@@ -103,8 +113,8 @@ class LegWatch:
             self._is_begun = True
             self.check_beginning()
         tilt = np.abs(self.rows["attitude_estimated"][-1]).max()
-        if not tilt <= _TILT:
-            degrees, most = np.degrees([tilt, _TILT])
+        if not tilt <= self.tilt_limit:
+            degrees, most = np.degrees([tilt, self.tilt_limit])
             sign = f"a platform that is inclined by {degrees:.1f} deg, more than {most:g} deg"
             raise Tripped(Trip("tilt", sign))
         return True

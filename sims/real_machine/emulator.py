@@ -252,6 +252,16 @@ class EmulatedMachine:
         shown = [np.asarray(station.GetOutputPort(spec.name).Eval(root)) for spec in specs]
         return taken + shown
 
+    def measured(self, root: Context) -> str:
+        """The true state, as somebody reads it off an instrument beside the machine."""
+        if self.machine.instrument is None:
+            return f"nothing: there is no instrument for {self.machine.title}"
+        names = [spec.name for spec in self.machine.truth]
+        station = self._station
+        return self.machine.instrument(
+            {name: np.asarray(station.GetOutputPort(name).Eval(root)) for name in names}
+        )
+
 
 def _only_emulator() -> ExitStack:
     """Keeps other emulators from the folder until it is closed or the process ends.
@@ -273,6 +283,8 @@ _LOG_PERIOD = 0.01  # [s]
 _FOREVER = 1e6  # [s]
 # The word that ends a device's misbehaviour.
 WELL = "well"
+# The word that has an instrument beside the machine read.
+MEASURE = "measure"
 # Pressed and released as if it were a part that misbehaves.
 EMERGENCY_STOP = "emergency_stop"
 _PRESSED, _RELEASED = "pressed", "released"
@@ -356,7 +368,7 @@ def emulate(
     """Runs emulated devices until Ctrl-C, or for a time.
 
     Meanwhile each line on standard input, such as "imu garbage" or "imu well", begins or ends a
-    device's misbehaviour.
+    device's misbehaviour; "measure" prints what an instrument beside the machine tells.
 
     Args:
         machine: the machine.
@@ -392,6 +404,8 @@ def emulate(
         def on_tick(root: Context) -> None:
             now = root.get_time()
             schedule.advance(now)
+            if schedule.is_measuring():
+                schedule.say(f"{now:.2f} s: {MEASURE}d {emulated.measured(root)}")
             if record is not None and next(ticks) % every == 0:
                 record.write(now, emulated.values(root))
 
@@ -430,12 +444,19 @@ class Schedule:
         self._parts = [part for part in misbehaviours if part != EMERGENCY_STOP]
         self._waiting = sorted(requests, key=lambda request: request.at)
         self._now = 0.0
+        self._measuring = threading.Event()
 
     def advance(self, now: float) -> None:
         """Begins and ends what is due; `now` is the time since the beginning [s]."""
         self._now = now
         while self._waiting and self._waiting[0].at <= now:
             self._do(self._waiting.pop(0))
+
+    def is_measuring(self) -> bool:
+        """Whether an instrument is to be read, once for each time that it was asked for."""
+        asked = self._measuring.is_set()
+        self._measuring.clear()
+        return asked
 
     def listen(self) -> None:
         """Takes requests from standard input, if there is one, in a thread of its own."""
@@ -444,6 +465,9 @@ class Schedule:
     def _read(self) -> None:
         for line in sys.stdin:
             if not line.strip():
+                continue
+            if line.strip() == MEASURE:
+                self._measuring.set()
                 continue
             try:
                 self._do(parsed_fault(line.strip(), self._parts, self._now))
