@@ -194,7 +194,7 @@ class MeasuringScenario(Schema):
 
     poses_file: str = "poses.csv"
     answers_file: str = ""
-    rest_s: float = quantity(3.0, 0.1, 60.0)
+    rest_s: float = quantity(4.0, 0.1, 60.0)
     average_s: float = quantity(2.0, 0.1, 60.0)
     rate_mm_s: float = quantity(4.0, 0.5, 15.0)
 

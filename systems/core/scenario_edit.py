@@ -82,16 +82,20 @@ def _with_value(text: str, path: Sequence[str], value: Any) -> str:
         key, below = found
         rest = path[depth + 1 :]
         if not rest or not isinstance(below, yaml.MappingNode):
-            return _replaced(text, key, below, rest, value)
+            return _replaced(text, key, below, rest, value, node.flow_style)
         node = below
     raise AssertionError("a path has at least one name")
 
 
-def _replaced(text: str, key: Any, old: Any, rest: Sequence[str], value: Any) -> str:
+def _replaced(
+    text: str, key: Any, old: Any, rest: Sequence[str], value: Any, is_flow: bool
+) -> str:
     """The text with another value behind a key."""
     begin, end = key.end_mark.index, _end(old)
     colon = text.index(":", begin) + 1
-    if not rest and not _is_block(value):
+    if is_flow or (not rest and not _is_block(value)):
+        for name in reversed(rest):
+            value = {name: value}
         # An empty value stands at the colon.
         start = max(colon, old.start_mark.index)
         if old.start_mark.line != key.end_mark.line or end <= colon:

@@ -25,7 +25,7 @@ def easing_time(distance: float, rate: float) -> float:
 
 
 class EasedLegs(LeafSystem):
-    """What the legs are asked for, reached from where they are without a jump.
+    """Way of the legs from where they are to what they are asked for, without a jump.
 
     | port | size | unit | meaning |
     |---|---|---|---|
@@ -60,14 +60,10 @@ class EasedLegs(LeafSystem):
         self._measured = self.DeclareVectorInputPort("extension", LEG_COUNT)
         self._enable = self.DeclareVectorInputPort("enable", 1)
         state = self.DeclareDiscreteState(LEG_COUNT + 2)
-        tickets = {
-            self.discrete_state_ticket(state),
-            self._request.ticket(),
-            self._measured.ticket(),
-            self.time_ticket(),
-        }
+        tickets = {self.discrete_state_ticket(state), self.time_ticket()}
+        asked = {self._request.ticket(), self._measured.ticket()}
         self.DeclareVectorOutputPort(
-            "extension_desired_state", 2 * LEG_COUNT, self._calc_desired_state, tickets
+            "extension_desired_state", 2 * LEG_COUNT, self._calc_desired_state, tickets | asked
         )
         self.DeclareVectorOutputPort("legs_arrived", 1, self._calc_arrived, tickets)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)

@@ -81,7 +81,7 @@ NAMED = {
     one_of(0, 1, 2, 3, 4): "severity",
     around(0.405, 0.004): "extension extension_measured",
     around(0.405, 0.001): "measured",
-    EXTENSIONS: "extension_desired_state posture_extension_state rod_state",
+    EXTENSIONS: "extension_desired_state extension_request posture_extension_state rod_state",
     around((0.405,) * 3 + (0.0,) * 3, *(0.004,) * 3, *(0.003,) * 3): "active_desired_state",
     around((0.405,) * 4 + (0.0,) * 4, *(0.001,) * 4, *(0.003,) * 4): "desired_state",
     POSTURE: "posture_command posture_request",
@@ -287,6 +287,11 @@ ENTRIES: dict[str, Entry] = {
         passes={"nodes are the gait's": "position_node"},
         raises=(NotAtStart,),
         begins=("position_node", lambda given: given["position_measured"]),
+    ),
+    "EasedLegs": Entry(
+        passes={"is passed on": "extension_desired_state"},
+        limits={"legs_arrived": BINARY},
+        begins=("extension_desired_state", lambda given: [*given["extension"], 0, 0, 0, 0]),
     ),
     "Encoder": Entry(variants=({"channels": 3, "resolution": 0.0},)),
     "FaultDetector": Entry(
