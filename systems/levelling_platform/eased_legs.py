@@ -36,8 +36,8 @@ class EasedLegs(LeafSystem):
     | out `legs_arrived` | 1 | 0/1 | whether the way is over, and the request is followed |
 
     When it is enabled, what the legs are off their request fades by a quintic, no leg being
-    faster for it than `rate`; all legs arrive together. Disabled, the legs are asked for what
-    they are.
+    faster for it than `rate`; all legs arrive together. The request should rest then. Disabled,
+    the legs are asked for what they are.
 
     State: discrete, what the legs were off (4) [m], since when (1) [s], whether led (1).
 

@@ -81,7 +81,7 @@ NAMED = {
     one_of(0, 1, 2, 3, 4): "severity",
     around(0.405, 0.004): "extension extension_measured",
     around(0.405, 0.001): "measured",
-    EXTENSIONS: "extension_desired_state extension_request posture_extension_state rod_state",
+    EXTENSIONS: "extension_desired_state posture_extension_state rod_state",
     around((0.405,) * 3 + (0.0,) * 3, *(0.004,) * 3, *(0.003,) * 3): "active_desired_state",
     around((0.405,) * 4 + (0.0,) * 4, *(0.001,) * 4, *(0.003,) * 4): "desired_state",
     POSTURE: "posture_command posture_request",
@@ -289,6 +289,8 @@ ENTRIES: dict[str, Entry] = {
         begins=("position_node", lambda given: given["position_measured"]),
     ),
     "EasedLegs": Entry(
+        # At rest when a way begins, as its request is.
+        inputs={"extension_request": around((0.405,) * 4 + (0,) * 4, *(0.004,) * 4, *(0,) * 4)},
         passes={"is passed on": "extension_desired_state"},
         limits={"legs_arrived": BINARY},
         begins=("extension_desired_state", lambda given: [*given["extension"], 0, 0, 0, 0]),
