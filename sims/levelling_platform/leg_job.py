@@ -179,7 +179,7 @@ def read_at(loop: ClosedLoop[Any], root: Context) -> float:
     if not isinstance(parts, Parts):
         return root.get_time()
     reader = parts.readers["legs"]
-    stamp = reader.GetOutputPort("stamp").Eval(reader.GetMyContextFromRoot(root))
+    stamp: Any = reader.GetOutputPort("stamp").Eval(reader.GetMyContextFromRoot(root))
     return float(stamp[0])
 
 

@@ -286,8 +286,9 @@ class Slip(Experiment[SlipScenario, Slipped]):
 
     def note(self, scenario: SlipScenario, data: Slipped) -> Iterable[str]:
         """The creep's cause, or what a real machine does not see."""
-        is_real = isinstance(data.recording, Measured)
-        return measured_notes(data.recording) if is_real else _NOTES
+        if isinstance(data.recording, Measured):
+            return measured_notes(data.recording)
+        return _NOTES
 
     def draw(self, scenario: SlipScenario, data: Slipped) -> Iterable[Figure]:
         """Motion and slip (Fig. 23)."""
@@ -346,7 +347,9 @@ def _held_before(trajectory: PiecewisePolynomial) -> PiecewisePolynomial:
     """A trajectory that begins later, with its first value from 0 on."""
     first = trajectory.value(trajectory.start_time())
     held = PiecewisePolynomial.CubicHermite(
-        [0.0, trajectory.start_time()], np.hstack([first, first]), np.zeros((first.size, 2))
+        [0.0, trajectory.start_time()],
+        np.hstack([first, first]).tolist(),
+        [[0.0] * 2] * first.size,
     )
     held.ConcatenateInTime(trajectory)
     return held

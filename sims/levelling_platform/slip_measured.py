@@ -181,7 +181,7 @@ def measure_lift(
         times,
         has_arm(machine),
         geometry_as_known(control),
-        control.period * np.arange(len(watch.rows["t"])),
+        control.period * np.arange(len(watch.rows["t"]), dtype=float),
         watch.column("legs.extension") + control.encoder_offsets,
         watch.column("attitude_estimated"),
         watch.column("imu.gyro")[:, 2],

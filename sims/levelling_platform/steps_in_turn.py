@@ -75,7 +75,7 @@ class _Timeline:
             named_source("legs_enable", enable),
             named_source(
                 "voltage_request",
-                PiecewisePolynomial.ZeroOrderHold(times, np.hstack(columns)),
+                PiecewisePolynomial.ZeroOrderHold(times, np.hstack(columns).tolist()),
             ),
         )
 

@@ -1,5 +1,6 @@
 """Answers at the console and in a file, while a machine waits."""
 
+import contextlib
 import os
 import time
 
@@ -24,10 +25,8 @@ def pipe():
     reading, writing = os.pipe()
     yield reading, writing
     for end in (reading, writing):
-        try:
+        with contextlib.suppress(OSError):
             os.close(end)
-        except OSError:
-            pass
 
 
 def test_a_line_is_an_answer_and_blank_lines_are_none(pipe):
