@@ -39,6 +39,7 @@ from parapod.sims.lab.results import Metric
 from parapod.sims.levelling_platform.driven import make_simulator, on_level_ground
 from parapod.sims.levelling_platform.steps_in_turn import LIFTED, record_in_turn
 from parapod.sims.levelling_platform.voltage_steps import (
+    FEWEST_SAMPLES,
     NOMINAL,
     Recording,
     Separated,
@@ -59,7 +60,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
 STROKE = (0.385, 0.425)  # where the feet carry and the leg model holds [m]
-_FEWEST_SAMPLES = 5  # that make a ramp
 CASES = ("unloaded", "loaded")
 SHARE = 0.15  # largest deviation from the nominal K that the paper found
 # A load that moves from leg to leg during the steps is no constant friction; over gain errors of
@@ -231,12 +231,13 @@ def check_steps(scenario: IdentifyActuatorsScenario) -> None:
             supply = scenario.actuators.supply_voltage
             raise ScenarioError(f"{key} = {voltage:g} V is above the supply, {supply:g} V", key)
         lasts = step_duration(steps, voltage)
-        if lasts - steps.transient_s < _FEWEST_SAMPLES * steps.period:
+        if lasts - steps.transient_s < FEWEST_SAMPLES * steps.period:
             why = f"lasts {lasts:.3g} s, which leaves no ramp after steps.transient_s"
             raise ScenarioError(f"{key} = {voltage:g} V {why}", key)
-        extension += NOMINAL * voltage * lasts
+        is_real = scenario.backend == "hardware"
+        extension += NOMINAL * voltage * (lasts + steps.edge_s if is_real else lasts)
         _check_within(key, voltage, extension, STROKE)
-        if scenario.backend == "hardware":
+        if is_real:
             lifted = extension + 1e-3 * (steps.lifted_extension_mm - steps.initial_extension_mm)
             _check_within(key, voltage, lifted, LIFTED)
     # K and friction are separable only if one direction has two voltages.

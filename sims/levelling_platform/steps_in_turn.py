@@ -20,7 +20,7 @@ from parapod.sims.levelling_platform.leg_job import (
     carry_out,
     refuse_beginning,
 )
-from parapod.sims.levelling_platform.voltage_steps import Recording, StepsScenario, schedule
+from parapod.sims.levelling_platform.voltage_steps import Recording, StepsScenario, eased_schedule
 from parapod.systems.levelling_platform.eased_legs import easing_time
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 
@@ -42,7 +42,7 @@ class _Timeline:
     """
 
     def __init__(self, steps: StepsScenario):
-        lasts = schedule(steps).end_time()
+        lasts = eased_schedule(steps).end_time()
         self.lift = AT_REST
         lifted = 1e-3 * steps.lifted_extension_mm
         farthest = max(LIFTED[1] - lifted, lifted - LIFTED[0])
@@ -65,7 +65,7 @@ class _Timeline:
         enable = PiecewisePolynomial.ZeroOrderHold(
             [*switches, self.loaded[1] + 1.0], [[0.0, 1.0, 0.0, 1.0, 0.0, 0.0]]
         )
-        voltage, times, columns = schedule(steps), [0.0], [np.zeros((LEG_COUNT, 1))]
+        voltage, times, columns = eased_schedule(steps), [0.0], [np.zeros((LEG_COUNT, 1))]
         for begin, _ in (self.unloaded, self.loaded):
             for at in voltage.get_segment_times():
                 times.append(begin + at)
@@ -75,7 +75,7 @@ class _Timeline:
             named_source("legs_enable", enable),
             named_source(
                 "voltage_request",
-                PiecewisePolynomial.ZeroOrderHold(times, np.hstack(columns).tolist()),
+                PiecewisePolynomial.FirstOrderHold(times, np.hstack(columns).tolist()),
             ),
         )
 

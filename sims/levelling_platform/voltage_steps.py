@@ -12,6 +12,7 @@ from parapod.systems.core.schema import Schema, quantity
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 
 NOMINAL = LinearActuatorParams().gain  # K of Eq. (18) [(m/s)/V]
+FEWEST_SAMPLES = 5  # that make a ramp
 
 
 @dataclass
@@ -28,6 +29,8 @@ class StepsScenario(Schema):
         period: period of the log [s]; a real machine's is that of its controller.
         lifted_extension_mm: extension of a real machine's legs at the beginning of the steps
             without load, at which the feet are in the air [mm].
+        edge_s: duration of each rise and fall of a real machine's voltages [s]; at once, its guard
+            would take what drives lag behind for drives that do not obey.
         lowering_mm_s: largest rate of a real machine's legs on their way to the ground [mm/s];
             the feet are some six times as fast.
     """
@@ -40,7 +43,8 @@ class StepsScenario(Schema):
     transient_s: float = quantity(0.1, 0.0, 1.0)
     initial_extension_mm: float = quantity(396.0, 390.0, 420.0)
     period: float = quantity(0.01, 0.001, 0.05)
-    lifted_extension_mm: float = quantity(438.0, 430.0, 455.0)
+    lifted_extension_mm: float = quantity(435.0, 430.0, 455.0)
+    edge_s: float = quantity(0.2, 0.1, 1.0)
     lowering_mm_s: float = quantity(3.0, 0.5, 6.0)
 
 
@@ -118,6 +122,24 @@ def schedule(steps: StepsScenario) -> PiecewisePolynomial:
     return PiecewisePolynomial.ZeroOrderHold(knots, [[*values, 0.0]] * LEG_COUNT)
 
 
+def eased_schedule(steps: StepsScenario) -> PiecewisePolynomial:
+    """The same for a real machine, whose voltages rise and fall within `edge_s` each."""
+    times, values = [0.0], [0.0]
+    now = steps.rest_s
+    for voltage in steps.voltages:
+        for lasts, level in (
+            (0.0, 0.0),
+            (steps.edge_s, voltage),
+            (step_duration(steps, voltage), voltage),
+            (steps.edge_s, 0.0),
+        ):
+            now += lasts
+            times.append(now)
+            values.append(level)
+        now += steps.rest_s
+    return PiecewisePolynomial.FirstOrderHold([*times, now], [[*values, 0.0]] * LEG_COUNT)
+
+
 def step_duration(steps: StepsScenario, voltage: float) -> float:
     """Duration of a step, in whole samples of the log [s]."""
     exact = 1e-3 * steps.travel_mm / (NOMINAL * abs(voltage))
@@ -136,6 +158,9 @@ def find_steps(recording: Recording, transient: float) -> Steps:
     voltages, speeds = [], []
     for begin, end in pairwise([0, *edges.tolist(), time.size]):
         if voltage[begin] == 0.0:
+            continue
+        # Parts of a rise or fall are no steps.
+        if end - begin < FEWEST_SAMPLES:
             continue
         ramp = slice(begin + int(np.searchsorted(time[begin:end], time[begin] + transient)), end)
         voltages.append(voltage[begin])
