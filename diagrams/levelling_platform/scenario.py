@@ -124,7 +124,7 @@ class SensorScenario(Schema):
 
 @dataclass
 class LegDeviationScenario(Schema):
-    """How one leg differs from its drawing, as far as `parapod run calibrate` can tell.
+    """Difference of one leg from its drawing, as far as `parapod run calibrate` can tell.
 
     Attributes:
         l_x_mm: x from the hip to the platform's centre [mm].

@@ -44,7 +44,7 @@ class StepsScenario(Schema):
     initial_extension_mm: float = quantity(396.0, 390.0, 420.0)
     period: float = quantity(0.01, 0.001, 0.05)
     lifted_extension_mm: float = quantity(435.0, 430.0, 455.0)
-    edge_s: float = quantity(0.2, 0.1, 1.0)
+    edge_s: float = quantity(0.3, 0.1, 1.0)
     lowering_mm_s: float = quantity(3.0, 0.5, 6.0)
 
 

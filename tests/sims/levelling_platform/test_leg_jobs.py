@@ -164,7 +164,7 @@ def test_steps_that_would_leave_the_lifted_stroke_are_refused_on_hardware_only()
     overrides = ("steps.lifted_extension_mm=450", "steps.travel_mm=12")
     experiment = IdentifyActuators("identify-actuators")
     experiment.check(identify(*overrides))
-    with pytest.raises(ScenarioError, match=r"to 463\.5 mm, outside 428\.\.458 mm"):
+    with pytest.raises(ScenarioError, match=r"to 464\.2 mm, outside 428\.\.458 mm"):
         experiment.check(identify(*overrides, "backend=hardware"))
 
 
