@@ -122,7 +122,7 @@ class Experiment[S, D]:
         return {}
 
     def identified(self, scenario: S, data: D) -> Mapping[str, Any]:
-        """What the run has found out about its machine.
+        """Properties of its machine that the run has found out.
 
         Values in YAML's types, by dotted keys of the machine's scenario; `parapod adopt` puts
         them into a scenario file.

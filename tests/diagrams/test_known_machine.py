@@ -178,3 +178,9 @@ def test_the_guard_judges_corrected_extensions():
     trip = PlatformGuard(scenario(control=far)).check(0.0, values)
     assert trip is not None
     assert trip.name == "encoder_invalid"
+
+
+def test_an_instrument_reads_what_the_tracker_of_the_paper_resolves():
+    posture = np.array([*np.radians([1.234, -0.567]), 0.45512])
+    told = PLATFORM.instrument({"truth.posture": posture})
+    assert told == "height 455.10 mm, roll 1.23 deg, pitch -0.57 deg"
