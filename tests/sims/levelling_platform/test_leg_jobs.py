@@ -96,6 +96,9 @@ def test_metrics_of_a_real_machine_need_no_truth_and_hold_their_bounds(identifie
     metrics = {m.key: m for m in IdentifyActuators("identify-actuators").measure(scenario, data)}
     assert not any(key.startswith("gain_error") for key in metrics)
     assert metrics["gain_difference_percent"].passed
+    # What the actuators are is no fault of the identification.
+    assert not metrics["step_deviation_loaded_percent"].is_bounded
+    assert metrics["gain_unloaded"].is_bounded
     for key in ("smallest_lifted_extension_mm", "largest_lifted_extension_mm"):
         assert metrics[key].passed
     assert metrics["largest_extension_mm"].value < 425.0
