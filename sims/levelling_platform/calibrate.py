@@ -189,14 +189,15 @@ class MeasuringScenario(Schema):
         rest_s: time at rest before encoders and inertial sensor are averaged, so that the attitude
             settles [s].
         average_s: time over which they are averaged [s].
-        rate_mm_s: largest rate of a leg on its way [mm/s]; the platform is some six times as fast.
+        rate_mm_s: largest rate of a leg on its way [mm/s]; the guard ends a job in which the platform
+            turns faster than some 3 deg/s.
     """
 
     poses_file: str = "poses.csv"
     answers_file: str = ""
     rest_s: float = quantity(4.0, 0.1, 60.0)
     average_s: float = quantity(2.0, 0.1, 60.0)
-    rate_mm_s: float = quantity(4.0, 0.5, 15.0)
+    rate_mm_s: float = quantity(3.0, 0.5, 4.0)
 
 
 @dataclass

@@ -25,7 +25,12 @@ from parapod.sims.levelling_platform.identify_actuators import (
     IdentifyActuatorsScenario,
     Recordings,
 )
-from parapod.sims.levelling_platform.led_poses import parsed_answer, pose_commands, record_poses
+from parapod.sims.levelling_platform.led_poses import (
+    PoseWatch,
+    parsed_answer,
+    pose_commands,
+    record_poses,
+)
 from parapod.sims.levelling_platform.slip import BEGIN, Slip, Slipped, SlipScenario, lift_sources
 from parapod.sims.levelling_platform.slip_measured import Times, has_arm, measure_lift
 from parapod.sims.levelling_platform.steps_in_turn import record_in_turn
@@ -51,11 +56,11 @@ def true_gains(scenario):
     return 0.01 * (1.0 + np.random.default_rng(scenario.seed).uniform(-error, error, 4))
 
 
-class GuardedSteps(steps_in_turn._StepsWatch):
-    """As a real machine's, whose guard looks at every tick."""
+class Guarded:
+    """A watch as a real machine's, whose guard looks at every tick."""
 
-    def __init__(self, loop):
-        super().__init__(loop)
+    def __init__(self, loop, **options):
+        super().__init__(loop, **options)
         self.guard = PlatformGuard(loop.scenario)
 
     def look(self, root):
@@ -66,6 +71,10 @@ class GuardedSteps(steps_in_turn._StepsWatch):
             trip = self.guard.check(root.get_time(), values)
             assert trip is None, (root.get_time(), trip)
         return is_new
+
+
+class GuardedSteps(Guarded, steps_in_turn._StepsWatch):
+    pass
 
 
 @pytest.fixture(scope="module")
@@ -256,7 +265,7 @@ def test_a_platform_that_tilts_ends_the_job():
 
 
 def poses(*overrides):
-    brief = "measuring={rest_s: 1.5, average_s: 1.0, rate_mm_s: 12}"
+    brief = "measuring={rest_s: 1.5, average_s: 1.0, rate_mm_s: 4}"
     return load_scenario(CalibrateScenario, overrides=(brief, *overrides))
 
 
@@ -289,7 +298,7 @@ def lead(tmp_path, monkeypatch):
     """lead(scenario, answers): the recording, and its file."""
 
     def run(scenario, answers):
-        class Watch(led_poses.PoseWatch):
+        class Watch(Guarded, PoseWatch):
             def look(self, root):
                 answers.watch, self.root = self, root
                 return super().look(root)

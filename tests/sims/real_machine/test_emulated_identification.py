@@ -118,7 +118,7 @@ def test_the_machine_is_led_through_poses_and_asks_at_the_console(
     path = tmp_path / "poses.csv"
     program = standing.parapod(
         *("run", "calibrate", "--backend", "hardware", "--set", "poses.count=2"),
-        "measuring={rest_s: 1, average_s: 0.5, rate_mm_s: 10}",
+        "measuring={rest_s: 1, average_s: 0.5, rate_mm_s: 4}",
         *(f"measuring.poses_file={path}", *PATIENT),
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
