@@ -189,8 +189,8 @@ class MeasuringScenario(Schema):
         rest_s: time at rest before encoders and inertial sensor are averaged, so that the attitude
             settles [s].
         average_s: time over which they are averaged [s].
-        rate_mm_s: largest rate of a leg on its way [mm/s]; the guard ends a job in which the platform
-            turns faster than some 3 deg/s.
+        rate_mm_s: largest rate of a leg on its way [mm/s]; the guard ends a job in which the
+            platform turns faster than some 3 deg/s.
     """
 
     poses_file: str = "poses.csv"
