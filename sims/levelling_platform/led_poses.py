@@ -45,8 +45,8 @@ type Floats = NDArray[np.float64]
 
 # Time for which all feet must touch, and after which a foot in the air is recorded as one [s].
 _TOUCHING, _PATIENCE = 0.5, 8.0
-# The whole workspace is inclined by less [rad].
-_TILT = math.radians(9.0)
+# The workspace itself is inclined by up to some 8 deg, on ground that may be inclined too [rad].
+_TILT = math.radians(12.0)
 # An answer that is further from what the machine's own sensors tell is a mistake [m, rad].
 _HEIGHT, _INCLINATION = 15e-3, math.radians(1.5)
 # Ends when all poses are done [s].
