@@ -191,7 +191,8 @@ class IdentifyActuators(Experiment[IdentifyActuatorsScenario, Identified]):
 
     def measure(self, scenario: IdentifyActuatorsScenario, data: Identified) -> Iterator[Metric]:
         """Gains of the steps, gains with friction separated, and the stroke."""
-        yield from gain_metrics(*data.steps, is_bounded=scenario.backend == "multibody")
+        unloaded, loaded = data.steps
+        yield from gain_metrics(unloaded, loaded, is_bounded=scenario.backend == "multibody")
         yield from separated_metrics(data.separated, data.recordings.gain)
         yield from stroke_metrics(data.recordings)
 
