@@ -65,6 +65,8 @@ SHARE = 0.15  # largest deviation from the nominal K that the paper found
 # A load that moves from leg to leg during the steps is no constant friction; over gain errors of
 # up to 15 % that puts the estimate off by 0.7 % at most [%].
 _SEPARATED_BOUND = 1.0
+# Of both cases of a real machine, whose longer steps move more load from leg to leg [%].
+_DIFFERENCE_BOUND = 2.0
 _MARKERS = ("o", "x")
 # Both cases of a step stand side by side [steps].
 _ASIDE = (-0.1, 0.1)
@@ -388,7 +390,7 @@ def separated_metrics(
         meaning = "of K with friction separated, with load against without, largest of a leg"
         difference = 100.0 * float(np.abs(loaded / unloaded - 1.0).max())
         return (
-            Metric("gain_difference_percent", difference, "%", _SEPARATED_BOUND, meaning=meaning),
+            Metric("gain_difference_percent", difference, "%", _DIFFERENCE_BOUND, meaning=meaning),
         )
     return tuple(
         Metric(
