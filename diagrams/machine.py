@@ -193,6 +193,8 @@ class Machine[S]:
             emulator has them misbehave as `drives`.
         switches: measurements of switches, which the emulator breaks both ways as `switches`.
         guard: makes what watches every job on the real machine; None: only devices are watched.
+        instrument: tells the true signals, by name, as somebody reads them off an instrument
+            beside the emulated machine; None: there is none.
         twin: draws the real machine from its signals; None: it is not drawn.
         log_every: periods of the controller between two samples of a recording.
     """
@@ -215,6 +217,7 @@ class Machine[S]:
     drives: tuple[str, ...] = ()
     switches: tuple[str, ...] = ()
     guard: Callable[[S], Guard] | None = None
+    instrument: Callable[[Mapping[str, NDArray[Any]]], str] | None = None
     twin: "type[Twin] | None" = None
     log_every: int = 1
 

@@ -8,20 +8,21 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import Demultiplexer, MatrixGain
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort
+from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexer, MatrixGain
 
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.levelling_platform.model import geometry_as_known
+from parapod.diagrams.levelling_platform.scenario import ControlScenario, LevellingScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.actuators.pi_controller import PiController, PiControllerParams
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.fault_detection import FaultDetector
 from parapod.systems.levelling_platform.feedforward import KinematicFeedforward, PassiveLegSolver
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
 from parapod.systems.levelling_platform.inclination_loop import PostureLoop, PostureLoopParams
 from parapod.systems.levelling_platform.leg_motion import ContactKeeper, LegRamp
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.reference import PostureReference
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitor
 from parapod.systems.levelling_platform.supervisor import Supervisor
@@ -32,6 +33,32 @@ from parapod.systems.sensors.attitude_estimator import AttitudeEstimator
 _ERROR_LIMIT = 0.02
 # Least damping of the position loops: with less they ring [-].
 _LEAST_DAMPING = 0.1
+_EXTENSION = "legs.extension"
+
+
+class Extension:
+    """The exported input `legs.extension` of a controller, corrected by the encoders' offsets."""
+
+    def __init__(self, builder: DiagramBuilder, control: ControlScenario):
+        self._builder, self._is_exported = builder, False
+        self._corrected: OutputPort | None = None
+        if control.encoder_offsets.any():
+            total = add(builder, Adder(2, LEG_COUNT), "encoder_correction")
+            offsets = ConstantVectorSource(control.encoder_offsets)
+            source = add(builder, offsets, "encoder_offsets").get_output_port()
+            connect(builder, source, total.get_input_port(1))
+            builder.ExportInput(total.get_input_port(0), _EXTENSION)
+            self._corrected = total.get_output_port()
+
+    def feed(self, sink: InputPort) -> None:
+        """Gives an input the extensions."""
+        if self._corrected is not None:
+            connect(self._builder, self._corrected, sink)
+        elif self._is_exported:
+            self._builder.ConnectInput(_EXTENSION, sink)
+        else:
+            self._builder.ExportInput(sink, _EXTENSION)
+            self._is_exported = True
 
 
 @dataclass(frozen=True)
@@ -39,7 +66,9 @@ class PostureChain:
     """Fig. 18 without the position controllers.
 
     Attributes:
-        attitude: estimates roll and pitch.
+        extension: extensions (4), as the encoders tell them with their offsets.
+        attitude: estimated roll and pitch (2), less the sensor's bias.
+        estimator: estimates roll and pitch.
         ground: estimates the ground.
         reference: makes commands smooth.
         loop: corrects the inclination, or None.
@@ -47,7 +76,9 @@ class PostureChain:
         passive: that of the fourth.
     """
 
-    attitude: AttitudeEstimator
+    extension: Extension
+    attitude: OutputPort
+    estimator: AttitudeEstimator
     ground: GroundEstimator
     reference: PostureReference
     loop: PostureLoop | None
@@ -78,12 +109,15 @@ def add_posture_chain(
         scenario: its `control` part is used.
         on_unreachable: reaction of `PostureReference` to a command outside the workspace.
     """
-    geometry, control = MODEL_GEOMETRY, scenario.control
-    period = control.period
+    control = scenario.control
+    geometry, period = geometry_as_known(control), control.period
     reference = PostureReference(geometry, on_unreachable=on_unreachable, period=period)
     feedforward = KinematicFeedforward(geometry, law=control.feedforward, period=period)
+    estimator, attitude = add_attitude(builder, control)
     chain = PostureChain(
-        attitude=add(builder, AttitudeEstimator(period=period)),
+        extension=Extension(builder, control),
+        attitude=attitude,
+        estimator=estimator,
         ground=add(builder, GroundEstimator(geometry, period)),
         reference=add(builder, reference),
         loop=_add_posture_loop(builder, scenario) if control.outer_loop else None,
@@ -95,17 +129,42 @@ def add_posture_chain(
     return chain
 
 
+def add_attitude(
+    builder: DiagramBuilder, control: ControlScenario
+) -> tuple[AttitudeEstimator, OutputPort]:
+    """Adds the attitude's estimator; returns it, and roll and pitch less the sensor's bias.
+
+    Exports the inputs `imu.gyro` (3) and `imu.accel` (3), and the output `attitude_estimated` (2).
+    """
+    estimator = add(builder, AttitudeEstimator(period=control.period))
+    builder.ExportInput(estimator.GetInputPort("gyro"), "imu.gyro")
+    builder.ExportInput(estimator.GetInputPort("accel"), "imu.accel")
+    attitude = estimator.GetOutputPort("attitude")
+    if control.inclination_bias.any():
+        total = add(builder, Adder(2, 2), "inclination_correction")
+        bias = add(builder, ConstantVectorSource(-control.inclination_bias), "inclination_bias")
+        connect(builder, attitude, total.get_input_port(0))
+        connect(builder, bias.get_output_port(), total.get_input_port(1))
+        attitude = total.get_output_port()
+    builder.ExportOutput(attitude, "attitude_estimated")
+    return estimator, attitude
+
+
 def _wire(builder: DiagramBuilder, chain: PostureChain) -> None:
-    attitude, ground, reference = chain.attitude, chain.ground, chain.reference
+    ground, reference = chain.ground, chain.reference
     feedforward, passive = chain.feedforward, chain.passive
+    chain.extension.feed(ground.GetInputPort("extension"))
+    for system in (reference, feedforward):
+        chain.extension.feed(system.GetInputPort("extension_measured"))
     posture = reference.GetOutputPort("posture_desired_state")
     if chain.loop is not None:
         connect(builder, posture, chain.loop.GetInputPort("posture_desired_state"))
-        for port in ("attitude", "trusted"):
-            connect(builder, attitude.GetOutputPort(port), chain.loop.GetInputPort(port))
+        connect(builder, chain.attitude, chain.loop.GetInputPort("attitude"))
+        trusted = chain.estimator.GetOutputPort("trusted")
+        connect(builder, trusted, chain.loop.GetInputPort("trusted"))
         posture = chain.loop.get_output_port()
     for source, system, port in (
-        (attitude.GetOutputPort("attitude"), ground, "attitude"),
+        (chain.attitude, ground, "attitude"),
         (ground.GetOutputPort("ground"), reference, "ground"),
         (ground.GetOutputPort("ground"), feedforward, "ground"),
         (ground.GetOutputPort("ground"), passive, "ground"),
@@ -120,18 +179,12 @@ def _wire(builder: DiagramBuilder, chain: PostureChain) -> None:
 
 
 def _export(builder: DiagramBuilder, chain: PostureChain) -> None:
-    attitude, ground, reference = chain.attitude, chain.ground, chain.reference
-    builder.ExportInput(attitude.GetInputPort("gyro"), "imu.gyro")
-    builder.ExportInput(attitude.GetInputPort("accel"), "imu.accel")
-    extension = builder.ExportInput(ground.GetInputPort("extension"), "legs.extension")
-    builder.ConnectInput(extension, reference.GetInputPort("extension_measured"))
-    builder.ConnectInput(extension, chain.feedforward.GetInputPort("extension_measured"))
+    ground, reference = chain.ground, chain.reference
     for output, name in (
         (reference.GetOutputPort("posture_desired_state"), "posture_desired_state"),
         (ground.GetOutputPort("ground"), "ground_estimated"),
         (ground.GetOutputPort("valid"), "ground_valid"),
         (ground.GetOutputPort("foot_offsets"), "foot_offsets_estimated"),
-        (attitude.GetOutputPort("attitude"), "attitude_estimated"),
     ):
         builder.ExportOutput(output, name)
 
@@ -157,6 +210,7 @@ def pi_params(scenario: LevellingScenario) -> PiControllerParams:
         rate_feedforward=control.rate_feedforward,
         friction_feedforward=(extending, retracting),
         error_limit=_ERROR_LIMIT,
+        gain_share=control.gain_share,
     )
 
 
@@ -193,13 +247,18 @@ def _damping(pole: float, period: float) -> float:
 
 
 def add_position_control(
-    builder: DiagramBuilder, scenario: LevellingScenario, desired: OutputPort, enable: OutputPort
+    builder: DiagramBuilder,
+    scenario: LevellingScenario,
+    extension: Extension,
+    desired: OutputPort,
+    enable: OutputPort,
 ) -> PiController:
     """Adds the actuators' position controllers behind a posture chain; exports `legs.voltage`.
 
     Args:
-        builder: builder of the controller, with a posture chain.
+        builder: builder of the controller.
         scenario: its `control` part is used.
+        extension: extensions (4) of the legs.
         desired: extensions and rates (8) that the legs are asked for; exported too, as
             `extension_desired_state`.
         enable: above 0.5: control.
@@ -207,7 +266,7 @@ def add_position_control(
     pi = add(builder, PiController(pi_params(scenario), period=scenario.control.period))
     connect(builder, desired, pi.GetInputPort("desired_state"))
     connect(builder, enable, pi.GetInputPort("enable"))
-    builder.ConnectInput("legs.extension", pi.GetInputPort("measured"))
+    extension.feed(pi.GetInputPort("measured"))
     builder.ExportOutput(pi.GetOutputPort("voltage"), "legs.voltage")
     builder.ExportOutput(desired, "extension_desired_state")
     return pi
@@ -246,7 +305,7 @@ def make_controller(
     valid = chain.ground.GetOutputPort("valid")
     chain.enable(builder, valid)
     desired = chain.passive.GetOutputPort("extension_desired_state")
-    add_position_control(builder, scenario, desired, valid)
+    add_position_control(builder, scenario, chain.extension, desired, valid)
     builder.ExportInput(chain.ground.GetInputPort("trigger"), "estimate_ground")
     builder.ExportInput(chain.reference.GetInputPort("posture_command"), "posture_command")
     diagram = builder.Build()
@@ -273,25 +332,27 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
         is_operated: whether a person operates it.
     """
     builder = DiagramBuilder()
-    period = scenario.control.period
+    period, geometry = scenario.control.period, geometry_as_known(scenario.control)
     chain = add_posture_chain(builder, scenario, on_unreachable="clamp")
     supervisor = add(
         builder,
-        Supervisor(MODEL_GEOMETRY, standing_height=WheelGeometry().standing_height, period=period),
+        Supervisor(geometry, standing_height=WheelGeometry().standing_height, period=period),
     )
     keeper = add(builder, ContactKeeper(period=period))
     ramp = add(builder, LegRamp(period=period))
     _wire_legs(builder, chain, supervisor, keeper, ramp)
     desired = ramp.GetOutputPort("extension_desired_state")
     enable = supervisor.GetOutputPort("legs_enable")
-    pi = add_position_control(builder, scenario, desired, enable)
+    pi = add_position_control(builder, scenario, chain.extension, desired, enable)
     connect(builder, desired, supervisor.GetInputPort("extension_desired_state"))
     _wire_supervisor(builder, chain, supervisor)
-    detector = _add_fault_detector(builder, chain, supervisor, pi, period)
+    fault_detector = FaultDetector(geometry, period=period)
+    detector = _add_fault_detector(builder, chain, supervisor, pi, fault_detector)
     if is_operated:
         builder.ExportInput(supervisor.GetInputPort("jog_request"), "jog_request")
         builder.ExportInput(detector.GetInputPort("operator_age"), "operator_age")
-    _add_stability_monitor(builder, chain, supervisor, keeper, period)
+    monitor = StabilityMonitor(geometry, period=period)
+    _add_stability_monitor(builder, chain, supervisor, keeper, monitor)
     diagram = builder.Build()
     diagram.set_name("controller")
     return diagram
@@ -317,7 +378,7 @@ def _wire_legs(
         (supervisor.GetOutputPort("legs_enable"), ramp, "enable"),
     ):
         connect(builder, source, system.GetInputPort(port))
-    builder.ConnectInput("legs.extension", ramp.GetInputPort("extension"))
+    chain.extension.feed(ramp.GetInputPort("extension"))
     builder.ExportInput(keeper.GetInputPort("limits"), "legs.limits")
 
 
@@ -335,7 +396,7 @@ def _wire_supervisor(builder: DiagramBuilder, chain: PostureChain, supervisor: S
     command = supervisor.GetOutputPort("posture_command")
     connect(builder, command, chain.reference.GetInputPort("posture_command"))
 
-    builder.ConnectInput("legs.extension", supervisor.GetInputPort("extension"))
+    chain.extension.feed(supervisor.GetInputPort("extension"))
     builder.ConnectInput("legs.limits", supervisor.GetInputPort("limits"))
     builder.ExportInput(supervisor.GetInputPort("wheel_velocity"), "wheels.velocity")
     for name in ("operator", "posture_request"):
@@ -358,19 +419,19 @@ def _add_fault_detector(
     chain: PostureChain,
     supervisor: Supervisor,
     pi: PiController,
-    period: float,
+    detector: FaultDetector,
 ) -> FaultDetector:
-    detector = add(builder, FaultDetector(MODEL_GEOMETRY, period=period))
+    add(builder, detector)
+    chain.extension.feed(detector.GetInputPort("extension"))
     for source, port in (
         (pi.GetOutputPort("voltage"), "voltage"),
-        (chain.attitude.GetOutputPort("attitude"), "attitude"),
+        (chain.attitude, "attitude"),
         (chain.ground.GetOutputPort("ground"), "ground"),
         (chain.ground.GetOutputPort("foot_offsets"), "foot_offsets"),
         (supervisor.GetOutputPort("phase"), "phase"),
     ):
         connect(builder, source, detector.GetInputPort(port))
     for name, port in (
-        ("legs.extension", "extension"),
         ("legs.limits", "limits"),
         ("imu.gyro", "gyro"),
         ("imu.accel", "accel"),
@@ -391,13 +452,13 @@ def _add_stability_monitor(
     chain: PostureChain,
     supervisor: Supervisor,
     keeper: ContactKeeper,
-    period: float,
+    monitor: StabilityMonitor,
 ) -> None:
-    monitor = add(builder, StabilityMonitor(MODEL_GEOMETRY, period=period))
-    builder.ConnectInput("legs.extension", monitor.GetInputPort("extension"))
+    add(builder, monitor)
+    chain.extension.feed(monitor.GetInputPort("extension"))
     for source, port in (
         (keeper.GetOutputPort("standing"), "standing"),
-        (chain.attitude.GetOutputPort("attitude"), "attitude"),
+        (chain.attitude, "attitude"),
         (chain.ground.GetOutputPort("ground"), "ground"),
         (supervisor.GetOutputPort("arm_enable"), "enable"),
     ):

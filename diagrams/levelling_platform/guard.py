@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.guard import Ticks, Trip
+from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.systems.levelling_platform.fault_detection import RULES, FaultDetector, Finding
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import attitude_seeing
 from parapod.systems.levelling_platform.supervisor import Phase
 from parapod.systems.safety.faults import Severity
@@ -51,10 +51,12 @@ class PlatformGuard:
         """Begins to watch.
 
         Args:
-            scenario: its `control.period` is that of the loop.
+            scenario: its `control` part is that of the loop.
         """
         self._ticks = Ticks(scenario.control.period)
-        self._detector = FaultDetector(MODEL_GEOMETRY, period=scenario.control.period)
+        geometry = geometry_as_known(scenario.control)
+        self._offsets = scenario.control.encoder_offsets
+        self._detector = FaultDetector(geometry, period=scenario.control.period)
         self._context = self._detector.CreateDefaultContext()
         for i in range(self._detector.num_input_ports()):
             port = self._detector.get_input_port(i)
@@ -93,6 +95,8 @@ class PlatformGuard:
         seen: dict[str, Any] = {
             name: values[signal] for name, signal in _SIGNALS.items() if signal in values
         }
+        if "extension" in seen:
+            seen["extension"] = seen["extension"] + self._offsets
         knows_ground = all(name in values for name in _ON_GROUND) and values[_VALID][0] > 0.5
         seen["phase"] = [float(Phase.POSTURE if knows_ground else Phase.FAULT)]
         if not knows_ground:  # nor is the estimated attitude there yet

@@ -12,6 +12,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from parapod.diagrams.levelling_platform.controller import pi_params, posture_loop_params
+from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
@@ -19,7 +20,6 @@ from parapod.systems.actuators.pi_controller import PiController
 from parapod.systems.levelling_platform.feedforward import KinematicFeedforward, PassiveLegSolver
 from parapod.systems.levelling_platform.inclination_loop import ForwardKinematics, PostureLoop
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 # Time that the inner loops are given to settle before the diagram is linearised [s].
 _SETTLING = 3.0
@@ -86,7 +86,7 @@ def open_loop(scenario: LevellingScenario, gain_scale: float = 1.0) -> OpenLoop:
 
     Args:
         scenario: its ground, height and control part are used.
-        gain_scale: the actuators' K over its nominal value [-].
+        gain_scale: the actuators' K over what the controller takes it for [-].
     """
     diagram, context = _settled(scenario, gain_scale)
     size = sum(_group_sizes(context))
@@ -167,18 +167,19 @@ def _settled(scenario: LevellingScenario, gain_scale: float) -> tuple[Diagram, C
     builder = DiagramBuilder()
     period, ground = scenario.control.period, np.array(scenario.ground.inclination)
     posture = np.array([0.0, 0.0, 1e-3 * scenario.job.height_mm])
+    geometry = geometry_as_known(scenario.control)
     loop = add(builder, PostureLoop(posture_loop_params(scenario), period))
-    feedforward = add(builder, KinematicFeedforward(MODEL_GEOMETRY, period=period))
-    passive = add(builder, PassiveLegSolver(MODEL_GEOMETRY))
+    feedforward = add(builder, KinematicFeedforward(geometry, period=period))
+    passive = add(builder, PassiveLegSolver(geometry))
     pi = add(builder, PiController(pi_params(scenario), period=period))
     rods = LinearActuator(
         LinearActuatorParams(model="integrator"),
         time_step=period,
-        extension=inverse_kinematics(MODEL_GEOMETRY, posture, ground),
-        gain_scale=gain_scale,
+        extension=inverse_kinematics(geometry, posture, ground),
+        gain_scale=gain_scale * np.array(scenario.control.gain_share),
     )
     actuators = add(builder, rods)
-    kinematics = add(builder, ForwardKinematics(MODEL_GEOMETRY))
+    kinematics = add(builder, ForwardKinematics(geometry))
 
     desired = add(builder, ConstantVectorSource(np.append(posture, np.zeros(3))), "desired")
     slope = add(builder, ConstantVectorSource(ground), "ground")

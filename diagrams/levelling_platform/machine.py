@@ -1,15 +1,18 @@
 """The levelling platform: one declaration, and its sources of commands."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
+from numpy.typing import NDArray
 from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.guard import PlatformGuard
 from parapod.diagrams.levelling_platform.homing import LEGS
+from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.plants import add_bodies, add_mock, add_statics
 from parapod.diagrams.levelling_platform.ports import PARTS, PORTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
@@ -17,7 +20,6 @@ from parapod.diagrams.levelling_platform.twin import PlatformTwin
 from parapod.diagrams.machine import Machine, SelfTest
 from parapod.diagrams.wiring import named_source
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.scripts import PostureScript, Waypoint
 
 
@@ -34,7 +36,10 @@ def make_script(scenario: LevellingScenario) -> PostureScript:
         for w in job.waypoints
     ]
     return PostureScript(
-        MODEL_GEOMETRY, 1e-3 * job.height_mm, waypoints, period=scenario.control.period
+        geometry_as_known(scenario.control),
+        1e-3 * job.height_mm,
+        waypoints,
+        period=scenario.control.period,
     )
 
 
@@ -58,6 +63,19 @@ def make_job_sources(scenario: LevellingScenario) -> Sequence[System]:
 def _emulated(scenario: LevellingScenario, period: float) -> LevellingScenario:
     """Everything that is sampled has the exchange's period [s]."""
     return replace(scenario, control=replace(scenario.control, period=period))
+
+
+# What the optical tracker of Appendix B resolves [mm, deg].
+_TRACKER = (0.05, 0.01)
+
+
+def _instrument(signals: Mapping[str, NDArray[Any]]) -> str:
+    """The posture as the optical tracker of Appendix B tells it."""
+    roll, pitch, height = signals["truth.posture"].tolist()
+    length, angle = _TRACKER
+    shown = [length * round(1e3 * height / length)]
+    shown += [angle * round(math.degrees(x) / angle) for x in (roll, pitch)]
+    return f"height {shown[0]:.2f} mm, roll {shown[1]:.2f} deg, pitch {shown[2]:.2f} deg"
 
 
 PLATFORM = Machine(
@@ -99,6 +117,7 @@ PLATFORM = Machine(
     drives=("legs.voltage",),
     switches=("legs.limits",),
     guard=PlatformGuard,
+    instrument=_instrument,
     twin=PlatformTwin,
     exchange={"multibody": 2e-3, "kinematic": 2e-3},
 )

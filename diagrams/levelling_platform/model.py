@@ -22,10 +22,15 @@ from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, Revolute
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from parapod.diagrams.drawing import View, add_renderer, draw, publish, take
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.levelling_platform.scenario import ControlScenario, LevellingScenario
 from parapod.diagrams.multibody import add_adapted_model, add_ground
 from parapod.diagrams.wiring import add, connect
-from parapod.systems.levelling_platform.geometry import PlatformGeometry, drawn_deviations
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.levelling_platform.geometry import (
+    LEG_COUNT,
+    PlatformGeometry,
+    drawn_deviations,
+)
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.model import (
@@ -59,6 +64,21 @@ def geometry_as_built(scenario: LevellingScenario) -> PlatformGeometry:
     # A stream of its own: errors do not change what else is drawn from the seed.
     random = np.random.default_rng((scenario.seed, 1))
     deviations = drawn_deviations(random, 1e-3 * length, math.radians(angle))
+    return replace(MODEL_GEOMETRY, deviations=deviations)
+
+
+def geometry_as_known(control: ControlScenario) -> PlatformGeometry:
+    """Geometry that the controller reckons with: the drawing, or the legs as identified.
+
+    Raises:
+        ScenarioError: deviations of some legs only.
+    """
+    if not control.leg_deviations:
+        return MODEL_GEOMETRY
+    count, key = len(control.leg_deviations), "control.leg_deviations"
+    if count != LEG_COUNT:
+        raise ScenarioError(f"{key} must have {LEG_COUNT} elements or none, not {count}", key)
+    deviations = tuple(leg.deviation for leg in control.leg_deviations)
     return replace(MODEL_GEOMETRY, deviations=deviations)
 
 

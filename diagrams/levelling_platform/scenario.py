@@ -3,6 +3,9 @@
 import math
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from parapod.diagrams.drivers.adis16448 import Adis16448SpiImu
 from parapod.diagrams.drivers.ni_daq import NiDaqLegs
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
@@ -12,6 +15,7 @@ from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
 from parapod.diagrams.levelling_platform.ports import PORTS
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.core.schema import Schema, choice, quantity
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, LegDeviation
 
 SIMULATED = ("multibody", "kinematic")
 BACKENDS = (*SIMULATED, "mock", "hardware")
@@ -119,8 +123,47 @@ class SensorScenario(Schema):
 
 
 @dataclass
+class LegDeviationScenario(Schema):
+    """Difference of one leg from its drawing, as far as `parapod run calibrate` can tell.
+
+    Attributes:
+        l_x_mm: x from the hip to the platform's centre [mm].
+        l_y_mm: y from the hip to the platform's centre [mm].
+        l_z_mm: z from the hip to the platform's centre [mm]; answers for the foot's column too.
+        beta_deg: yaw of the leg [deg].
+        l_3_mm: short side of the parallelogram [mm].
+        l_4_mm: long side of the parallelogram [mm].
+        alpha_deg: inclination of the short side [deg].
+    """
+
+    l_x_mm: float = quantity(0.0, -20.0, 20.0)
+    l_y_mm: float = quantity(0.0, -20.0, 20.0)
+    l_z_mm: float = quantity(0.0, -20.0, 20.0)
+    beta_deg: float = quantity(0.0, -5.0, 5.0)
+    l_3_mm: float = quantity(0.0, -10.0, 10.0)
+    l_4_mm: float = quantity(0.0, -20.0, 20.0)
+    alpha_deg: float = quantity(0.0, -5.0, 5.0)
+
+    @property
+    def deviation(self) -> LegDeviation:
+        """The same in SI units."""
+        return LegDeviation(
+            l_x=1e-3 * self.l_x_mm,
+            l_y=1e-3 * self.l_y_mm,
+            l_z=1e-3 * self.l_z_mm,
+            beta=math.radians(self.beta_deg),
+            l_3=1e-3 * self.l_3_mm,
+            l_4=1e-3 * self.l_4_mm,
+            alpha=math.radians(self.alpha_deg),
+        )
+
+
+@dataclass
 class ControlScenario(Schema):
-    """The controller.
+    """The controller, and what it knows of its machine beside the drawing.
+
+    `parapod adopt` puts what experiments have identified into the last four keys and into
+    friction_feedforward.
 
     Attributes:
         period: period of all controllers and estimators [s].
@@ -133,6 +176,11 @@ class ControlScenario(Schema):
             the paper's Eq. (26).
         outer_loop: correction of the inclination by the estimated attitude.
         outer_loop_gain: integral gain of that correction [1/s].
+        actuator_gains: K of each actuator [(m/s)/V].
+        encoder_offsets_mm: lengths that are added to what each actuator's encoder tells [mm].
+        inclination_bias_deg: errors of the inertial sensor's roll and pitch, which are subtracted
+            [deg, deg].
+        leg_deviations: differences of legs 1 to 4 from their drawing; empty for none.
     """
 
     period: float = quantity(0.01, 0.001, 0.05)
@@ -143,6 +191,25 @@ class ControlScenario(Schema):
     feedforward: str = choice("exact", ("exact", "differential"))
     outer_loop: bool = False
     outer_loop_gain: float = quantity(1.0, 0.0, 5.0)
+    actuator_gains: list[float] = quantity([0.01] * LEG_COUNT, 0.002, 0.05, length=LEG_COUNT)
+    encoder_offsets_mm: list[float] = quantity([0.0] * LEG_COUNT, -20.0, 20.0, length=LEG_COUNT)
+    inclination_bias_deg: list[float] = quantity([0.0] * 2, -5.0, 5.0, length=2)
+    leg_deviations: list[LegDeviationScenario] = field(default_factory=list)
+
+    @property
+    def gain_share(self) -> tuple[float, ...]:
+        """Gains of the actuators (4) by the nominal one [-]."""
+        return tuple(gain / LinearActuatorParams().gain for gain in self.actuator_gains)
+
+    @property
+    def encoder_offsets(self) -> NDArray[np.float64]:
+        """Lengths (4) that are added to the encoders' extensions [m]."""
+        return 1e-3 * np.array(self.encoder_offsets_mm)
+
+    @property
+    def inclination_bias(self) -> NDArray[np.float64]:
+        """Errors (2) of the inertial sensor's roll and pitch [rad]."""
+        return np.radians(self.inclination_bias_deg)
 
 
 @dataclass

@@ -30,6 +30,7 @@ examples:
   parapod scenario level > mine.yaml; parapod run level --scenario mine.yaml
   parapod run chair-walk --set passenger.mass_kg=70 --html walk.html
   parapod emulate level, and in another terminal: parapod run level --backend hardware
+  parapod run calibrate --json found.json; parapod adopt found.json --into lab.yaml
   parapod report --out report.html
 
 exit codes: 0 all bounds held, 1 a bound is broken, 2 a mistake in the command, a scenario or

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
-    first, second = _read(arguments.first), _read(arguments.second)
+    first, second = read_result(arguments.first), read_result(arguments.second)
 
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
@@ -79,7 +79,7 @@ def execute(arguments: argparse.Namespace) -> int:
     return BROKEN if worse else HELD
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_result(path: Path) -> dict[str, Any]:
     """A result that `run --json` wrote.
 
     Raises:

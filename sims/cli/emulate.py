@@ -18,7 +18,8 @@ DESCRIPTION = (
     "protocols. Another program then runs `parapod run NAME --backend hardware` as on the real "
     "machine. Lines on standard input, PART KIND, make a device misbehave, as in `imu garbage`, "
     "and `imu well` ends it; `emergency_stop pressed`, `supply lost` and `switches open` are of "
-    "what is no device. The emulator ends with Ctrl-C, and with the program that began it; "
+    "what is no device; `measure` prints the machine's true state as somebody with an instrument "
+    "reads it. The emulator ends with Ctrl-C, and with the program that began it; "
     "`setsid --fork parapod emulate NAME` lets it outlive a shell."
 )
 

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 
 from parapod.sims.cli import (
+    adopt,
     bench_rt,
     check,
     compare,
@@ -29,6 +30,7 @@ _COMMANDS = {
     "operate": operate,
     "scenario": scenario,
     "compare": compare,
+    "adopt": adopt,
     "report": report,
     "emulate": emulate,
     "check": check,

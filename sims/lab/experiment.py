@@ -121,6 +121,14 @@ class Experiment[S, D]:
         """Further content of `--json`."""
         return {}
 
+    def identified(self, scenario: S, data: D) -> Mapping[str, Any]:
+        """Properties of its machine that the run has found out.
+
+        Values in YAML's types, by dotted keys of the machine's scenario; `parapod adopt` puts
+        them into a scenario file.
+        """
+        return {}
+
     def draw(self, scenario: S, data: D) -> Iterable[Figure]:
         """Figures, drawn when they are wanted."""
         return ()
@@ -164,6 +172,7 @@ class Experiment[S, D]:
             self.afterwards(scenario, data, options),
             self.details(scenario, data),
             scenario,
+            self.identified(scenario, data),
         )
 
     def _before(self, scenario: S, options: RunOptions) -> None:

@@ -15,7 +15,16 @@ from parapod.sims.lab.figures import Figure
 from parapod.systems.core.schema import plain
 
 # Keys of `Result.as_json` that no metric may take.
-_RESERVED = ("experiment", "backend", "seed", "passed", "parapod", "bounds", "scenario")
+_RESERVED = (
+    "experiment",
+    "backend",
+    "seed",
+    "passed",
+    "parapod",
+    "bounds",
+    "scenario",
+    "identified",
+)
 
 
 @dataclass(frozen=True)
@@ -100,6 +109,7 @@ class Result:
         afterwards: work that goes on once the result has been shown and written, or None.
         details: further content of the JSON document.
         scenario: the scenario that was run, or None.
+        identified: what was found out about the machine, by keys of its scenario.
     """
 
     experiment: str
@@ -111,6 +121,7 @@ class Result:
     afterwards: Callable[[], None] | None = field(default=None, compare=False)
     details: Mapping[str, Any] = field(default_factory=dict)
     scenario: Any = field(default=None, compare=False)
+    identified: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         keys = [*_RESERVED, *(metric.key for metric in self.metrics), *self.details]
@@ -143,7 +154,8 @@ class Result:
         numbers = {metric.key: plain_number(metric.value) for metric in self.metrics}
         bounds = {metric.key: metric.as_json() for metric in self.metrics}
         scenario = {} if self.scenario is None else {"scenario": plain(self.scenario)}
-        return head | numbers | dict(self.details) | {"bounds": bounds} | scenario
+        found = {"identified": dict(self.identified)} if self.identified else {}
+        return head | numbers | dict(self.details) | {"bounds": bounds} | scenario | found
 
     def __repr__(self) -> str:
         broken = ", ".join(str(metric) for metric in self.broken)

@@ -3,22 +3,35 @@
 The poses are simulated or those of a real recording. The machine's dimensions, encoders and
 accelerometer are off by what manufacturing leaves. In each pose the encoders, the inertial sensor
 and the optical tracker of Appendix B are read; from these the machine is identified, and its
-posture is predicted on poses that were not used.
+posture is predicted on poses that were not used. A real machine is led through the poses, and
+somebody with an instrument is asked what it tells.
 """
 
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.scenario import (
+    ControlScenario,
+    GroundScenario,
+    JobScenario,
+    LevellingScenario,
+    PlantScenario,
+    SensorScenario,
+    emulated_hardware,
+)
 from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment, Logged
 from parapod.sims.lab.figures import COLOURS, Figure
+from parapod.sims.lab.files import check_log, check_writable
 from parapod.sims.lab.results import Metric
 from parapod.sims.levelling_platform.poses import (
     Machine,
@@ -33,11 +46,13 @@ from parapod.sims.levelling_platform.predictions import (
     compare_with_truth,
     cross_validate,
 )
-from parapod.systems.core.errors import OutputError
+from parapod.systems.core.errors import OutputError, ScenarioError
+from parapod.systems.core.quoting import quoted_path
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.calibration.equations import (
     BIAS,
     GROUND,
+    IDENTIFIABLE,
     LEG_PARAMETERS,
     LEG_WIDTH,
     Tolerances,
@@ -52,6 +67,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
 
+_MIDDLE = 405.0  # extension at which a simulated machine begins [mm]
 # Floor of the measurements' standard deviations [m, rad]: below it the squares of errors, which
 # least squares leaves out, are larger than the errors.
 _FINEST = 1e-6
@@ -68,7 +84,7 @@ _CHI2_SPREAD = 5.0
 
 @dataclass
 class PosesScenario(Schema):
-    """The poses that are simulated.
+    """The poses that are simulated, or through which a real machine is led.
 
     Attributes:
         count: number of poses to calibrate with.
@@ -76,7 +92,7 @@ class PosesScenario(Schema):
         tracked: inclination from the optical tracker that measures the height; the inertial sensor
             alone cannot tell its bias from legs that lean.
         turns_deg: headings of the platform, taken in turn from pose to pose [deg]; [0, 180] finds
-            unknown ground.
+            unknown ground. A real machine is not turned.
     """
 
     count: int = quantity(30, 1, 300)
@@ -161,6 +177,30 @@ class KnownGroundScenario(Schema):
 
 
 @dataclass
+class MeasuringScenario(Schema):
+    """A real machine's way through the poses, and what is measured from outside.
+
+    Attributes:
+        poses_file: file in which the poses are recorded, .csv, .npz or .mcap; written after each
+            one. `recording` reads it.
+        answers_file: CSV file with the columns height_mm and, where tracked, roll_deg and
+            pitch_deg, a row a pose, which may be written while the machine waits; a column pose
+            may tell the number of the pose. Empty: they are asked for at the console.
+        rest_s: time at rest before encoders and inertial sensor are averaged, so that the attitude
+            settles [s].
+        average_s: time over which they are averaged [s].
+        rate_mm_s: largest rate of a leg on its way [mm/s]; the guard ends a job in which the
+            platform turns faster than some 3 deg/s.
+    """
+
+    poses_file: str = "poses.csv"
+    answers_file: str = ""
+    rest_s: float = quantity(4.0, 0.1, 60.0)
+    average_s: float = quantity(2.0, 0.1, 60.0)
+    rate_mm_s: float = quantity(3.0, 0.5, 4.0)
+
+
+@dataclass
 class CalibrateScenario(Schema):
     """One calibration.
 
@@ -176,22 +216,47 @@ class CalibrateScenario(Schema):
     the angle by which the platform was turned about the vertical.
 
     Attributes:
-        backend: stand-in for the machine: "kinematic", the closed forms.
+        backend: stand-in for the machine: "kinematic", the closed forms; or the real machine,
+            "hardware".
         seed: seed of the machine, the poses and the noise.
         recording: file with recorded poses; empty for simulated ones.
         poses: see `PosesScenario`.
         tolerances: see `ToleranceScenario`.
         noise: see `NoiseScenario`.
         ground: see `KnownGroundScenario`; a recording's own ground_measured takes its place.
+        measuring: see `MeasuringScenario`.
+        control: see `ControlScenario`; it leads a real machine's legs.
+        hardware: see `HardwareScenario`; the defaults are the emulated devices.
     """
 
-    backend: str = choice("kinematic", ("kinematic",))
+    backend: str = choice("kinematic", ("kinematic", "hardware"))
     seed: int = quantity(0, 0, 2**31 - 1)
     recording: str = ""
     poses: PosesScenario = field(default_factory=PosesScenario)
     tolerances: ToleranceScenario = field(default_factory=ToleranceScenario)
     noise: NoiseScenario = field(default_factory=NoiseScenario)
     ground: KnownGroundScenario = field(default_factory=KnownGroundScenario)
+    measuring: MeasuringScenario = field(default_factory=MeasuringScenario)
+    control: ControlScenario = field(default_factory=ControlScenario)
+    hardware: HardwareScenario = field(default_factory=emulated_hardware)
+
+    @property
+    def machine(self) -> LevellingScenario:
+        """The machine on its feet; the legs of a simulated one are as the tolerances allow."""
+        tolerances, ground = self.tolerances, self.ground
+        return LevellingScenario(
+            backend=self.backend,
+            seed=self.seed,
+            ground=GroundScenario(ground.roll_deg, ground.pitch_deg),
+            plant=PlantScenario(
+                length_error_mm=tolerances.length_error_mm,
+                angle_error_deg=tolerances.angle_error_deg,
+            ),
+            sensors=SensorScenario(encoder_resolution_mm=self.noise.encoder_resolution_mm),
+            control=self.control,
+            job=JobScenario(initial_extension_mm=_MIDDLE),
+            hardware=self.hardware,
+        )
 
 
 @dataclass(frozen=True)
@@ -219,8 +284,35 @@ class Calibrate(Experiment[CalibrateScenario, Identified]):
     """Calibrates."""
 
     schema = CalibrateScenario
-    backends = ("kinematic",)
+    machine = PLATFORM
+    backends = ("kinematic", "hardware")
     takes = "5 s"
+
+    def machine_scenario(self, scenario: CalibrateScenario) -> LevellingScenario:
+        """The machine on its feet, for its emulation."""
+        return scenario.machine
+
+    def check(self, scenario: CalibrateScenario) -> None:
+        """Refuses what a real machine cannot do, and a file that would be lost.
+
+        Raises:
+            ScenarioError: names the key.
+            OutputError: the recording cannot be written, or is there already.
+        """
+        if scenario.backend != "hardware" or scenario.recording:
+            return
+        if any(scenario.poses.turns_deg):
+            key = "poses.turns_deg"
+            raise ScenarioError(f"{key} must be [0] on hardware: nothing turns the platform", key)
+        path = Path(scenario.measuring.poses_file)
+        check_log(path)
+        check_writable(path)
+        if path.exists():
+            raise OutputError(
+                f"measuring.poses_file: {quoted_path(path)} is there already; calibrate with it "
+                f"by recording={quoted_path(path)}, or name another one",
+                path,
+            )
 
     def run(self, scenario: CalibrateScenario, bench: Bench) -> Identified:
         """Identifies a simulated machine, or the one that a recording is of.
@@ -228,12 +320,16 @@ class Calibrate(Experiment[CalibrateScenario, Identified]):
         Raises:
             UndeterminedCalibration: the poses do not determine the machine; says what would.
             OutputError: the recording cannot be read.
+            RefusedRequest: a real machine that does not stand on its feet.
         """
         if scenario.recording and bench.options.log is not None:
             raise OutputError(
                 "--log has nothing to write: the poses are read from a recording",
                 bench.options.log,
             )
+        if scenario.backend == "hardware" and not scenario.recording:
+            _lead(scenario, bench)
+            return _of_recording(replace(scenario, recording=scenario.measuring.poses_file))
         return _of_recording(scenario) if scenario.recording else _of_simulation(scenario)
 
     def logged(self, scenario: CalibrateScenario, data: Identified) -> Logged:
@@ -256,6 +352,10 @@ class Calibrate(Experiment[CalibrateScenario, Identified]):
         """The parameters with their standard deviations."""
         return _notes(data.calibration, data.recording)
 
+    def identified(self, scenario: CalibrateScenario, data: Identified) -> Mapping[str, Any]:
+        """Legs, encoder offsets and bias, which belong together."""
+        return identified_values(data.calibration)
+
     def draw(self, scenario: CalibrateScenario, data: Identified) -> Iterable[Figure]:
         """Parameters and residuals."""
         tolerance = scenario.tolerances.tolerances.of_parameters(MODEL_GEOMETRY)
@@ -266,6 +366,39 @@ class Calibrate(Experiment[CalibrateScenario, Identified]):
             )
             truth[GROUND] = scenario.ground.inclination
         return figures(data.calibration, tolerance, truth, data.comparison)
+
+
+def identified_values(calibration: Calibration) -> dict[str, Any]:
+    """A calibration by the keys of the machine's scenario."""
+    legs = [
+        {
+            f"{name}_{'deg' if name in ANGLES else 'mm'}": round(
+                (math.degrees(1.0) if name in ANGLES else 1e3) * getattr(leg, name), 5
+            )
+            for name in IDENTIFIABLE
+        }
+        for leg in calibration.geometry.deviations
+    ]
+    return {
+        "control.encoder_offsets_mm": [round(1e3 * x, 5) for x in calibration.offsets.tolist()],
+        "control.inclination_bias_deg": [
+            round(math.degrees(x), 6) for x in calibration.bias.tolist()
+        ],
+        "control.leg_deviations": legs,
+    }
+
+
+def _lead(scenario: CalibrateScenario, bench: Bench) -> None:
+    """Leads the real machine through the poses."""
+    from parapod.sims.levelling_platform.led_poses import COLUMNS, record_poses
+    from parapod.sims.real_machine.answers import Answers, ConsoleAnswers, FileAnswers
+
+    measuring = scenario.measuring
+    answers: Answers = ConsoleAnswers(bench.console)
+    if measuring.answers_file:
+        columns = COLUMNS if scenario.poses.tracked else COLUMNS[:1]
+        answers = FileAnswers(bench.console, Path(measuring.answers_file), columns)
+    record_poses(scenario, scenario.machine, answers, Path(measuring.poses_file), bench)
 
 
 def _of_simulation(scenario: CalibrateScenario) -> Identified:

@@ -23,6 +23,7 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.controller import make_supervised_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import (
     SIMULATED,
     ActuatorScenario,
@@ -57,7 +58,6 @@ from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.fault_detection import Finding
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import normal_of, to_platform
 from parapod.systems.levelling_platform.scripts import OperatorScript, Step
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
@@ -333,17 +333,19 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
 
     def draw(self, scenario: DeployScenario, data: Operation) -> Iterable[Figure]:
         """The operation over time, and its legs."""
-        return figures(data.run.time, data.run)
+        return figures(scenario, data.run.time, data.run)
 
 
-def figures(time: NDArray[np.float64], signals: Signals) -> tuple[Figure, ...]:
+def figures(
+    scenario: DeployScenario, time: NDArray[np.float64], signals: Signals
+) -> tuple[Figure, ...]:
     """The operation over time, and its legs."""
     return (
         Figure(
             "deploy_posture",
             "The operation",
             "Posture of the platform against gravity, and the supervisor's phases.",
-            partial(_draw_posture, time, signals),
+            partial(_draw_posture, scenario, time, signals),
             (9.0, 5.2),
         ),
         Figure(
@@ -356,8 +358,13 @@ def figures(time: NDArray[np.float64], signals: Signals) -> tuple[Figure, ...]:
     )
 
 
-def _draw_posture(time: NDArray[np.float64], signals: Signals, canvas: "Canvas") -> None:
-    posture = in_deg_and_mm(posture_of(signals))
+def _draw_posture(
+    scenario: DeployScenario,
+    time: NDArray[np.float64],
+    signals: Signals,
+    canvas: "Canvas",
+) -> None:
+    posture = in_deg_and_mm(posture_of(scenario, signals))
     rows: Any = canvas.subplots(3, 1, sharex=True)
     for i, (axes, (_, _, label)) in enumerate(zip(rows, AXES, strict=True)):
         axes.plot(time, posture[:, i])
@@ -446,7 +453,7 @@ def _posture(scenario: DeployScenario, signals: Signals) -> list[Metric]:
     is_true = "truth.posture" in signals
     if is_true:
         wanted[2] += np.mean(scenario.ground.foot_heights_mm)
-    shown = in_deg_and_mm(posture_of(signals)[_holding(signals)])
+    shown = in_deg_and_mm(posture_of(scenario, signals)[_holding(signals)])
     error = shown - wanted if shown.size else np.full((1, 3), np.nan)
     meaning = "largest while the posture is held, against gravity and the feet's mean height"
     if not is_true:
@@ -493,7 +500,7 @@ def _smallest(values: NDArray[np.float64]) -> float:
     return float(values.min()) if values.size else np.nan
 
 
-def posture_of(signals: Signals) -> NDArray[np.float64]:
+def posture_of(scenario: DeployScenario, signals: Signals) -> NDArray[np.float64]:
     """Postures (n, 3) [rad, rad, m]: the true ones, or where nobody knows them the measured ones.
 
     The measured ones follow from inertial sensor, extensions and estimated ground.
@@ -501,8 +508,8 @@ def posture_of(signals: Signals) -> NDArray[np.float64]:
     if "truth.posture" in signals:
         return signals["truth.posture"]
     legs = forward_kinematics(
-        MODEL_GEOMETRY,
-        signals["legs.extension"],
+        geometry_as_known(scenario.control),
+        signals["legs.extension"] + scenario.control.encoder_offsets,
         signals["ground_estimated"],
         foot_offsets=signals["foot_offsets_estimated"],
     )
@@ -511,7 +518,7 @@ def posture_of(signals: Signals) -> NDArray[np.float64]:
 
 def _clearance(scenario: DeployScenario, signals: Signals) -> NDArray[np.float64]:
     """Clearance of the wheels (4, n) above the ground's plane [m]."""
-    wheels, posture = WheelGeometry(), posture_of(signals)
+    wheels, posture = WheelGeometry(), posture_of(scenario, signals)
     ground: Any = scenario.ground.inclination
     if "truth.posture" not in signals:
         ground = signals["ground_estimated"].T

@@ -5,8 +5,10 @@ from typing import Protocol
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.scenario import (
     ActuatorScenario,
+    ControlScenario,
     GroundScenario,
     JobScenario,
     LevellingScenario,
@@ -24,6 +26,8 @@ class DrivenScenario(Protocol):
     seed: int
     plant: PlantScenario
     actuators: ActuatorScenario
+    control: ControlScenario
+    hardware: HardwareScenario
 
 
 def on_level_ground(
@@ -32,7 +36,7 @@ def on_level_ground(
     """The machine of a scenario, standing on level ground.
 
     Args:
-        scenario: its backend, seed, plant and actuators are taken.
+        scenario: its backend, seed, plant, actuators, control and hardware are taken.
         sensors: the machine's sensors.
         initial_extension_mm: extension of all legs [mm].
     """
@@ -43,7 +47,9 @@ def on_level_ground(
         plant=scenario.plant,
         actuators=scenario.actuators,
         sensors=sensors,
+        control=scenario.control,
         job=JobScenario(initial_extension_mm=initial_extension_mm),
+        hardware=scenario.hardware,
     )
 
 

@@ -3,13 +3,13 @@
 Section 5.2 of the paper, Figs. 13 to 15. Ten steps of different voltage, with the legs lifted and
 under the platform's weight. The gain K of Eq. (17) is estimated from what a log of the real
 machine would have, voltages and encoders: for each step as in the paper, and for all steps
-together with friction separated from it.
+together with friction separated from it. The real machine begins on its wheels with the legs
+lifted, and stands on its feet when both cases are done.
 """
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,14 +17,18 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
-from pydrake.trajectories import PiecewisePolynomial
 
+from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
+    SIMULATED,
     ActuatorScenario,
+    ControlScenario,
+    JobScenario,
     LevellingScenario,
     PlantScenario,
     SensorScenario,
+    emulated_hardware,
 )
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
@@ -33,7 +37,20 @@ from parapod.sims.lab.experiment import Experiment, Logged
 from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.results import Metric
 from parapod.sims.levelling_platform.driven import make_simulator, on_level_ground
-from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
+from parapod.sims.levelling_platform.steps_in_turn import LIFTED, record_in_turn
+from parapod.sims.levelling_platform.voltage_steps import (
+    FEWEST_SAMPLES,
+    NOMINAL,
+    Recording,
+    Separated,
+    Steps,
+    StepsScenario,
+    find_steps,
+    schedule,
+    separate_friction,
+    step_duration,
+)
+from parapod.systems.actuators.linear_actuator import LinearActuator
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
@@ -42,41 +59,17 @@ from parapod.systems.sensors.encoder import Encoder
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-NOMINAL = LinearActuatorParams().gain  # K of Eq. (18) [(m/s)/V]
 STROKE = (0.385, 0.425)  # where the feet carry and the leg model holds [m]
-_FEWEST_SAMPLES = 5  # that make a ramp
 CASES = ("unloaded", "loaded")
 SHARE = 0.15  # largest deviation from the nominal K that the paper found
 # A load that moves from leg to leg during the steps is no constant friction; over gain errors of
 # up to 15 % that puts the estimate off by 0.7 % at most [%].
 _SEPARATED_BOUND = 1.0
+# Of both cases of a real machine, whose longer steps move more load from leg to leg [%].
+_DIFFERENCE_BOUND = 2.0
 _MARKERS = ("o", "x")
 # Both cases of a step stand side by side [steps].
 _ASIDE = (-0.1, 0.1)
-
-
-@dataclass
-class StepsScenario(Schema):
-    """The voltage steps.
-
-    Attributes:
-        voltages: voltages of the ten steps; positive ones extend the actuators, which lowers the
-            platform [V].
-        travel_mm: way of a nominal actuator in each step, so that small voltages last longer [mm].
-        rest_s: time at 0 V before, between and after the steps [s].
-        transient_s: beginning of each step that does not count for its slope [s].
-        initial_extension_mm: extension of all legs at the beginning [mm].
-        period: period of the log [s].
-    """
-
-    voltages: list[float] = quantity(
-        [0.75, -1.0, 1.25, -1.5, 1.75, -2.0, 2.25, -2.5, 2.75, -3.0], -12.0, 12.0, length=10
-    )
-    travel_mm: float = quantity(12.0, 2.0, 30.0)
-    rest_s: float = quantity(0.3, 0.1, 5.0)
-    transient_s: float = quantity(0.1, 0.0, 1.0)
-    initial_extension_mm: float = quantity(396.0, 390.0, 420.0)
-    period: float = quantity(0.01, 0.001, 0.05)
 
 
 def _similar_actuators() -> ActuatorScenario:
@@ -95,43 +88,36 @@ class IdentifyActuatorsScenario(Schema):
     `actuators.gain_error` is 0.025.
 
     Attributes:
-        backend: plant that carries the load: "multibody".
+        backend: plant that carries the load: "multibody", or "kinematic" (quasi-static); or the
+            real machine, "hardware".
         seed: seed of the errors of gains and dimensions.
         steps: see `StepsScenario`.
         plant: see `PlantScenario`; it carries the load.
         actuators: see `ActuatorScenario`.
         encoder_resolution_mm: one count of the actuators' encoders [mm]; 0 for perfect ones.
+        control: see `ControlScenario`; it leads a real machine's legs to the ground.
+        hardware: see `HardwareScenario`; the defaults are the emulated devices.
     """
 
-    backend: str = choice("multibody", ("multibody",))
+    backend: str = choice("multibody", (*SIMULATED, "hardware"))
     seed: int = quantity(0, 0, 2**31 - 1)
     steps: StepsScenario = field(default_factory=StepsScenario)
     plant: PlantScenario = field(default_factory=PlantScenario)
     actuators: ActuatorScenario = field(default_factory=_similar_actuators)
     encoder_resolution_mm: float = quantity(0.01, 0.0, 1.0)
+    control: ControlScenario = field(default_factory=ControlScenario)
+    hardware: HardwareScenario = field(default_factory=emulated_hardware)
 
     @property
     def machine(self) -> LevellingScenario:
-        """The machine on level ground."""
+        """The machine on level ground, on its feet."""
         sensors = SensorScenario(encoder_resolution_mm=self.encoder_resolution_mm)
         return on_level_ground(self, sensors, self.steps.initial_extension_mm)
 
-
-@dataclass(frozen=True)
-class Recording:
-    """Recording of a case, with the truth that only a simulation can tell.
-
-    Attributes:
-        time: (n) [s].
-        voltage: (n, 4) [V].
-        extension: (n, 4) of the encoders [m].
-        posture: (n, 3) true roll, pitch, height [rad, rad, m]; None without load.
-    """
-
-    time: NDArray[np.float64]
-    voltage: NDArray[np.float64]
-    extension: NDArray[np.float64]
-    posture: NDArray[np.float64] | None = None
+    @property
+    def on_wheels(self) -> LevellingScenario:
+        """The machine on level ground, on its wheels with the legs lifted."""
+        return replace(self.machine, job=JobScenario(start="wheels"))
 
 
 @dataclass(frozen=True)
@@ -141,56 +127,13 @@ class Recordings:
     Attributes:
         unloaded: (a), the legs are lifted, so that nothing loads the actuators.
         loaded: (b), the platform stands on its legs.
-        gain: (4) true K of the actuators in both, which no log tells [(m/s)/V].
+        gain: (4) true K of the actuators in both, which no log tells [(m/s)/V]; None for a real
+            machine.
     """
 
     unloaded: Recording
     loaded: Recording
-    gain: NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Steps:
-    """Gains that the steps of a recording show.
-
-    Attributes:
-        voltage: (steps) [V].
-        speed: (steps, 4) slope of each ramp [m/s].
-    """
-
-    voltage: NDArray[np.float64]
-    speed: NDArray[np.float64]
-
-    @property
-    def gain(self) -> NDArray[np.float64]:
-        """(steps, 4) K of each step and leg, the paper's: friction counts as gain [(m/s)/V]."""
-        return self.speed / self.voltage[:, None]
-
-    @property
-    def deviation_percent(self) -> float:
-        """Largest deviation of a step's K from the nominal one, of any leg [%]."""
-        return 100.0 * float(np.abs(self.gain / NOMINAL - 1.0).max())
-
-    @property
-    def spread_percent(self) -> float:
-        """Between the largest and the smallest mean K of a leg, in % of their mean."""
-        means = self.gain.mean(axis=0)
-        return 100.0 * float(np.ptp(means) / means.mean())
-
-
-@dataclass(frozen=True)
-class Separated:
-    """Gain and friction of each leg.
-
-    Attributes:
-        gain: (4) K [(m/s)/V].
-        extending: (4) voltage that friction and load take when the actuator extends [V].
-        retracting: (4) the same when it retracts, which lifts the platform [V].
-    """
-
-    gain: NDArray[np.float64]
-    extending: NDArray[np.float64]
-    retracting: NDArray[np.float64]
+    gain: NDArray[np.float64] | None
 
 
 @dataclass(frozen=True)
@@ -212,16 +155,29 @@ class IdentifyActuators(Experiment[IdentifyActuatorsScenario, Identified]):
     """Identifies the actuators without and with load."""
 
     schema = IdentifyActuatorsScenario
-    backends = ("multibody",)
+    machine = PLATFORM
+    backends = (*SIMULATED, "hardware")
     takes = "30 s"
+
+    def machine_scenario(self, scenario: IdentifyActuatorsScenario) -> LevellingScenario:
+        """The machine as a real one begins, for its emulation."""
+        return scenario.on_wheels
 
     def check(self, scenario: IdentifyActuatorsScenario) -> None:
         """Refuses steps that leave the stroke, have no ramp, or leave friction and K together."""
         check_steps(scenario)
 
     def run(self, scenario: IdentifyActuatorsScenario, bench: Bench) -> Identified:
-        """Steps the voltages and estimates K from what a log of the real machine would have."""
-        recordings = record(scenario, bench)
+        """Steps the voltages and estimates K from what a log of the real machine would have.
+
+        Raises:
+            RefusedRequest: a real machine that is not on its wheels with the legs lifted.
+        """
+        if scenario.backend == "hardware":
+            pair = record_in_turn(scenario.steps, scenario.on_wheels, bench)
+            recordings = Recordings(*pair, None)
+        else:
+            recordings = record(scenario, bench)
         transient = scenario.steps.transient_s
         steps = tuple(find_steps(r, transient) for r in (recordings.unloaded, recordings.loaded))
         return Identified(recordings, steps, tuple(separate_friction(case) for case in steps))
@@ -237,29 +193,29 @@ class IdentifyActuators(Experiment[IdentifyActuatorsScenario, Identified]):
 
     def measure(self, scenario: IdentifyActuatorsScenario, data: Identified) -> Iterator[Metric]:
         """Gains of the steps, gains with friction separated, and the stroke."""
-        yield from gain_metrics(*data.steps)
+        unloaded, loaded = data.steps
+        yield from gain_metrics(unloaded, loaded, is_bounded=scenario.backend == "multibody")
         yield from separated_metrics(data.separated, data.recordings.gain)
         yield from stroke_metrics(data.recordings)
 
+    def identified(
+        self, scenario: IdentifyActuatorsScenario, data: Identified
+    ) -> Mapping[str, Any]:
+        """K of each actuator, and the voltages that friction and load take on average."""
+        unloaded, loaded = data.separated
+        friction = [float(np.mean(v)) for v in (loaded.extending, loaded.retracting)]
+        return {
+            "control.actuator_gains": [round(gain, 7) for gain in unloaded.gain.tolist()],
+            "control.friction_feedforward": [round(max(0.0, v), 4) for v in friction],
+        }
+
     def note(self, scenario: IdentifyActuatorsScenario, data: Identified) -> Iterable[str]:
         """Voltages that friction and load take."""
-        return _notes(scenario, data.separated)
+        return _notes(scenario, data)
 
     def draw(self, scenario: IdentifyActuatorsScenario, data: Identified) -> Iterable[Figure]:
         """Steps, speeds and gains (Figs. 13 to 15)."""
         return figures(data.recordings, data.steps)
-
-
-def schedule(steps: StepsScenario) -> PiecewisePolynomial:
-    """Voltage over time, constant between the knots; the last knot is the end."""
-    times, values = [0.0], [0.0]
-    now = steps.rest_s
-    for voltage in steps.voltages:
-        times += [now, now + _duration(steps, voltage)]
-        values += [voltage, 0.0]
-        now = times[-1] + steps.rest_s
-    knots = [*times, now]
-    return PiecewisePolynomial.ZeroOrderHold(knots, [[*values, 0.0]] * LEG_COUNT)
 
 
 def check_steps(scenario: IdentifyActuatorsScenario) -> None:
@@ -277,25 +233,28 @@ def check_steps(scenario: IdentifyActuatorsScenario) -> None:
         if abs(voltage) > scenario.actuators.supply_voltage:
             supply = scenario.actuators.supply_voltage
             raise ScenarioError(f"{key} = {voltage:g} V is above the supply, {supply:g} V", key)
-        lasts = _duration(steps, voltage)
-        if lasts - steps.transient_s < _FEWEST_SAMPLES * steps.period:
+        lasts = step_duration(steps, voltage)
+        if lasts - steps.transient_s < FEWEST_SAMPLES * steps.period:
             why = f"lasts {lasts:.3g} s, which leaves no ramp after steps.transient_s"
             raise ScenarioError(f"{key} = {voltage:g} V {why}", key)
-        extension += NOMINAL * voltage * lasts
-        if not STROKE[0] <= extension <= STROKE[1]:
-            low, high = (1e3 * limit for limit in STROKE)
-            why = f"would bring the legs to {1e3 * extension:.1f} mm, outside {low:g}..{high:g} mm"
-            raise ScenarioError(f"{key} = {voltage:g} V {why}", key)
+        is_real = scenario.backend == "hardware"
+        extension += NOMINAL * voltage * (lasts + steps.edge_s if is_real else lasts)
+        _check_within(key, voltage, extension, STROKE)
+        if is_real:
+            lifted = extension + 1e-3 * (steps.lifted_extension_mm - steps.initial_extension_mm)
+            _check_within(key, voltage, lifted, LIFTED)
     # K and friction are separable only if one direction has two voltages.
     if len(set(steps.voltages)) == len(set(np.sign(steps.voltages))):
         why = "has one voltage a direction, which does not tell K from friction"
         raise ScenarioError(f"steps.voltages {why}", "steps.voltages")
 
 
-def _duration(steps: StepsScenario, voltage: float) -> float:
-    """Duration of a step, in whole samples of the log [s]."""
-    exact = 1e-3 * steps.travel_mm / (NOMINAL * abs(voltage))
-    return max(1, round(exact / steps.period)) * steps.period
+def _check_within(key: str, voltage: float, extension: float, stroke: tuple[float, float]) -> None:
+    """Refuse a step that leaves a stroke."""
+    if not stroke[0] <= extension <= stroke[1]:
+        low, high = (1e3 * limit for limit in stroke)
+        why = f"would bring the legs to {1e3 * extension:.1f} mm, outside {low:g}..{high:g} mm"
+        raise ScenarioError(f"{key} = {voltage:g} V {why}", key)
 
 
 def record(scenario: IdentifyActuatorsScenario, bench: Bench) -> Recordings:
@@ -368,42 +327,20 @@ def _simulate(
     simulator.Initialize()
     bench.simulate(simulator, schedule(scenario.steps).end_time(), what)
     found = [log.FindLog(simulator.get_context()) for log in logs]
-    samples = [log.data().T.copy() for log in found]
-    return Recording(found[0].sample_times().copy(), *samples)
+    voltage, extension, *posture = [log.data().T.copy() for log in found]
+    attitude = posture[0][:, :2] if posture else None
+    return Recording(found[0].sample_times().copy(), voltage, extension, attitude)
 
 
-def find_steps(recording: Recording, transient: float) -> Steps:
-    """Slope of each voltage step's ramp by least squares, from voltages and encoders alone.
+def gain_metrics(unloaded: Steps, loaded: Steps, is_bounded: bool = True) -> tuple[Metric, ...]:
+    """The paper's K, in which friction and load are contained.
 
     Args:
-        recording: recording of ten steps or of any number of them.
-        transient: beginning of each step that does not count [s].
+        unloaded: the steps without load.
+        loaded: those with load.
+        is_bounded: whether single steps are to be as near to the nominal K as in the paper; a real
+            machine's actuators are what they are.
     """
-    time, voltage = recording.time, recording.voltage[:, 0]
-    edges = np.flatnonzero(np.diff(voltage)) + 1
-    voltages, speeds = [], []
-    for begin, end in pairwise([0, *edges.tolist(), time.size]):
-        if voltage[begin] == 0.0:
-            continue
-        ramp = slice(begin + int(np.searchsorted(time[begin:end], time[begin] + transient)), end)
-        voltages.append(voltage[begin])
-        speeds.append(np.polyfit(time[ramp], recording.extension[ramp], 1)[0])
-    return Steps(np.array(voltages), np.array(speeds))
-
-
-def separate_friction(steps: Steps) -> Separated:
-    """Fits speed = K (V - V_c sign V) to each leg, with a V_c of its own for each direction.
-
-    A load takes more from the steps that lift it than a self-locking screw gives back to those
-    that lower it. A direction without steps has V_c = 0.
-    """
-    columns = [steps.voltage, -1.0 * (steps.voltage > 0.0), 1.0 * (steps.voltage < 0.0)]
-    gain, extending, retracting = np.linalg.lstsq(np.column_stack(columns), steps.speed)[0]
-    return Separated(gain, extending / gain, retracting / gain)
-
-
-def gain_metrics(unloaded: Steps, loaded: Steps) -> tuple[Metric, ...]:
-    """The paper's K, in which friction and load are contained."""
     means = [float(case.gain.mean()) for case in (unloaded, loaded)]
     return (
         *(_mean_gain(case, mean) for case, mean in zip(CASES, means, strict=True)),
@@ -420,7 +357,7 @@ def gain_metrics(unloaded: Steps, loaded: Steps) -> tuple[Metric, ...]:
                 f"step_deviation_{case}_percent",
                 found.deviation_percent,
                 "%",
-                100.0 * SHARE,
+                100.0 * SHARE if is_bounded else None,
                 paper=100.0 * SHARE,
                 meaning="largest of a step's K from 0.01, any leg",
             )
@@ -440,14 +377,21 @@ def gain_metrics(unloaded: Steps, loaded: Steps) -> tuple[Metric, ...]:
 
 
 def separated_metrics(
-    cases: tuple[Separated, ...], truth: NDArray[np.float64]
+    cases: tuple[Separated, ...], truth: NDArray[np.float64] | None
 ) -> tuple[Metric, ...]:
-    """K apart from friction, against the truth.
+    """K apart from friction, against the truth, or of one case against the other.
 
     Args:
         cases: without load and with it.
-        truth: (4) the actuators' K [(m/s)/V].
+        truth: (4) the actuators' K [(m/s)/V]; None where nobody knows it.
     """
+    if truth is None:
+        unloaded, loaded = (found.gain for found in cases)
+        meaning = "of K with friction separated, with load against without, largest of a leg"
+        difference = 100.0 * float(np.abs(loaded / unloaded - 1.0).max())
+        return (
+            Metric("gain_difference_percent", difference, "%", _DIFFERENCE_BOUND, meaning=meaning),
+        )
     return tuple(
         Metric(
             f"gain_error_{case}_percent",
@@ -463,13 +407,23 @@ def separated_metrics(
 def stroke_metrics(recordings: Recordings) -> tuple[Metric, ...]:
     """Measure how far legs and platform went."""
     both = [recordings.unloaded.extension, recordings.loaded.extension]
+    lifted = []
+    if recordings.gain is None:  # a real machine, whose legs are lifted without load
+        ends = [1e3 * float(end) for end in (both[0].min(), both[0].max())]
+        lowest, highest = (1e3 * limit for limit in LIFTED)
+        lifted = [
+            Metric("smallest_lifted_extension_mm", ends[0], "mm", at_least=lowest),
+            Metric("largest_lifted_extension_mm", ends[1], "mm", highest),
+        ]
+        del both[0]
     low, high = (1e3 * limit for limit in STROKE)
     metrics = [
         Metric("smallest_extension_mm", 1e3 * float(np.min(both)), "mm", at_least=low),
         Metric("largest_extension_mm", 1e3 * float(np.max(both)), "mm", high),
+        *lifted,
     ]
-    if recordings.loaded.posture is not None:
-        tilt = float(np.degrees(np.abs(recordings.loaded.posture[:, :2])).max())
+    if recordings.loaded.attitude is not None:
+        tilt = float(np.degrees(np.abs(recordings.loaded.attitude)).max())
         meaning = "largest roll or pitch; no controller is at work"
         metrics.append(Metric("largest_tilt_deg", tilt, "deg", meaning=meaning))
     return tuple(metrics)
@@ -579,19 +533,25 @@ def _draw_gain(cases: tuple[Steps, ...], canvas: "Canvas") -> None:
     )
 
 
-def _notes(
-    scenario: IdentifyActuatorsScenario, separated: tuple[Separated, ...]
-) -> tuple[str, ...]:
+def _notes(scenario: IdentifyActuatorsScenario, data: Identified) -> tuple[str, ...]:
+    separated = data.separated
     taken = [
         f"{np.mean(found.extending):.3f} V extending and {np.mean(found.retracting):.3f} V "
         f"retracting {case}"
         for case, found in zip(CASES, separated, strict=True)
     ]
+    gains = ", ".join(f"{gain:.5f}" for gain in separated[0].gain)
+    if data.recordings.gain is None:
+        last = f"K of legs 1 to 4 with friction separated, without load: {gains} (m/s)/V"
+    else:
+        last = (
+            f"Gains are off by up to {100 * scenario.actuators.gain_error:g} %, drawn from the "
+            "seed; from 4 % on, K of the smallest steps may miss the paper's 15 %, of which "
+            "friction and load take most."
+        )
     return (
         "K of a step falls short of the true one by friction and load, which take the same "
         "voltage from every step: small steps lose the largest share, and most when they lift "
         f"the platform. Separated from K they are {', '.join(taken)}.",
-        f"Gains are off by up to {100 * scenario.actuators.gain_error:g} %, drawn from the seed; "
-        "from 4 % on, K of the smallest steps may miss the paper's 15 %, of which friction and "
-        "load take most.",
+        last,
     )

@@ -14,20 +14,22 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingScenario
 from parapod.sims.lab.bench import RESTART, Run, stay_live
 from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.panel import Panel
 from parapod.sims.lab.results import Metric
 from parapod.sims.levelling_platform.levelling import (
+    AS_MEASURED,
     LIVE_HELP,
     LevellingExperiment,
     LivePlatform,
     in_deg_and_mm,
+    measured_posture,
     posture_figure,
 )
-from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.reference import PostureReferenceParams
 
 # What the paper's closed loop stayed within (section 7), and what counts as level.
@@ -66,7 +68,8 @@ class Level(LevellingExperiment[Run]):
     def measure(self, scenario: LevellingScenario, run: Run) -> Iterator[Metric]:
         """Errors beside what the paper's closed loop stayed within."""
         is_true = "truth.posture" in run
-        posture = in_deg_and_mm(run["truth.posture"] if is_true else measured_posture(run))
+        true = run.signals.get("truth.posture")
+        posture = in_deg_and_mm(measured_posture(run, scenario.control) if true is None else true)
         if is_true:
             yield from _ground_metrics(scenario, run)
         yield from _posture_metrics(scenario, run, posture)
@@ -83,10 +86,7 @@ class Level(LevellingExperiment[Run]):
     def note(self, scenario: LevellingScenario, run: Run) -> Iterator[str]:
         """The source of the posture, and waypoints that were shrunk."""
         if "truth.posture" not in run:
-            yield (
-                "posture as measured: angles by the inertial sensor, heights by the encoders on "
-                "the estimated ground"
-            )
+            yield AS_MEASURED
         if (scale := _scale(run)) < 1.0:
             left = _stroke_left(scenario, run)
             yield f"waypoints scaled to {100.0 * scale:.0f} %: {left}"
@@ -128,30 +128,6 @@ def _ground_metrics(scenario: LevellingScenario, run: Run) -> list[Metric]:
         )
         for i, axis in enumerate(("roll", "pitch"))
     ]
-
-
-def measured_posture(run: Run) -> NDArray[np.float64]:
-    """Postures (n, 3) as the machine's own sensors tell them [rad, rad, m].
-
-    Roll and pitch are those of the inertial sensor, which knows nothing of the legs; the height is
-    that of the extensions on the estimated ground, and NaN before there is one.
-    """
-    ground, valid = run["ground_estimated"], run["ground_valid"][:, 0] > 0.5
-    posture = np.full((len(ground), 3), np.nan)
-    posture[:, :2] = run["attitude_estimated"]
-    posture[valid] = np.column_stack(
-        [
-            posture[valid, :2],
-            forward_kinematics(
-                MODEL_GEOMETRY,
-                run["legs.extension"][valid],
-                ground[valid],
-                legs=(0, 1, 2),
-                foot_offsets=run["foot_offsets_estimated"][valid],
-            )[:, 2],
-        ]
-    )
-    return posture
 
 
 def _posture_metrics(
@@ -306,7 +282,7 @@ def _settling_time(
 
 def _stroke_left(scenario: LevellingScenario, run: Run) -> str:
     """Stroke that the level posture leaves to the waypoints, in words."""
-    geometry = MODEL_GEOMETRY
+    geometry = geometry_as_known(scenario.control)
     level = (0.0, 0.0, 1e-3 * scenario.job.height_mm)
     extension = inverse_kinematics(geometry, level, run["ground_estimated"][-1])
     left = np.minimum(extension - geometry.extension_min, geometry.extension_max - extension)
@@ -319,7 +295,7 @@ def _figure(scenario: LevellingScenario, run: Run) -> Figure:
     started = desired[:, 2] > 0.0
     name, posture = "true", run.signals.get("truth.posture")
     if posture is None:
-        name, posture = "measured", measured_posture(run)
+        name, posture = "measured", measured_posture(run, scenario.control)
     lines = {
         "asked for": in_deg_and_mm(desired[started]),
         name: in_deg_and_mm(posture[started]),

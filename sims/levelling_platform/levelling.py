@@ -2,6 +2,7 @@
 
 import copy
 import math
+from collections.abc import Mapping
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,8 @@ from rich.console import Console
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM, make_job_sources
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.levelling_platform.model import geometry_as_known
+from parapod.diagrams.levelling_platform.scenario import ControlScenario, LevellingScenario
 from parapod.sims.lab.bench import (
     Live,
     ReadOut,
@@ -29,8 +31,8 @@ from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.results import Metric
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
+from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.sliders import PostureSliders
 
 if TYPE_CHECKING:
@@ -120,6 +122,50 @@ AXES = (
 def in_deg_and_mm(posture: NDArray[np.float64]) -> NDArray[np.float64]:
     """Postures (..., 3) in deg, deg, mm instead of rad, rad, m."""
     return posture * [math.degrees(1.0), math.degrees(1.0), 1e3]
+
+
+# Signals that `measured_posture` is made of.
+MEASURED = (
+    "attitude_estimated",
+    "ground_estimated",
+    "ground_valid",
+    "foot_offsets_estimated",
+    "legs.extension",
+)
+AS_MEASURED = (
+    "posture as measured: angles by the inertial sensor, heights by the encoders on the "
+    "estimated ground"
+)
+
+
+def measured_posture(
+    signals: Mapping[str, NDArray[np.float64]], control: ControlScenario
+) -> NDArray[np.float64]:
+    """Postures (n, 3) as the machine's own sensors tell them [rad, rad, m].
+
+    Roll and pitch are those of the inertial sensor, which knows nothing of the legs; the height is
+    that of the extensions on the estimated ground, and NaN before there is one.
+
+    Args:
+        signals: extensions, attitude and ground of a run, by the names of their ports.
+        control: what the controller knows of its machine.
+    """
+    ground, valid = signals["ground_estimated"], signals["ground_valid"][:, 0] > 0.5
+    posture = np.full((len(ground), 3), np.nan)
+    posture[:, :2] = signals["attitude_estimated"]
+    posture[valid] = np.column_stack(
+        [
+            posture[valid, :2],
+            forward_kinematics(
+                geometry_as_known(control),
+                signals["legs.extension"][valid] + control.encoder_offsets,
+                ground[valid],
+                legs=(0, 1, 2),
+                foot_offsets=signals["foot_offsets_estimated"][valid],
+            )[:, 2],
+        ]
+    )
+    return posture
 
 
 def error_metrics(
@@ -228,7 +274,8 @@ class LivePlatform(Live):
         scenario = copy.deepcopy(scenario)
         scenario.job.arm.angle_deg = 0.0
         self._job = scenario.job
-        self.sliders = PostureSliders(panel, 1e-3 * scenario.job.height_mm, MODEL_GEOMETRY)
+        geometry = geometry_as_known(scenario.control)
+        self.sliders = PostureSliders(panel, 1e-3 * scenario.job.height_mm, geometry)
         loop = ClosedLoop(
             PLATFORM,
             scenario,
@@ -266,8 +313,11 @@ def read_posture(
     asked, desired = read(asked_by), read("posture_desired_state")
     standing = read("ground_estimated"), read("foot_offsets_estimated")
     is_known = bool(read("ground_valid")[0] > 0.5)
+    control = loop.scenario.control
+    geometry = geometry_as_known(control)
+    extension = read("legs.extension") + control.encoder_offsets
     legs = forward_kinematics(
-        MODEL_GEOMETRY, read("legs.extension"), standing[0], (0, 1, 2), foot_offsets=standing[1]
+        geometry, extension, standing[0], (0, 1, 2), foot_offsets=standing[1]
     )
     measured = np.append(read("attitude_estimated"), legs[2] if is_known else math.nan)
     true = np.full(3, math.nan)
@@ -289,7 +339,7 @@ def read_posture(
             Row("ground's pitch", measured=float(ground[1]), unit="deg"),
         ]
     rows.append(Row("time", measured=root_context.get_time(), unit="s", decimals=1))
-    return Readout(_state(asked, measured, desired, standing, is_known), rows)
+    return Readout(_state(geometry, asked, measured, desired, standing, is_known), rows)
 
 
 def _known(value: float) -> float | None:
@@ -297,6 +347,7 @@ def _known(value: float) -> float | None:
 
 
 def _state(
+    geometry: PlatformGeometry,
     asked: NDArray[np.float64],
     measured: NDArray[np.float64],
     desired: NDArray[np.float64],
@@ -306,7 +357,7 @@ def _state(
     """State of the platform, in a few words."""
     if not is_known:
         return "waiting for the estimate of the ground"
-    reached = inverse_kinematics(MODEL_GEOMETRY, asked, *standing, on_unreachable="nan")
+    reached = inverse_kinematics(geometry, asked, *standing, on_unreachable="nan")
     if not np.isfinite(reached).all():
         return "clamped: the legs do not reach what is asked"
     tilt = math.degrees(math.acos(math.cos(measured[0]) * math.cos(measured[1])))

@@ -13,6 +13,7 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.guard import Trip, Tripped
 from parapod.diagrams.levelling_platform.controller import make_supervised_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.lab.bench import Live
 from parapod.sims.lab.panel import Panel, Readout, Row
@@ -21,7 +22,6 @@ from parapod.systems.core.errors import RefusedRequest, UnreachablePosture
 from parapod.systems.core.ports import value_of
 from parapod.systems.levelling_platform.fault_detection import RULES
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.reference import describe_range
 from parapod.systems.levelling_platform.sliders import Controls, OperatorControls
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
@@ -189,10 +189,11 @@ class OperationWatch:
             self._read(root_context, "ground_estimated"),
             self._read(root_context, "foot_offsets_estimated"),
         )
+        geometry = geometry_as_known(self._loop.scenario.control)
         try:
-            inverse_kinematics(MODEL_GEOMETRY, posture, *standing)
+            inverse_kinematics(geometry, posture, *standing)
         except UnreachablePosture as error:
-            hint = describe_range(MODEL_GEOMETRY, posture, *standing)
+            hint = describe_range(geometry, posture, *standing)
             raise UnreachablePosture(
                 error.leg,
                 error.extension,
@@ -217,7 +218,9 @@ def operated_platform(
         machine,
         meshcat=meshcat,
         controller=make_supervised_controller(machine, is_operated=True),
-        sources=(OperatorControls(controls, height, MODEL_GEOMETRY, period=0.02),),
+        sources=(
+            OperatorControls(controls, height, geometry_as_known(machine.control), period=0.02),
+        ),
         log=(),
     )
 

@@ -2,7 +2,8 @@
 
 Section 7 of the paper, Fig. 23. The legs raise the platform at level attitude; once it has settled
 the actuators are braked, at 0 V behind self-locking screws, and the arm swings. The solver's own
-creep, which the arm has no part in, is measured apart, on an inclined ground.
+creep, which the arm has no part in, is measured apart, on an inclined ground. Of a real machine,
+which has to stand on its feet on level ground, as much is measured as its own sensors tell.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -12,26 +13,38 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, DiagramBuilder, EventStatus
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, System
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
+from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.controller import pi_params
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
     ActuatorScenario,
+    ControlScenario,
     GroundScenario,
     LevellingScenario,
     PlantScenario,
     SensorScenario,
+    emulated_hardware,
 )
 from parapod.diagrams.station import Station
-from parapod.diagrams.wiring import add, connect
+from parapod.diagrams.wiring import add, connect, named_source
 from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment, Logged
 from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.results import Metric
 from parapod.sims.levelling_platform.driven import make_simulator, on_level_ground
+from parapod.sims.levelling_platform.leg_job import AT_REST
+from parapod.sims.levelling_platform.slip_measured import (
+    Measured,
+    Times,
+    measure_lift,
+    measured_figures,
+    measured_metrics,
+    measured_notes,
+)
 from parapod.systems.actuators.pi_controller import PiController
 from parapod.systems.core.errors import ScenarioError, UnreachablePosture
 from parapod.systems.core.schema import Schema, choice, quantity
@@ -50,6 +63,7 @@ _PERIOD = 0.01  # of the recording [s]
 # After the brakes close the rods come to rest first [s].
 _STOPPING = 0.1
 _HEIGHT_BOUND = 0.1  # [mm]
+_ACTUATOR_SLIP = (1.0, 20.0)  # while the legs lift, which is the curve of the feet [mm]
 _NOTES = (
     "The creep is the solver's: its friction is regularised, so that a foot under a tangential "
     "force never quite stands still. It carries the whole platform down the slope, not its "
@@ -117,22 +131,26 @@ class SlipScenario(Schema):
     swings: section 7, Fig. 23.
 
     Attributes:
-        backend: plant: "multibody".
+        backend: plant: "multibody"; or the real machine, "hardware".
         seed: seed of the errors of gains and dimensions.
         lift: see `LiftScenario`.
         arm: see `SwingScenario`.
         creep: see `CreepScenario`.
         plant: see `PlantScenario`; the creep is measured at time steps of its own.
         actuators: see `ActuatorScenario`.
+        control: see `ControlScenario`; its position controllers lift the platform.
+        hardware: see `HardwareScenario`; the defaults are the emulated devices.
     """
 
-    backend: str = choice("multibody", ("multibody",))
+    backend: str = choice("multibody", ("multibody", "hardware"))
     seed: int = quantity(0, 0, 2**31 - 1)
     lift: LiftScenario = field(default_factory=LiftScenario)
     arm: SwingScenario = field(default_factory=SwingScenario)
     creep: CreepScenario = field(default_factory=CreepScenario)
     plant: PlantScenario = field(default_factory=PlantScenario)
     actuators: ActuatorScenario = field(default_factory=ActuatorScenario)
+    control: ControlScenario = field(default_factory=ControlScenario)
+    hardware: HardwareScenario = field(default_factory=emulated_hardware)
 
     @property
     def machine(self) -> LevellingScenario:
@@ -198,11 +216,12 @@ class Slipped:
     """Lift and swing, and the creep apart.
 
     Attributes:
-        recording: the lift with the swing that follows it.
-        creep: speed of the support points on inclined ground for each of `CREEP_STEPS` [m/s].
+        recording: the lift with the swing that follows it, or as a real machine measures it.
+        creep: speed of the support points on inclined ground for each of `CREEP_STEPS` [m/s];
+            empty for a real machine.
     """
 
-    recording: Recording
+    recording: Recording | Measured
     creep: list[float]
 
 
@@ -210,8 +229,13 @@ class Slip(Experiment[SlipScenario, Slipped]):
     """Lifts, swings, and measures the creep apart."""
 
     schema = SlipScenario
-    backends = ("multibody",)
+    machine = PLATFORM
+    backends = ("multibody", "hardware")
     takes = "30 s"
+
+    def machine_scenario(self, scenario: SlipScenario) -> LevellingScenario:
+        """The machine with sensors as they are, for its emulation."""
+        return replace(scenario.machine, sensors=SensorScenario())
 
     def check(self, scenario: SlipScenario) -> None:
         """Refuses a height that the legs do not reach.
@@ -226,32 +250,50 @@ class Slip(Experiment[SlipScenario, Slipped]):
             raise ScenarioError(f"{key} = {height:g} is out of reach: {error}", key) from error
 
     def run(self, scenario: SlipScenario, bench: Bench) -> Slipped:
-        """Lifts and swings on level ground, then stands still on a slope."""
+        """Lifts and swings on level ground, then stands still on a slope.
+
+        Raises:
+            RefusedRequest: a real machine that does not stand on its feet.
+        """
+        if scenario.backend == "hardware":
+            times = Times.of(scenario, BEGIN)
+            machine = scenario.machine
+            return Slipped(measure_lift(scenario, machine, times, lift_sources, bench), [])
         recording = lift_and_swing(scenario, bench)
         return Slipped(recording, [creep(scenario, step, bench) for step in CREEP_STEPS])
 
     def logged(self, scenario: SlipScenario, data: Slipped) -> Logged:
         """Signals of lift and swing."""
+        recording = data.recording
+        assert isinstance(recording, Recording)  # a real machine's log is written meanwhile
         signals = {
-            "truth.support_points": (data.recording.feet, "m"),
-            "truth.posture": (data.recording.posture, "rad, rad, m"),
-            "truth.extension": (data.recording.extension, "m"),
-            "truth.arm_position": (data.recording.arm, "rad"),
+            "truth.support_points": (recording.feet, "m"),
+            "truth.posture": (recording.posture, "rad, rad, m"),
+            "truth.extension": (recording.extension, "m"),
+            "truth.arm_position": (recording.arm, "rad"),
         }
-        return data.recording.time, signals
+        return recording.time, signals
 
     def measure(self, scenario: SlipScenario, data: Slipped) -> Iterator[Metric]:
         """Slip of lift and swing, errors of the lift, creep by time step."""
+        if isinstance(data.recording, Measured):
+            bounds = (*_ACTUATOR_SLIP, _HEIGHT_BOUND)
+            yield from measured_metrics(scenario, data.recording, bounds)
+            return
         yield from slip_metrics(scenario, data.recording)
         yield from lift_metrics(scenario, data.recording)
         yield from creep_metrics(scenario, data.creep)
 
     def note(self, scenario: SlipScenario, data: Slipped) -> Iterable[str]:
-        """The creep's cause."""
+        """The creep's cause, or what a real machine does not see."""
+        if isinstance(data.recording, Measured):
+            return measured_notes(data.recording)
         return _NOTES
 
     def draw(self, scenario: SlipScenario, data: Slipped) -> Iterable[Figure]:
         """Motion and slip (Fig. 23)."""
+        if isinstance(data.recording, Measured):
+            return measured_figures(data.recording)
         return figures(scenario, data.recording)
 
 
@@ -284,6 +326,33 @@ def swing_trajectory(scenario: SlipScenario) -> PiecewisePolynomial:
     start, angle = scenario.swing_at, np.radians(scenario.arm.angle_deg)
     knots = [0.0, start, start + scenario.arm.duration, scenario.end + 1.0]
     return PiecewisePolynomial.CubicHermite(knots, [[0.0, 0.0, angle, angle]], [[0.0] * 4])
+
+
+def lift_sources(scenario: SlipScenario, times: Times) -> tuple[System, ...]:
+    """Sources for a real machine, which is brought to where the lift begins first."""
+    control = PiecewisePolynomial.ZeroOrderHold(
+        [0.0, AT_REST, times.braked, times.end + 1.0], [[0.0, 1.0, 0.0, 0.0]]
+    )
+    lift, swing = lift_trajectory(scenario), swing_trajectory(scenario)
+    for trajectory in (lift, swing):
+        trajectory.shiftRight(times.begin)
+    return (
+        named_source("extension_request", _held_before(lift), 1),
+        named_source("legs_enable", control),
+        named_source("arm.position_command", _held_before(swing)),
+    )
+
+
+def _held_before(trajectory: PiecewisePolynomial) -> PiecewisePolynomial:
+    """A trajectory that begins later, with its first value from 0 on."""
+    first = trajectory.value(trajectory.start_time())
+    held = PiecewisePolynomial.CubicHermite(
+        [0.0, trajectory.start_time()],
+        np.hstack([first, first]).tolist(),
+        [[0.0] * 2] * first.size,
+    )
+    held.ConcatenateInTime(trajectory)
+    return held
 
 
 def lift_and_swing(scenario: SlipScenario, bench: Bench) -> Recording:
@@ -397,9 +466,9 @@ def slip_metrics(scenario: SlipScenario, recording: Recording) -> tuple[Metric, 
             "actuator_slip_mm",
             float(lifted.max()),
             "mm",
-            20.0,
+            _ACTUATOR_SLIP[1],
             paper=3.0,
-            at_least=1.0,
+            at_least=_ACTUATOR_SLIP[0],
             meaning="largest of a leg while the actuators lift the platform",
         ),
         Metric("rest_slip_mm", float(waiting.max()), "mm", meaning="between lift and swing"),

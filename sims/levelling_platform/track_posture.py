@@ -4,6 +4,9 @@ Figs. 20 to 22 of the paper, and beyond them. Three machines follow the same pos
 legs as drawn, one with manufacturing errors, and the second one again with the outer inclination
 loop that the paper leaves as its next step, with delayed inertial measurements. The loop's
 stability margins are computed from the linearised diagram.
+
+A real machine has the legs that it has: it follows the postures twice, without and with the outer
+loop, and is measured by its own sensors.
 """
 
 import math
@@ -15,14 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.levelling_platform.inclination_margins import alone, margins, open_loop
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.levelling_platform.scenario import SIMULATED, LevellingScenario
 from parapod.sims.lab.bench import Bench, Run
 from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.results import Metric
 from parapod.sims.levelling_platform.levelling import (
+    AS_MEASURED,
+    MEASURED,
     LevellingExperiment,
     error_metrics,
     in_deg_and_mm,
+    measured_posture,
     posture_figure,
 )
 from parapod.systems.core.errors import ScenarioError
@@ -34,6 +40,8 @@ if TYPE_CHECKING:
 
 _PAPER = (0.2, 0.2, 2.0)
 _OUTER_BOUND = 0.05  # of roll and pitch at rest [deg]
+# Of a real machine's actuators while they follow; some four times what the emulated ones do [mm].
+_EXTENSION_BOUND = 0.5
 # What an accelerometer bias of 0.25 mg on two axes makes of the inclination, which no loop can
 # see: a machine that happens to be built better than that has nothing to gain [deg].
 _SENSOR = 0.02
@@ -51,14 +59,14 @@ class _Run:
 
     Attributes:
         run: recorded signals.
-        truth: (n, 3) [deg, deg, mm].
+        posture: (n, 3) true one, or where nobody knows it the measured one [deg, deg, mm].
         desired: (n, 3) [deg, deg, mm].
         at_rest: (n) whether the reference has rested for a while.
         moving: (n) whether the reference moves, once the level posture has been taken.
     """
 
     run: Run
-    truth: NDArray[np.float64]
+    posture: NDArray[np.float64]
     desired: NDArray[np.float64]
     at_rest: NDArray[np.bool_]
     moving: NDArray[np.bool_]
@@ -77,9 +85,10 @@ class _Run:
                 "which errors are measured",
                 "job.end",
             )
+        posture = run.signals.get("truth.posture")
         return cls(
             run,
-            in_deg_and_mm(run["truth.posture"]),
+            in_deg_and_mm(measured_posture(run, scenario.control) if posture is None else posture),
             in_deg_and_mm(state[:, :3]),
             at_rest=at_rest,
             moving=changing & (run.time >= began),
@@ -87,7 +96,7 @@ class _Run:
 
     @property
     def error(self) -> NDArray[np.float64]:
-        return self.truth - self.desired
+        return self.posture - self.desired
 
     @property
     def moving_error(self) -> float:
@@ -97,15 +106,15 @@ class _Run:
 
 @dataclass(frozen=True)
 class Runs:
-    """The three machines.
+    """The three machines; a real one takes the place of the second and third.
 
     Attributes:
-        nominal: legs as drawn.
+        nominal: legs as drawn; None for a real machine.
         perturbed: legs as built.
         outer: legs as built, with the outer loop; the run that is watched.
     """
 
-    nominal: _Run
+    nominal: _Run | None
     perturbed: _Run
     outer: _Run
 
@@ -116,12 +125,13 @@ class Runs:
 
 
 class TrackPosture(LevellingExperiment[Runs]):
-    """Follows the scenario's postures with three machines.
+    """Follows the scenario's postures with three machines, or with the real one.
 
     The scenario's `plant.length_error_mm` and `plant.angle_error_deg` are those of the second
     and third, its `control.outer_loop_gain` and `sensors.imu_delay_ms` those of the third.
     """
 
+    backends = (*SIMULATED, "hardware")
     signals = (
         "truth.posture",
         "truth.extension",
@@ -129,6 +139,11 @@ class TrackPosture(LevellingExperiment[Runs]):
         "extension_desired_state",
     )
     takes = "40 s"
+
+    def needed(self, scenario: LevellingScenario) -> tuple[str, ...]:
+        """See `LoopExperiment`; of a real machine, what its posture is measured by."""
+        measured = MEASURED if scenario.backend == "hardware" else ()
+        return (*super().needed(scenario), *measured)
 
     def check(self, scenario: LevellingScenario) -> None:
         """Refuses a job in which there is no posture to follow.
@@ -142,6 +157,8 @@ class TrackPosture(LevellingExperiment[Runs]):
 
     def run(self, scenario: LevellingScenario, bench: Bench) -> Runs:
         """Lets the machines follow; the last is the one that is watched."""
+        if scenario.backend == "hardware":
+            return _of_real_machine(self, scenario, bench)
         inner = replace(scenario.control, outer_loop=False)
         prompt = replace(scenario.sensors, imu_delay_ms=0.0)
         perturbed = replace(scenario, control=inner, sensors=prompt)
@@ -155,18 +172,47 @@ class TrackPosture(LevellingExperiment[Runs]):
 
     def measure(self, scenario: LevellingScenario, data: Runs) -> Iterator[Metric]:
         """Errors at rest and while moving, and the outer loop's stability margins."""
+        if data.nominal is None:
+            yield from _real_machine_metrics(data)
+            return
         yield from _errors(data.nominal, "", (_PAPER[0], _PAPER[2]), "legs as drawn")
         yield from _errors(data.perturbed, "perturbed_", (None, None), "legs as built")
         yield from _errors(data.outer, "outer_loop_", (_OUTER_BOUND, None), "with the outer loop")
-        yield _extension_error(data.nominal)
+        yield _extension_error(data.nominal, "truth.extension", "legs as drawn")
         yield from _moving(data.nominal, data.perturbed, data.outer)
         yield from _stability(_outer(scenario))
+
+    def note(self, scenario: LevellingScenario, data: Runs) -> Iterator[str]:
+        """The source of a real machine's posture."""
+        if data.nominal is None:
+            yield AS_MEASURED
+            yield (
+                "the inertial sensor's bias is in what the outer loop corrects as in what it is "
+                "measured by: nobody sees it here"
+            )
 
     def draw(self, scenario: LevellingScenario, data: Runs) -> Iterator[Figure]:
         """Postures and extensions (Figs. 20 to 22), and the outer loop's Bode plot."""
         began = scenario.job.estimate_at + scenario.job.settled_after
         yield from _tracking(data.nominal, data.perturbed, data.outer, began)
-        yield _bode(_outer(scenario))
+        if data.nominal is not None:
+            yield _bode(_outer(scenario))
+
+
+def _of_real_machine(experiment: TrackPosture, scenario: LevellingScenario, bench: Bench) -> Runs:
+    """The machine follows twice; the second time the outer loop corrects it."""
+    inner = replace(scenario, control=replace(scenario.control, outer_loop=False))
+    without = _Run.of(inner, bench.run(experiment, inner, watched=False))
+    with_loop = _Run.of(_outer(scenario), bench.run(experiment, _outer(scenario)))
+    return Runs(None, without, with_loop)
+
+
+def _real_machine_metrics(data: Runs) -> Iterator[Metric]:
+    without, with_loop = data.perturbed, data.outer
+    yield from _errors(without, "", (_PAPER[0], _PAPER[2]), "without the outer loop")
+    yield from _errors(with_loop, "outer_loop_", (_OUTER_BOUND, _PAPER[2]), "with the outer loop")
+    yield _extension_error(without, "legs.extension", "without the outer loop", _EXTENSION_BOUND)
+    yield from _moving_errors(without, with_loop)
 
 
 def _outer(scenario: LevellingScenario) -> LevellingScenario:
@@ -180,16 +226,17 @@ def _errors(
     return error_metrics(run.error[run.at_rest], prefix, bounds, _PAPER, meaning)
 
 
-def _extension_error(nominal: _Run) -> Metric:
-    signals, counts = nominal.run, nominal.at_rest | nominal.moving
+def _extension_error(run: _Run, port: str, whose: str, bound: float | None = None) -> Metric:
+    signals, counts = run.run, run.at_rest | run.moving
     desired = signals["extension_desired_state"][counts, :LEG_COUNT]
-    error = np.abs(signals["truth.extension"][counts] - desired).max()
+    error = np.abs(signals[port][counts] - desired).max()
     return Metric(
         "extension_error_mm",
         1e3 * float(error),
         "mm",
+        bound,
         paper="almost perfect",
-        meaning="largest of any actuator against its reference, legs as drawn",
+        meaning=f"largest of any actuator against its reference, {whose}",
     )
 
 
@@ -204,6 +251,12 @@ def _moving(nominal: _Run, perturbed: _Run, outer: _Run) -> list[Metric]:
             paper=_PAPER[0],
             meaning="largest of roll and pitch while moving, legs as drawn",
         ),
+        *_moving_errors(perturbed, outer),
+    ]
+
+
+def _moving_errors(perturbed: _Run, outer: _Run) -> list[Metric]:
+    return [
         Metric(
             "perturbed_moving_rms_deg",
             perturbed.moving_error,
@@ -265,18 +318,23 @@ def _stability(scenario: LevellingScenario) -> list[Metric]:
     ]
 
 
-def _tracking(nominal: _Run, perturbed: _Run, outer: _Run, began: float) -> tuple[Figure, ...]:
+def _tracking(
+    nominal: _Run | None, perturbed: _Run, outer: _Run, began: float
+) -> tuple[Figure, ...]:
+    shown, name, port = nominal, "true", "truth.extension"
+    if shown is None:
+        shown, name, port = perturbed, "measured", "legs.extension"
     lines = {
-        "asked for": nominal.desired,
-        "as drawn": nominal.truth,
-        "as built": perturbed.truth,
-        "as built, outer loop": outer.truth,
+        "asked for": shown.desired,
+        **({} if nominal is None else {"as drawn": nominal.posture}),
+        "as built": perturbed.posture,
+        "as built, outer loop": outer.posture,
     }
 
     def extensions(canvas: "Canvas") -> None:
         left, right = canvas.subplots(1, 2)
-        time, signals = nominal.run.time, nominal.run
-        extension = 1e3 * signals["truth.extension"]
+        time, signals = shown.run.time, shown.run
+        extension = 1e3 * signals[port]
         desired = 1e3 * signals["extension_desired_state"][:, :4]
         for leg in range(4):
             left.plot(time, extension[:, leg], label=f"leg {leg + 1}")
@@ -284,7 +342,12 @@ def _tracking(nominal: _Run, perturbed: _Run, outer: _Run, began: float) -> tupl
         left.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, fontsize=8)
         controlled = signals["extension_desired_state"][:, 0] > 0.0
         right.plot(time[controlled], desired[controlled, 0], linewidth=2.2, label="asked for")
-        right.plot(time[controlled], extension[controlled, 0], linewidth=1.0, label="true")
+        right.plot(
+            time[controlled],
+            extension[controlled, 0],
+            linewidth=1.0,
+            label=name,
+        )
         right.set(xlabel="time [s]", ylabel="extension of leg 1 [mm]")
         right.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=8)
 
@@ -293,7 +356,7 @@ def _tracking(nominal: _Run, perturbed: _Run, outer: _Run, began: float) -> tupl
             "fig20_21",
             "Postures followed",
             "Roll, pitch and height by the closed loop (the paper's Figs. 20 and 21).",
-            nominal.run.time,
+            shown.run.time,
             lines,
             "asked for",
             began,

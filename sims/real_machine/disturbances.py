@@ -16,6 +16,8 @@ from parapod.systems.hardware.emulation.harness import KINDS, SUPPLY, Misbehavio
 
 # The word that ends a device's misbehaviour.
 WELL = "well"
+# The word that has an instrument beside the machine read.
+MEASURE = "measure"
 # Drives between a card's outputs and the motors, which answer no program.
 DRIVES = "drives"
 # What is no device, and what may happen to it; the last word ends it.
@@ -130,12 +132,19 @@ class Schedule:
         self._parts = tuple(misbehaviours)
         self._waiting = sorted(requests, key=lambda request: request.at)
         self._now = 0.0
+        self._measuring = threading.Event()
 
     def advance(self, now: float) -> None:
         """Begins and ends what is due; `now` is the time since the beginning [s]."""
         self._now = now
         while self._waiting and self._waiting[0].at <= now:
             self._do(self._waiting.pop(0))
+
+    def is_measuring(self) -> bool:
+        """Whether an instrument is to be read, once for each time that it was asked for."""
+        asked = self._measuring.is_set()
+        self._measuring.clear()
+        return asked
 
     def listen(self) -> None:
         """Takes requests from standard input, if there is one, in a thread of its own."""
@@ -144,6 +153,9 @@ class Schedule:
     def _read(self) -> None:
         for line in sys.stdin:
             if not line.strip():
+                continue
+            if line.strip() == MEASURE:
+                self._measuring.set()
                 continue
             try:
                 self._do(parsed_fault(line.strip(), self._parts, self._now))

@@ -30,6 +30,7 @@ from parapod.sims.real_machine.disturbances import (
     CLOSED,
     DRIVES,
     EMERGENCY_STOP,
+    MEASURE,
     SWITCHES,
     Circuit,
     DeviceFaultRequest,
@@ -285,6 +286,16 @@ class EmulatedMachine:
         shown = [np.asarray(station.GetOutputPort(spec.name).Eval(root)) for spec in specs]
         return taken + shown
 
+    def measured(self, root: Context) -> str:
+        """The true state, as somebody reads it off an instrument beside the machine."""
+        if self.machine.instrument is None:
+            return f"nothing: there is no instrument for {self.machine.title}"
+        names = [spec.name for spec in self.machine.truth]
+        station = self._station
+        return self.machine.instrument(
+            {name: np.asarray(station.GetOutputPort(name).Eval(root)) for name in names}
+        )
+
 
 def _only_emulator() -> ExitStack:
     """Keeps other emulators from the folder until it is closed or the process ends.
@@ -318,7 +329,7 @@ def emulate(
     """Runs emulated devices until Ctrl-C, or for a time.
 
     Meanwhile each line on standard input, such as "imu garbage" or "imu well", begins or ends a
-    device's misbehaviour.
+    device's misbehaviour; "measure" prints what an instrument beside the machine tells.
 
     Args:
         machine: the machine.
@@ -352,6 +363,8 @@ def emulate(
         def on_tick(root: Context) -> None:
             now = root.get_time()
             schedule.advance(now)
+            if schedule.is_measuring():
+                schedule.say(f"{now:.2f} s: {MEASURE}d {emulated.measured(root)}")
             if record is not None and next(ticks) % every == 0:
                 record.write(now, emulated.values(root))
 

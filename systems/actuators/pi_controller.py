@@ -32,6 +32,7 @@ class PiControllerParams:
             (|rate| + friction_rate), so that it fades in and out with the motion.
         friction_rate: rate at which half of it is added [m/s].
         error_limit: an error beyond it is a sensor's and not the actuator's [m].
+        gain_share: gain of each channel's plant as a share of `gain` [-]; empty for 1.
     """
 
     gain: float = 0.01
@@ -41,6 +42,11 @@ class PiControllerParams:
     friction_feedforward: tuple[float, float] = (0.0, 0.0)
     friction_rate: float = 1e-5
     error_limit: float = math.inf
+    gain_share: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(share) and share > 0.0 for share in self.gain_share):
+            raise ValueError(f"gain_share must be positive, not {self.gain_share}")
 
     @property
     def k_p(self) -> float:
@@ -72,7 +78,8 @@ def PiController_(T: Any) -> Any:
         (conditional integration). When control begins, the integrals are set so that the first
         voltage is the last one held: nothing jumps, however far the reference is.
 
-        Parameters (Context): K_p, K_v, voltage limit (3).
+        Parameters (Context): K_p, K_v, voltage limit (3); a channel whose plant has another gain
+        divides K_p, K_v and the rate's feedforward by its share.
 
         Bad input: a channel with a NaN or infinite input, or an error beyond its limit, outputs
         0 V and keeps its integral.
@@ -88,6 +95,12 @@ def PiController_(T: Any) -> Any:
             LeafSystem_[T].__init__(self, converter)
             self.set_name("pi_controller")
             self.params, self.channels, self.period = params, channels, period
+            if len(params.gain_share) not in (0, channels):
+                raise ValueError(
+                    f"gain_share must have {channels} elements or none, "
+                    f"not {len(params.gain_share)}"
+                )
+            self._share = params.gain_share or (1.0,) * channels
             self._per_rate = params.rate_feedforward / params.gain
             self._error_limit = params.error_limit
             self._friction, self._friction_rate = params.friction_feedforward, params.friction_rate
@@ -106,9 +119,9 @@ def PiController_(T: Any) -> Any:
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Impl._construct(self, other.params, other.channels, other.period, converter=converter)
 
-        def _feedforward(self, rate: Any) -> Any:
+        def _feedforward(self, rate: Any, share: float) -> Any:
             friction = self._friction[0 if rate > 0.0 else 1]
-            return rate * (self._per_rate + friction / (abs(rate) + self._friction_rate))
+            return rate * (self._per_rate / share + friction / (abs(rate) + self._friction_rate))
 
         def _update_voltage(self, context: Context, discrete_state: Any) -> None:
             n = self.channels
@@ -124,9 +137,9 @@ def PiController_(T: Any) -> Any:
             k_i = k_p * self.period
             desired = read(self._desired, context)
             measured = read(self._measured, context)
-            for i in range(n):
+            for i, share in enumerate(self._share):
                 error = desired[i] - measured[i]
-                direct = k_v * error + self._feedforward(desired[n + i])
+                direct = k_v / share * error + self._feedforward(desired[n + i], share)
                 known = math.isfinite(direct if type(direct) is float else direct.value())
                 if not known or abs(error) > self._error_limit:
                     voltages[i] = 0.0
@@ -135,7 +148,7 @@ def PiController_(T: Any) -> Any:
                     inner[i], inner[n + i] = voltages[i] - direct, 1.0
                 voltage = direct + inner[i]
                 if abs(voltage) <= limit or voltage * error < 0.0:
-                    inner[i] = inner[i] + k_i * error
+                    inner[i] = inner[i] + k_i / share * error
                 voltages[i] = clamp(voltage, -limit, limit)
             discrete_state.set_value(0, np.array(voltages))
             discrete_state.set_value(1, np.array(inner))

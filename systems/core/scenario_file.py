@@ -71,7 +71,7 @@ def load_scenario[T](
     for path in (default_file, file):
         if path is not None:
             source = f"scenario {escaped(path, 240)}"
-            data = _parse(_read_text(path), source)
+            data = parse(read_text(path), source)
             layer = Reader(schema, source).read(schema, {} if data is None else data)
             tree = overlay(schema, tree, layer)
     for override in overrides:
@@ -79,7 +79,7 @@ def load_scenario[T](
         key = key.strip()
         if not equals or not key:
             raise ScenarioError(f"override {show(override)} is not of the form key=value", key)
-        data = _parse(value, f"override {show(override)}", private=True)
+        data = parse(value, f"override {show(override)}", private=True)
         tree = Reader(schema).assign(schema, tree, key.split("."), data)
     made: T = build(schema, tree)
     return made
@@ -128,7 +128,12 @@ def _schema_defaults(schema: type) -> dict[str, Any]:
     return tree
 
 
-def _read_text(path: Path) -> str:
+def read_text(path: Path) -> str:
+    """Text of a scenario file.
+
+    Raises:
+        ScenarioError: it cannot be read, or is too long for a scenario.
+    """
     name = f"scenario file {quoted_path(path)}"
     try:
         with open(path, "rb") as stream:
@@ -170,8 +175,12 @@ class _Loader(yaml.SafeLoader):
 _Loader.add_multi_constructor("", _Loader.construct_tagged)
 
 
-def _parse(text: str, source: str, private: bool = False) -> Any:
-    """Plain data; unless private, without root keys that begin with an underscore."""
+def parse(text: str, source: str, private: bool = False) -> Any:
+    """Plain data of a YAML text; unless private, without root keys that begin with an underscore.
+
+    Raises:
+        ScenarioError: it is not YAML; says where.
+    """
     if len(text) > _MOST_BYTES:
         raise ScenarioError(f"{source} is longer than {_MOST_BYTES // 1000} kB")
     try:
@@ -263,7 +272,7 @@ def _mapping(
     pad = " " * indent
     entries = [(name, item) for name, item in tree.items() if name != TAG]
     nested = {name for name, item in entries if _is_block(item)}
-    flat = {name: f"{pad}{name}: {_inline(item)}" for name, item in entries if name not in nested}
+    flat = {name: f"{pad}{name}: {inline(item)}" for name, item in entries if name not in nested}
     short = [len(line) for line in flat.values() if len(line) <= _LONGEST_BEFORE_COMMENT]
     column = max(short, default=0) + 2
     lines: list[str] = []
@@ -302,12 +311,12 @@ def _items(
     pad = " " * indent
     for item in items:
         if not isinstance(item, dict):
-            yield f"{pad}- {_inline(item)}"
+            yield f"{pad}- {inline(item)}"
             continue
         inner = variant_of(kind, item) if is_family(kind) else kind
         if is_family(kind) and explained is not None and inner not in explained:
             yield from _comment(_title(inner), indent)
-        flat = f"{pad}- {_inline(item)}"
+        flat = f"{pad}- {inline(item)}"
         if explained and inner in explained and len(flat) <= _WIDTH:
             yield flat  # like the one before
             continue
@@ -418,7 +427,7 @@ def _is_block(value: Any) -> bool:
     return isinstance(value, list) and any(isinstance(item, dict | list) for item in value)
 
 
-def _inline(value: Any) -> str:
+def inline(value: Any) -> str:
     """A value in one line."""
     if isinstance(value, dict):
         names = [name for name in value if name != TAG]
@@ -432,7 +441,7 @@ def _inline(value: Any) -> str:
 
 def _flow_items(values: list[Any]) -> list[str]:
     """Elements as they stand within brackets, where text needs more quotes than elsewhere."""
-    return [_inline(x) if isinstance(x, dict | list) else _scalar(x, True) for x in values]
+    return [inline(x) if isinstance(x, dict | list) else _scalar(x, True) for x in values]
 
 
 def _scalar(value: Any, within_brackets: bool = False) -> str:

@@ -7,10 +7,11 @@ import pytest
 from rich.console import Console
 
 from parapod.diagrams.levelling_platform.machine import PLATFORM
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.levelling_platform.scenario import ControlScenario, LevellingScenario
 from parapod.sims.lab.discovery import find_entry
 from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.levelling_platform.level import Level, measured_posture
+from parapod.sims.levelling_platform.level import Level
+from parapod.sims.levelling_platform.levelling import measured_posture
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
@@ -250,6 +251,6 @@ def test_heights_before_there_is_a_ground_are_not_known():
         "legs.extension": np.full((rows, 4), 0.41),
         "foot_offsets_estimated": np.zeros((rows, 4)),
     }
-    height = measured_posture(signals)[:, 2]
+    height = measured_posture(signals, ControlScenario())[:, 2]
     assert np.isnan(height[0])
     assert np.isfinite(height[1:]).all()

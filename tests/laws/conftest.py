@@ -288,6 +288,13 @@ ENTRIES: dict[str, Entry] = {
         raises=(NotAtStart,),
         begins=("position_node", lambda given: given["position_measured"]),
     ),
+    "EasedLegs": Entry(
+        # At rest when a way begins, as its request is.
+        inputs={"extension_request": around((0.405,) * 4 + (0,) * 4, *(0.004,) * 4, *(0,) * 4)},
+        passes={"is passed on": "extension_desired_state"},
+        limits={"legs_arrived": BINARY},
+        begins=("extension_desired_state", lambda given: [*given["extension"], 0, 0, 0, 0]),
+    ),
     "Encoder": Entry(variants=({"channels": 3, "resolution": 0.0},)),
     "FaultDetector": Entry(
         inputs={

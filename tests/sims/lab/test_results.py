@@ -185,3 +185,15 @@ def test_a_result_shows_itself_in_a_notebook():
     for part in ("final_tilt", "held", "a &lt; b", "A &lt;line&gt;.", "<svg", "drawn"):
         assert part in page
     assert "<?xml" not in page
+
+
+def test_identified_values_are_in_the_json_of_a_result_that_has_some():
+    assert "identified" not in result(TILT).as_json()
+    found = replace(result(TILT), identified={"control.pole": 9.0}).as_json()
+    assert found["identified"] == {"control.pole": 9.0}
+    assert json.loads(json.dumps(found)) == found
+
+
+def test_no_metric_takes_the_place_of_identified_values():
+    with pytest.raises(ValueError, match="identified"):
+        result(Metric("identified", 1.0))

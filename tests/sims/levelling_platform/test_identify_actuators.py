@@ -8,10 +8,12 @@ from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.levelling_platform.identify_actuators import (
     IdentifyActuatorsScenario,
+    record,
+)
+from parapod.sims.levelling_platform.voltage_steps import (
     Recording,
     Steps,
     find_steps,
-    record,
     schedule,
     separate_friction,
 )

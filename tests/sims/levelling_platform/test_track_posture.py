@@ -1,8 +1,16 @@
 """Postures followed with legs as drawn, as built, and with the outer inclination loop."""
 
-import pytest
+from dataclasses import replace
 
+import pytest
+from rich.console import Console
+
+from parapod.sims.lab.bench import Bench
+from parapod.sims.lab.discovery import find_entry
+from parapod.sims.lab.experiment import RunOptions
+from parapod.sims.levelling_platform.track_posture import TrackPosture, _of_real_machine
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.scenario_file import load_scenario
 
 ONE_MOVE = (
     "job.settled_after=4",
@@ -35,3 +43,40 @@ def test_postures_that_never_rest_are_refused_for_nothing_could_be_measured(exec
     ) as refused:
         execute("track-posture", *brief, move)
     assert refused.value.key == "job.end"
+
+
+@pytest.fixture(scope="module")
+def followed_twice():
+    """The two runs of a real machine, here of one that is simulated."""
+    overrides = ("backend=kinematic", *ONE_MOVE)
+    entry = find_entry("track-posture")
+    scenario = load_scenario(entry.load().schema, entry.default_scenario, None, overrides)
+
+    class Unseen(TrackPosture):
+        def needed(self, scenario):
+            return super().needed(replace(scenario, backend="hardware"))
+
+    experiment = Unseen("track-posture")
+    bench = Bench("track-posture", scenario, RunOptions(console=Console(quiet=True)))
+    return experiment, scenario, _of_real_machine(experiment, scenario, bench)
+
+
+def test_a_real_machine_follows_twice_and_is_measured_by_its_own_sensors(followed_twice):
+    experiment, scenario, data = followed_twice
+    assert "truth.posture" not in data.run
+    metrics = {metric.key: metric for metric in experiment.measure(scenario, data)}
+    assert all(metric.passed for metric in metrics.values()), metrics
+    bounded = {key for key, metric in metrics.items() if metric.is_bounded}
+    assert {"roll_error_deg", "outer_loop_roll_error_deg", "extension_error_mm"} <= bounded
+    assert "gain_margin_dB" not in metrics
+    assert any("as measured" in note for note in experiment.note(scenario, data))
+    names = [figure.name for figure in experiment.draw(scenario, data)]
+    assert names == ["fig20_21", "fig22"]
+
+
+def test_an_actuator_that_does_not_follow_breaks_its_bound(followed_twice):
+    experiment, scenario, data = followed_twice
+    data.perturbed.run["legs.extension"][-1, 1] += 6e-4
+    metrics = {metric.key: metric for metric in experiment.measure(scenario, data)}
+    data.perturbed.run["legs.extension"][-1, 1] -= 6e-4
+    assert not metrics["extension_error_mm"].passed

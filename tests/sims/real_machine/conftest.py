@@ -164,19 +164,15 @@ class Emulator:
         is_done = self.until(lambda: any(s.endswith(line) for s in self.said[count:]), 5.0)
         assert is_done, line
 
-    def program(self, *command):
-        """Begins a program that finds this machine."""
-        return subprocess.Popen(
-            [*map(str, command)],
-            env=self.environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+    def program(self, *command, **options):
+        """Begins a program that finds this machine; options of `Popen`."""
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        command = [*map(str, command)]
+        return subprocess.Popen(command, env=self.environment, text=True, **(pipes | options))
 
-    def parapod(self, *arguments):
+    def parapod(self, *arguments, **options):
         """Begins `parapod` with these arguments."""
-        return self.program(*PARAPOD, *arguments)
+        return self.program(*PARAPOD, *arguments, **options)
 
     def run_well(self, *arguments, attempts=3):
         """What `parapod` says in a run that holds its bounds; skips where it cannot keep up."""
@@ -309,6 +305,21 @@ class EmulatedPlatformOnWheels(EmulatedPlatform):
     options = (*EmulatedPlatform.options, "--set", "job.start=wheels", "ground={roll_deg: 0}")
 
 
+class EmulatedPlatformOnLevelGround(EmulatedPlatform):
+    """The platform on its feet, on level ground."""
+
+    options = (*EmulatedPlatform.options, "--set", "ground={roll_deg: 0, pitch_deg: 0}")
+
+
+class EmulatedPlatformWithGains(EmulatedPlatform):
+    """The platform on its wheels on level ground, its gains off by up to a tenth."""
+
+    options = (
+        *EmulatedPlatformOnLevelGround.options,
+        *("job.start=wheels", "actuators.gain_error=0.1"),
+    )
+
+
 class EmulatedChair(Emulator):
     """The walking chair."""
 
@@ -349,6 +360,29 @@ def emulate(emulators):
 def emulate_on_wheels(emulators):
     """emulate_on_wheels() begins an `EmulatedPlatformOnWheels`."""
     return partial(emulators, EmulatedPlatformOnWheels)
+
+
+@pytest.fixture(scope="module")
+def emulate_on_level_ground(emulators):
+    """emulate_on_level_ground() begins an `EmulatedPlatformOnLevelGround`."""
+    return partial(emulators, EmulatedPlatformOnLevelGround)
+
+
+@pytest.fixture(scope="module")
+def emulate_gains(emulators):
+    """emulate_gains() begins an `EmulatedPlatformWithGains`."""
+    return partial(emulators, EmulatedPlatformWithGains)
+
+
+@pytest.fixture(scope="session")
+def skip_if_busy():
+    """skip_if_busy(said) skips a test on a busy computer, with what a program said last."""
+
+    def skip(said):
+        if load() > 1.0:
+            pytest.skip(f"at a load of {load():.1f} a core: {said.splitlines()[-1]}")
+
+    return skip
 
 
 @pytest.fixture(scope="module")

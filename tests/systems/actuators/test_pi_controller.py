@@ -338,3 +338,29 @@ def test_voltage_is_held_between_samples():
     loop.set(desired=5e-3)
     loop.run(0.059)
     np.testing.assert_array_equal(loop.controller.GetOutputPort("voltage").Eval(context), before)
+
+
+# Plants that differ
+
+
+def test_a_channel_with_another_gain_gets_the_voltage_for_the_same_speed(fix, read):
+    params = PiControllerParams(rate_feedforward=1.0, gain_share=(1.0, 0.8))
+    controller = PiController(params, channels=2)
+    context = controller.CreateDefaultContext()
+    fix(controller, context, desired=(0.4, 0.4), measured=(0.4, 0.4), enable=(1.0,))
+    for _ in range(2):  # the first one is bumpless
+        context.SetDiscreteState(controller.EvalUniquePeriodicDiscreteUpdate(context))
+    fix(controller, context, desired=(0.401, 0.401), desired_rate=(0.002, 0.002))
+    context.SetDiscreteState(controller.EvalUniquePeriodicDiscreteUpdate(context))
+    first, second = read(controller, context)["voltage"]
+    assert first == pytest.approx(2000.0 * 0.001 + 0.002 / 0.01)
+    assert second == pytest.approx(first / 0.8)
+    context.SetDiscreteState(controller.EvalUniquePeriodicDiscreteUpdate(context))
+    later = read(controller, context)["voltage"] - [first, second]
+    assert later[1] == pytest.approx(later[0] / 0.8)  # the integral's gain too
+
+
+@pytest.mark.parametrize("share", [(1.0,), (1.0, 0.0), (1.0, math.nan), (1.0, -1.0)])
+def test_shares_that_no_gain_has_are_refused(share):
+    with pytest.raises(ValueError, match="gain_share must"):
+        PiController(PiControllerParams(gain_share=share), channels=2)

@@ -1,0 +1,315 @@
+"""The part of slip that a real machine's own sensors tell: lift, brakes and the arm's swing.
+
+Encoders say how far the feet move against each other, inertial sensor and encoders whether the
+platform moves while the actuators are braked. What all feet have in common, the platform that
+drifts or turns as a whole, moves neither; nobody on board sees it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.diagrams.drivers.not_fitted import NotFittedPart
+from parapod.diagrams.levelling_platform.model import geometry_as_known
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.sims.lab.bench import Bench
+from parapod.sims.lab.figures import Figure
+from parapod.sims.lab.results import Metric
+from parapod.sims.levelling_platform.leg_job import (
+    AT_REST,
+    STANDING,
+    LegJob,
+    LegWatch,
+    carry_out,
+    refuse_unless_standing,
+)
+from parapod.systems.levelling_platform.eased_legs import easing_time
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import forward_kinematics, unevenness
+from parapod.systems.levelling_platform.leg import foot_to_centre
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+    from parapod.sims.levelling_platform.slip import SlipScenario
+
+type Floats = NDArray[np.float64]
+
+# Rest before the lift [s], and largest rate of a leg that is brought to where it begins [m/s].
+_SETTLE, _RATE = 1.0, 4e-3
+_LEVEL = (0.0, 0.0)
+# Two counts of the encoders: braked actuators do not move [mm].
+_HELD = 0.021
+_RESIDUAL = 1.0  # of a foot from the plane of all four [mm]
+_BEFORE = 0.5  # over which the state before the swing is averaged [s]
+
+
+@dataclass(frozen=True)
+class Times:
+    """Times of a real machine's lift.
+
+    Attributes:
+        begin: time at which the scenario's own times begin [s].
+        lift: beginning of the lift [s].
+        braked: time at which the actuators are braked [s].
+        swing: time at which the arm begins to swing [s].
+        end: end of the job [s].
+    """
+
+    begin: float
+    lift: float
+    braked: float
+    swing: float
+    end: float
+
+    @classmethod
+    def of(cls, scenario: "SlipScenario", rest: float) -> "Times":
+        """The times of a scenario.
+
+        Args:
+            scenario: its own times count from where the legs have been brought.
+            rest: time at rest before the lift in the scenario [s].
+        """
+        low, high = STANDING
+        start = 1e-3 * scenario.lift.initial_extension_mm
+        begin = AT_REST + easing_time(max(start - low, high - start), _RATE) + _SETTLE
+        return cls(
+            begin,
+            begin + rest,
+            begin + scenario.braked_at,
+            begin + scenario.swing_at,
+            begin + scenario.end,
+        )
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A real machine's lift.
+
+    Attributes:
+        times: see `Times`.
+        has_arm: whether there is an arm that has swung.
+        geometry: the machine as its controller knows it.
+        time: (n) [s].
+        extension: (n, 4) with the encoders' offsets [m].
+        attitude: (n, 2) estimated roll and pitch [rad].
+        turn_rate: (n) measured about the platform's z axis [rad/s].
+    """
+
+    times: Times
+    has_arm: bool
+    geometry: PlatformGeometry
+    time: Floats
+    extension: Floats
+    attitude: Floats
+    turn_rate: Floats
+
+    def between(self, since: float, until: float) -> NDArray[np.bool_]:
+        """(n) the samples from one time to another [s]."""
+        return (self.time >= since - 1e-9) & (self.time <= until + 1e-9)
+
+    @property
+    def spread(self) -> Floats:
+        """(n, 4) by how much each foot has moved against the others since the lift began [m].
+
+        In the plane of the feet, less what is common to all: their mean, and their turn about it.
+        """
+        feet = _in_plane(self.geometry, self.extension)
+        feet -= feet.mean(axis=1, keepdims=True)
+        first = feet[int(np.argmax(self.time >= self.times.lift))]
+        # The turn that brings them nearest to where they were.
+        cross = (feet[..., 0] * first[:, 1] - feet[..., 1] * first[:, 0]).sum(axis=1)
+        along = (feet * first).sum(axis=(1, 2))
+        c, s = np.cos(np.arctan2(cross, along)), np.sin(np.arctan2(cross, along))
+        turned = np.stack(
+            [
+                c[:, None] * feet[..., 0] - s[:, None] * feet[..., 1],
+                s[:, None] * feet[..., 0] + c[:, None] * feet[..., 1],
+            ],
+            axis=-1,
+        )
+        distance: Floats = np.linalg.norm(turned - first, axis=-1)
+        return distance
+
+
+def _in_plane(geometry: PlatformGeometry, extension: Floats) -> Floats:
+    """Places (n, 4, 2) of the feet in the plane that fits them best, in the platform's heading."""
+    posture = forward_kinematics(geometry, extension, _LEVEL)
+    feet = np.empty((len(extension), LEG_COUNT, 3))
+    for i, leg in enumerate(geometry.legs):
+        feet[:, i] = -np.stack(np.broadcast_arrays(*foot_to_centre(leg, extension[:, i])), -1)
+    roll, pitch = posture[:, 0], posture[:, 1]
+    x, y, z = feet[..., 0], feet[..., 1], feet[..., 2]
+    cr, sr = np.cos(roll)[:, None], np.sin(roll)[:, None]
+    cp, sp = np.cos(pitch)[:, None], np.sin(pitch)[:, None]
+    across = sr * y + cr * z
+    return np.stack([cp * x + sp * across, cr * y - sr * z], axis=-1)
+
+
+class _LiftWatch(LegWatch):
+    """Refuses a machine that does not begin on its feet."""
+
+    def check_beginning(self) -> None:
+        """See `LegWatch`."""
+        refuse_unless_standing(self)
+
+
+def measure_lift(
+    scenario: "SlipScenario", machine: LevellingScenario, times: Times, sources: Any, bench: Bench
+) -> Measured:
+    """Lifts a machine that stands on its feet, brakes it, and swings its arm if it has one.
+
+    Args:
+        scenario: the scenario.
+        machine: the machine.
+        times: times of the job.
+        sources: makes the sources of what the legs and the arm are asked for.
+        bench: runs the job.
+
+    Raises:
+        RefusedRequest: the machine does not stand on its feet; nothing has moved.
+        Tripped: it tilts, or its guard has found what cannot be.
+    """
+    job = LegJob(bench.name, partial(sources, scenario, times), times.end, _RATE)
+    watch = carry_out(job, machine, bench, _LiftWatch)
+    control = machine.control
+    return Measured(
+        times,
+        has_arm(machine),
+        geometry_as_known(control),
+        control.period * np.arange(len(watch.rows["t"]), dtype=float),
+        watch.column("legs.extension") + control.encoder_offsets,
+        watch.column("attitude_estimated"),
+        watch.column("imu.gyro")[:, 2],
+    )
+
+
+def has_arm(machine: LevellingScenario) -> bool:
+    """Whether a machine has an arm."""
+    if machine.backend != "hardware":
+        return True
+    drivers = machine.hardware.drivers
+    return not any(d.part == "arm" and isinstance(d, NotFittedPart) for d in drivers)
+
+
+def measured_metrics(
+    scenario: "SlipScenario", data: Measured, bounds: tuple[float, float, float]
+) -> Iterator[Metric]:
+    """Everything that is measured.
+
+    Args:
+        scenario: the scenario.
+        data: the lift.
+        bounds: smallest and largest slip while the legs lift, and largest error of the height
+            [mm].
+    """
+    times, (least, most, height_bound) = data.times, bounds
+    lifting = data.between(times.lift, times.braked)
+    yield Metric(
+        "actuator_slip_mm",
+        1e3 * float(data.spread[lifting].max()),
+        "mm",
+        most,
+        paper=3.0,
+        at_least=least,
+        meaning="largest of a foot against the others while the actuators lift the platform, by "
+        "the encoders",
+    )
+    at = int(np.argmax(data.time >= times.swing))
+    height = float(forward_kinematics(data.geometry, data.extension[at], _LEVEL)[2])
+    yield Metric(
+        "lift_height_error_mm",
+        1e3 * height - scenario.lift.height_mm,
+        "mm",
+        height_bound,
+        meaning="when the arm begins to swing, against the commanded height, by the encoders",
+    )
+    until = data.between(times.lift, times.swing)
+    tilt = np.degrees(np.abs(data.attitude[until] - data.attitude[until][0]).max())
+    meaning = "largest change of roll or pitch until the swing, by the inertial sensor"
+    yield Metric("lift_tilt_deg", float(tilt), "deg", meaning=meaning)
+    residual = np.abs(unevenness(data.geometry, data.extension[until]))
+    yield Metric(
+        "foot_residual_mm",
+        1e3 * float(residual.max()),
+        "mm",
+        _RESIDUAL,
+        meaning="largest of a foot from the plane of all four, by the encoders",
+    )
+    # The rods come to rest first.
+    held = data.extension[data.between(times.braked + 0.1, times.end)]
+    yield Metric(
+        "braked_motion_mm",
+        1e3 * float(np.ptp(held, axis=0).max()),
+        "mm",
+        _HELD,
+        meaning="largest of an actuator while it is braked, by its encoder",
+    )
+    if data.has_arm:
+        yield from _swing_metrics(data)
+
+
+def _swing_metrics(data: Measured) -> Iterator[Metric]:
+    before = data.between(data.times.swing - _BEFORE, data.times.swing)
+    after = data.between(data.times.end - _BEFORE, data.times.end)
+    swing = data.between(data.times.swing, data.times.end)
+    left = data.attitude[after].mean(axis=0) - data.attitude[before].mean(axis=0)
+    meaning = "roll or pitch after the swing against before, by the inertial sensor"
+    yield Metric(
+        "arm_tilt_left_deg", float(np.degrees(np.abs(left).max())), "deg", meaning=meaning
+    )
+    rate = data.turn_rate[swing] - data.turn_rate[before].mean()
+    period = float(np.diff(data.time).mean())
+    meaning = "turn about the vertical from the swing on, by the gyro"
+    yield Metric(
+        "arm_turn_deg", float(np.degrees(abs(rate.sum() * period))), "deg", meaning=meaning
+    )
+
+
+def measured_notes(data: Measured) -> tuple[str, ...]:
+    """Bounds of what can be seen."""
+    arm = (
+        "the gyro's noise alone turns by some hundredths of a degree in a second: slip of less "
+        "than a tenth of a millimetre is not seen",
+        "the machine has no arm: nothing has swung, and what the swing moves is left out",
+    )
+    return (
+        "measured on board: the feet against each other. The platform that drifts or turns as a "
+        "whole moves no encoder; that slip, that of the swing (paper: less than 0.01 mm) and the "
+        "creep on a slope need an instrument outside.",
+        arm[0 if data.has_arm else 1],
+    )
+
+
+def measured_figures(data: Measured) -> tuple[Figure, ...]:
+    """Height and the feet's motion over time."""
+    return (
+        Figure(
+            "fig23_measured",
+            "Height of the platform, and motion of the feet against each other",
+            "As the encoders tell them; shaded: the actuators are braked (to be compared with "
+            "Fig. 23).",
+            partial(_draw, data),
+            (7.0, 4.6),
+        ),
+    )
+
+
+def _draw(data: Measured, canvas: "Canvas") -> None:
+    upper, lower = canvas.subplots(2, 1, sharex=True)
+    counts = data.time >= data.times.lift
+    time = data.time[counts] - data.times.begin
+    height = forward_kinematics(data.geometry, data.extension[counts], _LEVEL)[:, 2]
+    upper.plot(time, 1e3 * height)
+    upper.set_ylabel("height [mm]")
+    for leg in range(LEG_COUNT):
+        lower.plot(time, 1e3 * data.spread[counts, leg], label=f"leg {leg + 1}")
+    lower.set(xlabel="time [s]", ylabel="motion of a foot [mm]")
+    for axes in (upper, lower):
+        since = data.times.braked - data.times.begin
+        axes.axvspan(since, data.times.end - data.times.begin, color="0.92", zorder=0)
+    lower.legend(fontsize=8, ncols=LEG_COUNT)
