@@ -155,8 +155,8 @@ def test_a_controller_that_is_asked_to_end_leaves_the_machine_neutral(
 @pytest.mark.parametrize(
     ("part", "dead", "words"),
     [
-        ("imu", 0.05, "imu_stale|ADIS16448"),
-        ("legs", 0.05, "legs_stale|PXIe-6363"),
+        ("imu", 0.03, "imu_stale|ADIS16448"),
+        ("legs", 0.03, "legs_stale|PXIe-6363"),
         ("wheels", 0.2, "EPOS2"),  # which the guard leaves to the watch over the devices
     ],
 )

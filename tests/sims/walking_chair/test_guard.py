@@ -69,7 +69,7 @@ def spoilt(name, signals, at, period=0.01):
             position[at:, 0] += 4e-3
         case "swinging branch":
             later = period * np.arange(len(position) - at)
-            position[at:, 0] += 2.6e-3 * np.sin(2.0 * np.pi * 4.0 * later)
+            position[at:, 0] += 3.5e-3 * np.sin(2.0 * np.pi * 2.5 * later)
         case "branch held in the air":
             signals["legs.current"][at:, 0] += 1.0
         case "tipping":
@@ -95,6 +95,19 @@ def test_a_fault_while_the_branches_move_is_named_in_time(recorded, fault):
     assert trip.sign.startswith(words)
     assert 0 <= (when - at) * period <= deadline + 1e-9
     assert trip.distrusted == (() if fault in WITHOUT_DOUBT else ("legs",))
+
+
+def test_a_measurement_that_comes_a_tick_late_is_no_jump(recorded):
+    period, signals = recorded
+    at = fastest(signals)
+    late = {key: np.array(values, dtype=float) for key, values in signals.items()}
+    late["legs.position"][at] = late["legs.position"][at - 1]
+    late["status.age"][at] = 0.01 + period
+    limits = ChairLimits(fastest=0.1)
+    assert watch(period, late, limits=limits) is None
+    late["status.age"][at] = 0.01  # as if it had been measured so
+    trip, when = watch(period, late, limits=limits)
+    assert (trip.name, when) == ("encoder_jump", at + 1)
 
 
 def test_a_sign_that_does_not_last_ends_nothing(recorded):
