@@ -26,7 +26,7 @@ _LOG = logging.getLogger(__name__)
 COMMAND_TIMEOUT = 0.1
 # A reading is begun so early that this share of all readings has ended, with a margin [s], when
 # its samples are taken; and at most this share of the period before.
-_IN_TIME = 0.98
+_IN_TIME = 0.995
 _MARGIN = 5e-4
 _LARGEST_LEAD = 0.7
 # By how much the estimate of what a reading takes follows each one [s].

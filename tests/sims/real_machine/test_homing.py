@@ -105,8 +105,9 @@ def _check(value):
 
 
 @pytest.fixture
-def rig(tmp_path):
+def rig(tmp_path, monkeypatch):
     """rig(bound): a function that homes, the driver, and the file."""
+    monkeypatch.setattr("parapod.diagrams.homing._SETTLING", 0.02)  # these legs have no inertia
     path = tmp_path / "extensions.json"
 
     def make(bound=1e3):

@@ -74,6 +74,7 @@ def still(machine, seconds):
     return np.abs(machine.wires.get("legs.extension") - before).max() < 5e-5
 
 
+@pytest.mark.slow  # simulated every day: tests/sims/levelling_platform/test_live.py
 def test_an_operator_drives_lowers_stops_and_goes_on(machine, operate, within, tmp_path):
     log = tmp_path / "operated.mcap"
     program, page = operate("--log", str(log))

@@ -109,7 +109,9 @@ def test_a_rate_is_run_for_its_time_and_judged_by_all_its_ticks(monkeypatch):
     assert scenario.control.period == LevellingScenario().control.period
 
 
-@pytest.mark.parametrize("experiment", ["level", "chair-walk"])
+@pytest.mark.parametrize(
+    "experiment", ["level", pytest.param("chair-walk", marks=pytest.mark.slow)]
+)
 def test_the_command_prints_a_table_and_writes_the_figures(experiment, work, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "80")
     command = f"bench-rt --of {experiment} --rates 50 --seconds 1 --json figures.json"
