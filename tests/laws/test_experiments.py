@@ -234,7 +234,13 @@ def test_metrics_have_keys_units_and_bounds_that_fit_together(part, finished):
 
 
 @each_part
-def test_every_figure_is_drawn_and_says_what_it_shows(part, finished):
+def test_every_figure_is_drawn_says_what_it_shows_and_has_one_unit_an_axis(
+    part, finished, monkeypatch
+):
+    drawn = []  # each once: the report's figures take a minute
+    monkeypatch.setattr(
+        "parapod.sims.lab.figures.draw", lambda f: drawn.append(draw(f)) or drawn[-1]
+    )
     figures = finished(part).result.figures
     names = [figure.name for figure in figures]
     assert len(names) == len(set(names))
@@ -252,11 +258,11 @@ def test_every_figure_is_drawn_and_says_what_it_shows(part, finished):
         assert re.fullmatch(r"[A-Z].+\.", figure.caption, re.DOTALL)
         root = xml.etree.ElementTree.fromstring(render(figure))
         assert root.tag == "{http://www.w3.org/2000/svg}svg"
+        assert check_units(figure, drawn.pop()), figure.name
 
 
-def check_units(figure):
+def check_units(figure, canvas):
     """Proves that each axis says one unit, which no name in a legend changes."""
-    canvas = draw(figure)
     texts = []
     for axes in canvas.axes:
         found = [axis.get_label_text() for axis in (axes.xaxis, axes.yaxis)]
@@ -270,15 +276,9 @@ def check_units(figure):
     return texts
 
 
-@each_part
-def test_every_axis_of_its_figures_has_one_unit(part, finished):
-    for figure in finished(part).result.figures:
-        assert check_units(figure), figure.name
-
-
 @pytest.mark.parametrize("drawing", DRAWINGS, ids=lambda drawing: drawing.name)
 def test_every_axis_of_a_chapter_s_drawings_has_one_unit(drawing):
-    check_units(drawing)
+    check_units(drawing, draw(drawing))
 
 
 @each_part
