@@ -408,6 +408,7 @@ def test_what_can_be_moved_after_the_run_is_moved_on_its_page(name, panel):
     assert experiment.live(scenario, panel, None, Console(quiet=True)) is not None
 
 
+@pytest.mark.slow
 def test_ctrl_c_in_the_live_phase_ends_with_the_job_s_exit_code():
     # SIGINT is ignored by children of shells without job control, hence the default handler.
     start = "import signal,sys; signal.signal(signal.SIGINT, signal.default_int_handler);"

@@ -254,6 +254,7 @@ def test_a_pressed_emergency_stop_is_shown_and_refused_power(here, capsys):
 # --- programs that are killed
 
 
+@pytest.mark.slow
 def test_all_drives_stand_soon_after_the_controller_is_killed(here, in_time, capsys):
     program = here.driving({"legs.velocity_command": [0.02] * 12, "legs.brake": [0.0]})
     at = time.time()

@@ -148,6 +148,7 @@ def test_a_walk_that_goes_wrong_breaks_the_bound_of_what_went_wrong(perfect, sig
     assert broken == {key}
 
 
+@pytest.mark.slow
 def test_the_kinematic_plant_walks_there_and_back_in_the_other_order(execute):
     way = ("gait.order=24-13", "gait.way=forward and back")
     found = execute("chair-walk", *LOW, *way, "backend=kinematic")
