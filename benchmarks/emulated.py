@@ -105,7 +105,7 @@ class Emulated:
         """Measures the positions for the next program, as an operator does."""
         positions = self.wires.get(f"legs.{signal}")
         memory = PositionMemory(self.folder / f"{signal}s.json", len(positions), signal)
-        memory.save(positions, are_measured=True)
+        memory.save(positions, "measured by hand")
 
 
 @contextmanager

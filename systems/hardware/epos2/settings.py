@@ -190,7 +190,7 @@ class ScrewSettings(Epos2Settings):
         reduction: turns of the motor per turn of the screw [-].
         signs: 1, or -1 where the motor's positive direction retracts; one for each axis.
         acceleration_mm_s2: acceleration with which the drives follow a command, up and down
-            [mm/s^2].
+            [mm/s^2]; a slow ramp delays the position's loop until it swings.
         quick_stop_mm_s2: deceleration with which they stop for want of heartbeats, and to brake
             [mm/s^2].
         current_limit_a: largest current of a motor [A]; 10 A is that of the controller.
@@ -210,8 +210,8 @@ class ScrewSettings(Epos2Settings):
     lead_mm: float = quantity(5.0, 0.01, 100.0)
     reduction: float = quantity(1.0, 0.01, 10000.0)
     signs: list[int] = quantity([1], -1, 1)
-    acceleration_mm_s2: float = quantity(2000.0, 1.0, 1e6)
-    quick_stop_mm_s2: float = quantity(4000.0, 1.0, 1e6)
+    acceleration_mm_s2: float = quantity(8000.0, 1.0, 1e6)
+    quick_stop_mm_s2: float = quantity(8000.0, 1.0, 1e6)
     current_limit_a: float = quantity(10.0, 0.05, 10.0)
     homing_current_a: float = quantity(0.5, 0.05, 10.0)
     position_min_mm: list[float] = quantity([0.0], 0.0, 5000.0)
