@@ -56,7 +56,7 @@ types: setup
 	@mkdir -p build/types/parapod
 	@for room in systems diagrams urdf sims; do ln -sfn ../../../$$room build/types/parapod/$$room; done
 	@ln -sfn ../../../sims/public/__init__.py build/types/parapod/__init__.py
-	MYPYPATH=build/types $(BIN)/mypy -p parapod
+	MYPYPATH=build/types:. $(BIN)/mypy -p parapod -p benchmarks
 
 # What can run beside each other does, on all cores; what is judged by the clock then runs alone.
 pytest: setup

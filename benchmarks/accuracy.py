@@ -18,7 +18,11 @@ from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 _LOG = ("truth.posture", "truth.extension", "truth.loop_error", "posture_desired_state")
 # The grounds that the stroke can level, out to its edge: roll, pitch [deg].
-_GROUNDS = ((0, 0), (5, 0), (0, 5), (-5, 0), (0, -5), (4, 2), (2, 4), (-4, 2), (-2, -4), (3, 3))
+# Roll and pitch of the ground [deg].
+_GROUNDS: tuple[tuple[float, float], ...] = (
+    *((0.0, 0.0), (5.0, 0.0), (0.0, 5.0), (-5.0, 0.0), (0.0, -5.0)),
+    *((4.0, 2.0), (2.0, 4.0), (-4.0, 2.0), (-2.0, -4.0), (3.0, 3.0)),
+)
 
 
 def model_error(time_step: float, leg_model: str = "full") -> dict[str, float]:
@@ -85,7 +89,8 @@ def _levelling(backend: str, count: int) -> list[Measurement]:
     worst = np.zeros(3)
     for seed in range(count):
         scenario.seed = seed
-        scenario.ground = GroundScenario(*map(float, _GROUNDS[seed % len(_GROUNDS)]))
+        roll, pitch = _GROUNDS[seed % len(_GROUNDS)]
+        scenario.ground = GroundScenario(roll, pitch)
         signals = _simulate(loop, scenario, 12.0)
         error = np.abs(signals["truth.posture"] - (0.0, 0.0, 0.477))[signals["t"] > 9.0]
         worst = np.maximum(worst, error.max(axis=0))

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -85,7 +86,8 @@ def _logging(console: Console) -> list[Measurement]:
 def _timing_of_a_turn(options: RunOptions) -> Timing:
     """Timing of a short run, all of whose deadlines count as missed if it was ended early."""
     scenario = LevellingScenario(backend="hardware")
-    scenario.hardware.drivers[2].heartbeat_timeout_ms = 1000.0
+    wheels: Any = scenario.hardware.drivers[2]
+    wheels.heartbeat_timeout_ms = 1000.0
     loop = ClosedLoop(PLATFORM, scenario)
     try:
         return run_on_hardware(loop, Simulator(loop), _TURN, options, "logging")

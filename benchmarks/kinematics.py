@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import root
+from scipy.optimize import root  # type: ignore[import-untyped]
 
 from benchmarks.report import Measurement
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
