@@ -193,7 +193,8 @@ class ScrewSettings(Epos2Settings):
             [mm/s^2]; a slow ramp delays the position's loop until it swings.
         quick_stop_mm_s2: deceleration with which they stop for want of heartbeats, and to brake
             [mm/s^2].
-        current_limit_a: largest current of a motor [A]; 10 A is that of the controller.
+        current_limit_a: largest current of a motor [A], written at every start; 5 A is what the
+            controller delivers for long.
         homing_current_a: the same while a screw looks for the end of its stroke, against which it
             then pushes no harder [A].
         position_min_mm: lengths below which nothing retracts, one for each axis [mm].
@@ -212,7 +213,7 @@ class ScrewSettings(Epos2Settings):
     signs: list[int] = quantity([1], -1, 1)
     acceleration_mm_s2: float = quantity(8000.0, 1.0, 1e6)
     quick_stop_mm_s2: float = quantity(8000.0, 1.0, 1e6)
-    current_limit_a: float = quantity(10.0, 0.05, 10.0)
+    current_limit_a: float = quantity(5.0, 0.05, 10.0)
     homing_current_a: float = quantity(0.5, 0.05, 10.0)
     position_min_mm: list[float] = quantity([0.0], 0.0, 5000.0)
     position_max_mm: list[float] = quantity([1.0], 0.0, 5000.0)
