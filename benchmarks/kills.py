@@ -27,6 +27,7 @@ from benchmarks.machines import (
 from benchmarks.matrix import Row
 from benchmarks.page import Page
 from parapod.sims.lab.mcap import read_mcap
+from parapod.systems.core.errors import OutputError
 
 # Time after which a moving machine's program is killed, at random [s].
 _INSTANTS = 4.0
@@ -115,7 +116,7 @@ def _is_readable(log: Path) -> bool:
     """Whether a log has samples."""
     try:
         return len(read_mcap(log).time) > 0
-    except Exception:
+    except OutputError:
         return False
 
 

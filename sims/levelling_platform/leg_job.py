@@ -93,6 +93,7 @@ class LegWatch:
             loop: of a `LegJob`.
         """
         self._loop = loop
+        self._readings: dict[str, Callable[[], NDArray[Any]]] = {}
         self.is_over, self._is_begun, self._ticks = False, False, 0
         self.rows: dict[str, list[Any]] = {name: [] for name in ("t", *self.signals)}
 
@@ -107,7 +108,8 @@ class LegWatch:
             return False
         self._ticks += 1
         self.rows["t"].append(read_at(self._loop, root))
-        for name, value in self._loop.readings(root, self.signals).items():
+        self._readings = self._readings or dict(self._loop.readings(root, self.signals))
+        for name, value in self._readings.items():
             self.rows[name].append(value().copy())
         if not self._is_begun and root.get_time() > 0.5 * AT_REST:
             self._is_begun = True
