@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
-from pydrake.systems.primitives import Adder, MatrixGain, VectorLogSink
+from pydrake.systems.primitives import Adder, MatrixGain, VectorLogSink, ZeroOrderHold
 
 from parapod.diagrams.faults import FaultPoints
 from parapod.diagrams.recording import Recording
@@ -146,11 +146,17 @@ class ClosedLoop[S](Diagram):
         """
         table = self.machine.table
 
+        held: dict[str, OutputPort] = {}
+
         def seen(name: str, port: OutputPort) -> OutputPort:
-            return self.faults.seen(port, table[name]) if name in table else port
+            if name not in table:
+                return port
+            if table[name].is_sampled and self._commands_devices:
+                port = held[name] = self._hold(builder, name, port)
+            return self.faults.seen(port, table[name])
 
         systems = (self.station, self.controller, *self.sources)
-        outputs = connect_by_name(builder, systems, seen, skip=(_AGE,))
+        outputs = connect_by_name(builder, systems, seen, skip=(_AGE,)) | held
         for name, port in outputs.items():
             if name in table and self.faults.is_missing(table[name]):
                 self.faults.seen(port, table[name])  # for the recording only
@@ -165,6 +171,18 @@ class ClosedLoop[S](Diagram):
                         f"there are the outputs: {known}"
                     )
         return outputs | self.faults.ports()
+
+    @property
+    def _commands_devices(self) -> bool:
+        """Whether devices stand behind the station's ports."""
+        return isinstance(self.station, Station) and self.station.scenario.backend == "hardware"
+
+    def _hold(self, builder: DiagramBuilder, name: str, port: OutputPort) -> OutputPort:
+        """Samples a command at the controllers' instants: a moment later it is another one."""
+        settings: Any = self.scenario
+        hold = add(builder, ZeroOrderHold(settings.control.period, port.size()), f"held.{name}")
+        connect(builder, port, hold.get_input_port())
+        return hold.get_output_port()
 
     def _connect_ages(self, builder: DiagramBuilder, outputs: Mapping[str, OutputPort]) -> None:
         """Connects the devices' ages, with what late signals add to them."""

@@ -39,6 +39,10 @@ class Port:
         idle: value of an input that nothing drives.
         default: value of an output that may be missing, shown where it is; None: it must be there.
         faults: plausible values and faults; empty where faults are not injected.
+        is_sampled: whether an input follows from the measurements of the controllers' instant at
+            once, so that it counts at that instant alone. A simulated plant samples it; for
+            devices, which take commands a moment later, the loop holds it. Other inputs are held
+            by the controller.
     """
 
     name: str
@@ -49,6 +53,7 @@ class Port:
     idle: float = 0.0
     default: float | None = None
     faults: tuple[Span, ...] = ()
+    is_sampled: bool = False
 
     def __post_init__(self) -> None:
         for what in ("name", "unit", "meaning"):
@@ -69,9 +74,10 @@ def In(
     *,
     idle: float = 0.0,
     faults: Sequence[Span] = (),
+    is_sampled: bool = False,
 ) -> Port:
     """Command to the machine, an input of its station."""
-    return Port(name, size, unit, meaning, "in", idle, faults=tuple(faults))
+    return Port(name, size, unit, meaning, "in", idle, None, tuple(faults), is_sampled)
 
 
 def Out(

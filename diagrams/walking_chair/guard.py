@@ -31,9 +31,10 @@ class ChairLimits:
     """Limits of what is normal: design choices. Behind them what a walk has with drives as bought.
 
     Attributes:
-        following: largest distance of a branch from where it is to be next [m]; .9 mm.
+        following: largest distance of a branch from where it is to be next [m]; .9 mm, and 2.2 mm
+            behind the emulated devices where a walk is halted.
         swinging: largest mean distance from there over some tenths of a second [m]; .5 mm, and
-            1.4 mm with commands that come 20 ms late, as by the emulator.
+            1.4 mm where a walk is halted.
         fastest: speed of a branch [m/s]; .078.
         margin: least distance of the centre of mass from the support's edge [m]; .051.
         oldest: largest age of the measurements [s]; .01.

@@ -7,7 +7,7 @@ PARTS = ("legs",)
 
 # Elements of all ports of size 12: branches 11, 12, 13, 21, ... 43.
 PORTS = (
-    In("legs.velocity_command", 12, "m/s", "velocities of the branches' lengths"),
+    In("legs.velocity_command", 12, "m/s", "velocities of the branches' lengths", is_sampled=True),
     In("legs.brake", 1, "-", "above 0.5: the drives stop and hold", idle=1.0),
     Out("legs.position", 12, "m", "encoders: lengths of the branches, joint to joint"),
     Out("legs.velocity", 12, "m/s", "encoders: their rates"),

@@ -352,8 +352,10 @@ class PartWriter(LeafSystem):
     Besides, one input for each signal that a device is commanded, with its name, size and SI unit.
 
     No state. Commands are handed over in a periodic publish event, a microsecond after the loop's
-    instant: they are those that the controllers have made of that instant's measurements. Nothing
-    here waits for a device.
+    instant: they are those that the controllers have made of that instant's measurements, provided
+    that they are held by then. An output that follows from measurements and from a state has
+    another value once the state is updated; it has to come through a `ZeroOrderHold`. Nothing here
+    waits for a device.
 
     Bad input: what is not finite is neutral for the device.
     """

@@ -190,7 +190,7 @@ class ScrewSettings(Epos2Settings):
         reduction: turns of the motor per turn of the screw [-].
         signs: 1, or -1 where the motor's positive direction retracts; one for each axis.
         acceleration_mm_s2: acceleration with which the drives follow a command, up and down
-            [mm/s^2]; a slow ramp delays the position's loop until it swings.
+            [mm/s^2]; a slow ramp delays the loop around them.
         quick_stop_mm_s2: deceleration with which they stop for want of heartbeats, and to brake
             [mm/s^2].
         current_limit_a: largest current of a motor [A], written at every start; 5 A is what the
