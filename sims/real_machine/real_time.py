@@ -33,6 +33,8 @@ _HOPELESS = 0.1
 # This share of missed deadlines within a second is a computer that is too slow [-].
 _TOLERATED_SHARE = 0.5
 _WINDOW = 1.0  # [s]
+# Part of a period between two ticks that make up for lost time [-].
+_HURRIED = 0.8
 # What a thread may compute while others wait for the interpreter [s]; Python's own is 5 ms.
 SWITCH_INTERVAL = 1e-4
 # The timing of so many ticks is kept: a quarter of an hour at 100 Hz.
@@ -121,6 +123,7 @@ class RealTimeLoop:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
         kept: int | None = KEPT,
+        patience: float = 0.0,
     ):
         """Prepares the loop.
 
@@ -132,8 +135,10 @@ class RealTimeLoop:
             clock: monotonic [s].
             sleep: waits for a time [s].
             kept: see `Timing`.
+            patience: how late ticks may be that are made up for, a quarter faster than the clock,
+                and not left out [s]: for physics, whose time does not stop.
         """
-        self._simulator, self._on_tick = simulator, on_tick
+        self._simulator, self._on_tick, self._patience = simulator, on_tick, patience
         self._is_strict, self._clock, self._sleep = is_strict, clock, sleep
         self.timing = Timing(period, kept)
         self._window = max(10, round(_WINDOW / period))
@@ -161,9 +166,9 @@ class RealTimeLoop:
         context = self._simulator.get_context()
         begin = context.get_time()
         ticks = round((until - begin) / period)
-        due = self._clock()
+        due = earliest = self._clock()
         for k in range(ticks):
-            self._wait(due)
+            self._wait(max(due, earliest))
             started = self._clock()
             if self._is_strict and started - due > _HOPELESS:
                 late = 1e3 * (started - due)
@@ -176,7 +181,9 @@ class RealTimeLoop:
             timing.add(started - due, ended - started)
             self._is_missed.append(False)
             due += period
-            if (behind := ended - due) > 0.0:
+            if self._patience:
+                earliest = started + _HURRIED * period
+            if (behind := ended - due) > self._patience:
                 left_out = int(behind / period) + 1
                 timing.missed += left_out
                 self._is_missed.extend([True] * min(left_out, self._window))

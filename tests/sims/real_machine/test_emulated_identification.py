@@ -25,13 +25,14 @@ def standing(emulate_on_level_ground):
 
 
 def skip_if_late(log, stamped, what):
-    """Skips where the emulated machine was slower than the clock, which looks like its gains."""
+    """Skips where the emulated machine lost time, which looks like its gains."""
     stamps, extension = stamped(log, "legs.extension")
     assert len(extension) > 100
     # Written once every 10 ms of the machine's own time.
-    pace = 0.01 * (len(stamps) - 1) / (stamps[-1] - stamps[0])
-    if abs(pace - 1.0) > 2e-3:
-        pytest.skip(f"{what}: the emulated machine ran at {pace:.4f} of real time")
+    late = stamps - stamps[0] - 0.01 * np.arange(len(stamps))
+    lost = np.abs(late[30:] - late[:-30]).max()  # within 0.3 s, where a step begins or ends
+    if lost > 0.04 or abs(late[-1]) > 0.1:
+        pytest.skip(f"{what}: the emulated machine was up to {1e3 * lost:.0f} ms late")
 
 
 def test_actuators_are_identified_within_the_bounds_and_adopted(

@@ -110,6 +110,22 @@ def test_an_emulator_goes_on_however_late_it_is():
     assert timing.ticks == len(timing.cost) == 8
 
 
+def test_physics_makes_up_for_lost_time_at_most_a_quarter_faster_than_the_clock():
+    world = World({3: 0.055})
+    timing = run(world, 60, is_strict=False, patience=0.1)
+    assert (timing.missed, timing.ticks) == (0, 60)
+    gaps = [b - a for a, b in zip(world.started, world.started[1:], strict=False)]
+    assert min(gaps) == pytest.approx(0.8 * PERIOD)
+    # 45 ms are made up for by 2 ms a tick, and then the ticks are on the grid again.
+    assert gaps[4:26] == pytest.approx([0.8 * PERIOD] * 22)
+    assert world.started[30:] == pytest.approx([50.0 + k * PERIOD for k in range(30, 60)])
+
+
+def test_physics_that_is_too_late_leaves_out_what_it_cannot_make_up_for():
+    timing = run(World({3: 0.055}), 60, is_strict=False, patience=0.03)
+    assert timing.missed == 5
+
+
 def test_the_real_clock_is_kept_to():
     simulator = Simulator(ConstantVectorSource([0.0]))
     simulator.Initialize()
