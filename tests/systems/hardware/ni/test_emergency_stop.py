@@ -15,7 +15,8 @@ OFF = ((0.0,) * 4, (1.0,))
 
 
 def device(server, **settings):
-    settings = {"extension_file": "", "watchdog_ms": 10000.0} | settings
+    patient = {"watchdog_ms": 10000.0, "timeout_ms": 1000.0}  # nothing here is judged by it
+    settings = {"extension_file": ""} | patient | settings
     return NiDaq(NiDaqSettings(target=server.target, **settings))
 
 
