@@ -199,7 +199,7 @@ class Misbehaviour:
 
 _COUNT_SIZE = 8
 _STATE = struct.Struct("<qd")
-# A writer that was killed in the middle leaves an odd count for ever; a living one takes
+# A writer that was killed in the middle leaves an odd count until the next one; a living one takes
 # microseconds, or what the system lets it wait in the middle [s].
 _PATIENCE = 1.0
 
@@ -207,8 +207,9 @@ _PATIENCE = 1.0
 class SharedHarness(Harness):
     """Wires in a file that all processes map, by a layout that all of them know.
 
-    Each signal has one writer. It counts before and after it writes; a reader that sees an odd
-    count, or two different ones, has read in between and reads again.
+    Each signal is written by one process, whose threads wait for each other. It counts before and
+    after it writes; a reader that sees an odd count, or two different ones, has read in between and
+    reads again.
     """
 
     def __init__(
@@ -237,6 +238,7 @@ class SharedHarness(Harness):
             self._memory = mmap.mmap(file.fileno(), end)
         # Not with `pack_into`, which makes zeros first: others would see an even count meanwhile.
         self._counts = memoryview(self._memory).cast("q")
+        self._writing = threading.Lock()
 
     def __contains__(self, name: str) -> bool:
         return name in self._layout
@@ -262,11 +264,12 @@ class SharedHarness(Harness):
             raise ValueError(f"{name} has {layout.size // 8} elements, not {len(values)}")
         packed = layout.pack(*values)  # may fail; between the counts nothing must
         counts, index = self._counts, at // _COUNT_SIZE
-        count = counts[index]
-        counts[index] = count + 1
         begin = at + _COUNT_SIZE
-        self._memory[begin : begin + layout.size] = packed
-        counts[index] = count + 2
+        with self._writing:
+            odd = counts[index] | 1  # already, where a writer was killed in the middle
+            counts[index] = odd
+            self._memory[begin : begin + layout.size] = packed
+            counts[index] = odd + 1
 
     def misbehaviour(self, part: str, seed: int = 0) -> "SharedMisbehaviour":
         """Misbehaviour of the devices of a part, told by any process and done by another.

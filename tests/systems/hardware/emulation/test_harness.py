@@ -177,17 +177,34 @@ while True:
     assert last > 1000
 
 
-def test_wires_that_nobody_writes_are_read_without_waiting(harness, other, monkeypatch):
-    """Whatever the number of writes before: a reader that waited would ask for the time."""
+@pytest.fixture
+def never_waits(monkeypatch):
+    """never_waits() fails readings that wait from then on: those ask for the time."""
 
     def monotonic():
         raise AssertionError("a reading at rest waits")
 
     clock = SimpleNamespace(monotonic=monotonic)
-    monkeypatch.setattr("parapod.systems.hardware.emulation.harness.time", clock)
+    name = "parapod.systems.hardware.emulation.harness.time"
+    return lambda: monkeypatch.setattr(name, clock)
+
+
+def test_wires_that_nobody_writes_are_read_without_waiting(harness, other, never_waits):
+    """Whatever the number of writes before."""
+    never_waits()
     for k in range(4):
         harness.set("legs.stop", [float(k)])
         assert other.get("legs.stop") == (float(k),)
+
+
+def test_a_write_after_one_that_was_broken_off_is_read_without_waiting(
+    harness, other, path, never_waits
+):
+    with open(path, "r+b") as file, mmap.mmap(file.fileno(), 0) as memory:
+        struct.pack_into("=q", memory, 0, 7)  # the count of the first signal
+    never_waits()
+    harness.set("legs.voltage", [1.0, 2.0, 3.0, 4.0])
+    assert other.get("legs.voltage") == (1.0, 2.0, 3.0, 4.0)
 
 
 # Misbehaviour
