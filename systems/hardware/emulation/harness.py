@@ -208,8 +208,8 @@ class SharedHarness(Harness):
     """Wires in a file that all processes map, by a layout that all of them know.
 
     Each signal is written by one process, whose threads wait for each other. It counts before and
-    after it writes; a reader that sees an odd count, or two different ones, has read in between and
-    reads again.
+    after it writes; a reader that sees an odd count, or two different ones, has read in between
+    and reads again.
     """
 
     def __init__(
