@@ -38,8 +38,8 @@ def execute(arguments: argparse.Namespace) -> int:
     values = _values(arguments.result, result, arguments.broken_bounds)
 
     from parapod.sims.lab.files import atomic_output
-    from parapod.systems.core.scenario_edit import value_at, with_values
     from parapod.systems.core.scenario_file import parse, read_text
+    from parapod.systems.core.yaml_edit import value_at, with_values
 
     schema = _schema(arguments.result, result)
     values, usual = _checked(schema, values, quoted_path(arguments.result))
@@ -104,8 +104,8 @@ def _checked(
     Raises:
         ScenarioError: a key that the schema does not have, or a value that is not admissible.
     """
-    from parapod.systems.core.scenario_edit import value_at
     from parapod.systems.core.schema import Reader, defaults
+    from parapod.systems.core.yaml_edit import value_at
 
     usual = defaults(schema)
     tree, reader = usual, Reader(schema, source)

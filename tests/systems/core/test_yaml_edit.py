@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.core.scenario_edit import value_at, with_values
+from parapod.systems.core.yaml_edit import value_at, with_values
 
 LEGS = [{"l_x_mm": 0.1}, {"l_x_mm": 0.2}]
 VALUES = {"control.gains": [0.01, 0.02], "control.legs": LEGS}

@@ -1,7 +1,10 @@
 """Changes to the text of a scenario file that keep its other keys, its order and its comments.
 
 The places of keys and values are those that PyYAML's nodes tell; only the text of a value is
-replaced, or a line added. A file in which that is not enough, as with aliases, is refused.
+replaced, or a line added. A library that reads and writes the whole file, such as ruamel.yaml,
+would also change what is not asked for: indentation, the breaks of long lines, and small numbers
+to 1e-05, which is a text in the YAML 1.1 of scenario files. A file in which this is not enough, as
+with aliases, is refused.
 """
 
 from collections.abc import Mapping, Sequence
