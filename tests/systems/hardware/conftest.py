@@ -88,7 +88,7 @@ def failure():
 def until():
     """Waits for something to become so; says whether it did."""
 
-    def wait(condition, timeout=2.0):
+    def wait(condition, timeout=5.0):
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             if condition():
