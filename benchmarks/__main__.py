@@ -13,6 +13,7 @@ from rich.console import Console
 from benchmarks import (
     accuracy,
     chair,
+    deadlines,
     endurance,
     faults,
     hardware,
@@ -22,7 +23,10 @@ from benchmarks import (
 )
 from benchmarks.report import Measurement, print_measurements
 
-_GROUPS = ("kinematics", "realtime", "accuracy", "chair", "endurance", "hardware", "faults", "day")
+_GROUPS = (
+    *("kinematics", "realtime", "accuracy", "chair", "endurance"),
+    *("hardware", "deadlines", "faults", "day"),
+)
 _DEFAULT = tuple(name for name in _GROUPS if name != "day")
 
 
@@ -48,6 +52,7 @@ def main(arguments: list[str]) -> int:
             "chair": lambda: chair.run(console),
             "endurance": lambda: endurance.run(console),
             "hardware": lambda: hardware.run(console),
+            "deadlines": lambda: deadlines.run(console),
             "faults": lambda: faults.run(console),
             "day": lambda: endurance.run_day(console),
         }[name]()

@@ -1,11 +1,7 @@
-"""The way from a measurement through the controller to the write, on emulated devices."""
+"""Punctuality of the loop without devices, and what a log costs it on emulated ones."""
 
 import os
-import subprocess
-import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +9,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
+from benchmarks.deadlines import busy
 from benchmarks.emulated import emulated
 from benchmarks.report import Measurement
 from parapod.diagrams.closed_loop import ClosedLoop
@@ -24,36 +21,13 @@ from parapod.sims.real_machine.punctuality import bench_real_time
 from parapod.sims.real_machine.real_time import DeadlineError, Timing
 from parapod.systems.hardware.device import DeviceError
 
-_DURATION = 15.0  # [s]
 _PHYSICS = ("--backend", "kinematic")
 # Runs with and without a log, and how long each is [s].
 _TURNS, _TURN = 3, 5.0
 
 
 def run(console: Console) -> list[Measurement]:
-    results = _punctuality(console)
-    with emulated(PLATFORM, *_PHYSICS):
-        scenario = LevellingScenario(backend="hardware")
-        loop = ClosedLoop(PLATFORM, scenario, log=())
-        simulator = Simulator(loop)
-        timing = run_on_hardware(
-            loop, simulator, _DURATION, RunOptions(console=console), "emulated machine"
-        )
-    results.append(
-        Measurement("ticks missed of 1500, emulated machine", timing.missed, "", 15, 0, True)
-    )
-    for part in ("legs", "wheels"):
-        ages = 1e3 * np.array(loop.station.behind.handle.threads[part][0].write_ages)
-        period = 1e3 * scenario.control.period
-        share = 100.0 * float(np.mean(ages < period))
-        median = float(np.median(ages))
-        results += [
-            Measurement(
-                f"{part}: age of measurements when written", median, "ms", period, 5, True
-            ),
-            Measurement(f"{part}: writes younger than a period", share, "%", 80, 99),
-        ]
-    return results + _logging(console)
+    return _punctuality(console) + _logging(console)
 
 
 def _logging(console: Console) -> list[Measurement]:
@@ -62,7 +36,7 @@ def _logging(console: Console) -> list[Measurement]:
     for others in (0, 2 * len(os.sched_getaffinity(0))):
         missed: dict[bool, list[float]] = {False: [], True: []}
         late: dict[bool, list[float]] = {False: [], True: []}
-        with emulated(PLATFORM, *_PHYSICS), _busy(others), tempfile.TemporaryDirectory() as folder:
+        with emulated(PLATFORM, *_PHYSICS), busy(others), tempfile.TemporaryDirectory() as folder:
             for is_logged in (False, True) * _TURNS:
                 log = Path(folder, "log.mcap") if is_logged else None
                 timing = _timing_of_a_turn(RunOptions(console=console, log=log))
@@ -98,19 +72,6 @@ def _timing_of_a_turn(options: RunOptions) -> Timing:
         timing.add(0.0, 0.0)
         timing.add(_TURN, 0.0)
         return timing
-
-
-@contextmanager
-def _busy(count: int) -> Iterator[None]:
-    """While it lasts so many other programs compute."""
-    command = [sys.executable, "-c", "while True: pass"]
-    processes = [subprocess.Popen(command) for _ in range(count)]
-    try:
-        yield
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
 
 
 def _punctuality(console: Console) -> list[Measurement]:

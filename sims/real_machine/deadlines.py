@@ -33,6 +33,7 @@ from parapod.sims.real_machine.real_time import (
     Timing,
     ended_by_signals,
     percentiles,
+    rehearse,
     undisturbed,
 )
 from parapod.systems.core.errors import ParapodError
@@ -211,6 +212,7 @@ def _simulated_turn(
         stack.enter_context(loop.station.active())
         loop.reset(root)
         simulator.Initialize()
+        rehearse(loop, root)
         running = RealTimeLoop(
             simulator,
             scenario.control.period,

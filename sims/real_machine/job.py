@@ -27,6 +27,7 @@ from parapod.sims.real_machine.real_time import (
     Timing,
     ended_by_signals,
     percentiles,
+    rehearse,
     undisturbed,
 )
 from parapod.systems.core.errors import OutputError
@@ -152,7 +153,7 @@ def run_on_hardware(
             report = stack.enter_context(progress(options.console, what, until))
         loop.reset(root)
         simulator.Initialize()
-
+        rehearse(loop, root)
         guarded = _guarded(loop, root)
 
         def on_tick(context: Context) -> None:
@@ -186,6 +187,9 @@ def _guarded(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None]:
         return lambda now: None
     guard, parts = loop.machine.guard(loop.station.scenario), loop.station.behind.handle
     signals = loop.readings(root, guard.signals)
+    # What runs for the first time is slow: another guard does it, on a copy, and is forgotten.
+    first = loop.readings(root.Clone(), guard.signals)
+    loop.machine.guard(loop.station.scenario).check(0.0, {n: read() for n, read in first.items()})
 
     def check(now: float) -> None:
         trip = guard.check(now, {name: read() for name, read in signals.items()})

@@ -22,6 +22,7 @@ from parapod.sims.real_machine.real_time import (
     Timing,
     ended_by_signals,
     percentiles,
+    rehearse,
     undisturbed,
 )
 
@@ -109,6 +110,7 @@ def _run(
         stack.enter_context(loop.station.active())
         loop.reset(simulator.get_mutable_context())
         simulator.Initialize()
+        rehearse(loop, simulator.get_context())
         # A measurement is of all its ticks, however many.
         running = RealTimeLoop(
             simulator,

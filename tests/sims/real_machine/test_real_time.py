@@ -8,6 +8,7 @@ from contextlib import suppress
 
 import pytest
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
 from parapod.sims.real_machine.real_time import (
@@ -17,6 +18,7 @@ from parapod.sims.real_machine.real_time import (
     Timing,
     ended_by_signals,
     percentiles,
+    rehearse,
     undisturbed,
 )
 from parapod.systems.hardware.addresses import WIRES
@@ -67,7 +69,43 @@ def test_a_late_tick_is_followed_by_no_burst():
     assert min(gaps) >= PERIOD - 1e-9
     # Due at 40, 50, 60 ms while the tick of 30 ms went on: left out, and back on the grid.
     assert timing.missed == 3
+    assert timing.missed_at == pytest.approx([50.0 + 0.065])
     assert world.started[4] == pytest.approx(50.0 + 7 * PERIOD)
+
+
+class Counter(LeafSystem):
+    """Counts its updates, its outputs and what it publishes, outside of its context."""
+
+    def __init__(self):
+        super().__init__()
+        self.updates = self.outputs = self.published = 0
+        self.DeclareDiscreteState(1)
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, self._publish)
+        self.DeclareVectorOutputPort("count", 1, self._output)
+
+    def _update(self, context, state):
+        self.updates += 1
+        state.set_value(context.get_discrete_state_vector().value() + 1.0)
+
+    def _output(self, context, output):
+        self.outputs += 1
+        output.set_value(context.get_discrete_state_vector().value())
+
+    def _publish(self, context):
+        self.published += 1
+
+
+def test_a_rehearsal_calculates_what_a_tick_does_and_leaves_no_trace():
+    builder = DiagramBuilder()
+    inner = DiagramBuilder()
+    counter = inner.AddSystem(Counter())
+    builder.AddSystem(inner.Build())
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    rehearse(diagram, context)
+    assert (counter.updates, counter.outputs, counter.published) == (1, 1, 0)
+    assert counter.GetMyContextFromRoot(context).get_discrete_state_vector().value() == [0.0]
 
 
 def test_a_tick_that_is_far_too_late_ends_the_loop():

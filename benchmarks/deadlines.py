@@ -1,0 +1,160 @@
+"""Deadlines of both machines on emulated devices, with a log: ten minutes idle, and beside others.
+
+No deadline is to be missed on an idle computer. Whether it was idle tell programs that only wake
+up, one a core, with a higher priority than the controller: a deadline that is missed while they
+wake up in time as well is ours.
+"""
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from rich.console import Console
+
+from benchmarks.emulated import emulated
+from benchmarks.report import Measurement
+from benchmarks.wake_ups import WakeUps, wake_ups
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario, WaypointScenario
+from parapod.diagrams.machine import Machine
+from parapod.diagrams.walking_chair.machine import CHAIR
+from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario
+from parapod.sims.lab.experiment import RunOptions
+from parapod.sims.real_machine.job import run_on_hardware
+from parapod.sims.real_machine.real_time import Timing
+from parapod.systems.core.errors import ParapodError
+
+_IDLE, _BUSY = 600.0, 60.0  # [s]
+_OTHERS = 4
+# A missed deadline is the computer's if within so long before it [s] cores woke nobody for this
+# part of a period, added up [-].
+_SPAN, _EXCUSE = 0.1, 0.5
+_CYCLE = 50.0  # of the chair's gait, rounded down [s]
+
+
+class Run(NamedTuple):
+    """What came of a run on emulated devices.
+
+    Attributes:
+        timing: of its loop.
+        ages: age of measurements when commands made of them had been written [s], by part.
+        wake_ups: programs that only woke up meanwhile.
+        ended: why it ended early; "": it did not.
+        at: when, by the monotonic clock [s].
+    """
+
+    timing: Timing
+    ages: dict[str, list[float]]
+    wake_ups: WakeUps
+    ended: str
+    at: float
+
+    @property
+    def unexcused(self) -> int:
+        """How often the loop was late, or ended, although the computer was on time."""
+        at = np.array([*self.timing.missed_at, *([self.at] if self.ended else [])])
+        if not self.wake_ups.is_judge:
+            return len(at)
+        lost = self.wake_ups.before(at, _SPAN)
+        return int(np.sum(lost < _EXCUSE * self.timing.period))
+
+
+def run(console: Console) -> list[Measurement]:
+    """Ten minutes of each machine, and a minute of each beside four programs that compute."""
+    results = []
+    for name, machine, physics in (
+        ("platform", PLATFORM, "kinematic"),
+        ("chair", CHAIR, "multibody"),
+    ):
+        idle = driven(machine, _scenario(name, _IDLE), physics, _IDLE, console)
+        results += _judged(f"{name}, {_IDLE:g} s idle", idle, console)
+        with busy(_OTHERS):
+            beside = driven(machine, _scenario(name, _BUSY), physics, _BUSY, console)
+        words = f"{name}, {_BUSY:g} s beside {_OTHERS} busy programs"
+        console.print(f"  {words}: {beside.ended or 'to its end'}", highlight=False)
+        missed = 0 if beside.ended else beside.timing.missed
+        results.append(
+            Measurement(f"{words}: missed, if it did not end safely", missed, "", 0, None, True)
+        )
+    return results
+
+
+def _scenario(name: str, duration: float) -> Any:
+    """A job that moves all the time."""
+    if name == "chair":
+        cycles = max(1, int(duration / _CYCLE))
+        return ChairScenario(backend="hardware", gait=GaitScenario(cycles=cycles))
+    scenario = LevellingScenario(backend="hardware")
+    scenario.job.waypoints = [
+        WaypointScenario(7.0 + 4.0 * i, 0.5 * (-1) ** i, 0.5 * (i % 3), 5.0 * (i % 2))
+        for i in range(int(duration / 4.0))
+    ]
+    return scenario
+
+
+def driven(
+    machine: Machine[Any], scenario: Any, physics: str, duration: float, console: Console
+) -> Run:
+    """Drives a machine on emulated devices for a while, with a log."""
+    timings: list[Timing] = []
+    ended = ""
+    with emulated(machine, "--backend", physics), tempfile.TemporaryDirectory() as folder:
+        loop = ClosedLoop(machine, scenario, log=())
+        options = RunOptions(console=console, log=Path(folder, "log.mcap"))
+        with wake_ups() as found:
+            try:
+                run_on_hardware(
+                    *(loop, Simulator(loop), duration, options, "deadlines"), begun=timings.append
+                )
+            except ParapodError as error:
+                ended = str(error)
+            at = time.monotonic()
+    ages = {
+        part: [age for thread in threads for age in thread.write_ages]
+        for part, threads in loop.station.behind.handle.threads.items()
+        if any(thread.device.measures and thread.write_ages for thread in threads)
+    }
+    return Run(timings[0], ages, found, ended, at)
+
+
+def _judged(words: str, found: Run, console: Console) -> list[Measurement]:
+    """Judges a run on a computer that nothing else uses."""
+    timing = found.timing
+    seconds = timing.ticks * timing.period
+    if found.ended:
+        console.print(f"  {words}: ended after {seconds:.0f} s: {found.ended}", highlight=False)
+    results = [
+        Measurement(f"{words}: driven", seconds, "s"),
+        Measurement(f"{words}: deadlines missed", timing.missed, ""),
+        Measurement(f"{words}: a core woke nobody for", 1e3 * found.wake_ups.latest, "ms"),
+        Measurement(f"{words}: late or ended, cores on time", found.unexcused, "", 0, None, True),
+    ]
+    for part, ages in found.ages.items():
+        young = 100.0 * float(np.mean(np.array(ages) < timing.period))
+        median = 1e3 * float(np.median(ages))
+        results += [
+            Measurement(f"{words}: {part}, median age of measurements when written", median, "ms"),
+            Measurement(f"{words}: {part}, writes younger than a period", young, "%", 99.0),
+        ]
+    return results
+
+
+@contextmanager
+def busy(count: int) -> Iterator[None]:
+    """While it lasts so many other programs compute."""
+    command = [sys.executable, "-c", "while True: pass"]
+    processes = [subprocess.Popen(command) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()

@@ -1,0 +1,99 @@
+"""`python -m benchmarks.wake_ups CORE`: a real-time program that only wakes up, on one core.
+
+It waits behind no program of ordinary or lesser priority, so that what delays it is the computer
+itself: its kernel, its firmware, or the host of a virtual machine. It ends with its standard
+input.
+"""
+
+import gc
+import os
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.sims.real_machine.privileges import PRIORITY
+
+_PERIOD = 0.002  # [s]
+# What is told: as late as this it is no longer the scheduler's usual [s].
+_LATE = 0.001
+
+
+class WakeUps:
+    """Programs that wake up, one a core, while something else is measured.
+
+    Attributes:
+        late: from when until when a core woke nobody, by the monotonic clock [s], (n, 2).
+        is_judge: whether all of them had the priority that makes them a yardstick.
+    """
+
+    def __init__(self) -> None:
+        self.late: NDArray[np.float64] = np.empty((0, 2))
+        self.is_judge = False
+
+    @property
+    def latest(self) -> float:
+        """Longest time for which a core woke nobody [s]."""
+        return float(np.max(np.diff(self.late), initial=0.0))
+
+    def before(self, instants: NDArray[np.float64], span: float) -> NDArray[np.float64]:
+        """For how long cores woke nobody shortly before each of some instants, added up [s], (m,).
+
+        Args:
+            instants: by the monotonic clock [s], (m,).
+            span: how long before an instant counts [s].
+        """
+        begin, end = self.late.T[:, :, None]
+        overlap = np.minimum(end, instants) - np.maximum(begin, instants - span)
+        return np.sum(np.maximum(overlap, 0.0), axis=0)
+
+
+@contextmanager
+def wake_ups() -> Iterator[WakeUps]:
+    """Wakes up on every core meanwhile; what came of it is known afterwards."""
+    command = [sys.executable, "-m", "benchmarks.wake_ups"]
+    pipe = subprocess.PIPE
+    programs = [
+        subprocess.Popen([*command, str(core)], stdin=pipe, stdout=pipe, text=True)
+        for core in sorted(os.sched_getaffinity(0))
+    ]
+    found = WakeUps()
+    try:
+        yield found
+    finally:
+        said = [program.communicate()[0].splitlines() for program in programs]
+        found.is_judge = all(lines[:1] == ["fifo"] for lines in said)
+        rows = [[float(word) for word in line.split()] for lines in said for line in lines[1:]]
+        found.late = np.array(rows).reshape(-1, 2)
+
+
+def _wake_up(core: int) -> None:
+    """Prints from when until when nothing woke this program, until its standard input ends."""
+    os.sched_setaffinity(0, {core})
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))
+        print("fifo", flush=True)
+    except OSError as error:
+        print(error.strerror, flush=True)
+    gc.disable()
+    rows: list[tuple[float, float]] = []
+    due = time.monotonic()
+    while not select.select([sys.stdin], [], [], 0.0)[0]:
+        due += _PERIOD
+        if (left := due - time.monotonic()) > 0.0:
+            time.sleep(left)
+        now = time.monotonic()
+        if now - due > _LATE:
+            rows.append((due, now))
+            due = now
+    for begin, end in rows:
+        print(f"{begin:.6f} {end:.6f}")
+
+
+if __name__ == "__main__":
+    _wake_up(int(sys.argv[1]))
