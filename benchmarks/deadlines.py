@@ -48,23 +48,28 @@ class Run(NamedTuple):
         ages: age of measurements when commands made of them had been written [s], by part.
         wake_ups: programs that only woke up meanwhile.
         ended: why it ended early; "": it did not.
-        at: when, by the monotonic clock [s].
+        begun: when the loop began, by the monotonic clock [s].
+        at: when it ended.
     """
 
     timing: Timing
     ages: dict[str, list[float]]
     wake_ups: WakeUps
     ended: str
+    begun: float
     at: float
+
+    @property
+    def failures(self) -> list[tuple[float, float]]:
+        """When the loop was late, or ended [s], and for how long cores woke nobody before [s]."""
+        at = np.array([*self.timing.missed_at, *([self.at] if self.ended else [])])
+        return list(zip(at - self.begun, self.wake_ups.before(at, _SPAN), strict=True))
 
     @property
     def unexcused(self) -> int:
         """How often the loop was late, or ended, although the computer was on time."""
-        at = np.array([*self.timing.missed_at, *([self.at] if self.ended else [])])
-        if not self.wake_ups.is_judge:
-            return len(at)
-        lost = self.wake_ups.before(at, _SPAN)
-        return int(np.sum(lost < _EXCUSE * self.timing.period))
+        least = _EXCUSE * self.timing.period if self.wake_ups.is_judge else np.inf
+        return sum(lost < least for _, lost in self.failures)
 
 
 def run(console: Console) -> list[Measurement]:
@@ -104,15 +109,19 @@ def driven(
     machine: Machine[Any], scenario: Any, physics: str, duration: float, console: Console
 ) -> Run:
     """Drives a machine on emulated devices for a while, with a log."""
-    timings: list[Timing] = []
+    timings: list[tuple[Timing, float]] = []
     ended = ""
+
+    def begun(timing: Timing) -> None:
+        timings.append((timing, time.monotonic()))
+
     with emulated(machine, "--backend", physics), tempfile.TemporaryDirectory() as folder:
         loop = ClosedLoop(machine, scenario, log=())
         options = RunOptions(console=console, log=Path(folder, "log.mcap"))
         with wake_ups() as found:
             try:
                 run_on_hardware(
-                    *(loop, Simulator(loop), duration, options, "deadlines"), begun=timings.append
+                    *(loop, Simulator(loop), duration, options, "deadlines"), begun=begun
                 )
             except ParapodError as error:
                 ended = str(error)
@@ -122,7 +131,8 @@ def driven(
         for part, threads in loop.station.behind.handle.threads.items()
         if any(thread.device.measures and thread.write_ages for thread in threads)
     }
-    return Run(timings[0], ages, found, ended, at)
+    timing, since = timings[0]
+    return Run(timing, ages, found, ended, since, at)
 
 
 def _judged(words: str, found: Run, console: Console) -> list[Measurement]:
@@ -131,6 +141,11 @@ def _judged(words: str, found: Run, console: Console) -> list[Measurement]:
     seconds = timing.ticks * timing.period
     if found.ended:
         console.print(f"  {words}: ended after {seconds:.0f} s: {found.ended}", highlight=False)
+    for when, lost in found.failures:
+        console.print(
+            f"  {words}: late at {when:.2f} s; cores woke nobody for {1e3 * lost:.1f} ms before",
+            highlight=False,
+        )
     results = [
         Measurement(f"{words}: driven", seconds, "s"),
         Measurement(f"{words}: deadlines missed", timing.missed, ""),

@@ -13,6 +13,7 @@ DESCRIPTION = (
     "wrote, and puts it into a scenario file: each key with its old and its new value is shown. "
     "Other keys of the file and its comments stay; a file that does not exist is begun."
 )
+EXAMPLES = ("parapod run calibrate --json found.json; parapod adopt found.json --into lab.yaml",)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -22,33 +22,36 @@ HELD, BROKEN, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 # The experiment whose machine is meant unless another one is named.
 _USUAL = "level"
 
-EPILOG = """\
-examples:
-  parapod list
-  parapod run level --meshcat
-  parapod run level --set ground.pitch_deg=4 seed=3 --json level.json
-  parapod scenario level > mine.yaml; parapod run level --scenario mine.yaml
-  parapod run chair-walk --set passenger.mass_kg=70 --html walk.html
-  parapod emulate level, and in another terminal: parapod run level --backend hardware
-  parapod run calibrate --json found.json; parapod adopt found.json --into lab.yaml
-  parapod report --out report.html
-
-exit codes: 0 all bounds held, 1 a bound is broken, 2 a mistake in the command, a scenario or
-a path, 130 interrupted
-"""
+_EXIT_CODES = (
+    "exit codes: 0 all bounds held, 1 a bound is broken, 2 a mistake in the command, a scenario "
+    "or a path, 130 interrupted"
+)
 
 
 class UsageError(ParapodError):
     """A command line that says nothing parapod understands."""
 
 
-class Parser(argparse.ArgumentParser):
-    """Parser that reports a mistake like every other mistake, in one line."""
+class _Formatter(argparse.HelpFormatter):
+    """Fills paragraphs, and leaves those of several lines as they are."""
 
-    def __init__(self, **options: Any):
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        fill = super()._fill_text
+        parts = text.strip().split("\n\n")
+        return "\n\n".join(part if "\n" in part else fill(part, width, indent) for part in parts)
+
+
+class Parser(argparse.ArgumentParser):
+    """Parser that reports a mistake like every other mistake, in one line.
+
+    Its help ends with examples, if it is given any, and the exit codes.
+    """
+
+    def __init__(self, examples: Sequence[str] = (), **options: Any):
+        shown = "\n".join(["examples:", *(f"  {example}" for example in examples)])
         super().__init__(
-            epilog=EPILOG,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
+            epilog=f"{shown}\n\n{_EXIT_CODES}" if examples else _EXIT_CODES,
+            formatter_class=_Formatter,
             allow_abbrev=False,
             **options,
         )
@@ -99,6 +102,16 @@ def add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that say what is to be run; see `load`."""
     parser.add_argument("name", metavar="NAME", help="an experiment; see `parapod list`")
     add_scenario_options(parser)
+    switches: dict[str, list[str]] = {}
+    for entry in list_entries():
+        for name, (override, what) in _switches(entry).items():
+            text = f"{entry.name}: {what}; short for --set {override}"
+            switches.setdefault(name, []).append(text)
+    for name, texts in switches.items():
+        parser.add_argument(
+            f"--{name}", dest="switches", action="append_const", const=name, help=". ".join(texts)
+        )
+    parser.set_defaults(switches=[])
 
 
 def add_machine_option(parser: argparse.ArgumentParser) -> None:
@@ -134,15 +147,6 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
         help="Python file with drivers of your own, for the backend hardware",
     )
     parser.add_argument("--seed", metavar="N", help="short for --set seed=N")
-    switches: dict[str, list[str]] = {}
-    for entry in list_entries():
-        for name, (override, what) in _switches(entry).items():
-            text = f"{entry.name}: {what}; short for --set {override}"
-            switches.setdefault(name, []).append(text)
-    for name, texts in switches.items():
-        parser.add_argument(
-            f"--{name}", dest="switches", action="append_const", const=name, help=". ".join(texts)
-        )
     parser.set_defaults(switches=[])
 
 

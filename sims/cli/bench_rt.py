@@ -19,6 +19,11 @@ DESCRIPTION = (
     "With --backend hardware the controller drives emulated devices, in processes that the "
     "command begins and ends itself; no other device is opened."
 )
+EXAMPLES = (
+    "parapod bench-rt --of chair-walk --rates 100 --json punctual.json",
+    "parapod bench-rt",
+    "parapod bench-rt --backend hardware --log --settings",
+)
 _BACKENDS = ("mock", "kinematic", "hardware")
 _RATES = (100.0, 200.0, 500.0)
 

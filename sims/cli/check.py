@@ -19,6 +19,11 @@ DESCRIPTION = (
     "them, and checks what they show. Nothing gets power unless --move is given: then one "
     "actuator moves there and back, and its sign and scale are checked."
 )
+EXAMPLES = (
+    "parapod check imu --scenario lab.yaml",
+    "parapod check legs --of chair-walk --move 1",
+    "parapod check legs --move 1 --command 1 --scenario lab.yaml",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,7 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "m/s; default 1, 1 or 0.01",
     )
     parser.add_argument(
-        "--for", dest="duration", type=float, default=1.0, metavar="S", help="default 1"
+        "--for",
+        dest="duration",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="with --move: how long it moves each way; default 1",
     )
     parser.add_argument("--yes", action="store_true", help="with --move: do not ask before")
 

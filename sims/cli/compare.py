@@ -16,6 +16,10 @@ DESCRIPTION = (
     "which their scenarios differ. The exit code is 1 if a bound that the first result held is "
     "broken in the second."
 )
+EXAMPLES = (
+    "parapod run level --json a.json; parapod run level --seed 7 --json b.json",
+    "parapod compare a.json b.json",
+)
 
 # What a result says of its run beside metrics and scenario.
 _OF_THE_RUN = ("experiment", "backend", "seed", "parapod")

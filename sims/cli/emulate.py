@@ -22,6 +22,11 @@ DESCRIPTION = (
     "reads it. The emulator ends with Ctrl-C, and with the program that began it; "
     "`setsid --fork parapod emulate NAME` lets it outlive a shell."
 )
+EXAMPLES = (
+    "parapod emulate level --backend kinematic --fault '12 imu garbage'",
+    "parapod emulate chair-walk --log emulated.mcap",
+    "parapod emulate level, and in another terminal: parapod run level --backend hardware",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

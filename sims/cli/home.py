@@ -18,6 +18,10 @@ DESCRIPTION = (
     "itself tells its position, checks what was found, and writes it into the file with which the "
     "next programs begin. A reference that the checks contradict is refused."
 )
+EXAMPLES = (
+    "parapod home --of chair-walk --scenario chair.yaml",
+    "parapod home --scenario lab.yaml",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

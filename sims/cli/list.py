@@ -7,6 +7,7 @@ from parapod.sims.cli.arguments import HELD
 
 HELP = "list the experiments"
 DESCRIPTION = "Lists the experiments by machine, with the time that a run usually takes."
+EXAMPLES = ("parapod list",)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -72,12 +72,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> Parser:
     parser = Parser(
-        prog="parapod", description="Leg-supported parallel machines as Drake system diagrams."
+        prog="parapod",
+        description="Leg-supported parallel machines as Drake system diagrams.",
+        examples=[command.EXAMPLES[-1] for command in _COMMANDS.values()],
     )
     parser.add_argument("--version", action="store_true", help="print the version and stop")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
     for name, command in _COMMANDS.items():
-        added = commands.add_parser(name, help=command.HELP, description=command.DESCRIPTION)
+        added = commands.add_parser(
+            name, help=command.HELP, description=command.DESCRIPTION, examples=command.EXAMPLES
+        )
         command.add_arguments(added)
     return parser
 

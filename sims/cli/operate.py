@@ -17,6 +17,11 @@ DESCRIPTION = (
     "tell it, and pale what it is asked for. The machine begins when the page is opened; it holds "
     "when the page is closed or nothing is heard of it for 0.3 s."
 )
+EXAMPLES = (
+    "parapod operate deploy --backend hardware --scenario lab.yaml --log operated.mcap",
+    "parapod operate chair-walk",
+    "parapod operate deploy",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

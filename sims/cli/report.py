@@ -15,6 +15,10 @@ DESCRIPTION = (
     "else: every number that the papers print beside the same number here, every figure, and the "
     "papers' errata with what shows them."
 )
+EXAMPLES = (
+    "parapod report --quick",
+    "parapod report --out report.html",
+)
 _DEFAULT = Path("parapod-report.html")
 _SEEDS = 20
 

@@ -21,10 +21,16 @@ if TYPE_CHECKING:
 
 HELP = "run an experiment and check its bounds"
 DESCRIPTION = "Runs an experiment, prints what it measured, and checks the bounds."
+EXAMPLES = (
+    "parapod run level --meshcat",
+    "parapod run chair-walk --set passenger.mass_kg=70 --html walk.html",
+    "parapod run level --backend hardware --scenario lab.yaml --log first.mcap",
+    "parapod run level --set ground.pitch_deg=4 seed=3 --json level.json",
+)
 _OUTPUTS = {
     "html": "a recording that plays in a browser",
     "json": "the metrics in JSON",
-    "log": "the signals: .npz for numpy, .mcap, .csv; of hardware .mcap",
+    "log": "the signals (.npz for numpy, .mcap, .csv; of hardware .mcap)",
     "graphviz": "the system diagram (.dot, .svg, .png or .pdf)",
 }
 # What shows a single run.

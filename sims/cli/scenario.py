@@ -10,6 +10,10 @@ DESCRIPTION = (
     "Prints the scenario that `parapod run` would use with the same arguments, and explains every "
     "key in it."
 )
+EXAMPLES = (
+    "parapod scenario level --set ground.pitch_deg=4",
+    "parapod scenario level > mine.yaml; parapod run level --scenario mine.yaml",
+)
 
 _HINT = "A file of your own needs only the keys that differ."
 

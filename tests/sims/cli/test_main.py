@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 from importlib.metadata import version
@@ -9,7 +10,7 @@ from importlib.metadata import version
 import pytest
 import yaml
 
-from parapod.sims.cli.main import main
+from parapod.sims.cli.main import _COMMANDS, _parser, main
 from parapod.sims.lab.files import atomic_output
 from parapod.systems.core.errors import ParapodError
 
@@ -160,13 +161,26 @@ def test_the_module_is_the_command():
     assert (done.returncode, done.stdout) == (0, f"parapod {version('parapod')}\n")
 
 
-@pytest.mark.parametrize("arguments", [[], ["--help"], ["run", "--help"], ["scenario", "--help"]])
-def test_help_has_examples(arguments, capsys):
-    try:
-        code = main(arguments)
-    except SystemExit as stop:
-        code = stop.code
-    assert code == 0
+@pytest.mark.parametrize("command", [None, *_COMMANDS])
+def test_help_fits_80_columns_and_its_examples_are_understood(command, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main([*filter(None, [command]), "--help"])
+    assert stop.value.code == 0
+    shown = capsys.readouterr().out
+    prose, examples = shown.split("examples:\n")
+    assert max(map(len, prose.splitlines())) <= 80
+    lines = [line.strip() for line in examples.split("\n\n")[0].splitlines()]
+    if command is not None:
+        assert all(f"parapod {command}" in line for line in lines[-1:])
+    calls = [call for line in lines for call in re.findall(r"parapod ([^;>]+?)(?:,| >|;|$)", line)]
+    assert len(calls) >= len(lines)
+    for call in calls:
+        arguments = _parser().parse_args(shlex.split(call))
+        assert arguments.command in _COMMANDS
+
+
+def test_without_a_command_the_help_is_shown(capsys):
+    assert main([]) == 0
     assert "parapod run level --set" in capsys.readouterr().out
 
 
