@@ -20,6 +20,8 @@ type Motion[T] = Generator[float, Values, T]
 """Search of one axis: yields its command."""
 type Procedure[T] = Generator[Sequence[float], Values, T]
 """Search of all axes of a part: yields their commands."""
+type Tell = Callable[[str], None]
+"""Is told what is about to move, a line each time."""
 
 # How often an end is approached slowly.
 APPROACHES = 3
@@ -164,11 +166,14 @@ class Homing:
             names, and which of their elements.
         in_turn: whether one axis moves after the other, and not all at once.
         spread: largest difference between the approaches of an axis [m].
+        begin: (homing, driver, period, tell) -> what is done before the search, without a
+            reference; None: nothing.
         checks: (homing, driver, period) -> what is done with axes that have a reference, to see
             whether it can be; returns numbers with bounds. None: nothing.
         parts: parts whose devices the checks need beside this one.
         rest: further commands of the part, for which it moves.
         prepare: what must be so before anything moves, in words.
+        checking: what moves for the checks, in words.
     """
 
     command: str
@@ -183,10 +188,12 @@ class Homing:
     others: tuple[str, slice] | None = None
     in_turn: bool = True
     spread: float = 0.3e-3
+    begin: Callable[["Homing", Any, float, Tell], Procedure[None]] | None = None
     checks: Callable[["Homing", Any, float], Procedure[list[Check]]] | None = None
     parts: tuple[str, ...] = ()
     rest: Mapping[str, float] = field(default_factory=dict)
     prepare: str = ""
+    checking: str = ""
 
 
 @dataclass
@@ -284,7 +291,9 @@ class _Axis:
             yield 0.0
 
 
-def find_ends(homing: Homing, driver: Any, part: str, period: float) -> Procedure[Found]:
+def find_ends(
+    homing: Homing, driver: Any, part: str, period: float, tell: Tell
+) -> Procedure[Found]:
     """Search of all axes of a part.
 
     Args:
@@ -292,12 +301,13 @@ def find_ends(homing: Homing, driver: Any, part: str, period: float) -> Procedur
         driver: driver of the device that measures them; `sign` is made of it.
         part: part of the machine.
         period: time between two measurements [s].
+        tell: told which axes are about to move.
 
     Raises:
         HomingError: an axis does not find its end, or what is measured cannot be.
     """
     axes = _axes(homing, driver, part, period)
-    found = yield from _moved(homing, part, [axis.find for axis in axes])
+    found = yield from _moved(homing, part, [axis.find for axis in axes], tell)
     edge, spread = np.array(found).T
     for axis, value in zip(axes, spread, strict=True):
         if value > homing.spread:
@@ -327,12 +337,16 @@ def _axes(homing: Homing, driver: Any, part: str, period: float) -> list[_Axis]:
 
 
 def _moved[T](
-    homing: Homing, part: str, motions: Sequence[Callable[[], Motion[T]]]
+    homing: Homing,
+    part: str,
+    motions: Sequence[Callable[[], Motion[T]]],
+    tell: Tell = lambda line: None,
 ) -> Procedure[list[T]]:
     """Motions of all axes, one after the other or at once, while those not moved must stand."""
     found: dict[int, T] = {}
     every = list(range(homing.size))
     for group in [[i] for i in every] if homing.in_turn else [every]:
+        tell(f"{part} {_listed(group)}: to the end")
         going = {i: motions[i]() for i in group}
         asked = {i: next(motion) for i, motion in going.items()}
         first: Values | None = None

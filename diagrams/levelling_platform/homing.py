@@ -13,6 +13,7 @@ from parapod.diagrams.homing import (
     HomingError,
     Procedure,
     Sign,
+    Tell,
     Values,
     lead,
 )
@@ -39,6 +40,12 @@ _UP, _DEEPEST = 0.450, 0.012
 _SLOWEST = 2.0
 # How far the legs then retract, which lifts the platform by six times that [m].
 _RISE = 2e-3
+# Legs come up together: a leg that is ahead of another waits within the first of these, more than
+# the second is a fault; they go on for the third once no foot touches, and no further than the
+# fourth while one does [m].
+_WAITS, _APART, _CLEAR, _HIGHEST = 5e-4, 2e-3, 2e-3, 0.04
+# Share of the way by its voltage that a leg has come up by, after a while [-, s].
+_SHARE, _GRACE = 0.2, 1.0
 # Time in which the inertial sensor is averaged, machine at rest [s].
 _AVERAGED = 1.0
 # On a floor that is flat to 12 mm, six times an extension's error [m, m, deg].
@@ -57,6 +64,51 @@ def _positions(driver: Any) -> list[float]:
     return [1e-3 * driver.extended_mm] * LEG_COUNT
 
 
+def raise_feet(homing: Homing, driver: Any, period: float, tell: Tell) -> Procedure[None]:
+    """Raises all legs together, until the platform is on its wheels and no foot touches.
+
+    A platform whose program was killed stands on legs of which nobody knows how far they are out;
+    one that went up alone would tilt it. Encoders without a reference tell ways all the same: a
+    leg that is ahead waits for the others.
+
+    Raises:
+        HomingError: a leg does not come up, or a foot touches however far it does.
+    """
+    values = yield [0.0] * LEG_COUNT
+    if not _touching(values).any():
+        return
+    tell("feet touch the ground: all legs come up together")
+    begun, elapsed, free = np.array(values[_EXTENSION]), 0.0, np.inf
+    while True:
+        way = np.array(values[_EXTENSION]) - begun
+        last, first = int(np.argmin(way)), int(np.argmax(way))
+        if way[first] - way[last] > _APART:
+            raise HomingError(
+                f"leg {last + 1} does not come up with leg {first + 1}: "
+                f"{1e3 * way[last]:.1f} mm and {1e3 * way[first]:.1f} mm by now; encoder or drive"
+            )
+        if elapsed > _GRACE and way[last] < _SHARE * homing.gain * homing.slow * elapsed:
+            raise HomingError(f"leg {last + 1} does not come up: encoder, drive or supply")
+        if not _touching(values).any():
+            free = min(free, way[last])
+        if way[last] > _HIGHEST and not np.isfinite(free):
+            i = int(np.argmax(_touching(values)))
+            raise HomingError(
+                f"foot {i + 1} touches although its leg has come up by {1e3 * way[i]:.0f} mm: "
+                "is its contact switch stuck?"
+            )
+        if way[last] > free + _CLEAR:
+            return
+        ahead = (way - way[last]) / _WAITS
+        values = yield (homing.slow * np.clip(1.0 - ahead, 0.0, 1.0)).tolist()
+        elapsed += period
+
+
+def _touching(values: Values) -> NDArray[np.bool_]:
+    """Whether each foot's contact switch is closed (4)."""
+    return np.array(values[_LIMITS])[_CONTACT] > 0.5
+
+
 def check_on_floor(homing: Homing, driver: Any, period: float) -> Procedure[list[Check]]:
     """Lowers the legs onto the floor on which the wheels stand, and rises a little on them.
 
@@ -67,7 +119,7 @@ def check_on_floor(homing: Homing, driver: Any, period: float) -> Procedure[list
     Raises:
         HomingError: a foot finds no ground.
     """
-    expected = _touching()
+    expected = _floor()
     rolling = yield from _inclination(period)
     touched = yield from _lower(homing, period, float(expected.min()) - _DEEPEST)
     lifting = (touched - _RISE).tolist()
@@ -103,7 +155,7 @@ def check_on_floor(homing: Homing, driver: Any, period: float) -> Procedure[list
     ]
 
 
-def _touching() -> NDArray[np.float64]:
+def _floor() -> NDArray[np.float64]:
     """Extensions (4) with which the feet touch the floor on which the wheels stand [m]."""
     stops = LinearActuatorParams()
     whole = replace(MODEL_GEOMETRY, extension_min=stops.stop_min, extension_max=stops.stop_max)
@@ -117,8 +169,8 @@ def _lower(homing: Homing, period: float, deepest: float) -> Procedure[NDArray[n
     touched, elapsed = np.full(LEG_COUNT, np.nan), 0.0
     longest = _SLOWEST * (max(values[_EXTENSION]) - deepest) / (_GAIN * _LOWERING)
     while np.isnan(touched).any():
-        here, contact = np.array(values[_EXTENSION]), np.array(values[_LIMITS])[_CONTACT]
-        new = np.isnan(touched) & (contact > 0.5)
+        here = np.array(values[_EXTENSION])
+        new = np.isnan(touched) & _touching(values)
         touched = np.where(new, here, touched)
         if (here[np.isnan(touched)] < deepest).any():
             i = int(np.argmin(np.where(np.isnan(touched), here, np.inf)))
@@ -158,8 +210,10 @@ LEGS = Homing(
     positions=_positions,
     size=LEG_COUNT,
     others=(_LIMITS, _EXTENDED),
+    begin=raise_feet,
     checks=check_on_floor,
     parts=("imu",),
     rest={"stop": 0.0},
-    prepare="on its wheels on a flat floor, legs up, nothing below them",
+    prepare="on a flat floor, on its wheels or on its feet, nothing below it",
+    checking="all legs come down to the floor, and lift the platform a little",
 )

@@ -72,4 +72,5 @@ LEGS = Homing(
     checks=check_strokes,
     rest={"brake": 0.0},
     prepare="hung up, feet in the air, nobody on it",
+    checking="all legs go to their other ends, and come back",
 )

@@ -212,8 +212,13 @@ def print_table(result: Result, console: Console) -> None:
     title = f"{result.experiment} ({result.backend}, seed {result.seed})"
     console.print(Text(title, style="bold"))
     table = Table(box=SIMPLE_HEAD)
-    heads = ("metric", "value", "bound", "paper reports", "verdict")
+    heads = ["metric", "value", "bound", "paper reports", "verdict"]
     rows = [_row(metric) for metric in result.metrics]
+    if all(metric.paper is None for metric in result.metrics):
+        column = heads.index("paper reports")
+        del heads[column]
+        for cells in rows:
+            del cells[column]
     widths = [
         max(_width(cell) for cell in (head, *cells))
         for head, *cells in zip(heads, *rows, strict=True)
@@ -241,14 +246,14 @@ def _width(cell: Text | str) -> int:
     return len(str(cell).split("\n")[0])
 
 
-def _row(metric: Metric) -> tuple[Text, ...]:
+def _row(metric: Metric) -> list[Text]:
     name = Text(f"{metric.key} [{metric.unit}]" if metric.unit else metric.key)
     if metric.meaning:
         name.append(f"\n{metric.meaning}", style="dim")
     style = {"held": "green", "BROKEN": "bold red"}.get(metric.verdict, "")
     verdict = Text(metric.verdict, style=style)
     paper = Text(as_words(metric.paper))
-    return name, Text(amount(metric.value)), Text(metric.limits), paper, verdict
+    return [name, Text(amount(metric.value)), Text(metric.limits), paper, verdict]
 
 
 def as_words(paper: float | str | None) -> str:

@@ -83,12 +83,13 @@ def home_part(
         stack.callback(say_news)  # also of devices that are refused
         stack.enter_context(here.active())
         say_news()
-        say(f"{part}: looking for {len(ends)} ends")
-        found = hands.carry_out(find_ends(homing, driver, part, period))
+        if homing.begin is not None:
+            hands.carry_out(homing.begin(homing, driver, period, say))
+        found = hands.carry_out(find_ends(homing, driver, part, period, say))
         _refer(thread, device, ends + hands.positions() - found.edge)
         checks: list[Check] = []
         if homing.checks is not None:
-            say("ends found; checking the reference")
+            say(f"ends found; {homing.checking}")
             checks = hands.carry_out(homing.checks(homing, driver, period))
         _stop(thread)
         spread = 1e3 * float(found.spread.max())

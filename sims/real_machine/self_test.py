@@ -1,7 +1,7 @@
 """Self-test of the devices of one part of a machine: what they show, and one move of each."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
@@ -29,6 +29,7 @@ _CROSSTALK = 0.05
 _SCALE_ERROR = 30.0  # [%]
 _GRAVITY_ERROR = 2.0  # [%]
 _RATE_AT_REST = 1.0  # [deg/s]
+_SWITCH = "0/1"  # unit of what is open or closed
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,11 @@ def check_part(
     threads = parts.threads[part]
     checked = None if move is None else _checked(machine, part, move, threads)
     metrics: list[Metric] = []
+    units = {
+        name.removeprefix(f"{part}."): spec.unit
+        for name, spec in machine.table.items()
+        if name.startswith(f"{part}.")
+    }
 
     def say_news() -> None:
         for text in parts.news():
@@ -99,7 +105,7 @@ def check_part(
         say_news()
         for thread in threads:
             if thread.device.measures:
-                metrics += _read(thread, seconds, say)
+                metrics += _read(thread, units, seconds, say)
         if checked is not None:
             metrics += _move(part, threads, checked, stack, say)
     say("outputs are neutral and without power")
@@ -144,21 +150,29 @@ def _checked(
     return _CheckedMove(motion, move.index, command, move.duration, unit, measured_unit)
 
 
-def _read(thread: DeviceThread, seconds: float, say: Callable[[str], None]) -> list[Metric]:
-    """Reads a device at the loop's rate and says what it shows."""
+def _read(
+    thread: DeviceThread, units: Mapping[str, str], seconds: float, say: Callable[[str], None]
+) -> list[Metric]:
+    """Reads a device at the loop's rate; says what it shows, and at once when a switch changes."""
     rows: dict[str, list[Sequence[float]]] = {name: [] for name in thread.device.measures}
     costs = []
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         began = time.monotonic()
         for name, values in thread.device.read().items():
-            rows[name].append(values)
+            samples = rows[name]
+            if units.get(name) == _SWITCH and [*values] not in [[*last] for last in samples[-1:]]:
+                say(f"{name}: {' '.join(f'{value:g}' for value in values)}")
+            samples.append(values)
         costs.append(time.monotonic() - began)
         time.sleep(max(0.0, began + _STEP - time.monotonic()))
     for name, samples in rows.items():
+        if units.get(name) == _SWITCH:
+            continue
+        unit = f" [{units[name]}]" if name in units else ""
         mean, spread = np.mean(samples, axis=0), np.ptp(samples, axis=0)
         each = ", ".join(f"{m:.6g}" for m in mean)
-        say(f"{name}: {each} (spread {np.max(spread):.3g})")
+        say(f"{name}{unit}: {each} (spread {np.max(spread):.3g})")
     metrics = [
         Metric(
             "read_median_ms",

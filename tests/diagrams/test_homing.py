@@ -31,8 +31,8 @@ class Legs:
         self.switches = [0, 1, 2, 3]
         self.sign, self.frozen, self.stuck = np.ones(LEG_COUNT), {}, {}
         self.scale = np.ones(LEG_COUNT)
-        self.floor = platform._touching()
-        self.has_contact = np.ones(LEG_COUNT)
+        self.floor = platform._floor()
+        self.has_contact, self.told = np.ones(LEG_COUNT), []
         self.commands, self.reached = [], self.true.copy()
 
     def step(self, commands):
@@ -74,6 +74,7 @@ class Branches:
             self.low[index] += at
         self.offset = np.linspace(-0.3, 0.3, len(BRANCHES))
         self.velocity = self.current = np.zeros(len(BRANCHES))
+        self.told = []
         self.dead = set()
         self.commands = []
 
@@ -107,7 +108,7 @@ def carried_out(procedure, plant):
 
 def homed(plant, homing, driver):
     """What the encoders show is right by so much [m]: zero for a perfect reference."""
-    found = carried_out(find_ends(homing, driver, "legs", PERIOD), plant)
+    found = carried_out(find_ends(homing, driver, "legs", PERIOD, plant.told.append), plant)
     shown = plant.values()[f"legs.{homing.measures}"]
     return np.array(homing.positions(driver)) + shown - found.edge - plant.true, found
 
@@ -126,9 +127,53 @@ def test_one_leg_moves_at_a_time_and_none_with_more_than_little_force():
     homed(legs, platform.LEGS, NI)
     asked = np.array(legs.commands)
     assert (np.count_nonzero(asked, axis=1) <= 1).all()
+    assert legs.told == [f"legs {leg}: to the end" for leg in (1, 2, 3, 4)]
     assert np.abs(asked).max() == platform.LEGS.fast
     slow = np.isclose(asked, platform.LEGS.slow)
     assert (np.count_nonzero(np.diff(slow.astype(int), axis=0) > 0, axis=0) == APPROACHES).all()
+
+
+def raised(legs):
+    carried_out(platform.raise_feet(platform.LEGS, NI, PERIOD, legs.told.append), legs)
+    return legs
+
+
+def test_legs_that_stand_come_up_together_until_no_foot_touches():
+    legs = Legs()
+    legs.true = legs.floor - 0.01
+    stood = legs.true.copy()
+    legs.step = lambda commands, step=legs.step: step(np.array(commands) * (1.0, 0.7, 1.3, 1.0))
+    raised(legs)
+    way = legs.true - stood
+    assert np.ptp(way) < 5e-4
+    assert way.min() == pytest.approx(0.012, abs=1e-4)
+    assert np.max(legs.commands) <= 1.3 * platform.LEGS.slow
+    assert np.min(legs.commands) >= 0.0
+    assert legs.told == ["feet touch the ground: all legs come up together"]
+
+
+def test_legs_that_are_up_do_not_move_before_the_search():
+    legs = raised(Legs())
+    assert legs.commands == [[0.0] * LEG_COUNT]
+    assert legs.told == []
+
+
+@pytest.mark.parametrize(
+    ("scale", "contact", "words"),
+    [
+        (0.0, False, "leg 3 does not come up: encoder, drive or supply"),
+        (-1.0, False, r"leg 3 does not come up with leg 1: -1.\d mm and 0.\d mm by now"),
+        (1.0, True, "foot 1 touches although its leg has come up by 40 mm: is its contact"),
+    ],
+)
+def test_legs_that_do_not_come_up_together_are_named(scale, contact, words):
+    legs = Legs()
+    legs.true = legs.floor - 0.01
+    legs.scale[2] = scale
+    if contact:
+        legs.floor = np.full(LEG_COUNT, np.inf)
+    with pytest.raises(HomingError, match=words):
+        raised(legs)
 
 
 def _break(legs, what):

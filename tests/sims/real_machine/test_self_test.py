@@ -71,6 +71,34 @@ def check():
     return run
 
 
+class PressedLegs(FakePart):
+    """Legs one of whose switches is pressed for a moment."""
+
+    def read(self):
+        values = {name: [0.0] * size for name, size in self.measures.items()}
+        self.asked.append(None)
+        values["limits"][4] = float(5 <= len(self.asked) < 8)
+        return values
+
+
+@dataclass
+class _PressedDriver(Driver):
+    def make(self, ports):
+        return PressedLegs(self.part, ports)
+
+
+def test_switches_are_told_when_they_change_and_the_rest_with_units():
+    drivers = [_PressedDriver(part) for part in PARTS]
+    scenario = LevellingScenario(backend="hardware", hardware=HardwareScenario(drivers))
+    said = []
+    check_part(PLATFORM, scenario, "legs", None, 0.15, said.append)
+    told = [line for line in said if line.startswith("limits")]
+    open_, pressed = "limits: 0 0 0 0 0 0 0 0 0 0 0 0", "limits: 0 0 0 0 1 0 0 0 0 0 0 0"
+    assert told == [open_, pressed, open_]
+    assert "extension [m]: 0, 0, 0, 0 (spread 0)" in said
+    assert said.count("emergency_stop: 0") == 1
+
+
 def test_a_motion_goes_there_and_back_on_ramps_and_ends_at_rest(check):
     metrics, wheels = check(Move(1, 2.0, 0.5))
     assert all(metric.passed for metric in metrics.values()), metrics
