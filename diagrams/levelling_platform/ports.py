@@ -120,7 +120,7 @@ PORTS = (
     Inner("phase", "-", "phase of the operation"),
     Inner("findings", "0/1", "findings of the fault detector"),
     Inner("severity", "-", "gravest finding"),
-    Inner("refusal", "-", "reason for which a request is refused, and its detail"),
+    Inner("refusal", "-", "reason for which the last request is refused, and its detail"),
     Inner("arm_command", "rad", "angles of turntable and arm"),
     Inner("arm_refused", "0/1", "whether the requested move is refused"),
     Inner("arm_margin", "m", "least stability margin along the requested move"),

@@ -43,6 +43,7 @@ _REFUSED = {
     Refusal.GROUND: "this ground cannot be levelled with the stroke",
     Refusal.POSTURE: "the legs do not reach that posture",
     Refusal.NO_GROUND: "a leg found no ground within its stroke",
+    Refusal.CAUSE: "the fault's cause is not gone",
 }
 
 
@@ -172,6 +173,8 @@ class OperationWatch:
             raise RefusedRequest(
                 f"the operator's command has no place in {Phase(detail).name.lower()}", phase
             )
+        if code == Refusal.CAUSE:
+            raise RefusedRequest("no reset: the fault's cause is not gone", phase)
         margin, params = self._margin, StabilityMonitorParams()
         if not np.isfinite(margin):
             turn, swing = np.degrees(params.reach)

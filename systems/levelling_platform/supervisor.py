@@ -127,6 +127,7 @@ class Refusal(IntEnum):
     GROUND = 2  # levelling does not fit the stroke; detail: the leg that misses most, 1..4
     POSTURE = 3  # out of reach; detail: the leg that misses most, 1..4
     NO_GROUND = 4  # a leg found none; detail: the leg, 1..4
+    CAUSE = 5  # no reset while a fault's cause is there; detail: the phase
 
 
 _RESTS = 1e-9  # what rounding leaves of the rates of a reference at rest [rad/s, m/s]
@@ -269,6 +270,7 @@ class Decision:
         self._memory[_OPERATOR], self._memory[_ASKED] = code, 0.0
         if not code:
             return set()
+        self._refuse(Refusal.NONE, 0.0)  # what was refused before is over
         match code:
             case Command.GO if phase is Phase.TRANSPORT:
                 return {Event.GO}
@@ -276,7 +278,10 @@ class Decision:
                 return {Event.STOP}
             case Command.RESET if phase is Phase.FAULT and cleared:
                 return {Event.RESET}
-        self._refuse(Refusal.COMMAND, phase)
+            case Command.RESET if phase is Phase.FAULT:
+                self._refuse(Refusal.CAUSE, phase)
+            case _:
+                self._refuse(Refusal.COMMAND, phase)
         return set()
 
     def _may_wait(self) -> bool:
@@ -346,6 +351,7 @@ class Decision:
     def _take(self, posture: list[float]) -> None:
         self._memory[_HELD] = self._out["posture_command"] = list(posture)
         self._memory[_QUIET] = self._now
+        self._refuse(Refusal.NONE, 0.0)
 
     def _missing_leg(self, posture: list[float]) -> int:
         """Number of the leg that misses a posture most; 0 if all reach it."""
@@ -500,7 +506,7 @@ class Supervisor(LeafSystem):
     | out `wheel_velocity_command` | 4 | rad/s | of the wheels |
     | out `wheel_brake` | 1 | - | above 0.5: brake |
     | out `arm_enable` | 1 | - | above 0.5: the arm may work |
-    | out `refusal` | 2 | - | the last `Refusal` and its detail |
+    | out `refusal` | 2 | - | the `Refusal` of the last request, and its detail |
 
     To find the ground each leg goes down until its own switch closes, and then back to where it
     did: the wheels carry meanwhile, and uneven ground is met foot by foot. What does not fit is

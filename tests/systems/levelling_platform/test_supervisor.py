@@ -100,6 +100,13 @@ def test_a_command_has_its_place_and_is_refused_elsewhere(operate, phase, comman
     assert operation.refusal == refused
 
 
+def test_what_was_refused_is_over_once_a_command_is_obeyed(operate):
+    operation = operate().command(Command.STOP)
+    assert operation.refusal == (Refusal.COMMAND, float(Phase.TRANSPORT))
+    operation.tick(operator=0.0).command(Command.GO)
+    assert operation.refusal == NOTHING_REFUSED
+
+
 def test_an_unknown_command_is_refused_and_one_that_is_not_finite_is_none(operate):
     for code in (math.nan, math.inf, 1.5, 4.0, -1.0):
         operation = operate().command(code)

@@ -8,7 +8,7 @@ from parapod.systems.levelling_platform.supervisor import Command, Phase, Refusa
 from parapod.systems.safety.faults import Severity
 
 NOTHING_REFUSED = (Refusal.NONE, 0.0)
-RESET_REFUSED = (Refusal.COMMAND, float(Phase.FAULT))
+RESET_REFUSED = (Refusal.CAUSE, float(Phase.FAULT))
 
 
 @pytest.mark.parametrize("phase", sorted(set(Phase) - {Phase.FAULT}))
