@@ -20,6 +20,8 @@ type Motion[T] = Generator[float, Values, T]
 """Search of one axis: yields its command."""
 type Procedure[T] = Generator[Sequence[float], Values, T]
 """Search of all axes of a part: yields their commands."""
+type Watch = Callable[[Values], None]
+"""Is told what is measured, once a period."""
 type Tell = Callable[[str], None]
 """Is told what is about to move, a line each time."""
 
@@ -168,6 +170,8 @@ class Homing:
         spread: largest difference between the approaches of an axis [m].
         begin: (homing, driver, period, tell) -> what is done before the search, without a
             reference; None: nothing.
+        watch: period -> what is told all measurements of the search, and raises HomingError where
+            the machine does what it must not meanwhile; None: nothing.
         checks: (homing, driver, period) -> what is done with axes that have a reference, to see
             whether it can be; returns numbers with bounds. None: nothing.
         parts: parts whose devices the checks need beside this one.
@@ -189,6 +193,7 @@ class Homing:
     in_turn: bool = True
     spread: float = 0.3e-3
     begin: Callable[["Homing", Any, float, Tell], Procedure[None]] | None = None
+    watch: Callable[[float], Watch] | None = None
     checks: Callable[["Homing", Any, float], Procedure[list[Check]]] | None = None
     parts: tuple[str, ...] = ()
     rest: Mapping[str, float] = field(default_factory=dict)
@@ -307,7 +312,8 @@ def find_ends(
         HomingError: an axis does not find its end, or what is measured cannot be.
     """
     axes = _axes(homing, driver, part, period)
-    found = yield from _moved(homing, part, [axis.find for axis in axes], tell)
+    search = _moved(homing, part, [axis.find for axis in axes], tell)
+    found = yield from search if homing.watch is None else _watched(search, homing.watch(period))
     edge, spread = np.array(found).T
     for axis, value in zip(axes, spread, strict=True):
         if value > homing.spread:
@@ -361,6 +367,19 @@ def _moved[T](
                     found[i] = over.value
                     del going[i], asked[i]
     return [found[i] for i in every]
+
+
+def _watched[T](procedure: Procedure[T], watch: Watch) -> Procedure[T]:
+    """A procedure whose measurements somebody looks at first."""
+    commands = next(procedure)
+    while True:
+        values = yield commands
+        watch(values)
+        try:
+            commands = procedure.send(values)
+        except StopIteration as over:
+            result: T = over.value
+            return result
 
 
 def _check_others(

@@ -48,6 +48,8 @@ _WAITS, _APART, _CLEAR, _HIGHEST = 5e-4, 2e-3, 2e-3, 0.04
 _SHARE, _GRACE = 0.2, 1.0
 # Time in which the inertial sensor is averaged, machine at rest [s].
 _AVERAGED = 1.0
+# Meanwhile it may tilt by so much [deg], smoothed over a time [s]: an idle machine shows .1 deg.
+_STEADY, _SMOOTHED = 1.5, 0.3
 # On a floor that is flat to 12 mm, six times an extension's error [m, m, deg].
 _TOUCH_BOUND, _PLANE_BOUND, _TILT_BOUND = 2e-3, 3e-3, 0.4
 
@@ -102,6 +104,47 @@ def raise_feet(homing: Homing, driver: Any, period: float, tell: Tell) -> Proced
         ahead = (way - way[last]) / _WAITS
         values = yield (homing.slow * np.clip(1.0 - ahead, 0.0, 1.0)).tolist()
         elapsed += period
+
+
+class Tilting:
+    """Ends a search in which the platform tilts: it stands on a leg that moves.
+
+    A contact switch that does not close would have had it take a platform on its feet for one on
+    its wheels.
+    """
+
+    def __init__(self, period: float):
+        """Knows nothing yet.
+
+        Args:
+            period: time between two measurements [s].
+        """
+        self._share, self._left = period / _SMOOTHED, round(_AVERAGED / period)
+        self._force = np.zeros(3)
+        self._begun: NDArray[np.float64] | None = None
+
+    def __call__(self, values: Values) -> None:
+        """Looks at the inertial sensor.
+
+        Raises:
+            HomingError: the platform has tilted.
+        """
+        force = np.array(values[_ACCEL])
+        if not self._force.any():
+            self._force = force
+        self._force = self._force + self._share * (force - self._force)
+        self._left -= 1
+        if self._left > 0:
+            return
+        down = self._force / np.linalg.norm(self._force)
+        if self._begun is None:
+            self._begun = down
+        tilt = float(np.degrees(np.arccos(np.clip(down @ self._begun, -1.0, 1.0))))
+        if not tilt <= _STEADY:
+            raise HomingError(
+                f"the platform has tilted by {tilt:.1f} deg while a leg looked for its end: does "
+                "it stand on that leg, with a contact switch that does not close?"
+            )
 
 
 def _touching(values: Values) -> NDArray[np.bool_]:
@@ -211,6 +254,7 @@ LEGS = Homing(
     size=LEG_COUNT,
     others=(_LIMITS, _EXTENDED),
     begin=raise_feet,
+    watch=Tilting,
     checks=check_on_floor,
     parts=("imu",),
     rest={"stop": 0.0},

@@ -176,6 +176,26 @@ def test_legs_that_do_not_come_up_together_are_named(scale, contact, words):
         raised(legs)
 
 
+class TippingLegs(Legs):
+    """Legs of a platform that rolls as leg 3 goes."""
+
+    def __init__(self, steepness):
+        super().__init__()
+        self.steepness = steepness  # [rad/m]
+
+    def values(self):
+        roll = self.steepness * (self.true[2] - 0.45)
+        return super().values() | {"imu.accel": G * np.array(to_platform((0, 0, 1), roll, 0.0))}
+
+
+def test_a_platform_that_tilts_while_a_leg_looks_for_its_end_ends_the_search():
+    homed(TippingLegs(1.5), platform.LEGS, NI)  # by 0.9 deg
+    legs = TippingLegs(6.0)
+    with pytest.raises(HomingError, match=r"the platform has tilted by 1\.5 deg while a leg"):
+        homed(legs, platform.LEGS, NI)
+    assert legs.true[2] < 0.459
+
+
 def _break(legs, what):
     legs.sign[1] = -1.0 if what == "reversed" else 1.0
     if what == "stuck encoder":
