@@ -68,16 +68,18 @@ def execute(arguments: argparse.Namespace) -> int:
     from parapod.sims.lab.results import Result, print_table
     from parapod.sims.real_machine.self_test import Move, check_part
 
-    move = None
+    move, part = None, arguments.part
     if arguments.move is not None:
         move = Move(arguments.move - 1, arguments.size, arguments.duration)
-        question = (
-            f"{arguments.part} {arguments.move} will move. Is everybody clear of the machine?"
-        )
-        if not arguments.yes and not agreed(question, "--move"):
-            print("nothing was moved")
-            return BROKEN
-    metrics = check_part(machine, scenario, arguments.part, move, arguments.seconds, print)
-    result = Result(f"check {arguments.part}", "hardware", scenario.seed, tuple(metrics))
+    question = f"{part} {arguments.move} will move. Is everybody clear of the machine?"
+
+    def may_move() -> bool:
+        return arguments.yes or agreed(question, "--move")
+
+    metrics = check_part(machine, scenario, part, move, arguments.seconds, print, may_move)
+    if not metrics and move is not None:
+        print("nothing was moved")
+        return BROKEN
+    result = Result(f"check {part}", "hardware", scenario.seed, tuple(metrics))
     print_table(result, Console())
     return HELD if result.passed else BROKEN

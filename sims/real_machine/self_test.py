@@ -54,6 +54,7 @@ def check_part(
     move: Move | None,
     seconds: float,
     say: Callable[[str], None],
+    may_move: Callable[[], bool] = lambda: True,
 ) -> list[Metric]:
     """Tests the devices of one part; those of others are left alone.
 
@@ -68,9 +69,10 @@ def check_part(
         move: part to move, or None.
         seconds: duration of the reading [s].
         say: told what is going on, a line each time.
+        may_move: asked before devices are opened, once it is clear that `move` can be made.
 
     Returns:
-        What was measured, with bounds.
+        What was measured, with bounds; nothing if it may not move.
 
     Raises:
         ScenarioError: a part that there is not, or that cannot be moved so, or whose devices are
@@ -84,6 +86,8 @@ def check_part(
     refuse_without_emulator([d for d in drivers if d.part == part], machine.experiment)
     threads = parts.threads[part]
     checked = None if move is None else _checked(machine, part, move, threads)
+    if checked is not None and not may_move():
+        return []
     metrics: list[Metric] = []
     units = {
         name.removeprefix(f"{part}."): spec.unit

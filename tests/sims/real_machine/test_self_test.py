@@ -10,6 +10,7 @@ from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.real_machine.self_test import Move, check_part
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
 
 PARTS = sorted({port.part for port in (*PLATFORM.inputs, *PLATFORM.measured)})
@@ -62,10 +63,10 @@ class _FakeDriver(Driver):
 def check():
     """check(move, **settings): metrics of the wheels' self-test by key, and the device."""
 
-    def run(move, **settings):
+    def run(move, may_move=lambda: True, **settings):
         drivers = [_FakeDriver(part, **settings) for part in PARTS]
         scenario = LevellingScenario(backend="hardware", hardware=HardwareScenario(drivers))
-        metrics = check_part(PLATFORM, scenario, "wheels", move, 0.1, lambda line: None)
+        metrics = check_part(PLATFORM, scenario, "wheels", move, 0.1, lambda line: None, may_move)
         return {metric.key: metric for metric in metrics}, drivers[PARTS.index("wheels")].made
 
     return run
@@ -109,6 +110,20 @@ def test_a_motion_goes_there_and_back_on_ramps_and_ends_at_rest(check):
     assert min(asked) == pytest.approx(-2.0)
     assert asked[-1] == 0.0
     assert not any(velocity[i] for velocity in wheels.asked for i in (0, 2, 3))
+
+
+def test_only_a_move_that_can_be_made_is_asked_about_and_a_no_opens_nothing(check):
+    asked = []
+
+    def no():
+        asked.append(True)
+        return False
+
+    with pytest.raises(ScenarioError, match=r"wheels have numbers 1\.\.4, not 5"):
+        check(Move(4, 2.0, 0.5), may_move=no)
+    assert asked == []
+    metrics, wheels = check(Move(3, 2.0, 0.5), may_move=no)
+    assert (asked, metrics, wheels.asked) == ([True], {}, [])
 
 
 def test_a_device_that_fails_on_the_way_is_named_once(check):
