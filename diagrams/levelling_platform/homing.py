@@ -71,7 +71,8 @@ def raise_feet(homing: Homing, driver: Any, period: float, tell: Tell) -> Proced
 
     A platform whose program was killed stands on legs of which nobody knows how far they are out;
     one that went up alone would tilt it. Encoders without a reference tell ways all the same: a
-    leg that is ahead waits for the others.
+    leg that is ahead waits for the others. One that is at its end already, as a search that was
+    broken off leaves it, stays there.
 
     Raises:
         HomingError: a leg does not come up, or a foot touches however far it does.
@@ -82,8 +83,12 @@ def raise_feet(homing: Homing, driver: Any, period: float, tell: Tell) -> Proced
     tell("feet touch the ground: all legs come up together")
     begun, elapsed, free = np.array(values[_EXTENSION]), 0.0, np.inf
     while True:
+        going = np.array(values[_LIMITS])[_EXTENDED] < 0.5
+        if not going.any():
+            return
         way = np.array(values[_EXTENSION]) - begun
-        last, first = int(np.argmin(way)), int(np.argmax(way))
+        last = int(np.argmin(np.where(going, way, np.inf)))
+        first = int(np.argmax(np.where(going, way, -np.inf)))
         if way[first] - way[last] > _APART:
             raise HomingError(
                 f"leg {last + 1} does not come up with leg {first + 1}: "
@@ -102,7 +107,7 @@ def raise_feet(homing: Homing, driver: Any, period: float, tell: Tell) -> Proced
         if way[last] > free + _CLEAR:
             return
         ahead = (way - way[last]) / _WAITS
-        values = yield (homing.slow * np.clip(1.0 - ahead, 0.0, 1.0)).tolist()
+        values = yield (going * homing.slow * np.clip(1.0 - ahead, 0.0, 1.0)).tolist()
         elapsed += period
 
 

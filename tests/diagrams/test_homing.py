@@ -152,6 +152,15 @@ def test_legs_that_stand_come_up_together_until_no_foot_touches():
     assert legs.told == ["feet touch the ground: all legs come up together"]
 
 
+def test_a_leg_that_a_broken_off_search_left_at_its_end_stays_there():
+    legs = Legs()
+    legs.true = legs.floor - 0.01
+    legs.true[0] = 0.46
+    raised(legs)
+    assert not np.array(legs.commands)[:, 0].any()
+    assert legs.true[1:] == pytest.approx(legs.floor[1:] + 0.002, abs=1e-4)
+
+
 def test_legs_that_are_up_do_not_move_before_the_search():
     legs = raised(Legs())
     assert legs.commands == [[0.0] * LEG_COUNT]
