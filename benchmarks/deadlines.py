@@ -41,7 +41,7 @@ _CYCLE = 50.0  # of the chair's gait, rounded down [s]
 
 
 class Run(NamedTuple):
-    """What came of a run on emulated devices.
+    """Outcome of a run on emulated devices.
 
     Attributes:
         timing: of its loop.

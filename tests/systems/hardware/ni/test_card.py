@@ -14,7 +14,7 @@ from parapod.systems.hardware.ni.settings import NiDaqSettings
 from parapod.systems.hardware.ni.tasks import NiTasks
 
 COUNT = 1e-5
-TIMEOUT = 0.2
+TIMEOUT = 1.0  # patience with a busy computer
 # What a busy computer may add to a timeout [s].
 MARGIN = 0.3
 # The watchdog has tests of its own: see test_watchdog.py.
