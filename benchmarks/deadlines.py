@@ -61,7 +61,7 @@ class Run(NamedTuple):
 
     @property
     def failures(self) -> list[tuple[float, float]]:
-        """When the loop was late, or ended [s], and for how long cores woke nobody before [s]."""
+        """Times of its being late, or ended, and for how long cores woke nobody before [s]."""
         at = np.array([*self.timing.missed_at, *([self.at] if self.ended else [])])
         return list(zip(at - self.begun, self.wake_ups.before(at, _SPAN), strict=True))
 
