@@ -67,7 +67,7 @@ class Run(NamedTuple):
 
     @property
     def unexcused(self) -> int:
-        """How often the loop was late, or ended, although the computer was on time."""
+        """Number of times that it was late, or ended, although the computer was on time."""
         least = _EXCUSE * self.timing.period if self.wake_ups.is_judge else np.inf
         return sum(lost < least for _, lost in self.failures)
 
