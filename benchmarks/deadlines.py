@@ -5,6 +5,7 @@ up, one a core, with a higher priority than the controller: a deadline that is m
 wake up in time as well is ours.
 """
 
+import math
 import subprocess
 import sys
 import tempfile
@@ -75,14 +76,14 @@ class Run(NamedTuple):
 def run(console: Console) -> list[Measurement]:
     """Ten minutes of each machine, and a minute of each beside four programs that compute."""
     results = []
-    for name, machine, physics in (
-        ("platform", PLATFORM, "kinematic"),
-        ("chair", CHAIR, "multibody"),
+    for name, machine, physics, job in (
+        ("platform", PLATFORM, "kinematic", _levelling),
+        ("chair", CHAIR, "multibody", _walking),
     ):
-        idle = driven(machine, _scenario(name, _IDLE), physics, _IDLE, console)
+        idle = driven(machine, job(_IDLE), physics, _IDLE, console)
         results += _judged(f"{name}, {_IDLE:g} s idle", idle, console)
         with busy(_OTHERS):
-            beside = driven(machine, _scenario(name, _BUSY), physics, _BUSY, console)
+            beside = driven(machine, job(_BUSY), physics, _BUSY, console)
         words = f"{name}, {_BUSY:g} s beside {_OTHERS} busy programs"
         console.print(f"  {words}: {beside.ended or 'to its end'}", highlight=False)
         missed = 0 if beside.ended else beside.timing.missed
@@ -92,11 +93,14 @@ def run(console: Console) -> list[Measurement]:
     return results
 
 
-def _scenario(name: str, duration: float) -> Any:
-    """A job that moves all the time."""
-    if name == "chair":
-        cycles = max(1, int(duration / _CYCLE))
-        return ChairScenario(backend="hardware", gait=GaitScenario(cycles=cycles))
+def _walking(duration: float) -> ChairScenario:
+    """A walk that is not over before."""
+    cycles = math.ceil(duration / _CYCLE)
+    return ChairScenario(backend="hardware", gait=GaitScenario(cycles=cycles))
+
+
+def _levelling(duration: float) -> LevellingScenario:
+    """A job with a posture every few seconds."""
     scenario = LevellingScenario(backend="hardware")
     scenario.job.waypoints = [
         WaypointScenario(7.0 + 4.0 * i, 0.5 * (-1) ** i, 0.5 * (i % 3), 5.0 * (i % 2))

@@ -10,14 +10,14 @@ import os
 import select
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.sims.real_machine.privileges import PRIORITY
+from parapod.sims.real_machine.privileges import KERNEL, PRIORITY
+from parapod.sims.real_machine.wake_up import wake_ups as wakings
 
 _PERIOD = 0.002  # [s]
 # What is told: as late as this it is no longer the scheduler's usual [s].
@@ -74,23 +74,19 @@ def wake_ups() -> Iterator[WakeUps]:
 
 def _wake_up(core: int) -> None:
     """Prints from when until when nothing woke this program, until its standard input ends."""
-    os.sched_setaffinity(0, {core})
+    KERNEL.set_cores({core})
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))
+        KERNEL.set_fifo(PRIORITY + 1)
         print("fifo", flush=True)
     except OSError as error:
         print(error.strerror, flush=True)
     gc.disable()
     rows: list[tuple[float, float]] = []
-    due = time.monotonic()
-    while not select.select([sys.stdin], [], [], 0.0)[0]:
-        due += _PERIOD
-        if (left := due - time.monotonic()) > 0.0:
-            time.sleep(left)
-        now = time.monotonic()
+    for due, now in wakings(_PERIOD):
         if now - due > _LATE:
             rows.append((due, now))
-            due = now
+        if select.select([sys.stdin], [], [], 0.0)[0]:
+            break
     for begin, end in rows:
         print(f"{begin:.6f} {end:.6f}")
 

@@ -312,8 +312,8 @@ def find_ends(
         HomingError: an axis does not find its end, or what is measured cannot be.
     """
     axes = _axes(homing, driver, part, period)
-    search = _moved(homing, part, [axis.find for axis in axes], tell)
-    found = yield from search if homing.watch is None else _watched(search, homing.watch(period))
+    watch = _unwatched if homing.watch is None else homing.watch(period)
+    found = yield from _moved(homing, part, [axis.find for axis in axes], tell, watch)
     edge, spread = np.array(found).T
     for axis, value in zip(axes, spread, strict=True):
         if value > homing.spread:
@@ -342,11 +342,20 @@ def _axes(homing: Homing, driver: Any, part: str, period: float) -> list[_Axis]:
     return [_Axis(homing, driver, i, period, signal) for i in range(homing.size)]
 
 
+def _unwatched(values: Values) -> None:
+    """Nobody looks."""
+
+
+def _unheard(line: str) -> None:
+    """Nobody is told."""
+
+
 def _moved[T](
     homing: Homing,
     part: str,
     motions: Sequence[Callable[[], Motion[T]]],
-    tell: Tell = lambda line: None,
+    tell: Tell = _unheard,
+    watch: Watch = _unwatched,
 ) -> Procedure[list[T]]:
     """Motions of all axes, one after the other or at once, while those not moved must stand."""
     found: dict[int, T] = {}
@@ -359,6 +368,7 @@ def _moved[T](
         while going:
             values = yield [asked.get(i, 0.0) for i in every]
             first = first or values
+            watch(values)
             _check_others(homing, part, group, first, values)
             for i, motion in list(going.items()):
                 try:
@@ -367,19 +377,6 @@ def _moved[T](
                     found[i] = over.value
                     del going[i], asked[i]
     return [found[i] for i in every]
-
-
-def _watched[T](procedure: Procedure[T], watch: Watch) -> Procedure[T]:
-    """A procedure whose measurements somebody looks at first."""
-    commands = next(procedure)
-    while True:
-        values = yield commands
-        watch(values)
-        try:
-            commands = procedure.send(values)
-        except StopIteration as over:
-            result: T = over.value
-            return result
 
 
 def _check_others(

@@ -1,6 +1,6 @@
 """Wiring of diagrams: by hand with plain errors, and by the names of ports."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,15 @@ def add[S: System](builder: DiagramBuilder, system: S, name: str = "") -> S:
         system.set_name(name)
     builder.AddSystem(system)
     return system
+
+
+def leaf_systems(diagram: Diagram) -> Iterator[System]:
+    """The systems in a diagram, of any depth, that are no diagrams themselves."""
+    for system in diagram.GetSystems():
+        if isinstance(system, Diagram):
+            yield from leaf_systems(system)
+        else:
+            yield system
 
 
 def connect(builder: DiagramBuilder, source: OutputPort, sink: InputPort) -> None:

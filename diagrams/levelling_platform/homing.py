@@ -48,7 +48,7 @@ _WAITS, _APART, _CLEAR, _HIGHEST = 5e-4, 2e-3, 2e-3, 0.04
 _SHARE, _GRACE = 0.2, 1.0
 # Time in which the inertial sensor is averaged, machine at rest [s].
 _AVERAGED = 1.0
-# Meanwhile it may tilt by so much [deg], smoothed over a time [s]: an idle machine shows .1 deg.
+# While legs look for their ends it may tilt by so much [deg], smoothed over a time [s].
 _STEADY, _SMOOTHED = 1.5, 0.3
 # On a floor that is flat to 12 mm, six times an extension's error [m, m, deg].
 _TOUCH_BOUND, _PLANE_BOUND, _TILT_BOUND = 2e-3, 3e-3, 0.4
@@ -89,12 +89,13 @@ def raise_feet(homing: Homing, driver: Any, period: float, tell: Tell) -> Proced
         way = np.array(values[_EXTENSION]) - begun
         last = int(np.argmin(np.where(going, way, np.inf)))
         first = int(np.argmax(np.where(going, way, -np.inf)))
-        if way[first] - way[last] > _APART:
+        if not way[first] - way[last] <= _APART:
             raise HomingError(
                 f"leg {last + 1} does not come up with leg {first + 1}: "
                 f"{1e3 * way[last]:.1f} mm and {1e3 * way[first]:.1f} mm by now; encoder or drive"
             )
-        if elapsed > _GRACE and way[last] < _SHARE * homing.gain * homing.slow * elapsed:
+        least = _SHARE * homing.gain * homing.slow * elapsed if elapsed > _GRACE else -_APART
+        if not way[last] >= least:
             raise HomingError(f"leg {last + 1} does not come up: encoder, drive or supply")
         if not _touching(values).any():
             free = min(free, way[last])
@@ -153,7 +154,7 @@ class Tilting:
 
 
 def _touching(values: Values) -> NDArray[np.bool_]:
-    """Whether each foot's contact switch is closed (4)."""
+    """Contact switches (4) that are closed."""
     return np.array(values[_LIMITS])[_CONTACT] > 0.5
 
 

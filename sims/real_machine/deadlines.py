@@ -26,7 +26,7 @@ from parapod.sims.lab.progress import progress
 from parapod.sims.real_machine.job import logged, run_on_hardware
 from parapod.sims.real_machine.own_emulator import own_emulator
 from parapod.sims.real_machine.privileges import CORE, FIFO, MEMORY, PRIVILEGES, Outcome
-from parapod.sims.real_machine.punctuality import three_digits, wake_up_latency
+from parapod.sims.real_machine.punctuality import three_digits
 from parapod.sims.real_machine.real_time import (
     USUAL,
     RealTimeLoop,
@@ -36,6 +36,7 @@ from parapod.sims.real_machine.real_time import (
     rehearse,
     undisturbed,
 )
+from parapod.sims.real_machine.wake_up import wake_up_latency
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.scenario_file import dump_scenario
 

@@ -1,6 +1,5 @@
 """Punctuality of this computer: the controller in real time, beside a loop that only wakes up."""
 
-import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -25,6 +24,7 @@ from parapod.sims.real_machine.real_time import (
     rehearse,
     undisturbed,
 )
+from parapod.sims.real_machine.wake_up import wake_up_latency
 
 
 @dataclass(frozen=True)
@@ -125,19 +125,6 @@ def _run(
             running.run(float(k))
             wake_up += wake_up_latency(1.0 / rate, 1.0)
     return running.timing, wake_up
-
-
-def wake_up_latency(period: float, duration: float) -> list[float]:
-    """Delays of a thread that wakes up once a period [s], as cyclictest measures them."""
-    due, late = time.monotonic(), []
-    for _ in range(round(duration / period)):
-        due += period
-        while (left := due - time.monotonic()) > 0.0:
-            time.sleep(left)
-        now = time.monotonic()
-        late.append(now - due)
-        due = max(due, now - period)
-    return late
 
 
 def print_punctuality(results: Sequence[Punctuality], console: Console) -> None:

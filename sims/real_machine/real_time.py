@@ -16,8 +16,9 @@ from types import FrameType
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.framework import Context, Diagram
 
+from parapod.diagrams.wiring import leaf_systems
 from parapod.sims.real_machine.privileges import (
     FIFO,
     KERNEL,
@@ -223,21 +224,12 @@ def rehearse(diagram: Diagram, context: Context) -> None:
         context: one of its contexts, initialized.
     """
     copy = context.Clone()
-    for system in _parts(diagram):
+    for system in leaf_systems(diagram):
         own = system.GetMyContextFromRoot(copy)
         if system.GetUniquePeriodicDiscreteUpdateAttribute() is not None:
             system.EvalUniquePeriodicDiscreteUpdate(own)
         for k in range(system.num_output_ports()):
             system.get_output_port(k).Eval(own)
-
-
-def _parts(system: System) -> Iterator[System]:
-    """The systems in a diagram that are none themselves."""
-    if not isinstance(system, Diagram):
-        yield system
-        return
-    for part in system.GetSystems():
-        yield from _parts(part)
 
 
 @contextmanager

@@ -159,19 +159,20 @@ def _read(
 ) -> list[Metric]:
     """Reads a device at the loop's rate; says what it shows, and at once when a switch changes."""
     rows: dict[str, list[Sequence[float]]] = {name: [] for name in thread.device.measures}
+    shown: dict[str, list[float]] = {}
     costs = []
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         began = time.monotonic()
         for name, values in thread.device.read().items():
-            samples = rows[name]
-            if units.get(name) == _SWITCH and [*values] not in [[*last] for last in samples[-1:]]:
+            rows[name].append(values)
+            if units.get(name) == _SWITCH and shown.get(name) != [*values]:
+                shown[name] = [*values]
                 say(f"{name}: {' '.join(f'{value:g}' for value in values)}")
-            samples.append(values)
         costs.append(time.monotonic() - began)
         time.sleep(max(0.0, began + _STEP - time.monotonic()))
     for name, samples in rows.items():
-        if units.get(name) == _SWITCH:
+        if name in shown:
             continue
         unit = f" [{units[name]}]" if name in units else ""
         mean, spread = np.mean(samples, axis=0), np.ptp(samples, axis=0)

@@ -14,14 +14,14 @@ from pydrake.common.value import Value
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FrameIndex
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Diagram, PortDataType
+from pydrake.systems.framework import PortDataType
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.devices import make_parts
 from parapod.diagrams.machine import In, Out, find_machine, list_machines
 from parapod.diagrams.station import Behind, Station
-from parapod.diagrams.wiring import inputs_of, outputs_of
+from parapod.diagrams.wiring import inputs_of, leaf_systems, outputs_of
 from parapod.systems.core.errors import ParapodError, ScenarioError, WiringError
 from parapod.systems.core.scenario_file import load_scenario
 
@@ -318,15 +318,10 @@ def scenario_of(machine, backend, overrides):
     return load_scenario(machine.scenario, None, None, [f"backend={backend}", *given])
 
 
-def leaves_of(diagram):
-    for system in diagram.GetSystems():
-        yield from leaves_of(system) if isinstance(system, Diagram) else (system,)
-
-
 def values_of(loop, root):
     """Everything in a context that a simulation begins with, by system and kind."""
     found = {}
-    for number, system in enumerate(leaves_of(loop)):
+    for number, system in enumerate(leaf_systems(loop)):
         context, name = system.GetMyContextFromRoot(root), f"{number} {type(system).__name__}"
         for i in range(context.num_discrete_state_groups()):
             found[f"{name}: state {i}"] = context.get_discrete_state(i).value().copy()

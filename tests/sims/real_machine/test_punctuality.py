@@ -16,9 +16,9 @@ from parapod.sims.real_machine.punctuality import (
     Punctuality,
     bench_real_time,
     print_punctuality,
-    wake_up_latency,
 )
 from parapod.sims.real_machine.real_time import RealTimeLoop
+from parapod.sims.real_machine.wake_up import wake_up_latency
 
 KEYS = {
     "rate_hz",
