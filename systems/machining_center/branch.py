@@ -1,0 +1,236 @@
+"""A limb seen as one serial chain from its foot to the platform: Eqs. (1)-(10), mended.
+
+The chain of Figure 4 (b), from the foot's frame {A}: q_1 about its third axis, q_2 against the
+axis y' = z_a x x' that q_1 has turned, q_3 against v_3, the normal of the limb's plane, q_4 along
+the limb, q_5 about v_3, q_6 against u, the line from the left pivot to the right one.
+
+Mended, because the printed equations do not return to the pose they came from: projections in
+Eqs. (3), (6) and (9) subtract a scalar times a vector; v_c is the direction from P_O to P_C; the
+normal in Eq. (4) has unit length; the normal in Eq. (8) is z_a x v_3, not u.
+"""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
+
+from parapod.systems.core.batching import of_width
+from parapod.systems.core.elementwise import nan_without_warning
+from parapod.systems.core.vectors import Array, cross, times
+from parapod.systems.machining_center.geometry import CenterGeometry
+from parapod.systems.machining_center.platform_mode import feet_of, rotation_columns
+
+# The line that the chain follows: from the foot to the middle of the pivots, as the paper has it,
+# or along the left leg, as a machine has it whose ankle is joined to that leg.
+type Along = Literal["middle", "left"]
+JOINTS = (1, 2, 3, 4, 5, 6)
+# A chain's determinant [m^2] below which it is taken for singular; at home it is some 0.05.
+_FLAT = 1e-12
+
+
+@nan_without_warning
+def branch_joints(
+    geometry: CenterGeometry,
+    pose: ArrayLike,
+    footholds: ArrayLike | None = None,
+    *,
+    along: Along = "middle",
+) -> Array:
+    """Joint values of all limbs' chains at platform poses: Eqs. (1)-(10).
+
+    Args:
+        geometry: the centre.
+        pose: (..., 6) x, y, z, roll, pitch, yaw of {P} in the world [m, rad].
+        footholds: (..., n, 6) poses of the feet's frames; None for the paper's pattern.
+        along: line of the chain; "left" makes q_3, q_4 and q_5 those of the left leg.
+
+    Returns:
+        (..., n, 6) of q_1 .. q_6 [rad, and q_4 in m].
+
+    Raises:
+        ValueError: wrong shapes.
+    """
+    return _joints(_chains(geometry, pose, footholds, along))
+
+
+def branch_forward(
+    geometry: CenterGeometry,
+    joints: ArrayLike,
+    footholds: ArrayLike | None = None,
+    *,
+    along: Along = "middle",
+) -> Array:
+    """Poses of the platform at the ends of the limbs' chains; equal ones if the joints fit.
+
+    Args:
+        geometry: the centre.
+        joints: (..., n, 6) of q_1 .. q_6 [rad, and q_4 in m].
+        footholds: (..., n, 6) poses of the feet's frames; None for the paper's pattern.
+        along: line of the chains.
+
+    Returns:
+        (..., n, 6) x, y, z, roll, pitch, yaw of {P} in the world, of each limb [m, rad].
+
+    Raises:
+        ValueError: wrong shapes.
+    """
+    q = of_width(joints, 6, "joints").astype(np.float64)
+    if q.ndim < 2 or q.shape[-2] != geometry.limbs:
+        raise ValueError(f"joints must have shape (..., {geometry.limbs}, 6), not {q.shape}")
+    R_WA, foot = _frames(feet_of(geometry, footholds))
+    R_WL = R_WA @ _rotation("ZYX", q[..., 0], -q[..., 1], -q[..., 2])
+    R_WP = R_WL @ _rotation(
+        "XYZ", q[..., 4], -q[..., 5], np.broadcast_to(-geometry.angles, q.shape[:-1])
+    )
+    end = foot + q[..., 3:4] * R_WL[..., :, 2]
+    origin = end - times(R_WP, _ends(geometry, along))
+    return np.concatenate((origin, _angles(R_WP)), axis=-1)
+
+
+@nan_without_warning
+def branch_rates(
+    geometry: CenterGeometry,
+    pose: ArrayLike,
+    footholds: ArrayLike | None = None,
+    *,
+    along: Along = "middle",
+) -> Array:
+    """Rates of the joint values by the platform's twist at P_O, feet at rest.
+
+    Args:
+        geometry: the centre.
+        pose: (..., 6) [m, rad].
+        footholds: (..., n, 6) poses of the feet's frames; None for the paper's pattern.
+        along: line of the chains.
+
+    Returns:
+        (..., n, 6, 6): rows of q_1 .. q_6, columns of [angular; linear] in the world; not finite
+        where a chain is stretched over its foot's axis or lies in the line of its pivots.
+
+    Raises:
+        ValueError: wrong shapes.
+    """
+    return _rates(_chains(geometry, pose, footholds, along))
+
+
+@nan_without_warning
+def branch_joints_and_rates(
+    geometry: CenterGeometry,
+    pose: ArrayLike,
+    footholds: ArrayLike | None = None,
+    *,
+    along: Along = "middle",
+) -> tuple[Array, Array]:
+    """Results of `branch_joints` and `branch_rates`, in less time than both."""
+    chains = _chains(geometry, pose, footholds, along)
+    return _joints(chains), _rates(chains)
+
+
+class _Chains(NamedTuple):
+    """Axes and arms of the limbs' chains in the world, (..., n, 3) each, and their lengths."""
+
+    x_a: Array
+    z_a: Array
+    y: Array
+    v_3: Array
+    v_c: Array
+    u: Array
+    line: Array
+    length: Array
+    from_foot: Array
+    from_end: Array
+
+
+def _chains(
+    geometry: CenterGeometry, pose: ArrayLike, footholds: ArrayLike | None, along: Along
+) -> _Chains:
+    """The chains at poses; `from_foot` and `from_end` lead to P_O."""
+    R_WP, origin = _frames(of_width(pose, 6, "pose"))
+    R_WA, foot = _frames(feet_of(geometry, footholds))
+    R_WP, origin = R_WP[..., np.newaxis, :, :], origin[..., np.newaxis, :]
+    u = times(R_WP, _unit(geometry.pivots[1::2] - geometry.pivots[0::2]))
+    end = times(R_WP, _ends(geometry, along))
+    from_foot = origin - foot
+    span = end + from_foot
+    length = np.linalg.norm(span, axis=-1)
+    line = span / length[..., np.newaxis]
+    x_a, z_a = R_WA[..., :, 0], R_WA[..., :, 2]
+    v_3 = _unit(cross(u, line))
+    y = _unit(cross(np.broadcast_to(z_a, v_3.shape), v_3))
+    v_c = times(R_WP, _unit(geometry.middles))
+    return _Chains(x_a, z_a, y, v_3, v_c, u, line, length, from_foot, -end)
+
+
+def _joints(chains: _Chains) -> Array:
+    x_a, z_a, y, v_3, v_c, u, line, length, *_ = chains
+    z_2 = _perpendicular(z_a, v_3)
+    quarter = 0.5 * np.pi
+    q_1 = _angle(x_a, _perpendicular(v_3, z_a), z_a)
+    q_2 = _angle(z_2, z_a, y)
+    q_3 = _angle(line, z_2, v_3)
+    q_5 = quarter - _angle(u, line, v_3)
+    q_6 = quarter - _angle(_perpendicular(line, u), v_c, u)
+    return np.stack((q_1, q_2, q_3, length, q_5, q_6), axis=-1)
+
+
+def _rates(chains: _Chains) -> Array:
+    shape = chains.line.shape
+    axes, arms = (
+        np.stack([np.broadcast_to(vector, shape) for vector in vectors], axis=-2)
+        for vectors in (
+            (chains.z_a, -chains.y, -chains.v_3, chains.line, chains.v_3, -chains.u),
+            (chains.from_foot,) * 4 + (chains.from_end,) * 2,
+        )
+    )
+    # Twist [angular; linear] at P_O by which each joint moves the platform.
+    twists = np.concatenate((axes, cross(axes, arms)), axis=-1)
+    twists[..., 3, :3], twists[..., 3, 3:] = 0.0, chains.line
+    twists = np.swapaxes(twists, -1, -2)
+    is_regular = np.isfinite(twists).all(axis=(-2, -1))
+    rates = np.full(twists.shape, np.nan)
+    is_regular[is_regular] = np.abs(np.linalg.det(twists[is_regular])) > _FLAT
+    rates[is_regular] = np.linalg.inv(twists[is_regular])
+    return rates
+
+
+def _ends(geometry: CenterGeometry, along: Along) -> Array:
+    """(n, 3) ends of the chains in {P}."""
+    if along not in ("middle", "left"):
+        raise ValueError(f'along must be "middle" or "left", not {along!r}')
+    return geometry.middles if along == "middle" else geometry.pivots[0::2]
+
+
+def _frames(poses: Array) -> tuple[Array, Array]:
+    """Rotations (..., 3, 3) and origins (..., 3) of poses (..., 6)."""
+    columns = rotation_columns(poses[..., 3], poses[..., 4], poses[..., 5])
+    return np.moveaxis(np.stack(columns), (0, 1), (-1, -2)), poses[..., :3]
+
+
+def _rotation(axes: str, *angles: Array) -> Array:
+    stacked = np.stack(angles, axis=-1).astype(np.float64)
+    matrices: Array = Rotation.from_euler(axes, stacked.reshape(-1, 3)).as_matrix()
+    return matrices.reshape(*stacked.shape[:-1], 3, 3)
+
+
+def _angles(rotation: Array) -> Array:
+    """Roll, pitch and yaw (..., 3)."""
+    angles: Array = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_euler("xyz")
+    return angles.reshape(rotation.shape[:-1])
+
+
+def _unit(vector: Array) -> Array:
+    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+
+
+def _perpendicular(vector: Array, normal: Array) -> Array:
+    """Direction of a vector's part that is perpendicular to a unit vector."""
+    along = np.sum(vector * normal, axis=-1, keepdims=True)
+    return _unit(vector - along * normal)
+
+
+def _angle(first: Array, second: Array, normal: Array) -> Array:
+    """Angle Theta from one unit vector to another about a unit normal, Eq. (1)."""
+    first, second = np.broadcast_arrays(first, second)
+    sine = np.sum(normal * cross(first, second), axis=-1)
+    return np.arctan2(sine, np.sum(first * second, axis=-1))

@@ -1,0 +1,337 @@
+"""Kinematics while one limb is loose: its foot is moved by all legs, through locked joints.
+
+The loose limb's joints q_1, q_2, q_3 and q_6 are locked; a tripod needs two locks more in the
+limbs that stand, because four legs do not hold a platform. A foot's pose is turned into lengths
+through the platform's pose at which the locked joints keep their values.
+
+The paper locks q_1 of both standing limbs. That holds the platform, but dq_1 by a translation of
+the platform is zero where the line of a limb's pivots is perpendicular to its foot's axis: with
+the platform parallel to the ground one translation along the loose limb is left open, and the
+foot's attitude has one direction that cannot be commanded. `lock_conditions` tells both.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from parapod.systems.core.batching import of_width
+from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.vectors import Array
+from parapod.systems.machining_center.branch import (
+    Along,
+    branch_joints,
+    branch_joints_and_rates,
+    branch_rates,
+)
+from parapod.systems.machining_center.geometry import CenterGeometry
+from parapod.systems.machining_center.platform_mode import (
+    check_strokes,
+    displacement,
+    feet_of,
+    jacobian,
+    leg_lengths,
+    length_scale,
+    moved,
+)
+from parapod.systems.machining_center.wrench import wrench_indices
+
+# Joints of the loose limb that are locked; q_4 and q_5 follow from its two legs.
+LOOSE_LOCKS = (1, 2, 3, 6)
+# Joints that carry locks.
+LOCKABLE = (1, 2, 3, 6)
+_MOST_STEPS = 30
+_CONVERGED = 1e-12  # [m, and r_c rad]
+# Difference for the slope of the objective in open directions, and its step by slope [m, m^2].
+_PROBE, _GAIN = 1e-4, 1e-3
+# Weight of the wrench index beside the stroke, per unit of the index.
+_INDEX_WEIGHT = 10.0
+
+
+class SingularSwing(ParapodError):
+    """A motion of a foot that its locks do not let the legs make.
+
+    Attributes:
+        limb: the loose limb, counted from 1.
+        smallest_singular_value: of the locked joints by the platform's motion.
+    """
+
+    def __init__(self, limb: int, smallest_singular_value: float, message: str):
+        self.limb, self.smallest_singular_value = limb, smallest_singular_value
+        super().__init__(
+            f"limb {limb} cannot swing so: {message} "
+            f"(smallest singular value of its locks: {smallest_singular_value:.2g})"
+        )
+
+
+@dataclass(frozen=True)
+class LockSet:
+    """Joints that are locked while a limb is loose.
+
+    Attributes:
+        limb: the loose limb, counted from 1; its joints 1, 2, 3 and 6 are locked.
+        standing: further locked joints (limb, joint) of the limbs that stand.
+    """
+
+    limb: int
+    standing: tuple[tuple[int, int], ...] = ()
+
+    @classmethod
+    def printed(cls, geometry: CenterGeometry, limb: int) -> "LockSet":
+        """The paper's choice: q_1 of both standing limbs of a tripod, none of a quadruped."""
+        if geometry.limbs > 3:
+            return cls(limb)
+        return cls(limb, tuple((other, 1) for other in (1, 2, 3) if other != limb))
+
+    def check(self, geometry: CenterGeometry) -> None:
+        """Refuses a set that does not fit a centre.
+
+        Raises:
+            ValueError: names the limb or joint, or the number of locks that is needed.
+        """
+        limbs = range(1, geometry.limbs + 1)
+        if self.limb not in limbs:
+            raise ValueError(f"the loose limb must be one of 1..{geometry.limbs}, not {self.limb}")
+        for limb, joint in self.standing:
+            if limb not in limbs or limb == self.limb or joint not in LOCKABLE:
+                known = ", ".join(str(other) for other in limbs if other != self.limb)
+                raise ValueError(
+                    f"joint {joint} of limb {limb} cannot be locked while limb {self.limb} is "
+                    f"loose: limbs are {known}, joints 1, 2, 3, 6"
+                )
+        needed = max(0, 6 - 2 * (geometry.limbs - 1))
+        if len(set(self.standing)) < needed:
+            raise ValueError(
+                f"{needed} joints of standing limbs must be locked, not {len(self.standing)}: "
+                f"{2 * (geometry.limbs - 1)} legs do not hold the platform"
+            )
+
+    @property
+    def joints(self) -> tuple[tuple[int, int], ...]:
+        """All locked joints (limb, joint), those of the loose limb first."""
+        return (*((self.limb, joint) for joint in LOOSE_LOCKS), *self.standing)
+
+
+@dataclass(frozen=True, eq=False)
+class Locks:
+    """Locks that are closed.
+
+    Attributes:
+        lock_set: which joints.
+        values: their values (k) [rad].
+        footholds: (n, 6) poses of the feet's frames when they were closed; the loose limb's foot
+            moves from there.
+        along: line of the limbs' chains, see `branch_joints`.
+    """
+
+    lock_set: LockSet
+    values: Array
+    footholds: Array
+    along: Along
+
+
+class LockConditions(NamedTuple):
+    """Smallest singular values of a lock set, of rotations in rad and translations by r_c.
+
+    Attributes:
+        inverse: (...) of the locked joints by the platform's motion; near 0 a foot's pose does
+            not determine the platform's.
+        holding: (...) of the standing legs and locks by the platform's motion; near 0 they do not
+            hold the platform.
+    """
+
+    inverse: Array
+    holding: Array
+
+
+class SwingPose(NamedTuple):
+    """Platform and legs that put a loose foot somewhere.
+
+    Attributes:
+        pose: (6) of the platform [m, rad].
+        lengths: (2n) of the legs [m].
+        residual: largest difference of a locked joint from its value [rad].
+        smallest_singular_value: see `LockConditions.inverse`.
+        open_directions: (f, 6) displacements [rotation; translation / r_c] of the platform that
+            neither foot nor locks determine, each of unit length.
+    """
+
+    pose: Array
+    lengths: Array
+    residual: float
+    smallest_singular_value: float
+    open_directions: Array
+
+
+def close_locks(
+    geometry: CenterGeometry,
+    pose: ArrayLike,
+    lock_set: LockSet,
+    footholds: ArrayLike | None = None,
+    *,
+    along: Along = "middle",
+) -> Locks:
+    """Locks as they are when closed at a pose.
+
+    Args:
+        geometry: the centre.
+        pose: (6) of the platform [m, rad].
+        lock_set: joints to lock.
+        footholds: (n, 6) poses of the feet's frames; None for the paper's pattern.
+        along: line of the limbs' chains.
+
+    Raises:
+        ValueError: wrong shapes, or a set that does not fit the centre.
+    """
+    lock_set.check(geometry)
+    feet = feet_of(geometry, footholds)
+    joints = branch_joints(geometry, pose, feet, along=along)
+    values = joints[_indices(lock_set.joints)]
+    return Locks(lock_set, values, feet.copy(), along)
+
+
+def lock_conditions(
+    geometry: CenterGeometry,
+    pose: ArrayLike,
+    lock_set: LockSet,
+    footholds: ArrayLike | None = None,
+    *,
+    along: Along = "middle",
+) -> LockConditions:
+    """Whether a lock set determines the platform's pose, and whether it holds the platform.
+
+    Args:
+        geometry: the centre.
+        pose: (..., 6) [m, rad].
+        lock_set: joints that are locked.
+        footholds: (..., n, 6) poses of the feet's frames; None for the paper's pattern.
+        along: line of the limbs' chains.
+
+    Raises:
+        ValueError: wrong shapes, or a set that does not fit the centre.
+    """
+    lock_set.check(geometry)
+    unit = _unit_motion(geometry)
+    rates = branch_rates(geometry, pose, footholds, along=along) * unit
+    locked = rates[(..., *_indices(lock_set.joints), slice(None))]
+    standing = np.repeat(np.arange(1, geometry.limbs + 1) != lock_set.limb, 2)
+    held = jacobian(geometry, pose, footholds)[..., standing, :] * unit / geometry.platform_radius
+    if lock_set.standing:
+        also = rates[(..., *_indices(lock_set.standing), slice(None))]
+        held = np.concatenate((held, also), axis=-2)
+    return LockConditions(_smallest(locked), _smallest(held))
+
+
+def swing_inverse(
+    geometry: CenterGeometry,
+    foot_pose: ArrayLike,
+    locks: Locks,
+    near: ArrayLike,
+    *,
+    freedom: float = 0.0,
+    longest: float = 0.2,
+    open_below: float = 1e-6,
+    tolerance: float = 1e-6,
+) -> SwingPose:
+    """Legs that put the loose foot at a pose: Gauss-Newton steps to the nearest pose.
+
+    Args:
+        geometry: the centre.
+        foot_pose: (6) x, y, z, roll, pitch, yaw of the loose foot's frame [m, rad].
+        locks: the closed locks.
+        near: (6) the platform's pose nearby, at best that of the sample before.
+        freedom: longest way that the platform may make in directions which foot and locks leave
+            open, to keep the legs in the middle of their stroke and, where three limbs stand,
+            the wrench index high [m, and r_c rad]; 0: it makes none there.
+        longest: longest way that the platform may make from `near` [m, and r_c rad].
+        open_below: directions with singular values below this share of the largest one are open.
+        tolerance: largest difference of a locked joint [rad].
+
+    Raises:
+        SingularSwing: the platform would have to move farther, or the locks cannot be kept.
+        UnreachablePosture: a leg would leave its stroke.
+        ValueError: wrong shapes.
+    """
+    limb = locks.lock_set.limb
+    feet = locks.footholds.copy()
+    feet[limb - 1] = of_width(foot_pose, 6, "foot_pose")
+    start = of_width(near, 6, "near").astype(np.float64)
+    pose, unit = start, _unit_motion(geometry)
+    chosen = _indices(locks.lock_set.joints)
+    drift, way = np.zeros(6), np.inf
+    for step in range(_MOST_STEPS):
+        joints, rates = branch_joints_and_rates(geometry, pose, feet, along=locks.along)
+        missing = np.remainder(locks.values - joints[chosen] + np.pi, 2.0 * np.pi) - np.pi
+        left, values, right = np.linalg.svd(rates[chosen] * unit)
+        kept = int((values > open_below * values[0]).sum())
+        smallest, open_directions = float(values[-1]), right[kept:]
+        if way <= _CONVERGED:
+            break
+        move = right[:kept].T @ (left.T[:kept] @ missing / values[:kept])
+        if len(open_directions):
+            if step == 0 and freedom > 0.0:
+                drift = _drift(geometry, pose, feet, limb, open_directions, freedom)
+            # Of all poses that keep the locks the nearest one, or the one that is wanted there.
+            gone = displacement(start, pose) / unit
+            move = move + open_directions.T @ (open_directions @ (drift - gone))
+        way = geometry.platform_radius * float(np.linalg.norm(move))
+        pose = moved(pose, move * unit)
+        distance = float(np.linalg.norm(pose[:3] - start[:3]))
+        if not distance <= longest:
+            raise SingularSwing(
+                limb,
+                smallest,
+                f"the platform would have to go {1e3 * distance:.0f} mm at once, and may go "
+                f"{1e3 * longest:.0f} mm",
+            )
+    residual = float(np.abs(missing).max())
+    if not (residual <= tolerance and way <= _CONVERGED):
+        raise SingularSwing(
+            limb,
+            smallest,
+            f"no pose of the platform is found that keeps its locks, which are off by "
+            f"{1e3 * residual:.3g} mrad",
+        )
+    lengths = leg_lengths(geometry, pose, feet)
+    check_strokes(geometry, lengths)
+    return SwingPose(pose, lengths, residual, smallest, open_directions)
+
+
+def _drift(
+    geometry: CenterGeometry,
+    pose: Array,
+    feet: Array,
+    limb: int,
+    directions: Array,
+    longest: float,
+) -> Array:
+    """Displacement (6), in unit motions, that betters stroke and index in open directions."""
+    probe = _PROBE / geometry.platform_radius * directions * _unit_motion(geometry)
+    poses = moved(np.broadcast_to(pose, (2 * len(probe), 6)), np.concatenate((probe, -probe)))
+    middle = 0.5 * (geometry.stroke_min + geometry.stroke_max)
+    half = 0.5 * (geometry.stroke_max - geometry.stroke_min)
+    cost = np.mean(((leg_lengths(geometry, poses, feet) - middle) / half) ** 4, axis=-1)
+    standing = [other for other in range(1, geometry.limbs + 1) if other != limb]
+    if len(standing) > 2:
+        cost -= _INDEX_WEIGHT * wrench_indices(geometry, poses, feet, standing=standing).w_minmax
+    ahead, behind = cost[: len(probe)], cost[len(probe) :]
+    way = -_GAIN * (ahead - behind) / (2.0 * _PROBE)
+    way *= min(1.0, longest / max(float(np.linalg.norm(way)), 1e-300))
+    return way / geometry.platform_radius @ directions
+
+
+def _unit_motion(geometry: CenterGeometry) -> Array:
+    """(6) rotation by 1 rad, translation by r_c [rad, m]."""
+    return geometry.platform_radius / length_scale(geometry)
+
+
+def _indices(joints: Sequence[tuple[int, int]]) -> tuple[Array, Array]:
+    limbs, numbers = np.array(joints).T - 1
+    return limbs, numbers
+
+
+def _smallest(matrix: Array) -> Array:
+    smallest: Array = np.linalg.svd(matrix, compute_uv=False)[..., -1]
+    return smallest

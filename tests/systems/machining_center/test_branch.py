@@ -1,0 +1,127 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from parapod.systems.machining_center.branch import branch_forward, branch_joints, branch_rates
+from parapod.systems.machining_center.geometry import CenterGeometry
+from parapod.systems.machining_center.platform_mode import leg_lengths, moved
+
+STEP = 1e-6
+ALONG = pytest.mark.parametrize("along", ["middle", "left"])
+
+
+def test_joints_are_at_home_as_the_figure_has_them(geometry):
+    joints = branch_joints(geometry, (0.0, 0.0, 0.48, 0.0, 0.0, 0.0))
+    expected = (0.0, 0.2238696234, 0.0, 0.4922846289, 0.0, -0.2238696234)
+    assert np.allclose(joints, expected, atol=1e-10)
+
+
+def test_joints_of_a_tilted_pose_are_those_computed_by_another_program():
+    expected = (
+        (0.0447257583, 0.1543322174, 0.053049844, 0.5103087616, 0.1035884899, -0.1044639368),
+        (0.0654942325, 0.2140321353, -0.0491574882, 0.5136154725, -0.1190494273, -0.1962568643),
+        (0.0454119589, 0.277090795, 0.0505751562, 0.5154727041, 0.0696279014, -0.345421789),
+    )
+    joints = branch_joints(CenterGeometry(), (0.03, 0.02, 0.5, 0.05, -0.05, 0.05))
+    assert np.allclose(joints, expected, atol=1e-9)
+
+
+@ALONG
+def test_the_chain_leads_back_to_the_pose(geometry, poses, uneven, along):
+    batch, feet = poses(500, angle=0.3), uneven(500)
+    joints = branch_joints(geometry, batch, feet, along=along)
+    back = branch_forward(geometry, joints, feet, along=along)
+    assert back.shape == (500, geometry.limbs, 6)
+    assert np.abs(back - batch[:, None]).max() < 1e-9
+
+
+@ALONG
+def test_rates_are_the_slopes_of_the_joints(geometry, poses, uneven, along):
+    batch, feet = poses(100), uneven(100)
+    twist = np.random.default_rng(2).normal(size=(100, 6))
+    ahead, behind = (
+        branch_joints(geometry, moved(batch, sign * STEP * twist), feet, along=along)
+        for sign in (1, -1)
+    )
+    rates = branch_rates(geometry, batch, feet, along=along)
+    slopes = (ahead - behind) / (2.0 * STEP)
+    assert np.abs(slopes - np.einsum("knij,kj->kni", rates, twist)).max() < 1e-7
+
+
+def test_the_chain_along_the_left_leg_has_its_length(geometry, poses):
+    batch = poses(10)
+    joints = branch_joints(geometry, batch, along="left")
+    assert np.allclose(joints[..., 3], leg_lengths(geometry, batch)[..., 0::2], atol=1e-15)
+    # Turning about the foot's axis and the hinge is common to both chains.
+    shared = [0, 1, 5]
+    middle = branch_joints(geometry, batch)
+    assert np.allclose(joints[..., shared], middle[..., shared], atol=1e-12)
+
+
+def test_first_joints_see_translations_as_they_should():
+    # dq_1/dp = (u . z_a) (u x l) / |P_xy (u x l)|^2, derived by hand, with l from A to P_C.
+    geometry, pose = CenterGeometry(), np.array((0.03, 0.02, 0.5, 0.05, -0.15, 0.05))
+    rates = branch_rates(geometry, pose)[:, 0, 3:]
+    R_WP = Rotation.from_euler("xyz", pose[3:]).as_matrix()
+    for i in range(3):
+        u = R_WP @ (geometry.pivots[2 * i + 1] - geometry.pivots[2 * i])
+        u /= np.linalg.norm(u)
+        line = pose[:3] + R_WP @ geometry.middles[i] - geometry.footholds[i, :3]
+        normal = np.cross(u, line)
+        expected = u[2] * normal / (normal[0] ** 2 + normal[1] ** 2)
+        assert np.allclose(rates[i], expected, atol=1e-12)
+
+
+def printed_joints(geometry, pose, foot, mended):
+    """q_2 and q_5 of limb 1 by Eqs. (4) and (8) as printed, but for what is mended."""
+
+    def unit(v):
+        return v / np.linalg.norm(v)
+
+    R = Rotation.from_euler("xyz", pose[3:]).as_matrix()
+    u = R @ unit(geometry.pivots[1] - geometry.pivots[0])
+    line = unit(pose[:3] + R @ geometry.middles[0] - foot[:3])
+    z = Rotation.from_euler("xyz", foot[3:]).as_matrix()[:, 2]
+    v_3 = unit(np.cross(u, line))
+    z_2 = unit(z - (z @ v_3) * v_3)
+    normal_4 = v_3 if mended else np.cross(u, line)
+    normal_8 = unit(np.cross(z, v_3)) if mended else u
+    q_5 = np.pi / 2 - np.arctan2(normal_4 @ np.cross(u, line), u @ line)
+    q_2 = np.arctan2(normal_8 @ np.cross(z_2, z), z_2 @ z)
+    return q_2, q_5
+
+
+def test_printed_equations_4_and_8_do_not_return(poses):
+    geometry = CenterGeometry()
+    joints, off = branch_joints(geometry, poses(300, angle=0.3)), []
+    for pose, own in zip(poses(300, angle=0.3), joints[:, 0], strict=True):
+        mended = printed_joints(geometry, pose, geometry.footholds[0], mended=True)
+        assert np.allclose(mended, own[[1, 4]], atol=1e-12)
+        printed = printed_joints(geometry, pose, geometry.footholds[0], mended=False)
+        off.append(np.abs(np.subtract(printed, mended)))
+    largest = np.max(off, axis=0)
+    assert 0.01 < largest[0] < 0.1  # q_2: some 11 mrad rms
+    assert largest[1] > 1e-3
+
+
+def test_a_chain_without_rates_is_nan():
+    # The limb stretched along its foot's axis: q_1 and q_3 turn about one line.
+    geometry = CenterGeometry()
+    pose = (0.18 - geometry.middles[0, 0], 0.0, 0.48, 0.0, 0.0, 0.0)
+    feet = geometry.footholds.copy()
+    feet[0, 4] = np.pi / 2  # its axis in the limb's plane's normal
+    assert np.isnan(branch_rates(geometry, pose, feet)[0]).all()
+    assert np.isfinite(branch_rates(geometry, pose, feet)[1]).all()
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda g: branch_joints(g, np.zeros(6), along="right"), 'along must be "middle" or'),
+        (lambda g: branch_forward(g, np.zeros((2, 6))), "joints must have shape"),
+        (lambda g: branch_joints(g, np.zeros(5)), "pose must have shape"),
+    ],
+)
+def test_wrong_arguments_are_called_by_their_names(geometry, call, says):
+    with pytest.raises(ValueError, match=says):
+        call(geometry)

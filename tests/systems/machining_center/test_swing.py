@@ -1,0 +1,172 @@
+import numpy as np
+import pytest
+
+from parapod.systems.core.errors import UnreachablePosture
+from parapod.systems.machining_center.branch import branch_joints
+from parapod.systems.machining_center.geometry import CenterGeometry
+from parapod.systems.machining_center.platform_mode import leg_lengths
+from parapod.systems.machining_center.swing import (
+    LockSet,
+    SingularSwing,
+    close_locks,
+    lock_conditions,
+    swing_inverse,
+)
+from parapod.systems.machining_center.wrench import wrench_indices
+
+HOME = np.array((0.0, 0.0, 0.48, 0.0, 0.0, 0.0))
+PITCHED = np.array((0.0, 0.0, 0.48, 0.0, 0.2, 0.0))
+TRIPOD, QUADRUPED = CenterGeometry(3), CenterGeometry(4)
+
+
+def swung(geometry, by, start=HOME, lock_set=None, **options):
+    """A swing of limb 1 by a displacement of its foot."""
+    locks = close_locks(geometry, start, lock_set or LockSet.printed(geometry, 1))
+    return swing_inverse(geometry, geometry.footholds[0] + by, locks, start, **options), locks
+
+
+def test_a_swing_from_a_tilted_pose_is_that_computed_by_another_program():
+    found, locks = swung(TRIPOD, (0.02, 0.01, 0.015, 0.0, 0.02, 0.0), PITCHED)
+    values = (0.0, 0.2332513871, 0.0, -0.4332513871, -0.0305427528, 0.0305427528)
+    assert np.allclose(locks.values, values, atol=1e-10)
+    pose = (0.0191793289, 0.0101904086, 0.5467897201, -0.006423643, 0.2199913512, -0.0027592878)
+    assert np.allclose(found.pose, pose, atol=1e-9)
+    lengths = (533.48709416, 532.58802298, 559.20130096, 580.35030646, 585.32668154, 562.44702764)
+    assert np.allclose(1e3 * found.lengths, lengths, atol=1e-6)
+    assert found.residual < 1e-12
+    assert len(found.open_directions) == 0
+
+
+def test_locked_joints_keep_their_values_and_legs_fit(geometry):
+    by = np.array((0.03, 0.02, 0.02, 0.0, 0.0, 0.0))
+    found, locks = swung(geometry, by)
+    feet = geometry.footholds.copy()
+    feet[0] += by
+    joints = branch_joints(geometry, found.pose, feet)
+    held = [joints[limb - 1, joint - 1] for limb, joint in locks.lock_set.joints]
+    assert np.abs(held - locks.values).max() < 1e-12
+    assert np.allclose(leg_lengths(geometry, found.pose, feet), found.lengths, atol=1e-15)
+
+
+@pytest.mark.parametrize("steps", [1, 20])
+def test_the_platform_of_a_flat_tripod_goes_across_the_loose_limb(steps):
+    # p = p_0 + (I - l l^T) d, l along the loose limb, in steps or at once.
+    by = np.array((0.1, 0.02, 0.03, 0.0, 0.0, 0.0))
+    line = HOME[:3] + TRIPOD.middles[0] - TRIPOD.footholds[0, :3]
+    line /= np.linalg.norm(line)
+    locks, pose = close_locks(TRIPOD, HOME, LockSet.printed(TRIPOD, 1)), HOME
+    for k in range(1, steps + 1):
+        found = swing_inverse(TRIPOD, TRIPOD.footholds[0] + by * k / steps, locks, pose)
+        pose = found.pose
+    expected = HOME[:3] + by[:3] - line * (line @ by[:3])
+    assert np.allclose(pose[:3], expected, atol=1e-9)
+    assert np.allclose(pose[3:], 0.0, atol=1e-9)
+    (open_direction,) = found.open_directions
+    assert np.allclose(open_direction[:3], 0.0, atol=1e-9)
+    assert np.allclose(np.abs(open_direction[3:] @ line), 1.0, atol=1e-9)
+
+
+def test_a_foot_of_a_flat_tripod_cannot_be_tilted():
+    with pytest.raises(SingularSwing, match=r"limb 1 cannot swing so: .*smallest singular value"):
+        swung(TRIPOD, (0.0, 0.0, 0.0, 0.35, 0.0, 0.0))
+
+
+def test_a_quadruped_tilts_its_foot_and_makes_100_mm_at_once():
+    found, _ = swung(QUADRUPED, (0.0, 0.0, 0.0, 0.0, 0.35, 0.0))
+    assert found.residual < 1e-12
+    found, _ = swung(QUADRUPED, (0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert found.residual < 1e-12
+    assert found.open_directions.shape == (2, 6)
+
+
+def test_what_is_open_is_used_for_stroke_and_index(geometry):
+    locks, by = close_locks(geometry, HOME, LockSet.printed(geometry, 1)), np.zeros(6)
+    by[0] = 0.06
+    poses = {}
+    for freedom in (0.0, 2e-3):
+        pose = HOME
+        for k in range(1, 41):
+            foot = geometry.footholds[0] + by * min(1.0, k / 20)
+            pose = swing_inverse(geometry, foot, locks, pose, freedom=freedom).pose
+        poses[freedom] = pose
+    feet = geometry.footholds.copy()
+    feet[0] += by
+    still, used = (leg_lengths(geometry, pose, feet) for pose in poses.values())
+    middle = 0.5 * (geometry.stroke_min + geometry.stroke_max)
+    moved = np.linalg.norm(poses[2e-3] - poses[0.0])
+    assert moved > 1e-3
+    if geometry.limbs == 3:
+        assert np.mean((used - middle) ** 4) < np.mean((still - middle) ** 4)
+    else:
+        indices = [
+            wrench_indices(geometry, pose, feet, standing=(2, 3, 4)).w_minmax
+            for pose in poses.values()
+        ]
+        assert indices[1] > indices[0]
+
+
+def test_the_freedom_is_no_faster_than_asked():
+    locks = close_locks(QUADRUPED, HOME, LockSet.printed(QUADRUPED, 1))
+    found = swing_inverse(QUADRUPED, QUADRUPED.footholds[0], locks, HOME, freedom=1e-4)
+    assert 1e-6 < np.linalg.norm((found.pose - HOME) * (1, 1, 1, 0.1, 0.1, 0.1)) < 1.1e-4
+
+
+def test_the_paper_s_locks_hold_the_flat_tripod_but_do_not_determine_it():
+    conditions = lock_conditions(TRIPOD, HOME, LockSet.printed(TRIPOD, 1))
+    assert conditions.inverse == pytest.approx(0.0, abs=1e-12)
+    assert conditions.holding == pytest.approx(0.0545902443, abs=1e-9)
+    tilted = lock_conditions(TRIPOD, PITCHED, LockSet.printed(TRIPOD, 1))
+    assert tilted.inverse > 0.01
+
+
+@pytest.mark.parametrize(
+    ("pair", "inverse", "holding"),
+    [
+        ("22 31", 0.046, 0.094),
+        ("22 33", 0.046, 0.165),
+        ("23 33", 0.033, 0.133),
+        ("26 32", 0.046, 0.088),
+        ("22 32", 0.0, 0.142),
+        ("26 36", 0.076, 0.0),
+    ],
+)
+def test_other_pairs_of_locks_have_the_values_computed_by_another_program(pair, inverse, holding):
+    standing = tuple((int(word[0]), int(word[1])) for word in pair.split())
+    conditions = lock_conditions(TRIPOD, HOME, LockSet(1, standing))
+    assert conditions.inverse == pytest.approx(inverse, abs=5e-4)
+    assert conditions.holding == pytest.approx(holding, abs=5e-4)
+
+
+def test_three_limbs_hold_the_quadruped_without_locks():
+    conditions = lock_conditions(QUADRUPED, np.stack((HOME, PITCHED)), LockSet(1))
+    assert conditions.inverse.shape == (2,)
+    assert (conditions.inverse > 0.1).all()
+    assert (conditions.holding > 0.1).all()
+
+
+def test_a_leg_that_would_leave_its_stroke_is_named():
+    with pytest.raises(UnreachablePosture, match="of limb 1"):
+        swung(QUADRUPED, (0.0, 0.0, -0.25, 0.0, 0.0, 0.0), longest=1.0)
+
+
+def test_a_jump_of_the_platform_is_refused():
+    with pytest.raises(SingularSwing, match="may go 10 mm") as refused:
+        swung(QUADRUPED, (0.1, 0.0, 0.0, 0.0, 0.0, 0.0), longest=0.01)
+    assert refused.value.limb == 1
+    assert refused.value.smallest_singular_value > 0.1
+
+
+@pytest.mark.parametrize(
+    ("geometry", "lock_set", "says"),
+    [
+        (TRIPOD, LockSet(4), "must be one of 1..3"),
+        (TRIPOD, LockSet(1), "2 joints of standing limbs must be locked, not 0"),
+        (TRIPOD, LockSet(1, ((2, 1), (2, 1))), "2 joints of standing limbs"),
+        (TRIPOD, LockSet(1, ((1, 1), (2, 1))), "joint 1 of limb 1 cannot be locked"),
+        (TRIPOD, LockSet(1, ((2, 5), (3, 1))), "joint 5 of limb 2 cannot be locked"),
+        (QUADRUPED, LockSet(1, ((5, 1),)), "limbs are 2, 3, 4"),
+    ],
+)
+def test_lock_sets_that_do_not_fit_are_refused(geometry, lock_set, says):
+    with pytest.raises(ValueError, match=says):
+        close_locks(geometry, HOME, lock_set)
