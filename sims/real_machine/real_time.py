@@ -12,6 +12,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import FrameType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,7 +150,7 @@ class RealTimeLoop:
         self._is_missed: deque[bool] = deque(maxlen=self._window)
 
     def run(self, until: float) -> None:
-        """Runs to a time of the simulation.
+        """Runs to a time of the simulation; what interrupts the program does so between ticks.
 
         Args:
             until: [s].
@@ -159,13 +160,14 @@ class RealTimeLoop:
         """
         before = resource.getrusage(resource.RUSAGE_SELF)
         try:
-            self._run(until)
+            with signals_between_ticks() as interrupted:
+                self._run(until, interrupted)
         finally:
             after = resource.getrusage(resource.RUSAGE_SELF)
             self.timing.page_faults += after.ru_minflt - before.ru_minflt
             self.timing.disk_faults += after.ru_majflt - before.ru_majflt
 
-    def _run(self, until: float) -> None:
+    def _run(self, until: float, interrupted: Callable[[], None]) -> None:
         period, timing = self.timing.period, self.timing
         context = self._simulator.get_context()
         begin = context.get_time()
@@ -173,6 +175,7 @@ class RealTimeLoop:
         due = earliest = self._clock()
         for k in range(ticks):
             self._wait(max(due, earliest))
+            interrupted()
             started = self._clock()
             if self._is_strict and started - due > _HOPELESS:
                 late = 1e3 * (started - due)
@@ -265,6 +268,47 @@ def undisturbed(
 
 
 @contextmanager
+def signals_between_ticks() -> Iterator[Callable[[], None]]:
+    """Keeps signals that interrupt this program for the moments when it asks for them.
+
+    A handler raises wherever the program happens to be. In the middle of a conversion from Python
+    to C++ its exception is taken for an argument of the wrong type, or is lost. A second signal,
+    and one that is not asked for within 0.1 s, interrupt at once.
+
+    Yields the question: it raises if a signal has come.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: None
+        return
+    heard: list[int] = []
+    asked = time.monotonic()
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if heard or time.monotonic() - asked > _HOPELESS:
+            handlers[number](number, frame)
+        heard.append(number)
+
+    def ask() -> None:
+        nonlocal asked
+        asked = time.monotonic()
+        if heard:
+            handlers[heard[0]](heard[0], None)
+
+    handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
+    for number in (signal.SIGINT, *_endings()):
+        handler = signal.getsignal(number)
+        if callable(handler):
+            handlers[number] = handler
+            signal.signal(number, note)
+    try:
+        yield ask
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    ask()
+
+
+@contextmanager
 def ended_with_parent(parent: int) -> Iterator[None]:
     """Ends this program, as SIGTERM does, once the program that began it has ended.
 
@@ -303,11 +347,15 @@ def ended_by_signals() -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt(signal.Signals(number).name)
 
-    numbers = [getattr(signal, s) for s in ("SIGTERM", "SIGHUP") if hasattr(signal, s)]
-    heard = [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
+    heard = [number for number in _endings() if signal.getsignal(number) is not signal.SIG_IGN]
     before = {number: signal.signal(number, interrupt) for number in heard}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _endings() -> list[int]:
+    """Signals, beside Ctrl-C's, that end programs."""
+    return [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]

@@ -1,5 +1,6 @@
 """One EPOS2 controller on its bus: identity, set-up, enabling, commands and samples."""
 
+import math
 import struct
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -36,6 +37,10 @@ _NO_SUPPLY = (
 
 # Polling period while waiting for a state or a standstill [s].
 POLL = 0.002
+# A motor that is slower stands still [rpm]: two counts per millisecond of a 500-pulse encoder.
+STANDSTILL = 60
+# A tuned velocity loop lags no more behind its ramp [s]: 40 ms is what controllers reckon with.
+_LAG = 0.05
 
 
 # Node id under which this computer sends its heartbeat.
@@ -426,5 +431,7 @@ def reports(settings: Epos2Settings, node_id: int) -> tuple[Pdo, Pdo]:
 
 
 def stopping_time(settings: Epos2Settings, timing: Timing) -> float:
-    """Longest time that a quick stop may take [s]."""
-    return settings.max_velocity / settings.quick_stop_deceleration + timing.timeout
+    """Longest time that a quick stop may take, until every motor stands [s]."""
+    ramp = settings.max_velocity / settings.quick_stop_deceleration
+    fastest = max(abs(settings.rpm(settings.max_velocity)), STANDSTILL)
+    return ramp + _LAG * math.log(fastest / STANDSTILL) + timing.timeout

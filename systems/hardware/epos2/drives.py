@@ -16,6 +16,7 @@ from parapod.systems.hardware.ds402 import (
 from parapod.systems.hardware.epos2.controller import (
     MASTER_ID,
     POLL,
+    STANDSTILL,
     Condition,
     Epos2Controller,
     Sample,
@@ -25,8 +26,6 @@ from parapod.systems.hardware.epos2.controller import (
 from parapod.systems.hardware.epos2.settings import Epos2Settings
 from parapod.systems.hardware.position_memory import IncrementalDevice
 
-# A motor that is slower stands still [rpm]: two counts per millisecond of a 500-pulse encoder.
-_STANDSTILL = 60
 # How long a drive may take to leave a quick stop that was ours [s].
 _OBEYING = 0.05
 # How long nodes are asked whether their power is gone, once one of them was silent [s].
@@ -446,7 +445,7 @@ class Epos2(IncrementalDevice):
         while True:
             self._beat()
             speeds = [abs(sample.rpm) for sample in self._samples()]
-            if max(speeds) <= _STANDSTILL:
+            if max(speeds) <= STANDSTILL:
                 return
             if self._clock() > deadline:
                 i = speeds.index(max(speeds))

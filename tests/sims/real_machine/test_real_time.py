@@ -240,6 +240,64 @@ def test_a_signal_that_is_ignored_under_nohup_ends_nothing():
         signal.signal(signal.SIGHUP, before)
 
 
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_signal_in_the_middle_of_a_tick_ends_the_loop_after_it(name):
+    """What it raises in a conversion to C++ would be a TypeError about another argument."""
+    done = []
+
+    def tick(context):
+        if len(done) == 2:
+            os.kill(os.getpid(), getattr(signal, name))
+            for _ in range(100):
+                context.SetTime(context.get_time())  # where the interpreter looks for signals
+        done.append(context.get_time())
+
+    simulator = Simulator(ConstantVectorSource([1.0]))
+    simulator.Initialize()
+    with ended_by_signals(), pytest.raises(KeyboardInterrupt):
+        RealTimeLoop(simulator, 0.001, tick).run(1.0)
+    assert len(done) == 3
+
+
+def test_a_second_signal_ends_a_tick_that_hangs():
+    reached = []
+
+    def tick(context):
+        for _ in range(2):
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(0.01)
+            reached.append(True)
+
+    simulator = Simulator(ConstantVectorSource([1.0]))
+    simulator.Initialize()
+    with ended_by_signals(), pytest.raises(KeyboardInterrupt, match="SIGTERM"):
+        RealTimeLoop(simulator, 0.001, tick).run(1.0)
+    assert len(reached) == 1
+
+
+def test_a_signal_ends_a_tick_that_hangs_already():
+    def tick(context):
+        time.sleep(0.15)
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(1.0)
+        raise AssertionError("the tick went on")
+
+    simulator = Simulator(ConstantVectorSource([1.0]))
+    simulator.Initialize()
+    with ended_by_signals(), pytest.raises(KeyboardInterrupt, match="SIGTERM"):
+        RealTimeLoop(simulator, 0.001, tick, is_strict=False).run(1.0)
+
+
+def test_a_signal_in_the_last_tick_is_not_lost():
+    simulator = Simulator(ConstantVectorSource([1.0]))
+    simulator.Initialize()
+    with ended_by_signals(), pytest.raises(KeyboardInterrupt):
+        RealTimeLoop(simulator, 0.001, lambda context: os.kill(os.getpid(), signal.SIGTERM)).run(
+            0.001
+        )
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
 # Begins a program in a session of its own, as a test or a shell does, and tells its number.
 PARENT = """
 import subprocess, sys

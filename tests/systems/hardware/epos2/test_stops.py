@@ -5,9 +5,12 @@ import time
 
 import pytest
 
+from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
+from parapod.diagrams.walking_chair.drivers import Epos2Legs
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import Controlword, DriveState
 from parapod.systems.hardware.epos2 import objects
+from parapod.systems.hardware.epos2.controller import Timing, stopping_time
 
 RUN = {"velocity_command": (2.0,) * 4, "brake": (0.0,)}
 
@@ -72,6 +75,18 @@ def test_drives_that_need_a_while_to_stop_have_it(rig):
     rig.drives.deactivate()
     assert time.monotonic() - began >= 0.2
     assert set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
+
+
+@pytest.mark.parametrize("driver", [Epos2Legs(), Epos2Wheels()], ids=["screws", "wheels"])
+def test_an_axis_that_lags_behind_its_ramp_has_time_to_stop(driver):
+    settings, lag, step = driver, 0.04, 1e-4
+    asked = speed = settings.max_velocity
+    elapsed = 0.0
+    while settings.rpm(speed) > 60:
+        asked = max(0.0, asked - settings.quick_stop_deceleration * step)
+        speed += (asked - speed) * step / lag
+        elapsed += step
+    assert elapsed < stopping_time(settings, Timing(timeout=0.0)) < 2.0
 
 
 def test_a_node_that_obeys_no_process_data_is_stopped_by_service_data(rig):
