@@ -53,7 +53,7 @@ def check_strokes(homing: Homing, driver: Any, period: float) -> Procedure[list[
             1e3 * float(error[worst]),
             "mm",
             1e3 * _STROKE_BOUND,
-            f"way from end to end against the drawing, largest: branch {BRANCHES[worst]}",
+            f"way from end to end against the drawing, largest: {BRANCHES[worst]}",
         )
     ]
 

@@ -22,6 +22,8 @@ from parapod.systems.sensors.imu import STANDARD_GRAVITY
 _STEP = 0.01  # [s]
 # A command grows and fades for so long [s].
 _RAMP = 0.2
+# The turning point itself comes so much later than that of the command.
+_LAG = 0.1
 # After it, so long is looked whether everything stands still [s].
 _REST = 0.3
 # Others must not move by more than this share of what the tested one moves [-].
@@ -246,8 +248,9 @@ def _move(
     way = np.array(measured) - measured[0]
     turn = int(np.argmax(np.abs(commanded)))
     moved, expected = way[:, move.index], motion.gain * commanded[turn]
-    # The turning point itself comes a little later than that of the command.
-    reached = float(moved[np.argmax(np.abs(moved))])
+    # The way back is no part of it: an axis at its end makes that alone.
+    there = moved[: turn + round(_LAG / _STEP)]
+    reached = float(there[np.argmax(np.abs(there))])
     others = np.delete(np.abs(way).max(axis=0), move.index)
     unit = move.measured_unit
     return [
@@ -256,7 +259,7 @@ def _move(
             "wrong_sign",
             float(reached * expected <= 0.0),
             bound=0.0,
-            meaning="1: moves against the command, or not at all",
+            meaning="1: moves against the command, or not at all (at its end?)",
         ),
         Metric(
             "scale_error_percent",

@@ -22,7 +22,7 @@ class FakePart(Device):
     def __init__(self, part, ports):
         self.name, self.measures, self.commands = f"fake {part}", ports.measures, ports.commands
         self.velocity, self.angle, self.then = (0.0,) * 4, [0.0] * 4, time.monotonic()
-        self.asked, self.blows_at = [], None
+        self.asked, self.blows_at, self.end = [], None, 1e9
 
     def configure(self):
         pass
@@ -30,7 +30,7 @@ class FakePart(Device):
     def read(self):
         now = time.monotonic()
         for wheel, velocity in enumerate(self.velocity):
-            self.angle[wheel] += velocity * (now - self.then)
+            self.angle[wheel] = min(self.end, self.angle[wheel] + velocity * (now - self.then))
         self.then = now
         if self.blows_at is not None and self.blows_at in self.velocity:
             raise DeviceError(self.name, "the fuse is blown", DeviceFault.FAILED)
@@ -52,10 +52,11 @@ class FakePart(Device):
 class _FakeDriver(Driver):
     made: FakePart | None = None
     blows_at: float | None = None
+    end: float = 1e9
 
     def make(self, ports):
         self.made = FakePart(self.part, ports)
-        self.made.blows_at = self.blows_at
+        self.made.blows_at, self.made.end = self.blows_at, self.end
         return self.made
 
 
@@ -110,6 +111,14 @@ def test_a_motion_goes_there_and_back_on_ramps_and_ends_at_rest(check):
     assert min(asked) == pytest.approx(-2.0)
     assert asked[-1] == 0.0
     assert not any(velocity[i] for velocity in wheels.asked for i in (0, 2, 3))
+
+
+def test_an_axis_at_its_end_has_not_moved_although_it_comes_back(check):
+    metrics, wheels = check(Move(1, 2.0, 0.5), end=0.0)
+    assert min(wheels.angle) < -0.4
+    assert abs(metrics["reached"].value) < 0.1
+    assert not metrics["wrong_sign"].passed
+    assert "at its end?" in metrics["wrong_sign"].meaning
 
 
 def test_only_a_move_that_can_be_made_is_asked_about_and_a_no_opens_nothing(check):
