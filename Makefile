@@ -9,12 +9,16 @@ REAL_TIME := tests/diagrams/test_hardware_station.py tests/sims/real_machine
 # One process more than there are cores: tests of devices wait for them.
 TOGETHER := $(PYTEST) -n $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
 ARGS ?=
+# Whether real-time programs may keep other programs away.
+BESIDE := $(shell chrt --fifo 1 true 2>/dev/null && echo yes)
+# pytest's answer where there is none of the tests that are asked for.
+NONE := [ $$? = 5 ]
 
 # The newest interpreter that is new enough; PYTHON=/path/to/python overrides it.
 PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3; do \
   if $$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' >/dev/null 2>&1; then command -v $$p; break; fi; done)
 
-.PHONY: setup demo check test test-all lint types pytest bench wheel clean
+.PHONY: setup demo check test test-all lint types pytest clocked whole-runs bench wheel clean
 .DEFAULT_GOAL := setup
 
 setup: $(VENV)/.installed
@@ -29,7 +33,7 @@ $(VENV)/.installed: pyproject.toml
 	@echo "setting up $(VENV) with $$($(PYTHON) --version)"
 	@$(PYTHON) -m venv --clear $(VENV) || { echo "$(PYTHON) has no venv module: install it (apt install python3-venv)"; exit 1; }
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade "pip>=24"
-	@PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[test]"
+	@PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --editable ".[test]"
 	@touch $@
 
 demo: setup
@@ -58,11 +62,17 @@ types: setup
 	@ln -sfn ../../../sims/public/__init__.py build/types/parapod/__init__.py
 	MYPYPATH=build/types:. $(BIN)/mypy -p parapod -p benchmarks
 
-# What can run beside each other does, on all cores; what is judged by the clock then runs alone.
+# What can run beside each other does, on all cores; what is judged by the clock then runs alone, or
+# beside whole experiments where real-time programs may keep these away.
 pytest: setup
-	$(TOGETHER) -m "not real_time and not slow" $(ARGS) || [ $$? = 5 ]
-	$(PYTEST) -m "real_time and not slow" $(or $(ARGS),$(REAL_TIME)) \
-	  || [ $$? = 5 ]  # 5: none of those asked for
+	$(TOGETHER) -m "not real_time and not slow $(if $(BESIDE),and not whole_run)" $(ARGS) || $(NONE)
+	$(MAKE) --no-print-directory --jobs=2 --output-sync=target clocked $(if $(BESIDE),whole-runs)
+
+clocked: setup
+	$(PYTEST) -m "real_time and not slow" $(or $(ARGS),$(REAL_TIME)) || $(NONE)
+
+whole-runs: setup
+	nice -n 19 $(PYTEST) -n 2 -m "whole_run and not slow" $(ARGS) || $(NONE)
 
 bench: setup
 	$(BIN)/python -m benchmarks $(ARGS)
