@@ -64,7 +64,8 @@ class CenterGeometry:
     @cached_property
     def angles(self) -> NDArray[np.float64]:
         """(n) directions psi_i of the limbs, about the third axis from the first one [rad]."""
-        return _constant(np.arange(self.limbs) * (2.0 * math.pi / self.limbs))
+        turn = 2.0 * math.pi / self.limbs
+        return _constant(np.array([turn * i for i in range(self.limbs)]))
 
     @cached_property
     def pivots(self) -> NDArray[np.float64]:
