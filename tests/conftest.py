@@ -5,6 +5,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import importlib
 import io
+import re
 import sys
 import threading
 import time
@@ -27,8 +28,11 @@ SHARED_RUNS = (
     "tests/laws/test_chapters.py",
     "tests/laws/test_experiments.py",
     "tests/sims/levelling_platform",
+    "tests/sims/machining_center",
     "tests/sims/walking_chair",
 )
+# Machines beside the platform, by what the names of their tests hold.
+OTHERS = {"the chair": "chair", "the centres": "center|centres"}
 
 
 def pytest_itemcollected(item):
@@ -48,7 +52,8 @@ def pytest_xdist_make_scheduler(config, log):
     class Scheduling(LoadScopeScheduling):
         def _split_scope(self, nodeid):
             if nodeid.startswith(SHARED_RUNS):
-                return "runs of the chair" if "chair" in nodeid else "runs of the platform"
+                found = [machine for machine, words in OTHERS.items() if re.search(words, nodeid)]
+                return f"runs of {found[0] if found else 'the platform'}"
             return nodeid.split("::")[0]
 
     return Scheduling(config, log)

@@ -14,6 +14,7 @@ each_chapter = pytest.mark.parametrize("chapter", CHAPTERS, ids=lambda chapter: 
 # The papers' figures; the platform's Fig. 2 is a table, which the page heads itself.
 FIGURES = {
     "The levelling platform": {*range(1, 24)} - {2},
+    "The machining centres": {*range(1, 13)},
     "The walking chair": {*range(1, 20)},
 }
 
@@ -21,6 +22,7 @@ FIGURES = {
 # Where the papers print what they measured on their machines.
 MEASURED = {
     "The levelling platform": ("section 6.4, Figs. 20, 21", "Fig. 15"),
+    "The machining centres": (),
     "The walking chair": ("Fig. 14", "Fig. 17"),
 }
 

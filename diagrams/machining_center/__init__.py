@@ -1,0 +1,1 @@
+"""The machining centres: scenario, plants, controller, declaration."""

@@ -1,0 +1,50 @@
+"""A machining centre's bodies, joints, clamps and closed loops in a MultibodyPlant."""
+
+import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import PdControllerGains, QuaternionFloatingJoint
+
+from parapod.systems.machining_center.geometry import CenterGeometry
+from parapod.systems.machining_center.model import CenterModel
+from parapod.urdf import configure_parser
+
+_FOLDER = "package://parapod/machining_center"
+
+
+def add_center(
+    plant: MultibodyPlant, geometry: CenterGeometry, gains: PdControllerGains
+) -> CenterModel:
+    """Adds a centre and its clamps to a plant that is part of a diagram, and finalizes it.
+
+    Args:
+        plant: a plant with a registered scene graph and a time step above zero.
+        geometry: tripod or quadruped, of the paper's dimensions.
+        gains: stiffness and damping of the legs [N/m, N s/m].
+    """
+    parser = Parser(plant)
+    configure_parser(parser)
+    parser.SetAutoRenaming(True)
+    (body,) = parser.AddModels(url=f"{_FOLDER}/platform.urdf")
+    platform = plant.GetBodyByName("platform", body)
+    world = plant.world_frame()
+    plant.AddJoint(QuaternionFloatingJoint("platform", world, platform.body_frame()))
+    clamps = []
+    for i, (angle, middle) in enumerate(zip(geometry.angles, geometry.middles, strict=True)):
+        (limb,) = parser.AddModels(url=f"{_FOLDER}/limb.urdf")
+        plant.RenameModelInstance(limb, f"limb_{i + 1}")
+        X_PM = RigidTransform(RotationMatrix.MakeZRotation(angle), middle)
+        plant.WeldFrames(platform.body_frame(), plant.GetFrameByName("mount", limb), X_PM)
+        tips = [plant.GetBodyByName(f"{side}_rod", limb) for side in ("left", "right")]
+        plant.AddBallConstraint(tips[0], np.zeros(3), tips[1], np.zeros(3))
+        for side in ("left", "right"):
+            plant.GetJointActuatorByName(side, limb).set_controller_gains(gains)
+        (plate,) = parser.AddModels(url=f"{_FOLDER}/clamp.urdf")
+        plant.RenameModelInstance(plate, f"clamp_{i + 1}")
+        clamp = plant.GetBodyByName("clamp", plate)
+        plant.AddJoint(QuaternionFloatingJoint(f"clamp_{i + 1}", world, clamp.body_frame()))
+        foot = plant.GetBodyByName("foot", limb)
+        clamps.append(plant.AddWeldConstraint(clamp, RigidTransform(), foot, RigidTransform()))
+    plant.Finalize()
+    return CenterModel(plant, geometry, tuple(clamps))

@@ -1,0 +1,1 @@
+"""The machining centres: experiments, and their chapter of the report."""

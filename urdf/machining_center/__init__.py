@@ -1,0 +1,1 @@
+"""The machining centres: platform, limb, and the clamps under the feet."""
