@@ -12,6 +12,7 @@ from rich.console import Console
 
 from benchmarks import (
     accuracy,
+    centers,
     chair,
     deadlines,
     endurance,
@@ -24,7 +25,7 @@ from benchmarks import (
 from benchmarks.report import Measurement, print_measurements
 
 _GROUPS = (
-    *("kinematics", "realtime", "accuracy", "chair", "endurance"),
+    *("kinematics", "realtime", "accuracy", "chair", "centers", "endurance"),
     *("hardware", "deadlines", "faults", "day"),
 )
 _DEFAULT = tuple(name for name in _GROUPS if name != "day")
@@ -50,6 +51,7 @@ def main(arguments: list[str]) -> int:
             "realtime": lambda: realtime.run(console),
             "accuracy": lambda: accuracy.run(console),
             "chair": lambda: chair.run(console),
+            "centers": centers.run,
             "endurance": lambda: endurance.run(console),
             "hardware": lambda: hardware.run(console),
             "deadlines": lambda: deadlines.run(console),

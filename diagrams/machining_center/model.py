@@ -1,20 +1,27 @@
-"""A machining centre's bodies, joints, clamps and closed loops in a MultibodyPlant."""
+"""A machining centre's bodies, joints, clamps and closed loops in a MultibodyPlant; pictures."""
+
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import PdControllerGains, QuaternionFloatingJoint
+from pydrake.systems.framework import DiagramBuilder
 
+from parapod.diagrams.drawing import View, add_renderer, take
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.model import CenterModel
 from parapod.urdf import configure_parser
 
+# Axial stiffness of a leg with its screw and drive [N/m], and its damping [N s/m]: assumptions.
+STIFFNESS = PdControllerGains(p=1e7, d=1e5)
 _FOLDER = "package://parapod/machining_center"
 
 
 def add_center(
-    plant: MultibodyPlant, geometry: CenterGeometry, gains: PdControllerGains
+    plant: MultibodyPlant, geometry: CenterGeometry, gains: PdControllerGains = STIFFNESS
 ) -> CenterModel:
     """Adds a centre and its clamps to a plant that is part of a diagram, and finalizes it.
 
@@ -48,3 +55,30 @@ def add_center(
         clamps.append(plant.AddWeldConstraint(clamp, RigidTransform(), foot, RigidTransform()))
     plant.Finalize()
     return CenterModel(plant, geometry, tuple(clamps))
+
+
+def photograph(
+    views: Sequence[View],
+    geometry: CenterGeometry,
+    pose: ArrayLike,
+    footholds: ArrayLike | None = None,
+) -> list[NDArray[np.uint8]]:
+    """Pictures (height, width, 3) of a centre at a pose.
+
+    Args:
+        views: from where; one picture each.
+        geometry: tripod or quadruped, of the paper's dimensions.
+        pose: (6) of the platform [m, rad].
+        footholds: (n, 6) poses of the feet's frames; None for the paper's pattern.
+
+    Raises:
+        RuntimeError: there is no OpenGL that Drake's renderer could use.
+    """
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
+    add_renderer(scene_graph)
+    model = add_center(plant, geometry)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    model.stand(plant.GetMyMutableContextFromRoot(context), pose, footholds)
+    return take(scene_graph, context, views)

@@ -68,7 +68,7 @@ class CenterWorkspaceScenario(Schema):
     backend: str = choice("exact", ("exact",))
     seed: int = quantity(0, 0, 2**31 - 1)
     cell_mm: float = quantity(12.5, 4.0, 100.0)
-    height_mm: float = quantity(1e3 * CUBE_HEIGHT, 0.0, 1000.0)
+    height_mm: float = quantity(1e3 * CUBE_HEIGHT, 250.0, 1000.0)
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ class CenterWorkspace(Experiment[CenterWorkspaceScenario, Workspaces]):
         for limbs, name in NAMES.items():
             yield from _table(name, data.fine[limbs], limbs)
         yield Metric(
-            "largest_change_percent",
+            "largest_change",
             data.largest_change,
             "points",
             _CONVERGED * (scenario.cell_mm / 12.5),
@@ -142,7 +142,7 @@ class CenterWorkspace(Experiment[CenterWorkspaceScenario, Workspaces]):
             yield from _comparison(data)
 
     def note(self, scenario: CenterWorkspaceScenario, data: Workspaces) -> Iterator[str]:
-        """Why two printed means cannot be."""
+        """Reasons why two printed means cannot be."""
         three, four = data.fine[3], data.fine[4]
         if not len(three.reachable) or not len(four.reachable):
             yield "No point of the box can be reached."
@@ -184,7 +184,7 @@ class CenterWorkspace(Experiment[CenterWorkspaceScenario, Workspaces]):
         yield Figure(
             "center_ratio",
             "Isotropy at three heights",
-            "eta_w = w_Max / w_MinMax, platform upright (Fig. 12); white: outside the stroke.",
+            "Ratio eta_w = w_Max / w_MinMax, platform upright (Fig. 12); white: out of reach.",
             _draw_sections,
             (7.0, 4.9),
         )
@@ -210,12 +210,12 @@ def _table(name: str, found: Survey, limbs: int) -> Iterator[Metric]:
 
 
 def _comparison(data: Workspaces) -> Iterator[Metric]:
-    """What is the paper's: its grid, the order of the two machines; and what cannot be."""
+    """The paper's grid, the order of the two machines, and what cannot be."""
     error = max(
         abs(data.printed[limbs].percent(0.0) - REACHABLE_PERCENT[limbs][0]) for limbs in NAMES
     )
     yield Metric(
-        "nodes_error_percent",
+        "nodes_error",
         error,
         "points",
         _NODES_ERROR,
@@ -223,14 +223,14 @@ def _comparison(data: Workspaces) -> Iterator[Metric]:
     )
     three, four = data.fine[3], data.fine[4]
     yield Metric(
-        "tripod_reaches_more_percent",
+        "tripod_reaches_more",
         three.percent(0.0) - four.percent(0.0),
         "points",
         at_least=0.0,
         meaning="than the quadruped, without a threshold",
     )
     yield Metric(
-        "quadruped_resists_more_percent",
+        "quadruped_resists_more",
         min(four.percent(t) - three.percent(t) for t in THRESHOLDS[1:]),
         "points",
         at_least=0.0,

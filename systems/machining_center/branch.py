@@ -89,32 +89,6 @@ def branch_forward(
 
 
 @nan_without_warning
-def branch_rates(
-    geometry: CenterGeometry,
-    pose: ArrayLike,
-    footholds: ArrayLike | None = None,
-    *,
-    along: Along = "middle",
-) -> Array:
-    """Rates of the joint values by the platform's twist at P_O, feet at rest.
-
-    Args:
-        geometry: the centre.
-        pose: (..., 6) [m, rad].
-        footholds: (..., n, 6) poses of the feet's frames; None for the paper's pattern.
-        along: line of the chains.
-
-    Returns:
-        (..., n, 6, 6): rows of q_1 .. q_6, columns of [angular; linear] in the world; not finite
-        where a chain is stretched over its foot's axis or lies in the line of its pivots.
-
-    Raises:
-        ValueError: wrong shapes.
-    """
-    return _rates(_chains(geometry, pose, footholds, along))
-
-
-@nan_without_warning
 def branch_joints_and_rates(
     geometry: CenterGeometry,
     pose: ArrayLike,
@@ -122,7 +96,15 @@ def branch_joints_and_rates(
     *,
     along: Along = "middle",
 ) -> tuple[Array, Array]:
-    """Results of `branch_joints` and `branch_rates`, in less time than both."""
+    """Joint values, and their rates by the platform's twist at P_O while the feet are at rest.
+
+    Arguments and errors are those of `branch_joints`.
+
+    Returns:
+        The joint values, and (..., n, 6, 6) rows of q_1 .. q_6, columns of [angular; linear] in
+        the world; rates are NaN where a chain is stretched over its foot's axis or lies in the
+        line of its pivots.
+    """
     chains = _chains(geometry, pose, footholds, along)
     return _joints(chains), _rates(chains)
 
@@ -164,14 +146,23 @@ def _chains(
 
 def _joints(chains: _Chains) -> Array:
     x_a, z_a, y, v_3, v_c, u, line, length, *_ = chains
-    z_2 = _perpendicular(z_a, v_3)
+    z_2, across = _perpendicular(z_a, v_3), _perpendicular(v_3, z_a)
+    # From, to, about: Eqs. (10), (8), (7), (4), (2).
+    rows = (
+        (x_a, across, z_a),
+        (z_2, z_a, y),
+        (line, z_2, v_3),
+        (u, line, v_3),
+        (_perpendicular(line, u), v_c, u),
+    )
+    shape = line.shape
+    first, second, normal = (
+        np.stack([np.broadcast_to(vector, shape) for vector in vectors], axis=-2)
+        for vectors in zip(*rows, strict=True)
+    )
+    q_1, q_2, q_3, to_line, to_middle = np.moveaxis(_angle(first, second, normal), -1, 0)
     quarter = 0.5 * np.pi
-    q_1 = _angle(x_a, _perpendicular(v_3, z_a), z_a)
-    q_2 = _angle(z_2, z_a, y)
-    q_3 = _angle(line, z_2, v_3)
-    q_5 = quarter - _angle(u, line, v_3)
-    q_6 = quarter - _angle(_perpendicular(line, u), v_c, u)
-    return np.stack((q_1, q_2, q_3, length, q_5, q_6), axis=-1)
+    return np.stack((q_1, q_2, q_3, length, quarter - to_line, quarter - to_middle), axis=-1)
 
 
 def _rates(chains: _Chains) -> Array:
@@ -231,6 +222,5 @@ def _perpendicular(vector: Array, normal: Array) -> Array:
 
 def _angle(first: Array, second: Array, normal: Array) -> Array:
     """Angle Theta from one unit vector to another about a unit normal, Eq. (1)."""
-    first, second = np.broadcast_arrays(first, second)
     sine = np.sum(normal * cross(first, second), axis=-1)
     return np.arctan2(sine, np.sum(first * second, axis=-1))

@@ -14,7 +14,11 @@ This module is the front door for users; inside the package what it offers is im
 it is defined.
 """
 
-from parapod.systems.machining_center.branch import branch_forward, branch_joints, branch_rates
+from parapod.systems.machining_center.branch import (
+    branch_forward,
+    branch_joints,
+    branch_joints_and_rates,
+)
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.platform_mode import (
     AssembledPose,
@@ -47,7 +51,7 @@ __all__ = [
     "WrenchIndices",
     "branch_forward",
     "branch_joints",
-    "branch_rates",
+    "branch_joints_and_rates",
     "check_strokes",
     "close_locks",
     "forward_kinematics",

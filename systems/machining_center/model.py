@@ -4,7 +4,7 @@ Locks and clamps are parameters of a plant's context, which no system can change
 steps: they are switched between two steps, and only what stands is switched.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -191,8 +191,8 @@ class CenterModel:
         return self.plant.EvalBodyPoseInWorld(context, self.feet[limb - 1])
 
 
-def _transform(pose: Sequence[float] | NDArray[np.float64]) -> RigidTransform:
-    return RigidTransform(RollPitchYaw(pose[3:]), np.asarray(pose[:3]))
+def _transform(pose: NDArray[np.float64]) -> RigidTransform:
+    return RigidTransform(RollPitchYaw(pose[3:]), pose[:3])
 
 
 def pose_of(transform: RigidTransform) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""What the machining centres' paper prints: its tables, and equations as they stand there.
+"""Tables of the machining centres' paper, and equations as they stand there.
 
 Nothing simulates with them: they stand beside what is right, in tests and in the report.
 """

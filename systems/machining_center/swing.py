@@ -12,6 +12,7 @@ foot's attitude has one direction that cannot be commanded. `lock_conditions` te
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,6 @@ from parapod.systems.machining_center.branch import (
     Along,
     branch_joints,
     branch_joints_and_rates,
-    branch_rates,
 )
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.platform_mode import (
@@ -132,6 +132,19 @@ class Locks:
     along: Along
 
 
+def lock_sets(geometry: CenterGeometry, limb: int) -> list[LockSet]:
+    """All sets with as many locks in the standing limbs as are needed.
+
+    Args:
+        geometry: the centre.
+        limb: the loose limb, counted from 1.
+    """
+    others = [other for other in range(1, geometry.limbs + 1) if other != limb]
+    joints = [(other, joint) for other in others for joint in LOCKABLE]
+    needed = max(0, 6 - 2 * len(others))
+    return [LockSet(limb, chosen) for chosen in combinations(joints, needed)]
+
+
 class LockConditions(NamedTuple):
     """Smallest singular values of a lock set, of rotations in rad and translations by r_c.
 
@@ -214,7 +227,7 @@ def lock_conditions(
     """
     lock_set.check(geometry)
     unit = _unit_motion(geometry)
-    rates = branch_rates(geometry, pose, footholds, along=along) * unit
+    rates = branch_joints_and_rates(geometry, pose, footholds, along=along)[1] * unit
     locked = rates[(..., *_indices(lock_set.joints), slice(None))]
     standing = np.repeat(np.arange(1, geometry.limbs + 1) != lock_set.limb, 2)
     held = jacobian(geometry, pose, footholds)[..., standing, :] * unit / geometry.platform_radius
@@ -267,8 +280,6 @@ def swing_inverse(
         left, values, right = np.linalg.svd(rates[chosen] * unit)
         kept = int((values > open_below * values[0]).sum())
         smallest, open_directions = float(values[-1]), right[kept:]
-        if way <= _CONVERGED:
-            break
         move = right[:kept].T @ (left.T[:kept] @ missing / values[:kept])
         if len(open_directions):
             if step == 0 and freedom > 0.0:
@@ -277,6 +288,8 @@ def swing_inverse(
             gone = displacement(start, pose) / unit
             move = move + open_directions.T @ (open_directions @ (drift - gone))
         way = geometry.platform_radius * float(np.linalg.norm(move))
+        if way <= _CONVERGED:
+            break
         pose = moved(pose, move * unit)
         distance = float(np.linalg.norm(pose[:3] - start[:3]))
         if not distance <= longest:

@@ -1,4 +1,4 @@
-"""Where a machining centre's platform can be, upright, and what it resists there: Section VI-D."""
+"""Reach of an upright platform, and what it resists there: Section VI-D."""
 
 from collections.abc import Callable
 from typing import NamedTuple

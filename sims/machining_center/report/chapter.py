@@ -1,11 +1,49 @@
 """The machining centres' chapter: experiments in the paper's order."""
 
+from parapod.diagrams.drawing import View
+from parapod.diagrams.machining_center.model import photograph
 from parapod.sims.machining_center.report.claims import CLAIMS
 from parapod.sims.machining_center.report.drawings import DRAWINGS
 from parapod.sims.machining_center.report.errata import ERRATA
-from parapod.sims.report.chapter import Chapter, Part
+from parapod.sims.report.chapter import Chapter, Component, Part, Picture
+from parapod.sims.report.rendered import rendered
+from parapod.systems.machining_center.geometry import CenterGeometry
+
+_VIEW = View((0.95, -1.15, 0.75), (0.0, 0.0, 0.25), angle=0.48, size=(900, 1100))
+_POSES = {3: (0.0, 0.0, 0.48, 0.0, 0.0, 0.0), 4: (0.03, 0.0, 0.47, 0.1, 0.05, 0.1)}
+
+
+def pictures() -> tuple[Picture, ...]:
+    """Tripod and quadruped.
+
+    Raises:
+        RuntimeError: there is no OpenGL to render with.
+    """
+    return rendered(_take)
+
+
+def _take() -> tuple[Picture, ...]:
+    (tripod,), (quadruped,) = (
+        photograph([_VIEW], CenterGeometry(limbs), pose) for limbs, pose in _POSES.items()
+    )
+    return (
+        Picture(
+            "The tripod", "Six legs, all feet clamped (in the place of Figs. 1 and 3).", tripod
+        ),
+        Picture("The quadruped", "Eight legs, the platform tilted (Fig. 3).", quadruped),
+    )
+
 
 _PARTS = (
+    Part(
+        "center-locks",
+        "Locked joints (sections V-C and VII)",
+        "Which joints are locked while a foot swings decides whether the foot can be led and "
+        "whether the platform is held. The paper locks q_1 of both standing limbs and leaves the "
+        "choice to future work; here every pair is tried, by kinematics and with rigid bodies.",
+        "center-locks",
+        quick=("poses=50",),
+    ),
     Part(
         "center-workspace",
         "Workspace and wrenches (section VI, Tables I and II, Figs. 11 and 12)",
@@ -16,6 +54,14 @@ _PARTS = (
         quick=("cell_mm=25",),
         is_random=False,
     ),
+)
+
+_COMPONENTS = (
+    Component("Branches", "limb.urdf", "hinge, two legs in a closed loop, ankle; masses assumed"),
+    Component("Prismatic actuators", "", "Drake's implicit PD, 1e7 N/m, an assumption"),
+    Component("Lockers", "", "joints that Drake locks; they hold without play"),
+    Component("Clamping devices", "clamp.urdf", "a weld between foot and clamp, put where it is"),
+    Component("Payload platform", "platform.urdf", "10 kg with its spindle: assumed"),
 )
 
 _MISSING = (
@@ -45,6 +91,8 @@ CHAPTER = Chapter(
     parts=_PARTS,
     claims=CLAIMS,
     errata=ERRATA,
+    components=_COMPONENTS,
     drawings=DRAWINGS,
+    pictures=pictures,
     missing=_MISSING,
 )

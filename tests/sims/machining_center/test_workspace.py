@@ -14,21 +14,21 @@ def test_a_quick_run_holds_its_bounds_and_has_both_tables(finished):
 def test_the_impossible_means_are_said_with_their_bounds(finished):
     quadruped, tripod = finished("center-workspace").result.notes
     assert "0.857" in quadruped
-    assert "0.946" in quadruped
+    assert "at least 0.94" in quadruped
     assert "1.116" in tripod
-    assert "0.983" in tripod
+    assert "anywhere is 0.98" in tripod
 
 
 def test_a_box_elsewhere_is_compared_with_nothing(execute):
     result = execute("center-workspace", "cell_mm=50", "height_mm=750")
     keys = {metric.key for metric in result.metrics}
-    assert "nodes_error_percent" not in keys
+    assert "nodes_error" not in keys
     values = {metric.key: metric.value for metric in result.metrics}
     assert values["tripod_reachable_percent"] == pytest.approx(3.2, abs=0.5)
 
 
 def test_a_box_out_of_reach_is_empty(execute):
-    result = execute("center-workspace", "cell_mm=100", "height_mm=0")
+    result = execute("center-workspace", "cell_mm=100", "height_mm=1000")
     values = {metric.key: metric.value for metric in result.metrics}
     assert values["tripod_reachable_percent"] == 0.0
     assert "No point of the box can be reached." in result.notes

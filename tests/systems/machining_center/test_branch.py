@@ -2,7 +2,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from parapod.systems.machining_center.branch import branch_forward, branch_joints, branch_rates
+from parapod.systems.machining_center.branch import (
+    branch_forward,
+    branch_joints,
+    branch_joints_and_rates,
+)
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.platform_mode import leg_lengths, moved
 
@@ -43,7 +47,8 @@ def test_rates_are_the_slopes_of_the_joints(geometry, poses, uneven, along):
         branch_joints(geometry, moved(batch, sign * STEP * twist), feet, along=along)
         for sign in (1, -1)
     )
-    rates = branch_rates(geometry, batch, feet, along=along)
+    joints, rates = branch_joints_and_rates(geometry, batch, feet, along=along)
+    assert np.array_equal(joints, branch_joints(geometry, batch, feet, along=along))
     slopes = (ahead - behind) / (2.0 * STEP)
     assert np.abs(slopes - np.einsum("knij,kj->kni", rates, twist)).max() < 1e-7
 
@@ -61,7 +66,7 @@ def test_the_chain_along_the_left_leg_has_its_length(geometry, poses):
 def test_first_joints_see_translations_as_they_should():
     # dq_1/dp = (u . z_a) (u x l) / |P_xy (u x l)|^2, derived by hand, with l from A to P_C.
     geometry, pose = CenterGeometry(), np.array((0.03, 0.02, 0.5, 0.05, -0.15, 0.05))
-    rates = branch_rates(geometry, pose)[:, 0, 3:]
+    rates = branch_joints_and_rates(geometry, pose)[1][:, 0, 3:]
     R_WP = Rotation.from_euler("xyz", pose[3:]).as_matrix()
     for i in range(3):
         u = R_WP @ (geometry.pivots[2 * i + 1] - geometry.pivots[2 * i])
@@ -110,8 +115,9 @@ def test_a_chain_without_rates_is_nan():
     pose = (0.18 - geometry.middles[0, 0], 0.0, 0.48, 0.0, 0.0, 0.0)
     feet = geometry.footholds.copy()
     feet[0, 4] = np.pi / 2  # its axis in the limb's plane's normal
-    assert np.isnan(branch_rates(geometry, pose, feet)[0]).all()
-    assert np.isfinite(branch_rates(geometry, pose, feet)[1]).all()
+    _, rates = branch_joints_and_rates(geometry, pose, feet)
+    assert np.isnan(rates[0]).all()
+    assert np.isfinite(rates[1]).all()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,108 @@
+"""The machining centres: wrench indices beside all facets by brute force, swings, a workspace."""
+
+import io
+import time
+from collections.abc import Callable
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from benchmarks.report import Measurement
+from parapod.sims.lab.experiment import RunOptions
+from parapod.sims.machining_center.workspace import (
+    NAMES,
+    CenterWorkspace,
+    CenterWorkspaceScenario,
+)
+from parapod.systems.machining_center.kinematics import (
+    CenterGeometry,
+    LockSet,
+    close_locks,
+    jacobian,
+    swing_inverse,
+    wrench_indices,
+)
+
+_POSES = 50_000
+_BY_FORCE = 40
+_TURNS = 5
+# Poses a second on one core.
+_INDEX_BOUNDS = {3: 150e3, 4: 50e3}
+_SWING, _SWING_BOUND = 300, 500.0
+_WORKSPACE_BOUND = 60.0  # [s]
+
+
+def run() -> list[Measurement]:
+    results = []
+    for limbs, name in NAMES.items():
+        results += _indices(CenterGeometry(limbs), name)
+        results += _swings(CenterGeometry(limbs), name)
+    began = time.perf_counter()
+    quiet = RunOptions(console=Console(file=io.StringIO()))
+    CenterWorkspace("center-workspace").execute(CenterWorkspaceScenario(), quiet)
+    results.append(
+        Measurement(
+            "workspace of both, cells of 12.5 mm",
+            *(time.perf_counter() - began, "s", _WORKSPACE_BOUND),
+            at_most=True,
+        )
+    )
+    return results
+
+
+def _indices(geometry: CenterGeometry, name: str) -> list[Measurement]:
+    random = np.random.default_rng(0)
+    poses = np.hstack(
+        (
+            random.uniform((-0.1, -0.1, 0.4), (0.1, 0.1, 0.56), (_POSES, 3)),
+            random.uniform(-0.2, 0.2, (_POSES, 3)),
+        )
+    )
+    rate = _POSES / min(_timed(lambda: wrench_indices(geometry, poses)) for _ in range(_TURNS))
+    few = poses[:_BY_FORCE]
+    began = time.perf_counter()
+    by_force = np.array([_nearest_facet(geometry, pose) for pose in few])
+    slow = _BY_FORCE / (time.perf_counter() - began)
+    error = float(np.abs(wrench_indices(geometry, few).w_minmax - by_force).max())
+    return [
+        Measurement(
+            f"wrench indices, {name}", rate / 1e3, "k/s", _INDEX_BOUNDS[geometry.limbs] / 1e3
+        ),
+        Measurement("  times all facets by numpy", rate / slow, "x"),
+        Measurement("  largest difference to these", 1e12 * error, "e-12", 1.0, at_most=True),
+    ]
+
+
+def _nearest_facet(geometry: CenterGeometry, pose: NDArray[np.float64]) -> float:
+    H = jacobian(geometry, pose).T / np.repeat((geometry.platform_radius, 1.0), 3)[:, None]
+    nearest = np.inf
+    for five in combinations(range(geometry.legs), 5):
+        _, values, rows = np.linalg.svd(H[:, five].T)
+        if values[4] > 1e-9:
+            nearest = min(nearest, float(np.abs(rows[5] @ H).sum()))
+    return nearest / geometry.legs
+
+
+def _swings(geometry: CenterGeometry, name: str) -> list[Measurement]:
+    home = np.array((0.0, 0.0, 0.48, 0.0, 0.0, 0.0))
+    locks = close_locks(geometry, home, LockSet.printed(geometry, 1))
+    way = np.array((0.06, 0.0, 0.03, 0.0, 0.0, 0.0))
+
+    def swing() -> None:
+        near = home
+        for share in np.linspace(0.0, 1.0, _SWING):
+            foot = geometry.footholds[0] + share * way
+            near = swing_inverse(geometry, foot, locks, near).pose
+
+    rate = _SWING / min(_timed(swing) for _ in range(3))
+    return [
+        Measurement(f"swing of a foot, {name}, from the pose before", rate, "/s", _SWING_BOUND)
+    ]
+
+
+def _timed(work: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began

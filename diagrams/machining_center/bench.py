@@ -1,0 +1,109 @@
+"""A machining centre of rigid bodies by itself: its legs hold lengths that somebody sets."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+
+from parapod.diagrams.drawing import publish, remove_visuals
+from parapod.diagrams.machining_center.model import add_center
+from parapod.diagrams.multibody import add_discrete_plant
+from parapod.systems.machining_center.geometry import CenterGeometry
+from parapod.systems.machining_center.model import CenterModel, pose_of
+from parapod.systems.machining_center.platform_mode import leg_lengths
+
+
+@dataclass(frozen=True)
+class CenterBench:
+    """A centre whose legs hold lengths.
+
+    Attributes:
+        diagram: the whole.
+        model: the bodies.
+    """
+
+    diagram: Diagram
+    model: CenterModel
+
+    def stand(
+        self, root_context: Context, pose: ArrayLike, footholds: ArrayLike | None = None
+    ) -> None:
+        """Puts the centre at rest, all feet clamped, and has the legs hold their lengths."""
+        self.model.stand(self.context(root_context), pose, footholds)
+        self.hold(root_context, leg_lengths(self.model.geometry, pose, footholds))
+
+    def hold(self, root_context: Context, lengths: ArrayLike) -> None:
+        """Has the legs hold lengths (2n) [m] from now on."""
+        context, plant = self.context(root_context), self.model.plant
+        for limb, pair in zip(self.model.limbs, np.reshape(lengths, (-1, 2)), strict=True):
+            state = np.concatenate((pair, np.zeros(2)))
+            plant.get_desired_state_input_port(limb).FixValue(context, state)
+
+    def pose(self, root_context: Context) -> NDArray[np.float64]:
+        """Pose (6) of the platform [m, rad]."""
+        plant = self.model.plant
+        return pose_of(plant.EvalBodyPoseInWorld(self.context(root_context), self.model.platform))
+
+    def context(self, root_context: Context) -> Context:
+        """The plant's context."""
+        return self.model.plant.GetMyMutableContextFromRoot(root_context)
+
+
+def make_center_bench(
+    geometry: CenterGeometry, time_step: float, meshcat: Meshcat | None = None
+) -> CenterBench:
+    """Builds a centre.
+
+    Args:
+        geometry: tripod or quadruped, of the paper's dimensions.
+        time_step: of the plant [s].
+        meshcat: scene in which it is drawn; None for no drawing.
+    """
+    builder = DiagramBuilder()
+    plant, scene_graph = add_discrete_plant(builder, time_step, "lagged")
+    model = add_center(plant, geometry)
+    if meshcat is None:
+        remove_visuals(plant, scene_graph)
+    else:
+        publish(builder, scene_graph, meshcat, "center")
+    diagram = builder.Build()
+    diagram.set_name("center_bench")
+    return CenterBench(diagram, model)
+
+
+def fall(
+    bench: CenterBench,
+    pose: ArrayLike,
+    limb: int,
+    joints: tuple[tuple[int, int], ...],
+    duration: float,
+) -> tuple[float, float]:
+    """Way of the platform after a foot has been let go, and the largest drift of a locked joint.
+
+    Args:
+        bench: the centre.
+        pose: (6) at which it stands first [m, rad].
+        limb: whose foot is let go, counted from 1.
+        joints: locked joints (limb, joint).
+        duration: after which the platform is looked at [s].
+
+    Returns:
+        Distance of P_O from where it was [m], and drift [rad].
+    """
+    simulator = Simulator(bench.diagram)
+    root, model = simulator.get_mutable_context(), bench.model
+    bench.stand(root, pose)
+    context = bench.context(root)
+    model.lock(context, joints)
+    model.unclamp(context, limb)
+    locked = [model.lock_joint(*joint) for joint in joints]
+    before = [joint.get_angle(context) for joint in locked]
+    start = bench.pose(root)
+    simulator.Initialize()
+    simulator.AdvanceTo(duration)
+    way = float(np.linalg.norm((bench.pose(root) - start)[:3]))
+    after = [joint.get_angle(context) for joint in locked]
+    return way, float(np.abs(np.subtract(after, before)).max(initial=0.0))
