@@ -19,7 +19,11 @@ def named(path):
 
 
 def test_files_of_every_folder_are_found():
-    assert {path.parent.name for path in PARTS} >= {"levelling_platform", "walking_chair"}
+    assert {path.parent.name for path in PARTS} >= {
+        "levelling_platform",
+        "machining_center",
+        "walking_chair",
+    }
 
 
 @pytest.mark.parametrize("path", FILES, ids=named)
