@@ -441,13 +441,19 @@ class Epos2(IncrementalDevice):
                 self._sent[i] = rpm[i]
 
     def _wait_for_standstill(self) -> None:
+        """Waits until all axes stand; a node that is silent may answer until then."""
         deadline = self._clock() + stopping_time(self._settings, self._timing)
         while True:
             self._beat()
-            speeds = [abs(sample.rpm) for sample in self._samples()]
-            if max(speeds) <= STANDSTILL:
+            speeds: list[float] = []
+            try:
+                speeds = [abs(sample.rpm) for sample in self._samples()]
+            except DeviceError as error:
+                if error.fault is not DeviceFault.SILENT or self._clock() > deadline:
+                    raise
+            if speeds and max(speeds) <= STANDSTILL:
                 return
-            if self._clock() > deadline:
+            if speeds and self._clock() > deadline:
                 i = speeds.index(max(speeds))
                 node = self._settings.node_ids[i]
                 raise DeviceError(self.name, f"node {node} does not stop: {speeds[i]} rpm")
