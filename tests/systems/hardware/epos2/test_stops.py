@@ -2,6 +2,7 @@
 
 import threading
 import time
+from contextlib import nullcontext
 
 import pytest
 
@@ -74,6 +75,25 @@ def test_drives_that_need_a_while_to_stop_have_it(rig):
     began = time.monotonic()
     rig.drives.deactivate()
     assert time.monotonic() - began >= 0.2
+    assert set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
+
+
+@pytest.mark.parametrize(("times", "confirmed"), [(2, True), (1000, False)])
+def test_a_node_that_is_silent_while_it_stops_is_asked_again_for_as_long(
+    rig, monkeypatch, times, confirmed
+):
+    ask, left = rig.drives._samples, [times]
+
+    def samples():
+        left[0] -= 1
+        if left[0] >= 0:
+            raise DeviceError("EPOS2", "node 3 does not answer SYNC", DeviceFault.SILENT)
+        return ask()
+
+    monkeypatch.setattr(rig.drives, "_samples", samples)
+    with nullcontext() if confirmed else pytest.raises(DeviceError, match="node 3 does not"):
+        rig.drives.deactivate()
+    assert (left[0] < 0) is confirmed
     assert set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
 
 
