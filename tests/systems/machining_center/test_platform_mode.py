@@ -6,6 +6,7 @@ import pytest
 from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.platform_mode import (
+    check_strokes,
     displacement,
     forward_kinematics,
     inverse_kinematics,
@@ -116,6 +117,14 @@ def test_a_pose_outside_the_stroke_is_refused_with_leg_and_missing_length(geomet
     assert f"leg {error.leg}" in str(error)
     assert "of limb" in str(error)
     assert "390.0..650.0 mm" in str(error)
+
+
+def test_both_ends_of_the_stroke_are_admissible(geometry):
+    ends = np.tile((geometry.stroke_min, geometry.stroke_max), geometry.limbs)
+    check_strokes(geometry, ends)
+    for beyond in (-1e-9, 1e-9):
+        with pytest.raises(UnreachablePosture):
+            check_strokes(geometry, ends + beyond)
 
 
 @pytest.mark.parametrize(

@@ -156,6 +156,16 @@ def test_a_jump_of_the_platform_is_refused():
     assert refused.value.smallest_singular_value > 0.1
 
 
+def test_locks_that_are_not_kept_are_refused_beyond_the_tolerance():
+    # Where a direction that the locks do determine is taken for open, they are off by a little.
+    by = (0.002, 0.001, 0.0, 0.0, 0.002, 0.0)
+    with pytest.raises(SingularSwing, match=r"off by \d+(\.\d+)? mrad") as refused:
+        swung(TRIPOD, by, PITCHED, open_below=0.05)
+    assert refused.value.limb == 1
+    found, _ = swung(TRIPOD, by, PITCHED, open_below=0.05, tolerance=0.02)
+    assert 1e-6 < found.residual < 0.02
+
+
 @pytest.mark.parametrize(
     ("geometry", "lock_set", "says"),
     [
