@@ -156,6 +156,18 @@ def test_a_jump_of_the_platform_is_refused():
     assert refused.value.smallest_singular_value > 0.1
 
 
+def test_feet_that_are_turned_by_half_a_turn_change_no_length():
+    # Their q_1 is then near +-pi, and one turn away from where it was.
+    by, turned = np.array((0.03, 0.02, 0.02, 0.0, 0.0, 0.0)), QUADRUPED.footholds.copy()
+    turned[:, 5] += np.pi
+    locks = close_locks(QUADRUPED, PITCHED, LockSet(1), turned)
+    assert np.abs(np.abs(locks.values[0]) - np.pi) < 0.2
+    for way in (by, by * (1.0, -1.0, 1.0, 1.0, 1.0, 1.0)):
+        expected, _ = swung(QUADRUPED, way, PITCHED)
+        found = swing_inverse(QUADRUPED, turned[0] + way, locks, PITCHED)
+        assert np.allclose(found.lengths, expected.lengths, atol=1e-9)
+
+
 def test_locks_that_are_not_kept_are_refused_beyond_the_tolerance():
     # Where a direction that the locks do determine is taken for open, they are off by a little.
     by = (0.002, 0.001, 0.0, 0.0, 0.002, 0.0)

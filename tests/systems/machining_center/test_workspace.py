@@ -63,3 +63,9 @@ def test_done_points_are_told():
     survey(CenterGeometry(3), cell_centres(CUBE, 0.5, 0.02), told.append)
     assert told == sorted(told)
     assert told[-1] == len(cell_centres(CUBE, 0.5, 0.02))
+
+
+def test_a_single_point_is_surveyed():
+    found = survey(CenterGeometry(3), np.array(((0.0, 0.0, 0.5),)))
+    assert found.percent(0.0) == 100.0
+    assert found.means(0.1)[0] == pytest.approx(0.1066456617, abs=1e-9)
