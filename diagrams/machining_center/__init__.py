@@ -1,1 +1,1 @@
-"""The machining centres: scenario, plants, controller, declaration."""
+"""The machining centres: bodies, loops, clamps, and a bench for them."""

@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.geometry import Meshcat
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from parapod.diagrams.drawing import publish, remove_visuals
+from parapod.diagrams.drawing import remove_visuals
 from parapod.diagrams.machining_center.model import add_center
 from parapod.diagrams.multibody import add_discrete_plant
 from parapod.systems.machining_center.geometry import CenterGeometry
@@ -52,58 +50,17 @@ class CenterBench:
         return self.model.plant.GetMyMutableContextFromRoot(root_context)
 
 
-def make_center_bench(
-    geometry: CenterGeometry, time_step: float, meshcat: Meshcat | None = None
-) -> CenterBench:
+def make_center_bench(geometry: CenterGeometry, time_step: float) -> CenterBench:
     """Builds a centre.
 
     Args:
         geometry: tripod or quadruped, of the paper's dimensions.
         time_step: of the plant [s].
-        meshcat: scene in which it is drawn; None for no drawing.
     """
     builder = DiagramBuilder()
     plant, scene_graph = add_discrete_plant(builder, time_step, "lagged")
     model = add_center(plant, geometry)
-    if meshcat is None:
-        remove_visuals(plant, scene_graph)
-    else:
-        publish(builder, scene_graph, meshcat, "center")
+    remove_visuals(plant, scene_graph)
     diagram = builder.Build()
     diagram.set_name("center_bench")
     return CenterBench(diagram, model)
-
-
-def fall(
-    bench: CenterBench,
-    pose: ArrayLike,
-    limb: int,
-    joints: tuple[tuple[int, int], ...],
-    duration: float,
-) -> tuple[float, float]:
-    """Way of the platform after a foot has been let go, and the largest drift of a locked joint.
-
-    Args:
-        bench: the centre.
-        pose: (6) at which it stands first [m, rad].
-        limb: whose foot is let go, counted from 1.
-        joints: locked joints (limb, joint).
-        duration: after which the platform is looked at [s].
-
-    Returns:
-        Distance of P_O from where it was [m], and drift [rad].
-    """
-    simulator = Simulator(bench.diagram)
-    root, model = simulator.get_mutable_context(), bench.model
-    bench.stand(root, pose)
-    context = bench.context(root)
-    model.lock(context, joints)
-    model.unclamp(context, limb)
-    locked = [model.lock_joint(*joint) for joint in joints]
-    before = [joint.get_angle(context) for joint in locked]
-    start = bench.pose(root)
-    simulator.Initialize()
-    simulator.AdvanceTo(duration)
-    way = float(np.linalg.norm((bench.pose(root) - start)[:3]))
-    after = [joint.get_angle(context) for joint in locked]
-    return way, float(np.abs(np.subtract(after, before)).max(initial=0.0))

@@ -20,15 +20,12 @@ STIFFNESS = PdControllerGains(p=1e7, d=1e5)
 _FOLDER = "package://parapod/machining_center"
 
 
-def add_center(
-    plant: MultibodyPlant, geometry: CenterGeometry, gains: PdControllerGains = STIFFNESS
-) -> CenterModel:
+def add_center(plant: MultibodyPlant, geometry: CenterGeometry) -> CenterModel:
     """Adds a centre and its clamps to a plant that is part of a diagram, and finalizes it.
 
     Args:
         plant: a plant with a registered scene graph and a time step above zero.
         geometry: tripod or quadruped, of the paper's dimensions.
-        gains: stiffness and damping of the legs [N/m, N s/m].
     """
     parser = Parser(plant)
     configure_parser(parser)
@@ -46,7 +43,7 @@ def add_center(
         tips = [plant.GetBodyByName(f"{side}_rod", limb) for side in ("left", "right")]
         plant.AddBallConstraint(tips[0], np.zeros(3), tips[1], np.zeros(3))
         for side in ("left", "right"):
-            plant.GetJointActuatorByName(side, limb).set_controller_gains(gains)
+            plant.GetJointActuatorByName(side, limb).set_controller_gains(STIFFNESS)
         (plate,) = parser.AddModels(url=f"{_FOLDER}/clamp.urdf")
         plant.RenameModelInstance(plate, f"clamp_{i + 1}")
         clamp = plant.GetBodyByName("clamp", plate)
@@ -61,7 +58,6 @@ def photograph(
     views: Sequence[View],
     geometry: CenterGeometry,
     pose: ArrayLike,
-    footholds: ArrayLike | None = None,
 ) -> list[NDArray[np.uint8]]:
     """Pictures (height, width, 3) of a centre at a pose.
 
@@ -69,7 +65,6 @@ def photograph(
         views: from where; one picture each.
         geometry: tripod or quadruped, of the paper's dimensions.
         pose: (6) of the platform [m, rad].
-        footholds: (n, 6) poses of the feet's frames; None for the paper's pattern.
 
     Raises:
         RuntimeError: there is no OpenGL that Drake's renderer could use.
@@ -80,5 +75,5 @@ def photograph(
     model = add_center(plant, geometry)
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
-    model.stand(plant.GetMyMutableContextFromRoot(context), pose, footholds)
+    model.stand(plant.GetMyMutableContextFromRoot(context), pose)
     return take(scene_graph, context, views)

@@ -12,8 +12,9 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from pydrake.systems.analysis import Simulator
 
-from parapod.diagrams.machining_center.bench import CenterBench, fall, make_center_bench
+from parapod.diagrams.machining_center.bench import CenterBench, make_center_bench
 from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment
 from parapod.sims.lab.figures import COLOURS, Figure
@@ -282,6 +283,41 @@ def _tried(
     smaller = np.minimum(spread.inverse, spread.holding)
     inverse, holding = float(at_home.inverse), float(at_home.holding)
     return Pair(lock_set, inverse, holding, smaller, sunk, drift)
+
+
+def fall(
+    bench: CenterBench,
+    pose: Array,
+    limb: int,
+    joints: tuple[tuple[int, int], ...],
+    duration: float,
+) -> tuple[float, float]:
+    """Way of the platform after a foot has been let go, and the largest drift of a locked joint.
+
+    Args:
+        bench: the centre.
+        pose: (6) at which it stands first [m, rad].
+        limb: whose foot is let go, counted from 1.
+        joints: locked joints (limb, joint).
+        duration: after which the platform is looked at [s].
+
+    Returns:
+        Distance of P_O from where it was [m], and drift [rad].
+    """
+    simulator = Simulator(bench.diagram)
+    root, model = simulator.get_mutable_context(), bench.model
+    bench.stand(root, pose)
+    context = bench.context(root)
+    model.lock(context, joints)
+    model.unclamp(context, limb)
+    locked = [model.lock_joint(*joint) for joint in joints]
+    before = [joint.get_angle(context) for joint in locked]
+    start = bench.pose(root)
+    simulator.Initialize()
+    simulator.AdvanceTo(duration)
+    way = float(np.linalg.norm((bench.pose(root) - start)[:3]))
+    after = [joint.get_angle(context) for joint in locked]
+    return way, float(np.abs(np.subtract(after, before)).max(initial=0.0))
 
 
 def _draw(data: Comparison, canvas: "Canvas") -> None:

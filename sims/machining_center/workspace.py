@@ -32,9 +32,9 @@ from parapod.systems.machining_center.printed import (
 from parapod.systems.machining_center.workspace import (
     Survey,
     cell_centres,
+    is_reachable,
     nodes,
     survey,
-    within_stroke,
 )
 from parapod.systems.machining_center.wrench import wrench_indices
 
@@ -296,6 +296,6 @@ def _section(geometry: CenterGeometry, axis: Array, height: float) -> Array:
     points = np.stack((x, y, np.full_like(x, height)), axis=-1).reshape(-1, 3)
     ratio = np.full(len(points), np.nan)
     poses = np.hstack((points, np.zeros_like(points)))
-    inside = within_stroke(geometry, poses)
+    inside = is_reachable(geometry, poses)
     ratio[inside] = wrench_indices(geometry, poses[inside]).ratio
     return ratio.reshape(x.shape)

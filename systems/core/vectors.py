@@ -7,7 +7,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from parapod.systems.core.elementwise import Elementwise, sin_cos
+
 type Vector3 = tuple[float, float, float]
+
+
+def rotation_columns(
+    roll: Elementwise, pitch: Elementwise, yaw: Elementwise
+) -> tuple[tuple[Elementwise, Elementwise, Elementwise], ...]:
+    """Columns of R = R_z(yaw) R_y(pitch) R_x(roll), of floats or of arrays of one shape."""
+    (s_r, c_r), (s_p, c_p), (s_y, c_y) = sin_cos(roll), sin_cos(pitch), sin_cos(yaw)
+    return (
+        (c_y * c_p, s_y * c_p, -s_p),
+        (c_y * s_p * s_r - s_y * c_r, s_y * s_p * s_r + c_y * c_r, c_p * s_r),
+        (c_y * s_p * c_r + s_y * s_r, s_y * s_p * c_r - c_y * s_r, c_p * c_r),
+    )
 
 
 class Axes(NamedTuple):
@@ -33,13 +47,7 @@ class Axes(NamedTuple):
         """Axes of a body with R = R_z(yaw) R_y(pitch) R_x(roll); NaN for infinite angles."""
         if not math.isfinite(roll + pitch + yaw):
             return cls(_UNKNOWN, _UNKNOWN, _UNKNOWN)
-        s_r, c_r, s_p, c_p = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
-        s_y, c_y = math.sin(yaw), math.cos(yaw)
-        return cls(
-            (c_y * c_p, s_y * c_p, -s_p),
-            (c_y * s_p * s_r - s_y * c_r, s_y * s_p * s_r + c_y * c_r, c_p * s_r),
-            (c_y * s_p * c_r + s_y * s_r, s_y * s_p * c_r - c_y * s_r, c_p * c_r),
-        )
+        return cls(*rotation_columns(roll, pitch, yaw))
 
     def roll_pitch_yaw(self) -> Vector3:
         """Angles of R = R_z(yaw) R_y(pitch) R_x(roll) [rad]."""

@@ -17,14 +17,13 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 from parapod.systems.core.batching import of_width
 from parapod.systems.core.elementwise import nan_without_warning
-from parapod.systems.core.vectors import Array, cross, times
+from parapod.systems.core.vectors import Array, cross, rotation_columns, times
 from parapod.systems.machining_center.geometry import CenterGeometry
-from parapod.systems.machining_center.platform_mode import feet_of, rotation_columns
+from parapod.systems.machining_center.platform_mode import feet_of
 
 # The line that the chain follows: from the foot to the middle of the pivots, as the paper has it,
 # or along the left leg, as a machine has it whose ankle is joined to that leg.
 type Along = Literal["middle", "left"]
-JOINTS = (1, 2, 3, 4, 5, 6)
 # A chain's determinant [m^2] below which it is taken for singular; at home it is some 0.05.
 _FLAT = 1e-12
 

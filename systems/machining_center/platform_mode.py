@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 from parapod.systems.core.batching import of_width
-from parapod.systems.core.elementwise import nan_without_warning
 from parapod.systems.core.errors import UnreachablePosture
-from parapod.systems.core.vectors import Array, cross, times
+from parapod.systems.core.vectors import Array, cross, rotation_columns, times
 from parapod.systems.machining_center.geometry import CenterGeometry, leg_name
 
 # Newton's steps end below this [m, and r_c rad], at what rounding leaves.
@@ -84,6 +83,11 @@ def leg_lengths(
     return np.moveaxis(legs_at(geometry, pose, footholds).lengths, 0, -1)
 
 
+def within_stroke(geometry: CenterGeometry, lengths: Array) -> NDArray[np.bool_]:
+    """True where a length is within the stroke; false for NaN."""
+    return (lengths >= geometry.stroke_min) & (lengths <= geometry.stroke_max)
+
+
 def check_strokes(geometry: CenterGeometry, lengths: ArrayLike) -> None:
     """Refuses lengths outside the stroke.
 
@@ -95,7 +99,7 @@ def check_strokes(geometry: CenterGeometry, lengths: ArrayLike) -> None:
         UnreachablePosture: names the first leg of the first pose.
     """
     array = of_width(lengths, geometry.legs, "lengths")
-    outside = ~((array >= geometry.stroke_min) & (array <= geometry.stroke_max))
+    outside = ~within_stroke(geometry, array)
     if not outside.any():
         return
     *index, leg = map(int, np.argwhere(outside)[0])
@@ -158,7 +162,7 @@ def forward_kinematics(
         legs = legs_at(geometry, pose, footholds)
         missing = wanted - np.moveaxis(legs.lengths, 0, -1)
         scaled = np.moveaxis(rows_of(legs), (0, 1), (-2, -1)) / scale
-        left, values, right = _decomposed(scaled)
+        left, values, right = decomposed(scaled)
         along = times(np.swapaxes(left, -1, -2), missing) / values
         move = times(np.swapaxes(right, -1, -2), along)
         step = np.sqrt(np.sum(move**2, axis=-1))
@@ -212,9 +216,10 @@ def legs_at(geometry: CenterGeometry, pose: ArrayLike, footholds: ArrayLike | No
     shape = np.broadcast_shapes(poses.shape[:-1], feet.shape[:-2])
     x = np.moveaxis(np.broadcast_to(poses, (*shape, 6)), -1, 0)
     a = np.moveaxis(np.broadcast_to(feet[..., :3], (*shape, geometry.limbs, 3)), (-2, -1), (0, 1))
-    R = rotation_columns(x[3], x[4], x[5])
+    first, second, _ = rotation_columns(x[3], x[4], x[5])
     b = geometry.pivots.reshape(geometry.legs, 3, *(1,) * (len(shape) + 1))
-    arms = b[:, 0] * R[0] + b[:, 1] * R[1]  # all pivots are in the plane of the first two axes
+    # All pivots are in the plane of the first two axes.
+    arms = b[:, 0] * np.stack(first) + b[:, 1] * np.stack(second)
     spans = (arms + x[:3]).reshape(geometry.limbs, 2, 3, *shape) - a[:, np.newaxis]
     spans = spans.reshape(arms.shape)
     lengths = np.sqrt(np.sum(spans**2, axis=1))
@@ -225,17 +230,6 @@ def rows_of(legs: Legs) -> Array:
     """(2n, 6, ...) rows [moment, force] of the Jacobian about P_O."""
     arms, directions = np.moveaxis(legs.arms, 1, -1), np.moveaxis(legs.directions, 1, -1)
     return np.concatenate((np.moveaxis(cross(arms, directions), -1, 1), legs.directions), axis=1)
-
-
-def rotation_columns(roll: Array, pitch: Array, yaw: Array) -> tuple[Array, Array, Array]:
-    """Columns (3, ...) of R_z(yaw) R_y(pitch) R_x(roll)."""
-    s_r, c_r, s_p, c_p = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch)
-    s_y, c_y = np.sin(yaw), np.cos(yaw)
-    return (
-        np.stack((c_y * c_p, s_y * c_p, -s_p)),
-        np.stack((c_y * s_p * s_r - s_y * c_r, s_y * s_p * s_r + c_y * c_r, c_p * s_r)),
-        np.stack((c_y * s_p * c_r + s_y * s_r, s_y * s_p * c_r - c_y * s_r, c_p * c_r)),
-    )
 
 
 def feet_of(geometry: CenterGeometry, footholds: ArrayLike | None) -> NDArray[np.float64]:
@@ -252,14 +246,8 @@ def feet_of(geometry: CenterGeometry, footholds: ArrayLike | None) -> NDArray[np
     return feet
 
 
-@nan_without_warning
-def _decomposed(matrix: Array) -> tuple[Array, Array, Array]:
-    """Singular value decomposition; NaN for matrices that are not finite."""
-    is_finite = np.isfinite(matrix).all(axis=(-2, -1))
-    if is_finite.all():
-        return np.linalg.svd(matrix, full_matrices=False)
-    left, values, right = np.linalg.svd(
-        np.where(is_finite[..., None, None], matrix, 0.0), full_matrices=False
-    )
-    values[~is_finite] = np.nan
-    return left, values, right
+def decomposed(matrix: Array, full_matrices: bool = False) -> tuple[Array, Array, Array]:
+    """Singular value decomposition; values are NaN of matrices that are not finite."""
+    is_finite = np.isfinite(matrix).all(axis=(-2, -1), keepdims=True)
+    left, values, right = np.linalg.svd(np.where(is_finite, matrix, 0.0), full_matrices)
+    return left, np.where(is_finite[..., 0], values, np.nan), right

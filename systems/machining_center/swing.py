@@ -29,6 +29,7 @@ from parapod.systems.machining_center.branch import (
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.platform_mode import (
     check_strokes,
+    decomposed,
     displacement,
     feet_of,
     jacobian,
@@ -38,9 +39,7 @@ from parapod.systems.machining_center.platform_mode import (
 )
 from parapod.systems.machining_center.wrench import wrench_indices
 
-# Joints of the loose limb that are locked; q_4 and q_5 follow from its two legs.
-LOOSE_LOCKS = (1, 2, 3, 6)
-# Joints that carry locks.
+# Joints that carry locks. All of the loose limb's are closed: q_4 and q_5 follow from its legs.
 LOCKABLE = (1, 2, 3, 6)
 _MOST_STEPS = 30
 _CONVERGED = 1e-12  # [m, and r_c rad]
@@ -111,7 +110,7 @@ class LockSet:
     @property
     def joints(self) -> tuple[tuple[int, int], ...]:
         """All locked joints (limb, joint), those of the loose limb first."""
-        return (*((self.limb, joint) for joint in LOOSE_LOCKS), *self.standing)
+        return (*((self.limb, joint) for joint in LOCKABLE), *self.standing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +151,7 @@ class LockConditions(NamedTuple):
         inverse: (...) of the locked joints by the platform's motion; near 0 a foot's pose does
             not determine the platform's.
         holding: (...) of the standing legs and locks by the platform's motion; near 0 they do not
-            hold the platform.
+            hold the platform. Both are NaN where a limb's chain has no rates.
     """
 
     inverse: Array
@@ -277,7 +276,9 @@ def swing_inverse(
     for step in range(_MOST_STEPS):
         joints, rates = branch_joints_and_rates(geometry, pose, feet, along=locks.along)
         missing = np.remainder(locks.values - joints[chosen] + np.pi, 2.0 * np.pi) - np.pi
-        left, values, right = np.linalg.svd(rates[chosen] * unit)
+        left, values, right = decomposed(rates[chosen] * unit, full_matrices=True)
+        if not np.isfinite(values).all():
+            raise SingularSwing(limb, 0.0, "a limb has no joint values there, or it is no number")
         kept = int((values > open_below * values[0]).sum())
         smallest, open_directions = float(values[-1]), right[kept:]
         move = right[:kept].T @ (left.T[:kept] @ missing / values[:kept])
@@ -346,5 +347,4 @@ def _indices(joints: Sequence[tuple[int, int]]) -> tuple[Array, Array]:
 
 
 def _smallest(matrix: Array) -> Array:
-    smallest: Array = np.linalg.svd(matrix, compute_uv=False)[..., -1]
-    return smallest
+    return decomposed(matrix)[1][..., -1]

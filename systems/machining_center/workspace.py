@@ -8,7 +8,11 @@ from numpy.typing import NDArray
 
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_center.geometry import CenterGeometry
-from parapod.systems.machining_center.platform_mode import leg_lengths, legs_at
+from parapod.systems.machining_center.platform_mode import (
+    leg_lengths,
+    legs_at,
+    within_stroke,
+)
 from parapod.systems.machining_center.wrench import WrenchIndices, wrench_indices
 
 # Points that are looked at at once: between them progress is told.
@@ -79,7 +83,7 @@ def survey(
     for begin in range(0, len(points), _CHUNK):
         part = points[begin : begin + _CHUNK]
         poses = np.hstack((part, np.zeros_like(part)))
-        poses = poses[within_stroke(geometry, poses)]
+        poses = poses[is_reachable(geometry, poses)]
         kept.append(poses[:, :3])
         indices.append(wrench_indices(geometry, poses))
         pushes.append(_push(geometry, poses))
@@ -88,11 +92,9 @@ def survey(
     return Survey(len(points), np.concatenate(kept), joined, np.concatenate(pushes))
 
 
-def within_stroke(geometry: CenterGeometry, poses: Array) -> NDArray[np.bool_]:
-    """Whether all legs are within their stroke, at poses (..., 6), feet at home."""
-    lengths = leg_lengths(geometry, poses)
-    is_inside = (lengths >= geometry.stroke_min) & (lengths <= geometry.stroke_max)
-    return np.asarray(is_inside.all(axis=-1))
+def is_reachable(geometry: CenterGeometry, poses: Array) -> NDArray[np.bool_]:
+    """True where all legs are within their stroke, at poses (..., 6), feet at home."""
+    return np.asarray(within_stroke(geometry, leg_lengths(geometry, poses)).all(axis=-1))
 
 
 def _push(geometry: CenterGeometry, poses: Array) -> Array:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.diagrams.machining_center.bench import fall, make_center_bench
+from parapod.diagrams.machining_center.bench import make_center_bench
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.model import pose_of
 from parapod.systems.machining_center.platform_mode import leg_lengths
@@ -99,20 +99,6 @@ def test_a_foot_swings_on_locked_joints_and_is_clamped_elsewhere_without_a_jump(
     assert np.abs(feet_of(bench, root)[0] - landed).max() < 1e-4
     assert np.abs(model.plant.GetVelocities(context)).max() < 1e-4
     assert np.abs(bench.pose(root) - near)[:3].max() < 1e-3
-
-
-def test_locks_hold_a_tripod_that_falls_without_them():
-    bench = make_center_bench(CenterGeometry(3), 1e-3)
-    printed = LockSet.printed(CenterGeometry(3), 1)
-    sunk, drift = fall(bench, HOME, 1, printed.joints, 0.3)
-    assert sunk < 1e-3
-    assert drift == 0.0
-    assert fall(bench, HOME, 1, (), 0.3)[0] == pytest.approx(0.145, abs=0.005)
-
-
-def test_three_limbs_hold_a_quadruped():
-    bench = make_center_bench(CenterGeometry(4), 1e-3)
-    assert fall(bench, HOME, 1, LockSet(1).joints, 0.3)[0] < 1e-3
 
 
 def test_sinking_of_the_held_feet_quarters_with_half_the_step():

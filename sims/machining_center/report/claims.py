@@ -14,7 +14,7 @@ from parapod.systems.machining_center.printed import (
     REACHABLE_PERCENT,
     THRESHOLDS,
 )
-from parapod.systems.machining_center.swing import LOOSE_LOCKS, LockSet
+from parapod.systems.machining_center.swing import LOCKABLE, LockSet
 
 _TRIPOD, _QUADRUPED = CenterGeometry(3), CenterGeometry(4)
 # The paper's grid is not printed; one with which both numbers nearly come out leaves this.
@@ -55,7 +55,7 @@ def _put_in() -> tuple[Claim, ...]:
             for k, printed in enumerate((0.0, 0.08, 0.1, 0.12))
         ),
         _used("Table II", "threshold of the means", 0.08, "", MEANS_ABOVE),
-        _used("section V-C", "joints locked in the loose limb", 4, "", len(LOOSE_LOCKS)),
+        _used("section V-C", "joints locked in the loose limb", 4, "", len(LOCKABLE)),
         _used("section V-C", "joints locked in the tripod's standing limbs", 2, "",
               len(LockSet.printed(_TRIPOD, 1).standing)),
     )  # fmt: skip

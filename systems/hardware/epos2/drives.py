@@ -445,18 +445,18 @@ class Epos2(IncrementalDevice):
         deadline = self._clock() + stopping_time(self._settings, self._timing)
         while True:
             self._beat()
-            speeds: list[float] = []
             try:
                 speeds = [abs(sample.rpm) for sample in self._samples()]
             except DeviceError as error:
                 if error.fault is not DeviceFault.SILENT or self._clock() > deadline:
                     raise
-            if speeds and max(speeds) <= STANDSTILL:
-                return
-            if speeds and self._clock() > deadline:
-                i = speeds.index(max(speeds))
-                node = self._settings.node_ids[i]
-                raise DeviceError(self.name, f"node {node} does not stop: {speeds[i]} rpm")
+            else:
+                if max(speeds) <= STANDSTILL:
+                    return
+                if self._clock() > deadline:
+                    i = speeds.index(max(speeds))
+                    node = self._settings.node_ids[i]
+                    raise DeviceError(self.name, f"node {node} does not stop: {speeds[i]} rpm")
             time.sleep(POLL)
 
 

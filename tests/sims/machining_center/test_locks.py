@@ -1,6 +1,13 @@
+import numpy as np
 import pytest
 
+from parapod.diagrams.machining_center.bench import make_center_bench
+from parapod.sims.machining_center.locks import fall
 from parapod.systems.core.errors import UnreachablePosture
+from parapod.systems.machining_center.geometry import CenterGeometry
+from parapod.systems.machining_center.swing import LockSet
+
+HOME = np.array((0.0, 0.0, 0.48, 0.0, 0.0, 0.0))
 
 
 def test_a_quick_run_holds_its_bounds_and_lists_every_pair(finished):
@@ -29,3 +36,17 @@ def test_pairs_are_listed_from_the_best_to_the_worst(finished):
 def test_a_height_out_of_the_stroke_is_refused_with_the_leg(execute):
     with pytest.raises(UnreachablePosture, match=r"leg 1 would need an extension of 327\.\d\d mm"):
         execute("center-locks", "height_mm=300", "poses=10")
+
+
+def test_locks_hold_a_tripod_that_falls_without_them():
+    bench = make_center_bench(CenterGeometry(3), 1e-3)
+    printed = LockSet.printed(CenterGeometry(3), 1)
+    sunk, drift = fall(bench, HOME, 1, printed.joints, 0.3)
+    assert sunk < 1e-3
+    assert drift == 0.0
+    assert fall(bench, HOME, 1, (), 0.3)[0] == pytest.approx(0.145, abs=0.005)
+
+
+def test_three_limbs_hold_a_quadruped():
+    bench = make_center_bench(CenterGeometry(4), 1e-3)
+    assert fall(bench, HOME, 1, LockSet(1).joints, 0.3)[0] < 1e-3

@@ -242,7 +242,7 @@ def test_a_signal_that_is_ignored_under_nohup_ends_nothing():
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_a_signal_in_the_middle_of_a_tick_ends_the_loop_after_it(name):
-    """What it raises in a conversion to C++ would be a TypeError about another argument."""
+    """Raised in a conversion to C++ it would become a TypeError about another argument."""
     done = []
 
     def tick(context):

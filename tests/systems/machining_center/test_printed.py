@@ -1,4 +1,4 @@
-"""What is printed agrees with what is right where its misprints make no difference."""
+"""Equations as printed agree with the right ones where their misprints make no difference."""
 
 import numpy as np
 import pytest

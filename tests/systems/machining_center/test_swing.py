@@ -149,6 +149,14 @@ def test_a_leg_that_would_leave_its_stroke_is_named():
         swung(QUADRUPED, (0.0, 0.0, -0.25, 0.0, 0.0, 0.0), longest=1.0)
 
 
+def test_a_foot_that_is_no_number_is_refused_and_has_no_conditions():
+    with pytest.raises(SingularSwing, match="limb 1 cannot swing so: a limb has no joint values"):
+        swung(QUADRUPED, (np.nan, 0.0, 0.0, 0.0, 0.0, 0.0))
+    conditions = lock_conditions(QUADRUPED, np.stack((HOME, HOME * np.nan)), LockSet(1))
+    assert np.isnan(conditions.inverse).tolist() == [False, True]
+    assert np.isnan(conditions.holding).tolist() == [False, True]
+
+
 def test_a_jump_of_the_platform_is_refused():
     with pytest.raises(SingularSwing, match="may go 10 mm") as refused:
         swung(QUADRUPED, (0.1, 0.0, 0.0, 0.0, 0.0, 0.0), longest=0.01)
