@@ -28,6 +28,8 @@ from parapod.systems.hardware.position_memory import IncrementalDevice
 
 # How long a drive may take to leave a quick stop that was ours [s].
 _OBEYING = 0.05
+# So many times a node may be silent while axes stop, before that is an error.
+_SILENCES = 2
 # How long nodes are asked whether their power is gone, once one of them was silent [s].
 _CONFIRMING = 0.3
 
@@ -441,14 +443,15 @@ class Epos2(IncrementalDevice):
                 self._sent[i] = rpm[i]
 
     def _wait_for_standstill(self) -> None:
-        """Waits until all axes stand; a node that is silent may answer until then."""
-        deadline = self._clock() + stopping_time(self._settings, self._timing)
+        """Waits until all axes stand; an answer to SYNC may stay away for a moment."""
+        deadline, silences = self._clock() + stopping_time(self._settings, self._timing), 0
         while True:
             self._beat()
             try:
                 speeds = [abs(sample.rpm) for sample in self._samples()]
             except DeviceError as error:
-                if error.fault is not DeviceFault.SILENT or self._clock() > deadline:
+                silences += 1
+                if error.fault is not DeviceFault.SILENT or silences > _SILENCES:
                     raise
             else:
                 if max(speeds) <= STANDSTILL:
