@@ -8,10 +8,10 @@ from parapod.systems.actuators.compound_position_controller import (
     MODES,
     CompoundPositionControllerParams,
 )
+from parapod.systems.core.motion_laws import MOTION_LAWS
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.gait import ORDERS, TrotGait, Walk, there_and_back
 from parapod.systems.walking_chair.masses import Passenger
-from parapod.systems.walking_chair.trajectories import MOTION_LAWS
 
 SIMULATED = ("multibody", "kinematic")
 BACKENDS = (*SIMULATED, "mock", "hardware")

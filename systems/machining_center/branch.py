@@ -108,6 +108,53 @@ def branch_joints_and_rates(
     return _joints(chains), _rates(chains)
 
 
+def foot_of_limb(
+    geometry: CenterGeometry,
+    pose: ArrayLike,
+    limb: int,
+    lengths: ArrayLike,
+    locked: ArrayLike,
+    *,
+    along: Along = "middle",
+) -> Array:
+    """Pose (6) of a loose foot whose limb's joints 1, 2, 3 and 6 are locked [m, rad].
+
+    Args:
+        geometry: the centre.
+        pose: (6) of the platform [m, rad].
+        limb: counted from 1.
+        lengths: (2) of its left and right leg [m].
+        locked: (4) values of q_1, q_2, q_3 and q_6 [rad].
+        along: line of the limb's chain.
+
+    Raises:
+        ValueError: wrong shapes, or legs that do not meet.
+    """
+    left, right = of_width(lengths, 2, "lengths")
+    q_1, q_2, q_3, q_6 = of_width(locked, 4, "locked")
+    apart = float(np.linalg.norm(geometry.pivots[1] - geometry.pivots[0]))
+    if along == "middle":
+        length = float(np.sqrt(0.5 * (left**2 + right**2) - 0.25 * apart**2))
+        sine = (right**2 - left**2) / (2.0 * length * apart)
+    else:
+        length = float(left)
+        sine = (right**2 - left**2 - apart**2) / (2.0 * left * apart)
+    if not abs(sine) <= 1.0:
+        raise ValueError(f"legs of {left:g} and {right:g} m do not meet: {apart:g} m are between")
+    q_5, turn = np.arcsin(sine), -geometry.angles[limb - 1]
+    R_WP, origin = _frames(of_width(pose, 6, "pose"))
+    R_WL = R_WP @ _rotation("XYZ", q_5, -q_6, turn).T
+    R_WA = R_WL @ _rotation("ZYX", q_1, -q_2, -q_3).T
+    foot = origin + R_WP @ _ends(geometry, along)[limb - 1] - length * R_WL[:, 2]
+    return np.concatenate((foot, _angles(R_WA)))
+
+
+def turned_foot(foot_pose: Array, angle: float) -> Array:
+    """A foot's pose (6) after a turn [rad] about its third axis."""
+    R_WA, place = _frames(foot_pose)
+    return np.concatenate((place, _angles(R_WA @ _rotation("xyz", 0.0, 0.0, angle))))
+
+
 class _Chains(NamedTuple):
     """Axes and arms of the limbs' chains in the world, (..., n, 3) each, and their lengths."""
 
@@ -197,7 +244,7 @@ def _frames(poses: Array) -> tuple[Array, Array]:
     return np.moveaxis(np.stack(columns), (0, 1), (-1, -2)), poses[..., :3]
 
 
-def _rotation(axes: str, *angles: Array) -> Array:
+def _rotation(axes: str, *angles: ArrayLike) -> Array:
     stacked = np.stack(angles, axis=-1).astype(np.float64)
     matrices: Array = Rotation.from_euler(axes, stacked.reshape(-1, 3)).as_matrix()
     return matrices.reshape(*stacked.shape[:-1], 3, 3)

@@ -34,8 +34,10 @@ from parapod.systems.machining_center.swing import (
     LockSet,
     SingularSwing,
     SwingPose,
+    SwungPose,
     close_locks,
     lock_conditions,
+    swing_forward,
     swing_inverse,
 )
 from parapod.systems.machining_center.wrench import WrenchIndices, wrench_indices
@@ -48,6 +50,7 @@ __all__ = [
     "Locks",
     "SingularSwing",
     "SwingPose",
+    "SwungPose",
     "WrenchIndices",
     "branch_forward",
     "branch_joints",
@@ -59,6 +62,7 @@ __all__ = [
     "jacobian",
     "leg_lengths",
     "lock_conditions",
+    "swing_forward",
     "swing_inverse",
     "wrench_indices",
 ]

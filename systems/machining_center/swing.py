@@ -25,6 +25,8 @@ from parapod.systems.machining_center.branch import (
     Along,
     branch_joints,
     branch_joints_and_rates,
+    foot_of_limb,
+    turned_foot,
 )
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.platform_mode import (
@@ -43,6 +45,8 @@ from parapod.systems.machining_center.wrench import wrench_indices
 LOCKABLE = (1, 2, 3, 6)
 _MOST_STEPS = 30
 _CONVERGED = 1e-12  # [m, and r_c rad]
+# Below this smallest singular value what stands does not hold the platform.
+_SINGULAR = 1e-6
 # Difference for the slope of the objective in open directions, and its step by slope [m, m^2].
 _PROBE, _GAIN = 1e-4, 1e-3
 # Weight of the wrench index beside the stroke, per unit of the index.
@@ -168,6 +172,7 @@ class SwingPose(NamedTuple):
         smallest_singular_value: see `LockConditions.inverse`.
         open_directions: (f, 6) displacements [rotation; translation / r_c] of the platform that
             neither foot nor locks determine, each of unit length.
+        foot_pose: (6) of the loose foot, as asked, or turned about its third axis [m, rad].
     """
 
     pose: Array
@@ -175,6 +180,23 @@ class SwingPose(NamedTuple):
     residual: float
     smallest_singular_value: float
     open_directions: Array
+    foot_pose: Array
+
+
+class SwungPose(NamedTuple):
+    """Where platform and loose foot are, from the lengths of the legs.
+
+    Attributes:
+        pose: (6) of the platform [m, rad].
+        foot_pose: (6) of the loose foot [m, rad].
+        residual: largest difference of a standing leg's length [m], or lock's value by r_c [m].
+        smallest_singular_value: see `LockConditions.holding`.
+    """
+
+    pose: Array
+    foot_pose: Array
+    residual: float
+    smallest_singular_value: float
 
 
 def close_locks(
@@ -211,6 +233,7 @@ def lock_conditions(
     footholds: ArrayLike | None = None,
     *,
     along: Along = "middle",
+    turns: bool = False,
 ) -> LockConditions:
     """Whether a lock set determines the platform's pose, and whether it holds the platform.
 
@@ -220,6 +243,7 @@ def lock_conditions(
         lock_set: joints that are locked.
         footholds: (..., n, 6) poses of the feet's frames; None for the paper's pattern.
         along: line of the limbs' chains.
+        turns: whether the loose foot may turn about its third axis, see `swing_inverse`.
 
     Raises:
         ValueError: wrong shapes, or a set that does not fit the centre.
@@ -227,9 +251,9 @@ def lock_conditions(
     lock_set.check(geometry)
     unit = _unit_motion(geometry)
     rates = branch_joints_and_rates(geometry, pose, footholds, along=along)[1] * unit
-    locked = rates[(..., *_indices(lock_set.joints), slice(None))]
-    standing = np.repeat(np.arange(1, geometry.limbs + 1) != lock_set.limb, 2)
-    held = jacobian(geometry, pose, footholds)[..., standing, :] * unit / geometry.platform_radius
+    locked = rates[(..., *_indices(lock_set.joints[turns:]), slice(None))]
+    held = jacobian(geometry, pose, footholds)[..., _standing_legs(geometry, lock_set), :]
+    held = held * unit / geometry.platform_radius
     if lock_set.standing:
         also = rates[(..., *_indices(lock_set.standing), slice(None))]
         held = np.concatenate((held, also), axis=-2)
@@ -242,6 +266,7 @@ def swing_inverse(
     locks: Locks,
     near: ArrayLike,
     *,
+    turns: bool = False,
     freedom: float = 0.0,
     longest: float = 0.2,
     open_below: float = 1e-6,
@@ -254,6 +279,8 @@ def swing_inverse(
         foot_pose: (6) x, y, z, roll, pitch, yaw of the loose foot's frame [m, rad].
         locks: the closed locks.
         near: (6) the platform's pose nearby, at best that of the sample before.
+        turns: whether the foot may turn about its third axis: what stands on a surface need not
+            look anywhere, and of a tripod parallel to the ground that is what cannot be asked.
         freedom: longest way that the platform may make in directions which foot and locks leave
             open, to keep the legs in the middle of their stroke and, where three limbs stand,
             the wrench index high [m, and r_c rad]; 0: it makes none there.
@@ -271,11 +298,11 @@ def swing_inverse(
     feet[limb - 1] = of_width(foot_pose, 6, "foot_pose")
     start = of_width(near, 6, "near").astype(np.float64)
     pose, unit = start, _unit_motion(geometry)
-    chosen = _indices(locks.lock_set.joints)
+    chosen, wanted = _indices(locks.lock_set.joints[turns:]), locks.values[turns:]
     drift, way = np.zeros(6), np.inf
     for step in range(_MOST_STEPS):
         joints, rates = branch_joints_and_rates(geometry, pose, feet, along=locks.along)
-        missing = np.remainder(locks.values - joints[chosen] + np.pi, 2.0 * np.pi) - np.pi
+        missing = _wrapped(wanted - joints[chosen])
         left, values, right = decomposed(rates[chosen] * unit, full_matrices=True)
         if not np.isfinite(values).all():
             raise SingularSwing(limb, 0.0, "a limb has no joint values there, or it is no number")
@@ -310,7 +337,58 @@ def swing_inverse(
         )
     lengths = leg_lengths(geometry, pose, feet)
     check_strokes(geometry, lengths)
-    return SwingPose(pose, lengths, residual, smallest, open_directions)
+    foot = feet[limb - 1]
+    if turns:
+        foot = turned_foot(foot, float(_wrapped(joints[limb - 1, 0] - locks.values[0])))
+    return SwingPose(pose, lengths, residual, smallest, open_directions, foot)
+
+
+def swing_forward(
+    geometry: CenterGeometry, lengths: ArrayLike, locks: Locks, near: ArrayLike
+) -> SwungPose:
+    """Platform and loose foot that legs of these lengths hold, by Newton's method.
+
+    Standing legs and locks give the platform's pose, the loose limb's legs and locks its foot's.
+
+    Args:
+        geometry: the centre.
+        lengths: (2n) [m].
+        locks: the closed locks; feet that stand are where they were then.
+        near: (6) a pose of the platform nearby.
+
+    Raises:
+        SingularSwing: what stands does not hold the platform near there.
+        ValueError: wrong shapes.
+    """
+    wanted = of_width(lengths, geometry.legs, "lengths").astype(np.float64)
+    pose = of_width(near, 6, "near").astype(np.float64)
+    lock_set, unit, r_c = locks.lock_set, _unit_motion(geometry), geometry.platform_radius
+    legs, also = _standing_legs(geometry, lock_set), _indices(lock_set.standing)
+    values = locks.values[len(LOCKABLE) :]
+    smallest, residual = 0.0, np.inf
+    for _ in range(_MOST_STEPS):
+        rows = jacobian(geometry, pose, locks.footholds)[legs] * unit / r_c
+        off = (wanted - leg_lengths(geometry, pose, locks.footholds))[legs] / r_c
+        if lock_set.standing:
+            joints, rates = branch_joints_and_rates(
+                geometry, pose, locks.footholds, along=locks.along
+            )
+            rows = np.concatenate((rows, rates[also] * unit))
+            off = np.concatenate((off, _wrapped(values - joints[also])))
+        left, singular, right = decomposed(rows)
+        smallest, residual = float(singular[-1]), r_c * float(np.abs(off).max())
+        if not smallest > _SINGULAR:
+            break
+        move = right.T @ (left.T @ off / singular)
+        if (way := r_c * float(np.linalg.norm(move))) <= _CONVERGED:
+            limb = lock_set.limb
+            pair = wanted[2 * limb - 2 : 2 * limb]
+            foot = foot_of_limb(geometry, pose, limb, pair, locks.values[:4], along=locks.along)
+            return SwungPose(pose, foot, residual, smallest)
+        pose = moved(pose, move * unit * min(1.0, 0.5 * r_c / way))
+    raise SingularSwing(
+        lock_set.limb, smallest, "what stands does not hold the platform near where it was"
+    )
 
 
 def _drift(
@@ -341,8 +419,17 @@ def _unit_motion(geometry: CenterGeometry) -> Array:
     return geometry.platform_radius / length_scale(geometry)
 
 
+def _standing_legs(geometry: CenterGeometry, lock_set: LockSet) -> Array:
+    """Mask (2n) of the legs of limbs that stand."""
+    return np.repeat(np.arange(1, geometry.limbs + 1) != lock_set.limb, 2)
+
+
+def _wrapped(angle: Array) -> Array:
+    return np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi
+
+
 def _indices(joints: Sequence[tuple[int, int]]) -> tuple[Array, Array]:
-    limbs, numbers = np.array(joints).T - 1
+    limbs, numbers = np.array(joints, dtype=int).reshape(-1, 2).T - 1
     return limbs, numbers
 
 

@@ -9,11 +9,11 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.motion_laws import MOTION_LAWS
 from parapod.systems.core.ports import declare_cached, read_array
 from parapod.systems.walking_chair.chair import chair_inverse, chair_motion
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry
 from parapod.systems.walking_chair.trajectories import (
-    MOTION_LAWS,
     BodyMotion,
     BranchMotion,
     Motion,

@@ -10,13 +10,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from parapod.systems.core.motion_laws import MOTION_LAWS
 from parapod.systems.core.vectors import Array
 from parapod.systems.walking_chair import gait as phases
 from parapod.systems.walking_chair.chair import chair_inverse, chair_motion, standing_feet
 from parapod.systems.walking_chair.geometry import LEG_COUNT, ChairGeometry
 from parapod.systems.walking_chair.leg import lowest_corner, up_branch
 from parapod.systems.walking_chair.trajectories import (
-    MOTION_LAWS,
     BodyMotion,
     BranchMotion,
     FootTrajectory,

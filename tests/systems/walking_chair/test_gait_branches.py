@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from parapod.systems.core.motion_laws import MOTION_LAWS
 from parapod.systems.walking_chair.chair import chair_inverse
 from parapod.systems.walking_chair.gait import DIRECTIONS, TrotGait, gait_branches, gait_motion
 from parapod.systems.walking_chair.geometry import ChairGeometry
-from parapod.systems.walking_chair.trajectories import MOTION_LAWS
 
 CHAIR, GAIT = ChairGeometry(), TrotGait()
 TIMES = np.linspace(0.0, 25.0, 5001)

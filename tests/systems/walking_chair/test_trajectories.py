@@ -1,4 +1,4 @@
-"""Motion laws, and the trajectories of feet that are made of them."""
+"""Trajectories of feet."""
 
 import math
 from dataclasses import replace
@@ -11,76 +11,9 @@ from parapod.systems.walking_chair.geometry import LegGeometry
 from parapod.systems.walking_chair.leg import up_branch
 from parapod.systems.walking_chair.rates import leg_motion
 from parapod.systems.walking_chair.trajectories import (
-    MOTION_LAWS,
     FootCircle,
     FootTrajectory,
-    blended,
-    quintic,
 )
-
-LAWS = pytest.mark.parametrize("name", MOTION_LAWS)
-SMOOTH = pytest.mark.parametrize("name", sorted(set(MOTION_LAWS) - {"linear"}))
-X = np.linspace(0.0, 1.0, 2001)
-
-
-@LAWS
-def test_all_the_way_is_done_in_the_whole_duration(name):
-    way, speed, _ = MOTION_LAWS[name](np.array((0.0, 0.5, 1.0)))
-    np.testing.assert_allclose(way, (0.0, 0.5, 1.0), rtol=0, atol=1e-15)
-    assert (MOTION_LAWS[name](X)[1] >= 0.0).all()
-    assert speed[0] == speed[2]
-
-
-@LAWS
-def test_second_half_is_the_first_one_backwards(name):
-    law = MOTION_LAWS[name]
-    way, speed, acceleration = law(X)
-    np.testing.assert_allclose(way, 1.0 - way[::-1], rtol=0, atol=1e-14)
-    np.testing.assert_allclose(speed, speed[::-1], rtol=0, atol=1e-13)
-    np.testing.assert_allclose(acceleration, -acceleration[::-1], rtol=0, atol=1e-12)
-
-
-@LAWS
-def test_derivatives_agree_with_differences(name):
-    law, dx = MOTION_LAWS[name], 1e-5
-    inside = X[10:-10]
-    _, speed, acceleration = law(inside)
-    ahead, behind = law(inside + dx), law(inside - dx)
-    np.testing.assert_allclose(speed, (ahead[0] - behind[0]) / (2.0 * dx), rtol=0, atol=1e-8)
-    numeric = (ahead[1] - behind[1]) / (2.0 * dx)
-    np.testing.assert_allclose(acceleration, numeric, rtol=0, atol=1e-3)
-
-
-@SMOOTH
-def test_smooth_laws_begin_and_end_at_rest_without_a_jerk_at_the_ends(name):
-    _, speed, acceleration = MOTION_LAWS[name](np.array((0.0, 1.0)))
-    np.testing.assert_allclose(speed, 0.0, atol=1e-14)
-    np.testing.assert_allclose(acceleration, 0.0, atol=1e-13)
-
-
-def test_linear_law_has_one_speed():
-    way, speed, acceleration = MOTION_LAWS["linear"](X)
-    np.testing.assert_array_equal(way, X)
-    np.testing.assert_array_equal(speed, 1.0)
-    np.testing.assert_array_equal(acceleration, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("name", "top"), [("linear", 1.0), ("ramped", 1.25), ("cycloid", 2.0), ("quintic", 1.875)]
-)
-def test_top_speeds(name, top):
-    assert MOTION_LAWS[name](X)[1].max() == pytest.approx(top, abs=1e-12)
-
-
-def test_longest_blend_has_no_constant_speed():
-    speed = blended(X, 0.5)[1]
-    assert speed.max() == pytest.approx(2.0, abs=1e-12)
-    assert np.count_nonzero(speed > 2.0 - 1e-9) == 1
-
-
-def test_quintic_is_the_polynomial():
-    np.testing.assert_allclose(quintic(X)[0], 10 * X**3 - 15 * X**4 + 6 * X**5, atol=1e-15)
-
 
 SWING = FootTrajectory()
 S_0, H, T_M = 0.1027, 0.100, 5.0

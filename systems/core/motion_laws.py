@@ -1,0 +1,56 @@
+"""Laws of motion from rest to rest, by their names.
+
+A law gives, for the share x of the duration that has passed, the share s of the way that is done,
+and its derivatives ds/dx and d2s/dx2. At both ends the derivatives are those inside.
+"""
+
+import math
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from parapod.systems.core.vectors import Array
+
+type MotionLaw = Callable[[Array], tuple[Array, Array, Array]]
+
+
+def blended(x: Array, blend: float) -> tuple[Array, Array, Array]:
+    """Constant speed 1 / (1 - blend), which sines lead up to and down from.
+
+    Args:
+        x: (...) share of the duration, in [0, 1].
+        blend: share of the duration of each sine, in [0, 0.5]; 0 for steps of the speed.
+    """
+    top = 1.0 / (1.0 - blend)
+    near = np.minimum(x, 1.0 - x)
+    mirrored = np.where(x > 0.5, -1.0, 1.0)
+    if blend == 0.0:
+        return 1.0 * x, np.ones_like(x), np.zeros_like(x)
+    angle = np.where(near < blend, math.pi * near / blend, math.pi)
+    lag = np.where(near < blend, 0.5 * near + 0.5 * blend / math.pi * np.sin(angle), 0.5 * blend)
+    done = top * (near - lag)
+    way = np.where(x > 0.5, 1.0 - done, done)
+    speed = 0.5 * top * (1.0 - np.cos(angle))
+    return way, speed, mirrored * 0.5 * top * math.pi / blend * np.sin(angle)
+
+
+def cycloid(x: Array) -> tuple[Array, Array, Array]:
+    """One period of a sine as acceleration."""
+    angle = 2.0 * math.pi * x
+    return x - np.sin(angle) / (2.0 * math.pi), 1.0 - np.cos(angle), 2.0 * math.pi * np.sin(angle)
+
+
+def quintic(x: Array) -> tuple[Array, Array, Array]:
+    """Polynomial of least jerk from rest to rest."""
+    y = 1.0 - x
+    return x**3 * (10.0 - 15.0 * x + 6.0 * x**2), 30.0 * (x * y) ** 2, 60.0 * x * y * (y - x)
+
+
+# The speed of "linear" jumps at both ends; that of the others does not.
+MOTION_LAWS: dict[str, MotionLaw] = {
+    "linear": partial(blended, blend=0.0),
+    "ramped": partial(blended, blend=0.2),
+    "cycloid": cycloid,
+    "quintic": quintic,
+}
