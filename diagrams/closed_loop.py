@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    DiagramBuilder,
+    EventStatus,
+    OutputPort,
+    System,
+)
 from pydrake.systems.primitives import Adder, MatrixGain, VectorLogSink, ZeroOrderHold
 
 from parapod.diagrams.faults import FaultPoints
@@ -24,7 +31,7 @@ _AGE = "status.age"
 
 
 class ClosedLoop[S](Diagram):
-    """A machine that can be simulated: `Simulator(loop)`.
+    """A machine that can be simulated: `Simulator(loop)`, with its `monitor` if it has one.
 
     The default context is the beginning of the scenario.
 
@@ -72,6 +79,7 @@ class ClosedLoop[S](Diagram):
             WiringError: a system whose ports do not fit, or a port to record that does not exist.
         """
         super().__init__()
+        machine = machine.of(scenario)
         self.machine, self.scenario = machine, scenario
         settings: Any = scenario
         period = settings.control.period
@@ -112,6 +120,19 @@ class ClosedLoop[S](Diagram):
         if scenario is not None:
             settings: Any = scenario
             self.faults.set_faults(context, getattr(scenario, "faults", ()), settings.seed)
+
+    @property
+    def monitor(self) -> Callable[[Context], EventStatus] | None:
+        """Monitor that a simulator of the loop needs, see `Behind.between_steps`; None: none."""
+        between = self.station.behind.between_steps if isinstance(self.station, Station) else None
+        if between is None:
+            return None
+
+        def look(root_context: Context) -> EventStatus:
+            between(root_context)
+            return EventStatus.DidNothing()
+
+        return look
 
     def recording(self, context: Context) -> Recording:
         """The signals recorded in a context, by port name."""

@@ -6,7 +6,7 @@ once, in this folder. A machine is found by its name among the entry points `par
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import entry_points
 from typing import Any, Literal, Protocol
@@ -203,6 +203,8 @@ class Machine[S]:
             beside the emulated machine; None: there is none.
         twin: draws the real machine from its signals; None: it is not drawn.
         log_every: periods of the controller between two samples of a recording.
+        ports_of: the table of signals of a scenario, where sizes depend on it; `ports` are then
+            those of the default scenario, and names and units the same.
     """
 
     name: str
@@ -226,6 +228,13 @@ class Machine[S]:
     instrument: Callable[[Mapping[str, NDArray[Any]]], str] | None = None
     twin: "type[Twin] | None" = None
     log_every: int = 1
+    ports_of: Callable[[S], tuple[Port, ...]] | None = None
+
+    def of(self, scenario: S) -> "Machine[S]":
+        """The machine as a scenario has it, where its ports follow from that."""
+        if self.ports_of is None:
+            return self
+        return replace(self, ports=self.ports_of(scenario), ports_of=None)
 
     def __repr__(self) -> str:
         return f"<machine {self.name}: {len(self.inputs)} inputs, {len(self.outputs)} outputs>"

@@ -1,7 +1,7 @@
 """Multibody plants as all machines simulate them, and the ground that they stand on."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -9,7 +9,10 @@ from pydrake.geometry import SceneGraph
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import ZeroOrderHold
+
+from parapod.diagrams.wiring import add, connect, split_states
 
 
 def add_discrete_plant(
@@ -35,6 +38,33 @@ def add_discrete_plant(
         builder,
     )
     return plant, scene_graph
+
+
+def drive_joints(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    instances: Sequence[ModelInstanceIndex],
+    next_state: OutputPort,
+) -> OutputPort:
+    """Has the plant's implicit drives follow servos; returns the forces with which they hold.
+
+    These are those of the step before: drives measure them, and what they are told next may
+    depend on them.
+
+    Args:
+        builder: builder of the diagram that holds the plant.
+        plant: finalized; its actuators have gains, and are those of the instances alone.
+        instances: whose joints are driven, each as many of them.
+        next_state: positions and then velocities of all servos one step ahead, so that the plant
+            arrives where they will be, and does not trail them.
+    """
+    parts = split_states(builder, "leg_states", next_state, len(instances))
+    for port, instance in zip(parts, instances, strict=True):
+        connect(builder, port, plant.get_desired_state_input_port(instance))
+    hold = ZeroOrderHold(plant.time_step(), plant.num_actuators())
+    held = add(builder, hold, "holding_force")
+    connect(builder, plant.get_net_actuation_output_port(), held.get_input_port())
+    return held.get_output_port()
 
 
 def add_ground(parser: Parser) -> ModelInstanceIndex:

@@ -32,6 +32,8 @@ class Behind:
         reset: puts it at the beginning of a scenario, in a root context at its defaults, which
             are the beginning of the scenario that it was built from.
         active: entered while the machine is to obey; simulated ones always do.
+        between_steps: does what Drake lets no system do while it steps, such as locking a joint;
+            to be called with the root context after each step of a simulation; None: nothing.
         handle: anything that experiments need to reach beside the ports.
     """
 
@@ -39,6 +41,7 @@ class Behind:
     outputs: Mapping[str, OutputPort]
     reset: Callable[[Context, Any], None] = _nothing
     active: Callable[[], AbstractContextManager[object]] = field(default=nullcontext)
+    between_steps: Callable[[Context], None] | None = None
     handle: Any = None
 
 
@@ -67,10 +70,10 @@ class Station[S](Diagram):
             WiringError: a backend without the machine's ports.
         """
         super().__init__()
-        self.machine, self.scenario = machine, scenario
+        self.machine, self.scenario = machine.of(scenario), scenario
         builder = DiagramBuilder()
-        self.behind = _add_behind(builder, machine, scenario, meshcat)
-        _export(builder, machine, self.behind)
+        self.behind = _add_behind(builder, self.machine, scenario, meshcat)
+        _export(builder, self.machine, self.behind)
         builder.BuildInto(self)
         self.set_name("station")
 

@@ -9,22 +9,22 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort, OutputPort
-from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, ZeroOrderHold
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from parapod.diagrams.drawing import draw, publish, remove_visuals
-from parapod.diagrams.multibody import add_discrete_plant
+from parapod.diagrams.multibody import add_discrete_plant, drive_joints
 from parapod.diagrams.station import Behind
 from parapod.diagrams.walking_chair.model import add_chair, add_passenger
 from parapod.diagrams.walking_chair.ports import PARTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.diagrams.wiring import add, connect, split_states
+from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
 from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.walking_chair.gait import Walk, starting_lengths
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
 from parapod.systems.walking_chair.kinematic_chair import KinematicChair
 from parapod.systems.walking_chair.masses import Passenger
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY, ChairModel, ChairPose, ChairTruth
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY, ChairPose, ChairTruth
 from parapod.systems.walking_chair.payload import PayloadEstimatorParams
 
 
@@ -96,7 +96,7 @@ def _add_multibody_plant(
     )
     model = add_chair(plant, begun.passenger)
     plant.SetDefaultPositions(model.standing_positions(begun.lengths, begun.body))
-    force = _drive(builder, model, drives, time_step)
+    force = drive_joints(builder, plant, model.legs, drives.GetOutputPort("next_state"))
     truth = add(builder, ChairTruth(model))
     contact = plant.get_contact_results_output_port()
     connect(builder, contact, truth.GetInputPort("contact_results"))
@@ -116,26 +116,6 @@ def _add_multibody_plant(
         model.seat(plant.GetMyMutableContextFromRoot(root_context), passenger)
 
     return Plant(signals, stand, seat)
-
-
-def _drive(
-    builder: DiagramBuilder, model: ChairModel, drives: VelocityServo, time_step: float
-) -> OutputPort:
-    """Connects the drives to the branches' joints; returns the force with which they hold (12).
-
-    That force is the one of the step before: drives measure it, and what they are told next may
-    depend on it.
-    """
-    plant = model.plant
-    # One step ahead: the plant's implicit drives then arrive where the servos will be.
-    ahead = split_states(
-        builder, "leg_states", drives.GetOutputPort("next_state"), len(model.legs)
-    )
-    for port, leg in zip(ahead, model.legs, strict=True):
-        connect(builder, port, plant.get_desired_state_input_port(leg))
-    held = add(builder, ZeroOrderHold(time_step, plant.num_actuators()), "holding_force")
-    connect(builder, plant.get_net_actuation_output_port(), held.get_input_port())
-    return held.get_output_port()
 
 
 def _add_kinematic_plant(

@@ -244,7 +244,9 @@ class Bench:
                 show_timing(timing, loop.station, self.console)
                 return time.perf_counter() - begun
             loop.reset(simulator.get_mutable_context())
-            monitors = [monitor(loop, meshcat)] if monitor is not None else []
+            monitors = [] if loop.monitor is None else [loop.monitor]
+            if monitor is not None:
+                monitors.append(monitor(loop, meshcat))
             if panel is not None:
                 monitors.append(shown_on(panel, experiment.read_out, loop))
             if monitors:
@@ -344,7 +346,8 @@ class Live:
         """
         self.panel, self.loop = panel, loop
         self.simulator = Simulator(loop)
-        self.simulator.set_monitor(shown_on(panel, read_out, loop))
+        monitors = [] if loop.monitor is None else [loop.monitor]
+        self.simulator.set_monitor(_all_of([*monitors, shown_on(panel, read_out, loop)]))
 
     def begin(self) -> None:
         """Puts the loop where its scenario begins."""

@@ -175,7 +175,7 @@ class EmulatedMachine:
         Raises:
             ScenarioError: no machine's, another backend, or an emulator runs already.
         """
-        self.machine = machine
+        self.machine = machine = machine.of(scenario)
         if scenario.backend not in machine.plants or machine.emulated is None:
             raise ScenarioError(
                 f"backend = '{scenario.backend}' cannot be behind emulated devices; "
@@ -233,7 +233,11 @@ class EmulatedMachine:
         """
         inputs = [(spec.name, self._port(spec)) for spec in self.machine.inputs]
 
+        between = self._station.behind.between_steps
+
         def exchange(root: Context) -> None:
+            if between is not None:
+                between(root)
             self._show()
             is_cut = self._is_pressed or self.circuits[SUPPLY].is_broken
             cut = self.machine.cut if is_cut else {}

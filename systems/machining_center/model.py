@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -20,11 +21,13 @@ from pydrake.multibody.tree import (
     QuaternionFloatingJoint,
     RigidBody,
 )
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from parapod.systems.core.ports import declare_cached, read_array
 from parapod.systems.machining_center.branch import branch_joints
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.platform_mode import feet_of, leg_lengths
+from parapod.systems.machining_center.swing import LOCKABLE
 
 # Names of a limb's joints that carry locks, by the number of the chain's joint.
 LOCK_JOINTS = {1: "ankle_1", 2: "ankle_2", 3: "ankle_3", 6: "hinge"}
@@ -189,6 +192,116 @@ class CenterModel:
     def foot_pose(self, context: Context, limb: int) -> RigidTransform:
         """Pose of a foot's frame in the world."""
         return self.plant.EvalBodyPoseInWorld(context, self.feet[limb - 1])
+
+
+class CenterPositions(LeafSystem):
+    """Positions of the plant's joints for a drawing, loops closed, clamps under the feet.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `pose` | 6 | m, rad | of the platform |
+    | in `feet` | 6n | m, rad | of the feet's frames |
+    | out `positions` | all of the plant's | - | positions |
+
+    No state.
+
+    Args:
+        model: the bodies.
+    """
+
+    def __init__(self, model: CenterModel):
+        super().__init__()
+        self.set_name("positions")
+        self._model = model
+        self._pose = self.DeclareVectorInputPort("pose", 6)
+        self._feet = self.DeclareVectorInputPort("feet", 6 * model.geometry.limbs)
+        self.DeclareVectorOutputPort(
+            "positions",
+            model.plant.num_positions(),
+            self._calc,
+            {self._pose.ticket(), self._feet.ticket()},
+        )
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        feet = read_array(self._feet, context).reshape(-1, 6)
+        output.SetFromVector(self._model.positions(read_array(self._pose, context), feet))
+
+
+class CenterTruth(LeafSystem):
+    """True platform, feet, joints, and gaps of loops and clamps.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `body_poses` | abstract | - | poses of the plant's bodies |
+    | in `state` | all of the plant's | - | positions and velocities |
+    | out `pose` | 6 | m, rad | of the platform |
+    | out `feet` | 6n | m, rad | of the feet's frames |
+    | out `joints` | 4n | rad | q_1, q_2, q_3, q_6 of each limb |
+    | out `clamp_gap` | n | m | distance of each foot from its clamp |
+    | out `loop_error` | n | m | distance of both rods' tips of each limb |
+
+    State: none.
+
+    Args:
+        model: the bodies.
+    """
+
+    def __init__(self, model: CenterModel):
+        super().__init__()
+        self.set_name("truth")
+        n = model.geometry.limbs
+        self._platform = model.platform.index()
+        self._feet = [foot.index() for foot in model.feet]
+        self._clamps = [clamp.index() for clamp in model.clamp_bodies]
+        self._tips = [
+            [model.plant.GetBodyByName(f"{side}_rod", limb).index() for limb in model.limbs]
+            for side in ("left", "right")
+        ]
+        self._joints = [
+            model.lock_joint(limb, joint).position_start()
+            for limb in range(1, n + 1)
+            for joint in LOCKABLE
+        ]
+        self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]([]))
+        self._state = self.DeclareVectorInputPort("state", model.plant.num_multibody_states())
+        poses = {self._poses.ticket()}
+        self._all_feet = declare_cached(self, "feet", self._calc_all_feet, poses)
+        for name, size, calc, tickets in (
+            ("pose", 6, self._calc_pose, poses),
+            ("feet", 6 * n, self._calc_feet, {self._all_feet.ticket}),
+            ("joints", len(self._joints), self._calc_joints, {self._state.ticket()}),
+            ("clamp_gap", n, self._calc_clamp_gap, poses),
+            ("loop_error", n, self._calc_loop_error, poses),
+        ):
+            self.DeclareVectorOutputPort(name, size, calc, tickets)
+
+    def _calc_all_feet(self, context: Context) -> NDArray[np.float64]:
+        poses: Any = self._poses.Eval(context)
+        return np.concatenate([pose_of(poses[foot]) for foot in self._feet])
+
+    def _calc_pose(self, context: Context, output: BasicVector) -> None:
+        poses: Any = self._poses.Eval(context)
+        output.SetFromVector(pose_of(poses[self._platform]))
+
+    def _calc_feet(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._all_feet.of(self, context))
+
+    def _calc_joints(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(read_array(self._state, context)[self._joints])
+
+    def _calc_clamp_gap(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._gaps(context, self._feet, self._clamps))
+
+    def _calc_loop_error(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._gaps(context, *self._tips))
+
+    def _gaps(self, context: Context, one: list[Any], other: list[Any]) -> NDArray[np.float64]:
+        poses: Any = self._poses.Eval(context)
+        spans = [
+            poses[i].translation() - poses[j].translation()
+            for i, j in zip(one, other, strict=True)
+        ]
+        return np.linalg.norm(spans, axis=-1)
 
 
 def _transform(pose: NDArray[np.float64]) -> RigidTransform:

@@ -1,0 +1,330 @@
+"""Plants behind the machining centres' station: rigid bodies, kinematics, mock."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant, Propeller, PropellerInfo
+from pydrake.systems.framework import Context, DiagramBuilder, InputPort, OutputPort
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
+
+from parapod.diagrams.drawing import draw, publish, remove_visuals
+from parapod.diagrams.machining_center.model import add_center
+from parapod.diagrams.machining_center.ports import PARTS
+from parapod.diagrams.machining_center.scenario import CenterScenario, Plan
+from parapod.diagrams.multibody import add_discrete_plant, drive_joints
+from parapod.diagrams.station import Behind
+from parapod.diagrams.wiring import add, connect
+from parapod.systems.actuators.position_servo import PositionServo
+from parapod.systems.actuators.velocity_servo import VelocityServoParams
+from parapod.systems.machining_center.drilling import DrillingProcess
+from parapod.systems.machining_center.locking import Locking
+from parapod.systems.machining_center.model import CenterModel, CenterPositions, CenterTruth
+from parapod.systems.machining_center.panel import Panel
+from parapod.systems.machining_center.platform_mode import leg_lengths
+from parapod.systems.machining_center.posture import CenterPosture
+from parapod.systems.machining_center.statics import CenterStatics
+from parapod.systems.machining_center.switches import Switches
+from parapod.systems.sensors.device_status import DeviceStatus
+
+# Force of a leg by the current of its motor [N/A] (assumption).
+FORCE_PER_CURRENT = 250.0
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Signals of a plant for the sensors and the truth.
+
+    Attributes:
+        switches: what tells which locks and clamps are closed.
+        signals: ports by name: pose, feet, joints, leg_force, clamp_gap, loop_error.
+        stand: puts the centre at rest, in a root context, where a plan begins.
+        between_steps: see `Behind`.
+    """
+
+    switches: Switches
+    signals: dict[str, OutputPort]
+    stand: Callable[[Context, Plan], None]
+    between_steps: Callable[[Context], None] | None = None
+
+
+type PlantMaker = Callable[
+    [DiagramBuilder, CenterScenario, PositionServo, DrillingProcess, Meshcat | None], Plant
+]
+
+
+def _add_multibody_plant(
+    builder: DiagramBuilder,
+    scenario: CenterScenario,
+    drives: PositionServo,
+    drilling: DrillingProcess,
+    meshcat: Meshcat | None,
+) -> Plant:
+    """Adds the plant of rigid bodies, whose legs are held to where the drives are."""
+    geometry, plan = scenario.geometry, scenario.plan
+    plant, scene_graph = add_discrete_plant(builder, scenario.plant.time_step, "lagged")
+    model = add_center(plant, geometry)
+    plant.SetDefaultPositions(model.positions(plan.beginning.pose, plan.beginning.feet))
+    force = drive_joints(builder, plant, model.limbs, drives.GetOutputPort("next_state"))
+    truth = add(builder, CenterTruth(model))
+    connect(builder, plant.get_body_poses_output_port(), truth.GetInputPort("body_poses"))
+    connect(builder, plant.get_state_output_port(), truth.GetInputPort("state"))
+    _load(builder, scenario, model, drilling)
+    control = scenario.control.period
+    switches = add(
+        builder,
+        Switches(geometry, period=control, delay=1e-3 * scenario.plant.switching_ms),
+    )
+    connect(builder, truth.GetOutputPort("feet"), switches.GetInputPort("feet"))
+    if meshcat is None:
+        remove_visuals(plant, scene_graph)
+    else:
+        publish(builder, scene_graph, meshcat, "center")
+    locking = Locking(model, switches, plan.job.panel)
+    names = ("pose", "feet", "joints", "clamp_gap", "loop_error")
+    signals = {name: truth.GetOutputPort(name) for name in names} | {"leg_force": force}
+
+    def stand(root_context: Context, plan: Plan) -> None:
+        context = plant.GetMyMutableContextFromRoot(root_context)
+        model.stand(context, plan.beginning.pose, plan.beginning.feet)
+
+    return Plant(switches, signals, stand, locking.obey)
+
+
+def _load(
+    builder: DiagramBuilder,
+    scenario: CenterScenario,
+    model: CenterModel,
+    drilling: DrillingProcess,
+) -> None:
+    """Puts thrust and torque of the material on the platform, along the drill."""
+    process, plant = scenario.plan.job.process, model.plant
+    ratio = process.torque / process.thrust if process.thrust > 0.0 else 0.0
+    info = PropellerInfo(model.platform.index(), RigidTransform(), 1.0, ratio)
+    drill = add(builder, Propeller([info]), "drill")
+    thrust = add(builder, MatrixGain(np.array([[1.0, 0.0]])), "thrust")
+    connect(builder, drilling.GetOutputPort("tool_force"), thrust.get_input_port())
+    connect(builder, thrust.get_output_port(), drill.get_command_input_port())
+    connect(builder, plant.get_body_poses_output_port(), drill.get_body_poses_input_port())
+    applied = plant.get_applied_spatial_force_input_port()
+    connect(builder, drill.get_spatial_forces_output_port(), applied)
+
+
+def _add_kinematic_plant(
+    builder: DiagramBuilder,
+    scenario: CenterScenario,
+    drives: PositionServo,
+    drilling: DrillingProcess,
+    meshcat: Meshcat | None,
+) -> Plant:
+    """Adds the plant without dynamics, and with `meshcat` a drawing of it."""
+    geometry, plan, period = scenario.geometry, scenario.plan, scenario.control.period
+    pose, feet = plan.beginning
+    posture = add(builder, CenterPosture(geometry, period, pose, feet))
+    delay = 1e-3 * scenario.plant.switching_ms
+    switches = add(builder, Switches(geometry, plan.job.panel, period, delay))
+    statics = add(builder, CenterStatics(geometry))
+    for name in ("locks_closed", "clamps_closed"):
+        connect(builder, switches.GetOutputPort(name), posture.GetInputPort(name))
+    connect(builder, posture.GetOutputPort("feet"), switches.GetInputPort("feet"))
+    connect(builder, drives.GetOutputPort("position"), posture.GetInputPort("position"))
+    for name, source in (
+        ("pose", posture),
+        ("feet", posture),
+        ("clamps_closed", switches),
+        ("tool_force", drilling),
+    ):
+        connect(builder, source.GetOutputPort(name), statics.GetInputPort(name))
+    none = add(builder, ConstantVectorSource(np.zeros(geometry.limbs)), "no_gaps")
+    signals = {name: posture.GetOutputPort(name) for name in ("pose", "feet", "joints")}
+    signals["leg_force"] = statics.GetOutputPort("leg_force")
+    signals |= dict.fromkeys(("clamp_gap", "loop_error"), none.get_output_port())
+    if meshcat is not None:
+        add_drawing(builder, scenario, signals["pose"], signals["feet"], meshcat)
+
+    def stand(root_context: Context, plan: Plan) -> None:
+        posture.stand(root_context, plan.beginning.pose, plan.beginning.feet)
+
+    return Plant(switches, signals, stand)
+
+
+def add_drawing(
+    builder: DiagramBuilder,
+    scenario: CenterScenario,
+    pose: OutputPort,
+    feet: OutputPort,
+    meshcat: Meshcat,
+    path: str = "center",
+) -> None:
+    """Draws the bodies where platform and feet are.
+
+    Args:
+        builder: builder of the diagram that holds the ports' systems.
+        scenario: tells the centre.
+        pose: of the platform (6) [m, rad].
+        feet: of the feet (6n) [m, rad].
+        meshcat: scene in which to draw.
+        path: its path in the scene.
+    """
+    plant = MultibodyPlant(time_step=1e-3)
+    scene_graph = add(builder, SceneGraph(), f"drawing_of_{path}")
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    model = add_center(plant, scenario.geometry)
+    positions = add(builder, CenterPositions(model), f"positions_of_{path}")
+    connect(builder, pose, positions.GetInputPort("pose"))
+    connect(builder, feet, positions.GetInputPort("feet"))
+    draw(builder, plant, positions.get_output_port(), scene_graph)
+    publish(builder, scene_graph, meshcat, path)
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A simulated centre and the handles that put it at its beginning.
+
+    Attributes:
+        plant: the plant.
+        drives: the legs' drives.
+    """
+
+    plant: Plant
+    drives: PositionServo
+
+    def reset(self, root_context: Context, scenario: CenterScenario) -> None:
+        """Puts the centre where its job begins.
+
+        Args:
+            root_context: context, at its defaults, of the diagram that contains the station.
+            scenario: its plan's beginning is taken; what is built in stays.
+        """
+        plan = scenario.plan
+        pose, feet = plan.beginning
+        self.drives.set_position(root_context, leg_lengths(scenario.geometry, pose, feet))
+        self.plant.stand(root_context, plan)
+
+
+def _add_simulated(
+    add_plant: PlantMaker,
+    drive_step: float,
+    builder: DiagramBuilder,
+    scenario: CenterScenario,
+    meshcat: Meshcat | None,
+) -> Behind:
+    """Adds drives, a plant, the drill, currents and status.
+
+    Args:
+        add_plant: adds the plant.
+        drive_step: step of the drives' model [s].
+        builder: builder of the station.
+        scenario: the scenario to build.
+        meshcat: draws the machine there; None for no drawing.
+    """
+    geometry, plan, period = scenario.geometry, scenario.plan, scenario.control.period
+    start = leg_lengths(geometry, *plan.beginning)
+    drives = add(
+        builder,
+        PositionServo(drive_params(scenario), geometry.legs, period, drive_step, start),
+        "drives",
+    )
+    job = plan.job
+    drilling = add(builder, DrillingProcess(job.process, job.panel, job.speeds.feed, period))
+    plant = add_plant(builder, scenario, drives, drilling, meshcat)
+    connect(builder, plant.signals["pose"], drilling.GetInputPort("pose"))
+    current = add(builder, MatrixGain(np.eye(geometry.legs) / FORCE_PER_CURRENT), "motor_current")
+    connect(builder, plant.signals["leg_force"], current.get_input_port())
+    inputs, outputs = _leg_ports(drives)
+    inputs |= {
+        f"{part}.command": plant.switches.GetInputPort(f"{part}_command")
+        for part in ("locks", "clamps")
+    }
+    outputs |= {
+        f"{part}.closed": plant.switches.GetOutputPort(f"{part}_closed")
+        for part in ("locks", "clamps")
+    }
+    outputs |= {
+        "legs.current": current.get_output_port(),
+        "tool.force": drilling.GetOutputPort("tool_force"),
+        "truth.tip_height": drilling.GetOutputPort("tip_height"),
+    }
+    outputs |= {f"truth.{name}": port for name, port in plant.signals.items()}
+    outputs |= _add_status(builder)
+    simulation = Simulation(plant, drives)
+    return Behind(
+        inputs, outputs, simulation.reset, between_steps=plant.between_steps, handle=simulation
+    )
+
+
+def add_bodies(
+    builder: DiagramBuilder, scenario: CenterScenario, meshcat: Meshcat | None
+) -> Behind:
+    """Adds the centre as rigid bodies with closed loops, locks and clamps, and its drives."""
+    step = scenario.plant.time_step
+    return _add_simulated(_add_multibody_plant, step, builder, scenario, meshcat)
+
+
+def add_kinematics(
+    builder: DiagramBuilder, scenario: CenterScenario, meshcat: Meshcat | None
+) -> Behind:
+    """Adds the centre as closed-form kinematics, and its drives."""
+    # Only samples of this plant count: twice as often as the command.
+    step = 0.5 * scenario.control.period
+    return _add_simulated(_add_kinematic_plant, step, builder, scenario, meshcat)
+
+
+def _leg_ports(drives: PositionServo) -> tuple[dict[str, InputPort], dict[str, OutputPort]]:
+    inputs = {f"legs.{name}": drives.GetInputPort(name) for name in ("position_command", "brake")}
+    outputs = {
+        f"legs.{name}": drives.GetOutputPort(f"{name}_measured")
+        for name in ("position", "velocity")
+    }
+    return inputs, outputs
+
+
+def _add_status(builder: DiagramBuilder) -> dict[str, OutputPort]:
+    status = add(builder, DeviceStatus(PARTS, (0.0,) * len(PARTS)))
+    return {f"status.{name}": status.GetOutputPort(name) for name in ("age", "fault")}
+
+
+def drive_params(scenario: CenterScenario) -> VelocityServoParams:
+    """Parameters of the legs' drives, with their stroke."""
+    legs, geometry = scenario.legs, scenario.geometry
+    return VelocityServoParams(
+        resolution=1e-3 * legs.encoder_resolution_mm,
+        time_constant=1e-3 * legs.time_constant_ms,
+        max_velocity=1e-3 * legs.max_velocity_mm_s,
+        stop_min=geometry.stroke_min,
+        stop_max=geometry.stroke_max,
+    )
+
+
+def add_mock(
+    builder: DiagramBuilder, scenario: CenterScenario, meshcat: Meshcat | None = None
+) -> Behind:
+    """Adds what mirrors commands to measurements, exactly and without dynamics.
+
+    Legs are where they are told, locks and clamps as they are told, a period later; the motors
+    draw no current. There are no `truth` ports: nothing is hidden.
+
+    Args:
+        builder: builder of the station.
+        scenario: its period, drives' limits and beginning are taken.
+        meshcat: not used; there is nothing to draw.
+    """
+    geometry, period = scenario.geometry, scenario.control.period
+    exact = replace(drive_params(scenario), resolution=0.0, time_constant=1e-9)
+    start: NDArray[np.float64] = leg_lengths(geometry, *scenario.plan.beginning)
+    drives = add(builder, PositionServo(exact, geometry.legs, period, position=start), "drives")
+    # All feet are always on this one.
+    switches = add(builder, Switches(geometry, Panel(math.inf), period))
+    somewhere = add(builder, ConstantVectorSource(np.zeros(6 * geometry.limbs)), "somewhere")
+    connect(builder, somewhere.get_output_port(), switches.GetInputPort("feet"))
+    current = add(builder, ConstantVectorSource(np.zeros(geometry.legs)), "motor_current")
+    inputs, outputs = _leg_ports(drives)
+    for part in ("locks", "clamps"):
+        inputs[f"{part}.command"] = switches.GetInputPort(f"{part}_command")
+        outputs[f"{part}.closed"] = switches.GetOutputPort(f"{part}_closed")
+    outputs |= {"legs.current": current.get_output_port()} | _add_status(builder)
+    return Behind(inputs, outputs)

@@ -1,0 +1,105 @@
+"""Drives that go to a position by the next command: a position loop around `VelocityServo`."""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+
+from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
+from parapod.systems.core.ports import read_array
+
+
+class PositionLoop(LeafSystem):
+    """Velocities with which drives arrive at a position one period from now.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `position_command` | n | m or rad | where the drives are to be then |
+    | in `state` | 2n | m or rad, and per s | positions and velocities of the drives |
+    | out `velocity_command` | n | m/s or rad/s | to be sampled every period |
+
+    With a velocity u over the period T, a drive with the lag tau goes on by
+    T u - tau (1 - exp(-T / tau)) (u - v): that is made what is missing.
+
+    No state.
+
+    Bad input: a command that is not finite asks for no velocity.
+
+    Args:
+        time_constant: tau of the drives' velocity loop [s].
+        channels: number of drives n.
+        period: T [s].
+    """
+
+    def __init__(self, time_constant: float = 0.002, channels: int = 1, period: float = 0.01):
+        super().__init__()
+        self.set_name("position_loop")
+        self._channels = channels
+        self._late = -time_constant * math.expm1(-period / time_constant)
+        self._reach = period - self._late
+        self._command = self.DeclareVectorInputPort("position_command", channels)
+        self._state = self.DeclareVectorInputPort("state", 2 * channels)
+        self.DeclareVectorOutputPort(
+            "velocity_command",
+            channels,
+            self._calc_velocity,
+            {self._command.ticket(), self._state.ticket()},
+        )
+
+    def _calc_velocity(self, context: Context, output: BasicVector) -> None:
+        command, state = read_array(self._command, context), read_array(self._state, context)
+        position, velocity = state[: self._channels], state[self._channels :]
+        wanted = (command - position - self._late * velocity) / self._reach
+        output.SetFromVector(np.where(np.isfinite(wanted), wanted, 0.0))
+
+
+class PositionServo(Diagram):
+    """Drives that are where they are told one period later, or brake.
+
+    Ports are those of `VelocityServo`, with `position_command` (n) [m or rad] in the place of
+    `velocity_command`. Speed, acceleration and stroke limit what is followed.
+
+    State: that of `VelocityServo`.
+
+    Bad input: a command that is not finite is not followed; the drives come to rest.
+
+    Args:
+        params: parameters of each drive.
+        channels: number of drives n.
+        period: at which commands are taken, and by which they are to be reached [s].
+        time_step: time step of the drives' lag [s]; None for the period.
+        position: positions (n or scalar) in a default context, where the drives are at rest
+            [m or rad].
+    """
+
+    def __init__(
+        self,
+        params: VelocityServoParams,
+        channels: int,
+        period: float = 0.01,
+        time_step: float | None = None,
+        position: ArrayLike = 0.0,
+    ):
+        super().__init__()
+        self.params = params
+        builder = DiagramBuilder()
+        self._servo = VelocityServo(params, channels, period, time_step, position)
+        loop = PositionLoop(params.time_constant, channels, period)
+        for system in (self._servo, loop):
+            builder.AddSystem(system)
+        builder.Connect(self._servo.GetOutputPort("state"), loop.GetInputPort("state"))
+        builder.Connect(
+            loop.GetOutputPort("velocity_command"), self._servo.GetInputPort("velocity_command")
+        )
+        builder.ExportInput(loop.GetInputPort("position_command"), "position_command")
+        builder.ExportInput(self._servo.GetInputPort("brake"), "brake")
+        for i in range(self._servo.num_output_ports()):
+            port = self._servo.get_output_port(i)
+            builder.ExportOutput(port, port.get_name())
+        builder.BuildInto(self)
+        self.set_name("position_servo")
+
+    def set_position(self, context: Context, position: ArrayLike) -> None:
+        """Puts the drives at rest at the given positions (n) [m or rad]."""
+        self._servo.set_position(context, position)

@@ -1,0 +1,429 @@
+"""Jobs of a machining centre: holes that are drilled, feet that go on; refused as a whole.
+
+A job is checked before anything moves: every operation from where the one before it ends, with
+legs, locks and wrenches.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
+
+from parapod.systems.core.errors import ParapodError, UnreachablePosture
+from parapod.systems.core.vectors import Array
+from parapod.systems.machining_center.geometry import CenterGeometry
+from parapod.systems.machining_center.masses import weight
+from parapod.systems.machining_center.panel import Panel
+from parapod.systems.machining_center.paths import (
+    Speeds,
+    foot_at,
+    platform_at,
+    swing_duration,
+)
+from parapod.systems.machining_center.platform_mode import inverse_kinematics
+from parapod.systems.machining_center.posture import Posture
+from parapod.systems.machining_center.swing import (
+    Locks,
+    LockSet,
+    SingularSwing,
+    SwingPose,
+    close_locks,
+    lock_conditions,
+    swing_inverse,
+)
+from parapod.systems.machining_center.wrench import wrench_indices
+
+# A foot's plate, and how far its frame may lean from the panel's normal [m, rad].
+FOOT_DIAMETER, LARGEST_LEAN = 0.1, 0.05
+# Poses at which a way of the platform, and of a foot, is looked at.
+_LOOKS_OF_PLATFORM, _LOOKS_OF_FOOT = 12, 24
+
+
+class Refused(ParapodError):
+    """An operation that a centre does not begin.
+
+    Attributes:
+        operation: its number in the job, from 1; 0: not known.
+    """
+
+    def __init__(self, words: str, operation: int = 0):
+        self.operation, self.words = operation, words
+        super().__init__(f"operation {operation}: {words}" if operation else words)
+
+
+@dataclass(frozen=True)
+class Process:
+    """The drill, and what drilling needs.
+
+    Attributes:
+        tool_length: from P_O to the drill's tip, along the platform's third axis backwards [m].
+        thrust: of the material on the drill at the feed that is meant [N].
+        torque: of the material on it [N m].
+        clearance: height of the tip above the panel, between holes [m].
+        largest_leg_force: of each leg, both ways [N].
+    """
+
+    tool_length: float = 0.44
+    thrust: float = 150.0
+    torque: float = 0.6
+    clearance: float = 0.01
+    largest_leg_force: float = 1000.0
+
+    def wrench(self, geometry: CenterGeometry, pose: Array) -> Array:
+        """Wrench (6) [moment; force] of drill and weight at P_O in the world [N m, N]."""
+        out = Rotation.from_euler("xyz", pose[3:]).as_matrix()[:, 2]
+        return weight(geometry) + np.concatenate((self.torque * out, self.thrust * out))
+
+
+@dataclass(frozen=True, eq=False)
+class Drill:
+    """A hole.
+
+    Attributes:
+        hole: (6) frame at the panel's surface, third axis out of the hole; the platform has its
+            rotation [m, rad].
+        depth: of the hole [m].
+    """
+
+    hole: Array
+    depth: float
+
+    def pose(self, process: Process, height: float) -> Array:
+        """Pose (6) of the platform with the tip at a height above the hole, along its axis."""
+        out = Rotation.from_euler("xyz", self.hole[3:]).as_matrix()[:, 2]
+        origin = self.hole[:3] + (process.tool_length + height) * out
+        return np.concatenate((origin, self.hole[3:]))
+
+
+@dataclass(frozen=True, eq=False)
+class Swing:
+    """A foot that goes on.
+
+    Attributes:
+        pose: (6) of the platform from which it begins [m, rad].
+        lock_set: limb, and what is locked meanwhile.
+        foothold: (6) where the foot is to stand; it may turn about the third axis [m, rad].
+    """
+
+    pose: Array
+    lock_set: LockSet
+    foothold: Array
+
+
+type Operation = Drill | Swing
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """Operations one after the other, and how they are done.
+
+    Attributes:
+        operations: the operations.
+        panel: what is stood on and drilled.
+        process: the drill.
+        speeds: limits of speed.
+        lift: height of a swing [m].
+        drift: speed of the platform in directions that foot and locks leave open, to better
+            stroke and wrench index [m/s].
+        least_sigma: smallest singular value with which a foot is swung, see `lock_conditions`.
+    """
+
+    operations: tuple[Operation, ...] = ()
+    panel: Panel = field(default_factory=Panel)
+    process: Process = field(default_factory=Process)
+    speeds: Speeds = field(default_factory=Speeds)
+    lift: float = 0.03
+    drift: float = 0.004
+    least_sigma: float = 0.02
+
+
+class Carried(NamedTuple):
+    """Wrench that a pose carries, and what is asked of it.
+
+    Attributes:
+        index: w_minmax [-].
+        capacity: magnitude that is resisted in every direction [N].
+        needed: magnitude of drill and weight [N], moments divided by r_c.
+    """
+
+    index: float
+    capacity: float
+    needed: float
+
+
+def carried(geometry: CenterGeometry, process: Process, pose: Array, feet: Array) -> Carried:
+    """Wrench that a clamped centre carries at a pose, and that of drill and weight.
+
+    Args:
+        geometry: the centre.
+        process: the drill.
+        pose: (6) of the platform [m, rad].
+        feet: (n, 6) of the feet [m, rad].
+    """
+    index = float(wrench_indices(geometry, pose, feet).w_minmax)
+    wrench = process.wrench(geometry, pose)
+    wrench[:3] /= geometry.platform_radius
+    capacity = index * geometry.legs * process.largest_leg_force
+    return Carried(index, capacity, float(np.linalg.norm(wrench)))
+
+
+def check_drill(geometry: CenterGeometry, job: Job, drill: Drill, feet: Array) -> None:
+    """Refuses a hole that the legs do not reach, or at which they do not carry the drill.
+
+    Raises:
+        Refused: names the leg, or pose, index and force.
+    """
+    process = job.process
+    for height in (process.clearance, 0.0, -drill.depth):
+        pose = drill.pose(process, height)
+        _check_pose(geometry, pose, feet)
+        found = carried(geometry, process, pose, feet)
+        if found.needed > found.capacity:
+            raise Refused(
+                f"at {_place(pose)} legs of {process.largest_leg_force:g} N resist "
+                f"{found.capacity:.0f} N in every direction (w_minmax {found.index:.4f}), and "
+                f"drill and weight need {found.needed:.0f} N: a thrust of "
+                f"{_admissible(process, found):.0f} N would do"
+            )
+
+
+def _admissible(process: Process, found: Carried) -> float:
+    """Thrust that is certain to be carried [N]."""
+    return max(0.0, process.thrust - (found.needed - found.capacity))
+
+
+def check_footholds(panel: Panel, feet: Array) -> None:
+    """Refuses footholds that overlap, are off the panel, or do not face out of it.
+
+    Args:
+        panel: the panel.
+        feet: (n, 6) of the feet [m, rad].
+
+    Raises:
+        Refused: names the limbs.
+    """
+    for i, foot in enumerate(feet, start=1):
+        height, lean = float(panel.place(foot[:3])[2]), panel.tilt(foot)
+        if not abs(height) <= 1e-3:
+            raise Refused(f"the foothold of limb {i} is {1e3 * height:.1f} mm above the panel")
+        if not lean <= LARGEST_LEAN:
+            raise Refused(
+                f"the foothold of limb {i} faces away: its axis leans {np.degrees(lean):.1f} deg "
+                f"from the panel's normal, and may by {np.degrees(LARGEST_LEAN):.1f}"
+            )
+    for i in range(len(feet)):
+        for j in range(i + 1, len(feet)):
+            apart = float(np.linalg.norm(feet[i, :3] - feet[j, :3]))
+            if not apart >= FOOT_DIAMETER:
+                raise Refused(
+                    f"the footholds of limbs {i + 1} and {j + 1} overlap: {1e3 * apart:.0f} mm "
+                    f"are between them, and {1e3 * FOOT_DIAMETER:.0f} are needed"
+                )
+
+
+class Swung(NamedTuple):
+    """A swing that can be made.
+
+    Attributes:
+        end: platform and feet at its end.
+        sigma: smallest singular value on its way, of locked joints and of what holds.
+        margin: smallest distance of a leg from the ends of its stroke [m].
+    """
+
+    end: Posture
+    sigma: float
+    margin: float
+
+
+def try_swing(geometry: CenterGeometry, job: Job, swing: Swing, feet: Array) -> Swung:
+    """Swings a foot, on paper.
+
+    Args:
+        geometry: the centre.
+        job: its panel and limits are taken.
+        swing: the swing.
+        feet: (n, 6) of the feet before [m, rad].
+
+    Raises:
+        Refused: names what does not fit.
+    """
+    limb = swing.lock_set.limb
+    goal = feet.copy()
+    goal[limb - 1] = swing.foothold
+    check_footholds(job.panel, goal)
+    _check_pose(geometry, swing.pose, feet)
+    try:
+        locks = close_locks(geometry, swing.pose, swing.lock_set, feet, along="left")
+    except ValueError as error:
+        raise Refused(str(error)) from None
+    pose, now, sigma, margin = swing.pose, feet.copy(), np.inf, np.inf
+    duration = swing_duration(feet[limb - 1], swing.foothold, job.lift, job.speeds)
+    for share in np.linspace(0.0, 1.0, _LOOKS_OF_FOOT + 1):
+        foot = foot_at(feet[limb - 1], swing.foothold, job.lift, share)
+        try:
+            found = swung_to(geometry, job, locks, foot, pose, share, duration / _LOOKS_OF_FOOT)
+        except (SingularSwing, UnreachablePosture) as error:
+            raise Refused(str(error)) from None
+        pose, now[limb - 1] = found.pose, found.foot_pose
+        at = lock_conditions(
+            geometry, pose, swing.lock_set, now, along="left", turns=turns(geometry)
+        )
+        sigma = min(sigma, float(at.inverse), float(at.holding))
+        if not sigma >= job.least_sigma:
+            raise Refused(
+                f"limb {limb} would swing past a singularity: the smallest singular value is "
+                f"{sigma:.3f}, and {job.least_sigma:g} are needed; lock other joints than "
+                f"{_named(swing.lock_set)}"
+            )
+        near = min(
+            found.lengths.min() - geometry.stroke_min, geometry.stroke_max - found.lengths.max()
+        )
+        margin = min(margin, float(near))
+    return Swung(Posture(pose, now), sigma, margin)
+
+
+def swung_to(
+    geometry: CenterGeometry,
+    job: Job,
+    locks: Locks,
+    foot: Array,
+    near: Array,
+    share: float,
+    elapsed: float,
+) -> SwingPose:
+    """The posture at a share of a swing, a moment after another one.
+
+    Args:
+        geometry: the centre.
+        job: its drift is taken.
+        locks: that are closed.
+        foot: (6) of the loose foot now, see `foot_at` [m, rad].
+        near: (6) of the platform a moment ago [m, rad].
+        share: of the swing's duration.
+        elapsed: the moment [s].
+
+    Raises:
+        SingularSwing: see `swing_inverse`.
+        UnreachablePosture: a leg would leave its stroke.
+    """
+    ease = 16.0 * (share * (1.0 - share)) ** 2
+    return swing_inverse(
+        geometry, foot, locks, near, turns=turns(geometry), freedom=job.drift * elapsed * ease
+    )
+
+
+def turns(geometry: CenterGeometry) -> bool:
+    """Whether swinging feet may turn about their axes: a tripod has no freedom left otherwise."""
+    return geometry.limbs == 3
+
+
+def check_job(geometry: CenterGeometry, job: Job, beginning: Posture) -> Posture:
+    """Refuses a job of which something cannot be done; tells where it ends.
+
+    Args:
+        geometry: the centre.
+        job: the job.
+        beginning: platform and feet before.
+
+    Raises:
+        Refused: names the operation and why.
+    """
+    now = beginning
+    try:
+        check_footholds(job.panel, now.feet)
+        _check_pose(geometry, now.pose, now.feet)
+    except Refused as error:
+        raise Refused(f"the beginning: {error.words}") from None
+    for number, operation in enumerate(job.operations, start=1):
+        try:
+            if isinstance(operation, Drill):
+                above = operation.pose(job.process, job.process.clearance)
+                _check_way(geometry, now.pose, above, now.feet)
+                check_drill(geometry, job, operation, now.feet)
+                now = Posture(above, now.feet)
+            else:
+                _check_way(geometry, now.pose, operation.pose, now.feet)
+                now = try_swing(geometry, job, operation, now.feet).end
+        except Refused as error:
+            raise Refused(error.words, number) from None
+    return now
+
+
+def _check_way(geometry: CenterGeometry, start: Array, end: Array, feet: Array) -> None:
+    for share in np.linspace(0.0, 1.0, _LOOKS_OF_PLATFORM):
+        _check_pose(geometry, platform_at(start, end, share), feet)
+
+
+def _check_pose(geometry: CenterGeometry, pose: Array, feet: Array) -> None:
+    try:
+        inverse_kinematics(geometry, pose, feet)
+    except UnreachablePosture as error:
+        raise Refused(f"{_place(pose)} is out of reach: {error}") from None
+
+
+def _named(lock_set: LockSet) -> str:
+    return ", ".join(f"q{joint} of {limb}" for limb, joint in lock_set.standing) or "none"
+
+
+def _place(pose: Array) -> str:
+    """A pose for people, as in "(10, -20, 480) mm, (0.0, 5.0, 0.0) deg"."""
+    place, angles = 1e3 * pose[:3], np.degrees(pose[3:])
+    at, turned = (
+        ", ".join(texts)
+        for texts in ([f"{value:.0f}" for value in place], [f"{value:.1f}" for value in angles])
+    )
+    return f"({at}) mm, ({turned}) deg"
+
+
+def row_of_holes(
+    panel: Panel,
+    start: tuple[float, float],
+    heading: float,
+    count: int,
+    pitch: float,
+    tilt: float = 0.0,
+    depth: float = 0.008,
+    yaw: float = 0.0,
+) -> tuple[Drill, ...]:
+    """Holes in a row on the panel.
+
+    Args:
+        panel: the panel.
+        start: ways along and across (2) of the row's middle [m].
+        heading: direction of the row, from the way along [rad].
+        count: number of holes.
+        pitch: between two of them [m].
+        tilt: of the holes' axes from the panel's normals, towards the row's end [rad].
+        depth: of the holes [m].
+        yaw: heading of the platform over them [rad].
+    """
+    holes = []
+    for k in range(count):
+        way = (k - 0.5 * (count - 1)) * pitch
+        along, across = (
+            start[0] + way * np.cos(heading),
+            start[1] + way * np.sin(heading),
+        )
+        frame = panel.frame(along, across)
+        lean = Rotation.from_rotvec(tilt * np.array((-np.sin(heading), np.cos(heading), 0.0)))
+        rotation = Rotation.from_euler("xyz", frame[3:]) * lean * Rotation.from_euler("z", yaw)
+        holes.append(Drill(np.concatenate((frame[:3], rotation.as_euler("xyz"))), depth))
+    return tuple(holes)
+
+
+def standing(geometry: CenterGeometry, panel: Panel, height: float) -> Posture:
+    """The paper's pattern laid on a panel about the world's origin, the platform above it [m]."""
+    feet = [
+        panel.frame(
+            geometry.pattern_radius * np.cos(angle), geometry.pattern_radius * np.sin(angle), angle
+        )
+        for angle in geometry.angles
+    ]
+    return Posture(panel.frame(0.0, 0.0, height=height), np.array(feet))
+
+
+def drills(operations: Sequence[Operation]) -> int:
+    """Number of holes among operations."""
+    return sum(isinstance(operation, Drill) for operation in operations)

@@ -1,0 +1,19 @@
+"""Masses of a centre: assumptions, those of the models in `parapod.urdf.machining_center`."""
+
+import numpy as np
+
+from parapod.systems.core.vectors import Array
+from parapod.systems.machining_center.geometry import CenterGeometry
+
+GRAVITY = 9.81  # [m/s^2], as in the multibody plant
+PLATFORM = 10.2  # platform with spindle and tool [kg]
+LIMB = 4.75  # mount, hinge, two legs, ankle, foot [kg]
+
+
+def weight(geometry: CenterGeometry) -> Array:
+    """Wrench (6) of the weight that the legs hold up, at P_O in the world [N m, N].
+
+    Half of each limb counts: the other half is on its foot.
+    """
+    carried = PLATFORM + 0.5 * LIMB * geometry.limbs
+    return np.array((0.0, 0.0, 0.0, 0.0, 0.0, -carried * GRAVITY))

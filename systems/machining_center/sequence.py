@@ -1,0 +1,466 @@
+"""The sequence of a job: phases, what they move and switch, and what ends each of them.
+
+One table tells, for every phase, what moves, which locks are closed and whether a foot is loose.
+A foot is loose only in the phases of its own swing, so that two never are; and between a motion
+and a lock or clamp that is switched there is a rest.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.systems.core.vectors import Array
+from parapod.systems.machining_center.geometry import CenterGeometry
+from parapod.systems.machining_center.job import (
+    Drill,
+    Job,
+    Operation,
+    Refused,
+    Swing,
+    check_drill,
+)
+from parapod.systems.machining_center.paths import (
+    duration_of,
+    foot_at,
+    platform_at,
+    swing_duration,
+)
+from parapod.systems.machining_center.posture import LOCKS_OF_LIMB
+from parapod.systems.machining_center.swing import LOCKABLE
+
+
+class Phase(IntEnum):
+    """Phases; their numbers are those of the port `phase`."""
+
+    WAITING = 0
+    MACHINING = 1
+    RECONFIGURATION = 2
+    LOCK = 3
+    UNCLAMP = 4
+    SWING = 5
+    CLAMP = 6
+    UNLOCK = 7
+    SETTLED = 8
+    RETRACTION = 9
+    DONE = 10
+    STOPPED = 11
+    FAULT = 12
+
+
+class Rule(NamedTuple):
+    """Rule of a phase.
+
+    Attributes:
+        moves: what moves: nothing, the platform, or a loose foot.
+        locks: whether the swing's locks are closed.
+        is_loose: whether the clamp of the swing's limb is open.
+        switches: what is being switched when it begins.
+        follows: phase after it.
+    """
+
+    moves: Literal["", "platform", "foot"]
+    locks: bool
+    is_loose: bool
+    switches: Literal["", "locks", "clamp"]
+    follows: Phase | None
+
+
+RULES = {
+    Phase.WAITING: Rule("", False, False, "locks", Phase.SETTLED),
+    Phase.MACHINING: Rule("platform", False, False, "", Phase.SETTLED),
+    Phase.RECONFIGURATION: Rule("platform", False, False, "", Phase.LOCK),
+    Phase.LOCK: Rule("", True, False, "locks", Phase.UNCLAMP),
+    Phase.UNCLAMP: Rule("", True, True, "clamp", Phase.SWING),
+    Phase.SWING: Rule("foot", True, True, "", Phase.CLAMP),
+    Phase.CLAMP: Rule("", True, False, "clamp", Phase.UNLOCK),
+    Phase.UNLOCK: Rule("", False, False, "locks", Phase.SETTLED),
+    Phase.SETTLED: Rule("", False, False, "", None),
+    Phase.RETRACTION: Rule("platform", False, False, "", Phase.STOPPED),
+    Phase.DONE: Rule("", False, False, "", None),
+    Phase.STOPPED: Rule("", False, False, "", None),
+    Phase.FAULT: Rule("", False, False, "", None),
+}
+
+
+class Fault(IntEnum):
+    """Reasons for which a job ends at once, everything standing where it is."""
+
+    NONE = 0
+    EMERGENCY_STOP = 1
+    CLAMP_LOST = 2
+    LOCK_LOST = 3
+    SWITCH_LATE = 4
+    OFF_COURSE = 5
+    NOT_DETERMINED = 6
+    UNDER_LOAD = 7
+    REFUSED = 8
+    NO_WAY = 9
+
+
+_WORDS = {
+    Fault.NONE: "nothing is wrong",
+    Fault.EMERGENCY_STOP: "the emergency stop is pressed",
+    Fault.CLAMP_LOST: "the clamp of limb {0} does not tell that it is as it should be",
+    Fault.LOCK_LOST: "a lock of limb {0} does not tell that it is as it should be",
+    Fault.SWITCH_LATE: "a lock or clamp of limb {0} has not switched in time",
+    Fault.OFF_COURSE: "leg {0} is not where it was led to",
+    Fault.NOT_DETERMINED: "legs, locks and clamps do not tell where the platform is",
+    Fault.UNDER_LOAD: "the drill carries load where locks are to be switched",
+    Fault.REFUSED: "operation {0} asks for more than its pose carries or reaches",
+    Fault.NO_WAY: "operation {0} finds no lengths of the legs that lead on",
+}
+
+
+def words_of(fault: int, where: int) -> str:
+    """A fault for people.
+
+    Args:
+        fault: its number.
+        where: limb, leg or operation, see `Fault`.
+    """
+    return _WORDS[Fault(fault)].format(where)
+
+
+@dataclass(frozen=True)
+class SequenceParams:
+    """Times and tolerances of a sequence; design choices.
+
+    Attributes:
+        begin: time at which the first operation begins [s].
+        settling: for which legs rest before anything is switched, and switches before anything
+            moves [s].
+        switching: longest time in which locks and clamps switch, and legs come to rest [s].
+        stopping: in which a motion that is stopped slows down [s].
+        tolerance: distance of a leg from where it was led that counts as there [m].
+        largest_error: distance at which it is off course [m].
+        largest_load: thrust and torque at which the drill counts as free [N, N m].
+    """
+
+    begin: float = 0.5
+    settling: float = 0.15
+    switching: float = 2.0
+    stopping: float = 0.3
+    tolerance: float = 5e-4
+    largest_error: float = 3e-3
+    largest_load: float = 5.0
+
+
+class Seen(NamedTuple):
+    """What a sequence goes by at an instant.
+
+    Attributes:
+        time: [s].
+        locks: (n, 4) which locks tell that they are closed.
+        clamps: (n) which clamps do.
+        feet: (n, 6) of the feet, as far as is known [m, rad].
+        pose: (6) of the platform that is asked for now [m, rad].
+        error: (2n) lengths of the legs less those that they were led to [m].
+        load: (2) thrust and torque [N, N m].
+        is_determined: whether it is known where the platform is.
+        is_stuck: whether no lengths lead on.
+        is_pressed: whether the emergency stop is.
+        is_stopped: whether somebody has the job end.
+    """
+
+    time: float
+    locks: NDArray[np.bool_]
+    clamps: NDArray[np.bool_]
+    feet: Array
+    pose: Array
+    error: Array
+    load: Array
+    is_determined: bool = True
+    is_stuck: bool = False
+    is_pressed: bool = False
+    is_stopped: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """How far a job is.
+
+    Attributes:
+        phase: see `Phase`.
+        operation: number of operations that are done.
+        move: number of the motion of a hole; the last one once what the operation is about is
+            done.
+        clock: time of the phase or motion; slower than real time where it is stopped [s].
+        rate: of that clock [-].
+        rest: for which everything has been as it should [s].
+        waited: since the motion ended, or the phase began that has none [s].
+        start: (6) pose of platform or foot where the motion began [m, rad].
+        fault: see `Fault`.
+        where: limb, leg or operation that it is about.
+        broken_off: phase in which the fault came: locks and clamps stay as they were in it.
+    """
+
+    phase: Phase = Phase.WAITING
+    operation: int = 0
+    move: int = 0
+    clock: float = 0.0
+    rate: float = 1.0
+    rest: float = 0.0
+    waited: float = 0.0
+    start: Array = field(default_factory=lambda: np.zeros(6))
+    fault: Fault = Fault.NONE
+    where: int = 0
+    broken_off: Phase = Phase.WAITING
+
+    @property
+    def rule(self) -> Rule:
+        """Rule of the phase."""
+        return RULES[self.broken_off if self.phase is Phase.FAULT else self.phase]
+
+    def failed(self, fault: Fault, where: int = 0) -> "Progress":
+        """This progress, ended by a fault."""
+        return replace(self, phase=Phase.FAULT, fault=fault, where=where, broken_off=self.phase)
+
+    def numbers(self) -> Array:
+        """All of it as numbers."""
+        return np.concatenate(([float(getattr(self, name)) for name in _NUMBERS], self.start))
+
+    @classmethod
+    def of(cls, numbers: Array) -> "Progress":
+        """The progress of its numbers."""
+        values = numbers[: len(_NUMBERS)].tolist()
+        named: dict[str, Any] = {
+            name: kind(value) for (name, kind), value in zip(_NUMBERS.items(), values, strict=True)
+        }
+        return cls(**named, start=numbers[len(_NUMBERS) :].copy())
+
+
+_NUMBERS: dict[str, Callable[[float], Any]] = {
+    "phase": lambda value: Phase(round(value)),
+    "operation": round,
+    "move": round,
+    "clock": float,
+    "rate": float,
+    "rest": float,
+    "waited": float,
+    "fault": lambda value: Fault(round(value)),
+    "where": round,
+    "broken_off": lambda value: Phase(round(value)),
+}
+
+
+# Number of the motion that takes the drill out of a hole.
+_LAST_MOVE = 3
+
+
+class Motion(NamedTuple):
+    """Motion of platform or foot.
+
+    Attributes:
+        end: (6) pose at its end [m, rad].
+        duration: [s].
+    """
+
+    end: Array
+    duration: float
+
+
+class Sequence:
+    """A job, and what it does at an instant."""
+
+    def __init__(self, geometry: CenterGeometry, job: Job, period: float, params: SequenceParams):
+        """Takes a job.
+
+        Args:
+            geometry: the centre.
+            job: what is to be done.
+            period: between two instants [s].
+            params: times and tolerances.
+        """
+        self.geometry, self.job, self.period, self.params = geometry, job, period, params
+
+    def operation(self, progress: Progress) -> Operation | None:
+        """The operation that is due; None after the last one."""
+        done = progress.operation
+        return self.job.operations[done] if done < len(self.job.operations) else None
+
+    def limb(self, progress: Progress) -> int:
+        """The limb whose foot is loose, or will be; 0 in an operation without."""
+        operation = self.operation(progress)
+        return operation.lock_set.limb if isinstance(operation, Swing) else 0
+
+    def loose(self, progress: Progress) -> int:
+        """The limb whose clamp is to be open, from 1; 0: none."""
+        return self.limb(progress) if progress.rule.is_loose else 0
+
+    def locks(self, progress: Progress) -> NDArray[np.bool_]:
+        """(n, 4) locks that are to be closed."""
+        closed = np.zeros((self.geometry.limbs, LOCKS_OF_LIMB), dtype=bool)
+        operation = self.operation(progress)
+        if progress.rule.locks and isinstance(operation, Swing):
+            for limb, joint in operation.lock_set.joints:
+                closed[limb - 1, LOCKABLE.index(joint)] = True
+        return closed
+
+    def clamps(self, progress: Progress) -> NDArray[np.bool_]:
+        """(n) clamps that are to be closed."""
+        closed = np.ones(self.geometry.limbs, dtype=bool)
+        if loose := self.loose(progress):
+            closed[loose - 1] = False
+        return closed
+
+    def motion(self, progress: Progress) -> Motion | None:
+        """The motion that goes on; None where nothing moves."""
+        operation, phase = self.operation(progress), progress.phase
+        job, speeds = self.job, self.job.speeds
+        if isinstance(operation, Drill) and phase in (Phase.MACHINING, Phase.RETRACTION):
+            moves = self._drilling(operation)
+            end, speed = moves[-1 if phase is Phase.RETRACTION else progress.move]
+            return Motion(end, duration_of(progress.start, end, speeds, speed))
+        if isinstance(operation, Swing) and phase is Phase.RECONFIGURATION:
+            end = operation.pose
+            return Motion(end, duration_of(progress.start, end, speeds, speeds.rapid))
+        if isinstance(operation, Swing) and phase is Phase.SWING:
+            end = operation.foothold
+            return Motion(end, swing_duration(progress.start, end, job.lift, speeds))
+        return None
+
+    def _drilling(self, drill: Drill) -> tuple[tuple[Array, float], ...]:
+        """Poses of the platform for a hole, and the speeds to them; the last one retracts."""
+        process, speeds = self.job.process, self.job.speeds
+        above = drill.pose(process, process.clearance)
+        near = drill.pose(process, min(1e-3, process.clearance))
+        deep = drill.pose(process, -drill.depth)
+        return (
+            (above, speeds.rapid),
+            (near, speeds.rapid),
+            (deep, speeds.feed),
+            (above, speeds.rapid),
+        )
+
+    def at(self, progress: Progress, ahead: float) -> tuple[Array, float]:
+        """Pose (6) of what moves, and the share of its motion, some time ahead [s]."""
+        motion = self.motion(progress)
+        if motion is None:
+            return progress.start, 0.0
+        share = min(1.0, (progress.clock + progress.rate * ahead) / motion.duration)
+        if progress.rule.moves == "foot":
+            return foot_at(progress.start, motion.end, self.job.lift, share), share
+        return platform_at(progress.start, motion.end, share), share
+
+    def advanced(self, progress: Progress, seen: Seen) -> Progress:
+        """The progress a period later.
+
+        Args:
+            progress: now.
+            seen: what is seen now.
+        """
+        if progress.phase is Phase.FAULT:
+            return progress
+        fault, where = self._fault(progress, seen)
+        if fault:
+            return progress.failed(fault, where)
+        if seen.is_stopped and (stopped := self._stopped(progress, seen)) is not None:
+            return stopped
+        motion = self.motion(progress)
+        if motion is not None and progress.clock < motion.duration:
+            rate = min(1.0, progress.rate + self.period / self.params.stopping)
+            clock = progress.clock + progress.rate * self.period
+            return replace(progress, clock=clock, rate=rate, rest=0.0, waited=0.0)
+        return self._rested(progress, seen)
+
+    def _rested(self, progress: Progress, seen: Seen) -> Progress:
+        """Waits until legs and switches are as they should be; then goes on."""
+        is_right = bool(
+            (seen.locks == self.locks(progress)).all()
+            and (seen.clamps == self.clamps(progress)).all()
+            and np.abs(seen.error).max() <= self.params.tolerance
+        )
+        rest = progress.rest + self.period if is_right else 0.0
+        resting = replace(progress, rest=rest, waited=progress.waited + self.period)
+        needed = self.params.settling
+        if progress.phase is Phase.MACHINING and progress.move < _LAST_MOVE:
+            needed = 0.0  # from one motion to the next
+        if not is_right or rest < needed - 1e-9:
+            return resting
+        return self._next(resting, seen)
+
+    def _next(self, progress: Progress, seen: Seen) -> Progress:
+        """The phase or motion after one that is over."""
+        phase, follows = progress.phase, RULES[progress.phase].follows
+        begun = replace(progress, clock=0.0, rate=1.0, rest=0.0, waited=0.0, start=seen.pose)
+        if phase is Phase.WAITING and seen.time < self.params.begin:
+            return progress
+        if phase is Phase.MACHINING and progress.move < _LAST_MOVE:
+            return replace(begun, move=progress.move + 1)
+        if phase is Phase.SETTLED:
+            return self._begun(begun, seen)
+        if follows is None:
+            return progress
+        if phase is Phase.CLAMP:
+            begun = replace(begun, move=_LAST_MOVE)
+        elif progress.move == _LAST_MOVE:
+            begun = replace(begun, operation=progress.operation + 1, move=0)
+        if follows is Phase.LOCK and np.abs(seen.load).max() > self.params.largest_load:
+            return progress.failed(Fault.UNDER_LOAD)
+        if follows is Phase.SWING:
+            begun = replace(begun, start=seen.feet[self.limb(progress) - 1])
+        if seen.is_stopped and follows is Phase.SETTLED:
+            follows = Phase.STOPPED
+        return replace(begun, phase=follows)
+
+    def _begun(self, progress: Progress, seen: Seen) -> Progress:
+        """The next operation, unless its pose does not carry it."""
+        operation = self.operation(progress)
+        if operation is None:
+            return replace(progress, phase=Phase.DONE)
+        if isinstance(operation, Swing):
+            return replace(progress, phase=Phase.RECONFIGURATION)
+        try:
+            check_drill(self.geometry, self.job, operation, seen.feet)
+        except Refused:
+            return progress.failed(Fault.REFUSED, progress.operation + 1)
+        return replace(progress, phase=Phase.MACHINING)
+
+    def _stopped(self, progress: Progress, seen: Seen) -> Progress | None:
+        """The progress of a job that somebody stops; None where the phase goes on as it does."""
+        phase, rest = (
+            progress.phase,
+            replace(progress, clock=0.0, rate=1.0, rest=0.0, waited=0.0, start=seen.pose),
+        )
+        if phase in (Phase.WAITING, Phase.SETTLED):
+            return replace(rest, phase=Phase.STOPPED)
+        if phase is Phase.LOCK:
+            return replace(rest, phase=Phase.UNLOCK)
+        if phase not in (Phase.MACHINING, Phase.RECONFIGURATION):
+            return None  # a loose foot comes to its foothold first
+        rate = progress.rate - self.period / self.params.stopping
+        if rate > 0.0:
+            clock = progress.clock + progress.rate * self.period
+            return replace(progress, clock=clock, rate=rate)
+        return replace(rest, phase=Phase.RETRACTION if phase is Phase.MACHINING else Phase.STOPPED)
+
+    def _fault(self, progress: Progress, seen: Seen) -> tuple[Fault, int]:
+        """What is wrong, and with which limb, leg or operation."""
+        rule, limb = RULES[progress.phase], self.limb(progress)
+        if seen.is_pressed:
+            return Fault.EMERGENCY_STOP, 0
+        locks = np.argwhere(seen.locks != self.locks(progress))
+        clamps = np.flatnonzero(seen.clamps != self.clamps(progress)) + 1
+        if rule.switches == "clamp":
+            others = [other for other in clamps.tolist() if other != limb]
+        else:
+            others = clamps.tolist()
+        if others:
+            return Fault.CLAMP_LOST, others[0]
+        if len(locks) and rule.switches != "locks":
+            return Fault.LOCK_LOST, int(locks[0, 0]) + 1
+        if seen.is_stuck:
+            return Fault.NO_WAY, progress.operation + 1
+        if not seen.is_determined:
+            return Fault.NOT_DETERMINED, 0
+        error = np.abs(seen.error)
+        late = progress.waited > self.params.switching
+        if not error.max() <= (self.params.tolerance if late else self.params.largest_error):
+            return Fault.OFF_COURSE, int(np.nan_to_num(error, nan=np.inf).argmax()) + 1
+        if late and (len(locks) or len(clamps)):
+            return Fault.SWITCH_LATE, int(clamps[0] if len(clamps) else locks[0, 0] + 1)
+        return Fault.NONE, 0

@@ -1,0 +1,72 @@
+"""Watches how much more a clamped centre could resist."""
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from parapod.systems.core.ports import declare_cached, read_array
+from parapod.systems.machining_center.geometry import CenterGeometry
+from parapod.systems.machining_center.masses import weight
+from parapod.systems.machining_center.wrench import wrench_indices
+
+# Fewer limbs do not hold a platform by their legs alone.
+_FEWEST = 3
+
+
+class WrenchMonitor(LeafSystem):
+    """Wrench index of the posture, and the margin that drill and weight leave.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `pose_desired` | 6 | m, rad | of the platform |
+    | in `feet` | 6n | m, rad | of the feet |
+    | in `clamps_closed` | n | 0/1 | which feet are clamped |
+    | in `tool_force` | 2 | N, N m | thrust and torque of the drill |
+    | out `wrench_index` | 1 | - | w_minmax, Eq. (28); 0 with fewer than three limbs clamped |
+    | out `wrench_margin` | 1 | N | resisted in every direction, less what drill and weight need |
+
+    Moments are divided by r_c. The thrust is along the platform's third axis, whatever its
+    direction: what is needed is never underestimated.
+
+    No state.
+
+    Bad input: a posture that is no number, or that the legs do not hold, has index 0.
+
+    Args:
+        geometry: the centre.
+        largest_leg_force: of each leg, both ways [N].
+    """
+
+    def __init__(
+        self, geometry: CenterGeometry = CenterGeometry(), largest_leg_force: float = 1000.0
+    ):
+        super().__init__()
+        self.set_name("wrench_monitor")
+        self._geometry, self._total = geometry, geometry.legs * largest_leg_force
+        self._pose = self.DeclareVectorInputPort("pose_desired", 6)
+        self._feet = self.DeclareVectorInputPort("feet", 6 * geometry.limbs)
+        self._clamps = self.DeclareVectorInputPort("clamps_closed", geometry.limbs)
+        self._force = self.DeclareVectorInputPort("tool_force", 2)
+        stand = {port.ticket() for port in (self._pose, self._feet, self._clamps)}
+        self._index = declare_cached(self, "index", self._calc, stand)
+        self.DeclareVectorOutputPort("wrench_index", 1, self._calc_index, {self._index.ticket})
+        self.DeclareVectorOutputPort(
+            "wrench_margin", 1, self._calc_margin, {self._index.ticket, self._force.ticket()}
+        )
+
+    def _calc(self, context: Context) -> float:
+        clamped = np.flatnonzero(read_array(self._clamps, context) > 0.5) + 1
+        pose = read_array(self._pose, context)
+        feet = read_array(self._feet, context).reshape(-1, 6)
+        if len(clamped) < _FEWEST or not (np.isfinite(pose).all() and np.isfinite(feet).all()):
+            return 0.0
+        index = wrench_indices(self._geometry, pose, feet, standing=clamped.tolist()).w_minmax
+        return float(np.nan_to_num(index))
+
+    def _calc_index(self, context: Context, output: BasicVector) -> None:
+        output[0] = self._index.of(self, context)
+
+    def _calc_margin(self, context: Context, output: BasicVector) -> None:
+        thrust, torque = np.nan_to_num(read_array(self._force, context)).tolist()
+        down = float(np.linalg.norm(weight(self._geometry)))
+        needed = np.hypot(abs(thrust) + down, torque / self._geometry.platform_radius)
+        output[0] = self._index.of(self, context) * self._total - needed
