@@ -45,10 +45,11 @@ def drive_joints(
     plant: MultibodyPlant,
     instances: Sequence[ModelInstanceIndex],
     next_state: OutputPort,
+    sampled_every: float | None = None,
 ) -> OutputPort:
     """Has the plant's implicit drives follow servos; returns the forces with which they hold.
 
-    These are those of the step before: drives measure them, and what they are told next may
+    These are those of the sample before: drives measure them, and what they are told next may
     depend on them.
 
     Args:
@@ -57,11 +58,12 @@ def drive_joints(
         instances: whose joints are driven, each as many of them.
         next_state: positions and then velocities of all servos one step ahead, so that the plant
             arrives where they will be, and does not trail them.
+        sampled_every: period of the forces' samples [s]; None for the plant's step.
     """
     parts = split_states(builder, "leg_states", next_state, len(instances))
     for port, instance in zip(parts, instances, strict=True):
         connect(builder, port, plant.get_desired_state_input_port(instance))
-    hold = ZeroOrderHold(plant.time_step(), plant.num_actuators())
+    hold = ZeroOrderHold(sampled_every or plant.time_step(), plant.num_actuators())
     held = add(builder, hold, "holding_force")
     connect(builder, plant.get_net_actuation_output_port(), held.get_input_port())
     return held.get_output_port()

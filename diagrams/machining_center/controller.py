@@ -1,6 +1,8 @@
 """The machining centres' controller: from a job and measurements to lengths, locks and clamps."""
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import Adder, MatrixGain
 
 from parapod.diagrams.machining_center.scenario import CenterScenario
 from parapod.diagrams.wiring import add, connect, inputs_of, outputs_of
@@ -10,15 +12,18 @@ from parapod.systems.machining_center.sequence import SequenceParams
 from parapod.systems.machining_center.sequencer import CenterSequencer
 from parapod.systems.machining_center.wrench_monitor import WrenchMonitor
 
-# Names of the machine's signals, and of the ports in the controller that take them.
+# The machine's signals, by the names of the ports inside that take them.
 _MEASURED = {
-    "legs.position": ("position", "position_measured"),
-    "legs.emergency_stop": ("emergency_stop",),
-    "locks.closed": ("locks_closed",),
-    "clamps.closed": ("clamps_closed",),
-    "tool.force": ("tool_force",),
-    "stop": ("stop",),
+    "position_measured": "legs.position",
+    "emergency_stop": "legs.emergency_stop",
+    "locks_closed": "locks.closed",
+    "clamps_closed": "clamps.closed",
+    "tool_force": "tool.force",
+    "stop": "stop",
 }
+# Where the centre is counts only where it rests: it is looked at every so many periods.
+_LOOKS = 4
+# And those that it shows.
 _SHOWN = {
     "legs.position_command": "position_command",
     "legs.brake": "brake",
@@ -41,41 +46,49 @@ _SHOWN = {
 def make_controller(scenario: CenterScenario) -> Diagram:
     """Wires posture, sequencer, feedforward and wrench monitor, by the names of their ports.
 
-    Inputs and outputs are the machine's signals `_MEASURED` and `_SHOWN`; `stop` is an input
-    where somebody is to stop the job.
+    Inputs: `legs.position` (2n), `legs.current` (2n), `legs.emergency_stop` (1), `locks.closed`
+    (4n), `clamps.closed` (n), `tool.force` (2); where somebody is to end the job, `stop` (1).
+    Outputs: those of the table above.
 
     Args:
-        scenario: its job, `control`, `begin` and `stop_at` are used.
+        scenario: its job, `control`, `legs`, `begin` and `stop_at` are used.
     """
     geometry, plan, control = scenario.geometry, scenario.plan, scenario.control
     builder = DiagramBuilder()
-    pose, feet = plan.beginning
     params = SequenceParams(begin=scenario.begin, settling=control.settling)
-    posture = CenterPosture(geometry, control.period, pose, feet)
-    systems = [
-        add(builder, system)
-        for system in (
-            posture,
-            CenterSequencer(geometry, plan.job, control.period, params),
-            CenterFeedforward(geometry, plan.job, control.period),
-            WrenchMonitor(geometry, plan.job.process.largest_leg_force),
-        )
-    ]
+    period = _LOOKS * control.period
+    posture = add(builder, CenterPosture(geometry, period, *plan.beginning, is_sampled=True))
+    sequencer = add(builder, CenterSequencer(geometry, plan.job, control.period, params))
+    feedforward = add(builder, CenterFeedforward(geometry, control.period))
+    monitor = add(builder, WrenchMonitor(geometry, plan.job.process.largest_leg_force))
+    systems = (posture, sequencer, feedforward, monitor)
     outputs = {name: port for system in systems for name, port in outputs_of(system).items()}
-    outputs["pose_measured"] = outputs["pose"]
-    measured = {port: signal for signal, ports in _MEASURED.items() for port in ports}
-    exported: dict[str, object] = {}
+    taken = {"legs.position", "legs.current"}
+    outputs["position"] = _add_lengths(builder, scenario)
     for system in systems:
         for name, sink in inputs_of(system).items():
-            signal = measured.get(name)
-            if signal is None:
+            if name in outputs:
                 connect(builder, outputs[name], sink)
-            elif signal in exported:
+            elif (signal := _MEASURED[name]) in taken:
                 builder.ConnectInput(signal, sink)
             elif signal != "stop" or scenario.stop_at is not None:
-                exported[signal] = builder.ExportInput(sink, signal)
+                builder.ExportInput(sink, signal)
+                taken.add(signal)
     for signal, name in _SHOWN.items():
         builder.ExportOutput(outputs[name], signal)
     diagram = builder.Build()
     diagram.set_name("controller")
     return diagram
+
+
+def _add_lengths(builder: DiagramBuilder, scenario: CenterScenario) -> OutputPort:
+    """Lengths of legs that yield to their forces: encoders do not see it, but currents tell."""
+    legs, count = scenario.legs, scenario.geometry.legs
+    by_current = legs.force_per_current_N_A / (1e6 * legs.stiffness_N_um)
+    by_current *= float(scenario.control.knows_stiffness)
+    yielding = add(builder, MatrixGain(-by_current * np.eye(count)), "yielding")
+    lengths = add(builder, Adder(2, count), "lengths")
+    builder.ExportInput(lengths.get_input_port(0), "legs.position")
+    builder.ExportInput(yielding.get_input_port(), "legs.current")
+    connect(builder, yielding.get_output_port(), lengths.get_input_port(1))
+    return lengths.get_output_port()

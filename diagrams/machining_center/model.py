@@ -20,12 +20,15 @@ STIFFNESS = PdControllerGains(p=1e7, d=1e5)
 _FOLDER = "package://parapod/machining_center"
 
 
-def add_center(plant: MultibodyPlant, geometry: CenterGeometry) -> CenterModel:
+def add_center(
+    plant: MultibodyPlant, geometry: CenterGeometry, stiffness: PdControllerGains = STIFFNESS
+) -> CenterModel:
     """Adds a centre and its clamps to a plant that is part of a diagram, and finalizes it.
 
     Args:
         plant: a plant with a registered scene graph and a time step above zero.
         geometry: tripod or quadruped, of the paper's dimensions.
+        stiffness: axial stiffness and damping of a leg [N/m, N s/m].
     """
     parser = Parser(plant)
     configure_parser(parser)
@@ -43,7 +46,7 @@ def add_center(plant: MultibodyPlant, geometry: CenterGeometry) -> CenterModel:
         tips = [plant.GetBodyByName(f"{side}_rod", limb) for side in ("left", "right")]
         plant.AddBallConstraint(tips[0], np.zeros(3), tips[1], np.zeros(3))
         for side in ("left", "right"):
-            plant.GetJointActuatorByName(side, limb).set_controller_gains(STIFFNESS)
+            plant.GetJointActuatorByName(side, limb).set_controller_gains(stiffness)
         (plate,) = parser.AddModels(url=f"{_FOLDER}/clamp.urdf")
         plant.RenameModelInstance(plate, f"clamp_{i + 1}")
         clamp = plant.GetBodyByName("clamp", plate)

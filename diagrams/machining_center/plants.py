@@ -3,14 +3,16 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant, Propeller, PropellerInfo
+from pydrake.multibody.tree import PdControllerGains
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort, OutputPort
-from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
+from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
 
 from parapod.diagrams.drawing import draw, publish, remove_visuals
 from parapod.diagrams.machining_center.model import add_center
@@ -31,8 +33,8 @@ from parapod.systems.machining_center.statics import CenterStatics
 from parapod.systems.machining_center.switches import Switches
 from parapod.systems.sensors.device_status import DeviceStatus
 
-# Force of a leg by the current of its motor [N/A] (assumption).
-FORCE_PER_CURRENT = 250.0
+# Damping of a leg with its screw and drive by its stiffness [s] (assumption).
+_DAMPING = 0.01
 
 
 @dataclass(frozen=True)
@@ -52,29 +54,59 @@ class Plant:
     between_steps: Callable[[Context], None] | None = None
 
 
+class Legs(NamedTuple):
+    """Lengths of the legs as they are: those of the drives' encoders with their errors.
+
+    Attributes:
+        position: lengths (2n) [m].
+        next_state: lengths and rates (4n) one step ahead [m, m/s].
+        error: source of the errors (2n) [m].
+    """
+
+    position: OutputPort
+    next_state: OutputPort
+    error: ConstantVectorSource
+
+
 type PlantMaker = Callable[
-    [DiagramBuilder, CenterScenario, PositionServo, DrillingProcess, Meshcat | None], Plant
+    [DiagramBuilder, CenterScenario, Legs, DrillingProcess, Meshcat | None], Plant
 ]
+
+
+def _add_legs(builder: DiagramBuilder, scenario: CenterScenario, drives: PositionServo) -> Legs:
+    errors, count = scenario.length_errors, scenario.geometry.legs
+    source = add(builder, ConstantVectorSource(errors), "length_error")
+    rest = add(builder, MatrixGain(np.eye(2 * count, count)), "length_and_rate_error")
+    connect(builder, source.get_output_port(), rest.get_input_port())
+    shown = []
+    for name, error in (("position", source), ("next_state", rest)):
+        port = drives.GetOutputPort(name)
+        total = add(builder, Adder(2, port.size()), f"true_{name}")
+        connect(builder, port, total.get_input_port(0))
+        connect(builder, error.get_output_port(), total.get_input_port(1))
+        shown.append(total.get_output_port())
+    return Legs(shown[0], shown[1], source)
 
 
 def _add_multibody_plant(
     builder: DiagramBuilder,
     scenario: CenterScenario,
-    drives: PositionServo,
+    legs: Legs,
     drilling: DrillingProcess,
     meshcat: Meshcat | None,
 ) -> Plant:
     """Adds the plant of rigid bodies, whose legs are held to where the drives are."""
     geometry, plan = scenario.geometry, scenario.plan
     plant, scene_graph = add_discrete_plant(builder, scenario.plant.time_step, "lagged")
-    model = add_center(plant, geometry)
+    stiffness = 1e6 * scenario.legs.stiffness_N_um
+    model = add_center(plant, geometry, PdControllerGains(p=stiffness, d=_DAMPING * stiffness))
     plant.SetDefaultPositions(model.positions(plan.beginning.pose, plan.beginning.feet))
-    force = drive_joints(builder, plant, model.limbs, drives.GetOutputPort("next_state"))
+    control = scenario.control.period
+    force = drive_joints(builder, plant, model.limbs, legs.next_state, sampled_every=control)
     truth = add(builder, CenterTruth(model))
     connect(builder, plant.get_body_poses_output_port(), truth.GetInputPort("body_poses"))
     connect(builder, plant.get_state_output_port(), truth.GetInputPort("state"))
     _load(builder, scenario, model, drilling)
-    control = scenario.control.period
     switches = add(
         builder,
         Switches(geometry, period=control, delay=1e-3 * scenario.plant.switching_ms),
@@ -84,7 +116,7 @@ def _add_multibody_plant(
         remove_visuals(plant, scene_graph)
     else:
         publish(builder, scene_graph, meshcat, "center")
-    locking = Locking(model, switches, plan.job.panel)
+    locking = Locking(model, switches, plan.job.panel, control)
     names = ("pose", "feet", "joints", "clamp_gap", "loop_error")
     signals = {name: truth.GetOutputPort(name) for name in names} | {"leg_force": force}
 
@@ -117,7 +149,7 @@ def _load(
 def _add_kinematic_plant(
     builder: DiagramBuilder,
     scenario: CenterScenario,
-    drives: PositionServo,
+    legs: Legs,
     drilling: DrillingProcess,
     meshcat: Meshcat | None,
 ) -> Plant:
@@ -131,7 +163,7 @@ def _add_kinematic_plant(
     for name in ("locks_closed", "clamps_closed"):
         connect(builder, switches.GetOutputPort(name), posture.GetInputPort(name))
     connect(builder, posture.GetOutputPort("feet"), switches.GetInputPort("feet"))
-    connect(builder, drives.GetOutputPort("position"), posture.GetInputPort("position"))
+    connect(builder, legs.position, posture.GetInputPort("position"))
     for name, source in (
         ("pose", posture),
         ("feet", posture),
@@ -188,10 +220,12 @@ class Simulation:
     Attributes:
         plant: the plant.
         drives: the legs' drives.
+        legs: their true lengths.
     """
 
     plant: Plant
     drives: PositionServo
+    legs: Legs
 
     def reset(self, root_context: Context, scenario: CenterScenario) -> None:
         """Puts the centre where its job begins.
@@ -201,8 +235,11 @@ class Simulation:
             scenario: its plan's beginning is taken; what is built in stays.
         """
         plan = scenario.plan
-        pose, feet = plan.beginning
-        self.drives.set_position(root_context, leg_lengths(scenario.geometry, pose, feet))
+        errors, error = scenario.length_errors, self.legs.error
+        self.drives.set_position(root_context, _encoded(scenario))
+        error.get_mutable_source_value(
+            error.GetMyMutableContextFromRoot(root_context)
+        ).SetFromVector(errors)
         self.plant.stand(root_context, plan)
 
 
@@ -223,17 +260,17 @@ def _add_simulated(
         meshcat: draws the machine there; None for no drawing.
     """
     geometry, plan, period = scenario.geometry, scenario.plan, scenario.control.period
-    start = leg_lengths(geometry, *plan.beginning)
-    drives = add(
-        builder,
-        PositionServo(drive_params(scenario), geometry.legs, period, drive_step, start),
-        "drives",
+    servo = PositionServo(
+        drive_params(scenario), geometry.legs, period, drive_step, _encoded(scenario)
     )
+    drives = add(builder, servo, "drives")
+    legs = _add_legs(builder, scenario, drives)
     job = plan.job
     drilling = add(builder, DrillingProcess(job.process, job.panel, job.speeds.feed, period))
-    plant = add_plant(builder, scenario, drives, drilling, meshcat)
+    plant = add_plant(builder, scenario, legs, drilling, meshcat)
     connect(builder, plant.signals["pose"], drilling.GetInputPort("pose"))
-    current = add(builder, MatrixGain(np.eye(geometry.legs) / FORCE_PER_CURRENT), "motor_current")
+    per_newton = 1.0 / scenario.legs.force_per_current_N_A
+    current = add(builder, MatrixGain(per_newton * np.eye(geometry.legs)), "motor_current")
     connect(builder, plant.signals["leg_force"], current.get_input_port())
     inputs, outputs = _leg_ports(drives)
     inputs |= {
@@ -251,7 +288,7 @@ def _add_simulated(
     }
     outputs |= {f"truth.{name}": port for name, port in plant.signals.items()}
     outputs |= _add_status(builder)
-    simulation = Simulation(plant, drives)
+    simulation = Simulation(plant, drives, legs)
     return Behind(
         inputs, outputs, simulation.reset, between_steps=plant.between_steps, handle=simulation
     )
@@ -286,6 +323,12 @@ def _leg_ports(drives: PositionServo) -> tuple[dict[str, InputPort], dict[str, O
 def _add_status(builder: DiagramBuilder) -> dict[str, OutputPort]:
     status = add(builder, DeviceStatus(PARTS, (0.0,) * len(PARTS)))
     return {f"status.{name}": status.GetOutputPort(name) for name in ("age", "fault")}
+
+
+def _encoded(scenario: CenterScenario) -> NDArray[np.float64]:
+    """Lengths (2n) that the encoders tell where the job begins [m]."""
+    lengths = leg_lengths(scenario.geometry, *scenario.plan.beginning)
+    return lengths - scenario.length_errors
 
 
 def drive_params(scenario: CenterScenario) -> VelocityServoParams:

@@ -5,6 +5,9 @@ import re
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
+import numpy as np
+from numpy.typing import NDArray
+
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
@@ -164,15 +167,22 @@ class LegScenario(Schema):
 
     Attributes:
         max_force_N: largest force of a leg, both ways [N].
+        force_per_current_N_A: force of a leg by the current of its motor [N/A].
+        stiffness_N_um: axial stiffness of a leg with its screw and drive [N/um].
         max_velocity_mm_s: largest velocity of a leg [mm/s].
         time_constant_ms: time constant of the drives' velocity loop [ms].
         encoder_resolution_mm: one count of the encoders [mm]; 0 for perfect ones.
+        length_error_mm: largest error of a leg's length, drawn from the seed: what a calibration
+            leaves [mm].
     """
 
     max_force_N: float = quantity(1000.0, 10.0, 100_000.0)  # noqa: N815
+    force_per_current_N_A: float = quantity(250.0, 1.0, 1e5)  # noqa: N815
+    stiffness_N_um: float = quantity(10.0, 0.1, 1000.0)  # noqa: N815
     max_velocity_mm_s: float = quantity(150.0, 1.0, 2000.0)
     time_constant_ms: float = quantity(2.0, 0.1, 100.0)
     encoder_resolution_mm: float = quantity(0.001, 0.0, 0.1)
+    length_error_mm: float = quantity(0.01, 0.0, 1.0)
 
 
 @dataclass
@@ -194,11 +204,14 @@ class CenterControlScenario(Schema):
 
     Attributes:
         period: period of sequencer and feedforward [s].
+        knows_stiffness: whether the posture is reckoned with legs that yield to their forces, as
+            the motors' currents tell them.
         settling: for which legs rest before anything is switched, and switches before anything
             moves [s].
     """
 
     period: float = quantity(0.01, 0.001, 0.05)
+    knows_stiffness: bool = True
     settling: float = quantity(0.15, 0.0, 5.0)
 
 
@@ -213,7 +226,7 @@ class CenterScenario(Schema):
     Attributes:
         backend: plant behind the station's ports: "multibody" (rigid bodies, joints with locks,
             clamps), "kinematic" (no dynamics), "mock" (commands are mirrored) or "hardware".
-        seed: seed of everything random; there is nothing random by now.
+        seed: seed of everything random: the errors of the legs' lengths.
         limbs: 3 for the tripod, 4 for the quadruped.
         begin: time at which the first operation begins [s].
         end: time for which it stands afterwards [s].
@@ -249,6 +262,13 @@ class CenterScenario(Schema):
     def geometry(self) -> CenterGeometry:
         """Dimensions of the centre."""
         return CenterGeometry(self.limbs)
+
+    @property
+    def length_errors(self) -> NDArray[np.float64]:
+        """Lengths of the legs (2n) less those that the encoders tell, drawn from the seed [m]."""
+        largest = 1e-3 * self.legs.length_error_mm
+        random = np.random.default_rng(self.seed)
+        return random.uniform(-largest, largest, self.geometry.legs)
 
     @property
     def plan(self) -> "Plan":

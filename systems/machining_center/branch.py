@@ -201,25 +201,16 @@ def _joints(chains: _Chains) -> Array:
         (u, line, v_3),
         (_perpendicular(line, u), v_c, u),
     )
-    shape = line.shape
-    first, second, normal = (
-        np.stack([np.broadcast_to(vector, shape) for vector in vectors], axis=-2)
-        for vectors in zip(*rows, strict=True)
-    )
+    first, second, normal = (_beside(line.shape, *vectors) for vectors in zip(*rows, strict=True))
     q_1, q_2, q_3, to_line, to_middle = np.moveaxis(_angle(first, second, normal), -1, 0)
     quarter = 0.5 * np.pi
     return np.stack((q_1, q_2, q_3, length, quarter - to_line, quarter - to_middle), axis=-1)
 
 
 def _rates(chains: _Chains) -> Array:
-    shape = chains.line.shape
-    axes, arms = (
-        np.stack([np.broadcast_to(vector, shape) for vector in vectors], axis=-2)
-        for vectors in (
-            (chains.z_a, -chains.y, -chains.v_3, chains.line, chains.v_3, -chains.u),
-            (chains.from_foot,) * 4 + (chains.from_end,) * 2,
-        )
-    )
+    shape, v_3 = chains.line.shape, chains.v_3
+    axes = _beside(shape, chains.z_a, -chains.y, -v_3, chains.line, v_3, -chains.u)
+    arms = _beside(shape, *(chains.from_foot,) * 4, *(chains.from_end,) * 2)
     # Twist [angular; linear] at P_O by which each joint moves the platform.
     twists = np.concatenate((axes, cross(axes, arms)), axis=-1)
     twists[..., 3, :3], twists[..., 3, 3:] = 0.0, chains.line
@@ -229,6 +220,14 @@ def _rates(chains: _Chains) -> Array:
     is_regular[is_regular] = np.abs(np.linalg.det(twists[is_regular])) > _FLAT
     rates[is_regular] = np.linalg.inv(twists[is_regular])
     return rates
+
+
+def _beside(shape: tuple[int, ...], *vectors: Array) -> Array:
+    """Vectors (..., 3) of a shape, one a row (..., k, 3); copied, as that is quickest."""
+    rows = np.empty((*shape[:-1], len(vectors), 3))
+    for i, vector in enumerate(vectors):
+        rows[..., i, :] = vector
+    return rows
 
 
 def _ends(geometry: CenterGeometry, along: Along) -> Array:

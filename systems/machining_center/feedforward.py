@@ -1,6 +1,6 @@
 """From the pose that platform or foot is to have to the lengths of the legs."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
@@ -9,8 +9,8 @@ from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.core.ports import declare_cached, read, read_array
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_center.geometry import CenterGeometry
-from parapod.systems.machining_center.job import Job, swung_to
-from parapod.systems.machining_center.platform_mode import inverse_kinematics
+from parapod.systems.machining_center.job import swung_to
+from parapod.systems.machining_center.platform_mode import inverse_kinematics, leg_lengths
 from parapod.systems.machining_center.posture import LOCKS_OF_LIMB, closed_locks
 from parapod.systems.machining_center.swing import SingularSwing
 
@@ -21,6 +21,7 @@ class _Led(NamedTuple):
     lengths: Array
     pose: Array
     foot: Array
+    more: Array
     is_stuck: bool
 
 
@@ -31,22 +32,25 @@ class CenterFeedforward(LeafSystem):
     |---|---|---|---|
     | in `mode` | 1 | - | what moves: 0 nothing, 1 the platform, 2 the loose foot |
     | in `target` | 6 | m, rad | of what moves, a period from now |
-    | in `share` | 1 | - | of its motion that has passed then |
+    | in `toward` | 6 | m, rad | of the platform then, as far as it is open; NaN: no matter |
     | in `loose_limb` | 1 | - | limb whose foot is loose; 0: none |
     | in `feet` | 6n | m, rad | poses of the feet's frames |
     | in `locked_at` | 4n | rad | values at which joints were locked |
     | in `locks_closed` | 4n | 0/1 | which locks are closed |
-    | in `pose_measured` | 6 | m, rad | of the platform, with which the first update begins |
+    | in `pose` | 6 | m, rad | of the platform, as far as is known |
     | in `position_measured` | 2n | m | lengths of the legs |
     | out `position_command` | 2n | m | lengths that the legs are to have a period from now |
     | out `pose_desired` | 6 | m, rad | of the platform now |
-    | out `foot_desired` | 6 | m, rad | of the loose foot now, or the last one |
+    | out `foot_desired` | 6 | m, rad | of the loose foot now; zeros where none is |
     | out `length_error` | 2n | m | lengths of the legs less those that they are to have now |
     | out `is_stuck` | 1 | 0/1 | whether no lengths lead on; the last ones are held |
 
-    Where nothing moves the lengths are held: it begins with those that are measured first.
+    Where nothing moves the lengths are held, the first ones that are measured at the beginning,
+    and what is desired is what is known. A motion begins from there: its lengths are those of the
+    kinematics and, all the time, what the held ones were more, as those of legs that yield are.
 
-    State: discrete; lengths (2n), pose (6) and foot (6) for now, and whether there are any (1).
+    State: discrete; lengths (2n), pose (6) and foot (6) for now, what lengths are more than those
+    of the kinematics (2n), and whether there are any (1).
 
     Bad input: targets that no lengths reach, or that are no numbers, are not followed.
     """
@@ -54,75 +58,87 @@ class CenterFeedforward(LeafSystem):
     def __init__(
         self,
         geometry: CenterGeometry = CenterGeometry(),
-        job: Job | None = None,
         period: float = 0.01,
     ):
         """Creates the system.
 
         Args:
             geometry: the centre.
-            job: its drift is taken.
             period: between two updates [s].
         """
         super().__init__()
         self.set_name("feedforward")
         n = geometry.limbs
-        self._geometry, self._job, self._period = geometry, job or Job(), period
+        self._geometry = geometry
         self._ports = {
             name: self.DeclareVectorInputPort(name, size)
             for name, size in (
                 ("mode", 1),
                 ("target", 6),
-                ("share", 1),
+                ("toward", 6),
                 ("loose_limb", 1),
                 ("feet", 6 * n),
                 ("locked_at", LOCKS_OF_LIMB * n),
                 ("locks_closed", LOCKS_OF_LIMB * n),
-                ("pose_measured", 6),
+                ("pose", 6),
                 ("position_measured", 2 * n),
             )
         }
-        self.DeclareDiscreteState(2 * n + 13)
-        everything = {port.ticket() for port in self._ports.values()} | {self.xd_ticket()}
-        self._led = declare_cached(self, "led", self._calc_led, everything)
-        led = {self._led.ticket}
+        self.DeclareDiscreteState(4 * n + 13)
         now = {
             self.xd_ticket(),
-            self._ports["pose_measured"].ticket(),
-            self._ports["position_measured"].ticket(),
+            *(self._ports[name].ticket() for name in ("pose", "position_measured", "mode")),
+            *(self._ports[name].ticket() for name in ("feet", "loose_limb")),
         }
+        self._cached = declare_cached(self, "now", self._calc_now, now)
+        everything = {port.ticket() for port in self._ports.values()} | {self.xd_ticket()}
+        self._led = declare_cached(self, "led", self._calc_led, everything)
+        measured = {self._ports["position_measured"].ticket()}
+        led, now = {self._led.ticket}, {self._cached.ticket}
         for name, size, calc, tickets in (
             ("position_command", 2 * n, self._calc_command, led),
             ("pose_desired", 6, self._calc_pose, now),
             ("foot_desired", 6, self._calc_foot, now),
-            ("length_error", 2 * n, self._calc_error, now),
+            ("length_error", 2 * n, self._calc_error, now | measured),
             ("is_stuck", 1, self._calc_is_stuck, led),
         ):
             self.DeclareVectorOutputPort(name, size, calc, tickets)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def _now(self, context: Context) -> _Led:
-        """What is to be now; at the beginning what is measured."""
-        state: Any = context.get_discrete_state(0).value()
+        now: _Led = self._cached.of(self, context)
+        return now
+
+    def _calc_now(self, context: Context) -> _Led:
+        """What is to be now: where nothing moves, what is known."""
+        state: Array = context.get_discrete_state(0).value()
         legs = self._geometry.legs
-        lengths, pose, foot, known = np.split(state, (legs, legs + 6, legs + 12))
-        if known[0] > 0.5:
-            return _Led(lengths.copy(), pose.copy(), foot.copy(), False)
-        lengths = read_array(self._ports["position_measured"], context)
-        return _Led(lengths, read_array(self._ports["pose_measured"], context), np.zeros(6), False)
+        lengths, pose, foot, more, known = np.split(state.copy(), np.cumsum((legs, 6, 6, legs)))
+        if known[0] < 0.5:
+            lengths = read_array(self._ports["position_measured"], context)
+        if self._mode(context) != 0 and known[0] > 0.5:
+            return _Led(lengths, pose, foot, more, False)
+        pose, feet = read_array(self._ports["pose"], context), self._feet(context)
+        limb = round(read(self._ports["loose_limb"], context)[0])
+        foot = feet[limb - 1] if limb else np.zeros(6)
+        more = lengths - leg_lengths(self._geometry, pose, feet)
+        return _Led(lengths, pose, foot, more, False)
+
+    def _mode(self, context: Context) -> int:
+        return round(read(self._ports["mode"], context)[0])
+
+    def _feet(self, context: Context) -> Array:
+        return read_array(self._ports["feet"], context).reshape(-1, 6)
 
     def _calc_led(self, context: Context) -> _Led:
-        now, ports = self._now(context), self._ports
-        mode = round(read(ports["mode"], context)[0])
+        now, mode = self._now(context), self._mode(context)
         if mode == 0:
             return now
-        target = read_array(ports["target"], context)
-        feet = read_array(ports["feet"], context).reshape(-1, 6)
+        target, feet = read_array(self._ports["target"], context), self._feet(context)
         try:
             if mode == 1:
-                return _Led(
-                    inverse_kinematics(self._geometry, target, feet), target, now.foot, False
-                )
+                lengths = inverse_kinematics(self._geometry, target, feet)
+                return now._replace(lengths=lengths + now.more, pose=target)
             return self._swung(context, now, target, feet)
         except (UnreachablePosture, SingularSwing):
             return now._replace(is_stuck=True)
@@ -133,13 +149,16 @@ class CenterFeedforward(LeafSystem):
         values = read_array(ports["locked_at"], context).reshape(n, -1)
         closed = read_array(ports["locks_closed"], context).reshape(n, -1) > 0.5
         locks = closed_locks(self._geometry, limb, values, feet, closed)
-        share = read(ports["share"], context)[0]
-        found = swung_to(self._geometry, self._job, locks, target, now.pose, share, self._period)
-        return _Led(found.lengths, found.pose, found.foot_pose, False)
+        toward = read_array(ports["toward"], context)
+        wanted = toward if np.isfinite(toward).all() else None
+        found = swung_to(self._geometry, locks, target, now.pose, toward=wanted)
+        return now._replace(
+            lengths=found.lengths + now.more, pose=found.pose, foot=found.foot_pose
+        )
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        lengths, pose, foot, _ = self._led.of(self, context)
-        state.set_value(0, np.concatenate((lengths, pose, foot, (1.0,))))
+        led = self._led.of(self, context)
+        state.set_value(0, np.concatenate((led.lengths, led.pose, led.foot, led.more, (1.0,))))
 
     def _calc_command(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._led.of(self, context).lengths)

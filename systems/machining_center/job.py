@@ -22,7 +22,7 @@ from parapod.systems.machining_center.paths import (
     platform_at,
     swing_duration,
 )
-from parapod.systems.machining_center.platform_mode import inverse_kinematics
+from parapod.systems.machining_center.platform_mode import displacement, inverse_kinematics
 from parapod.systems.machining_center.posture import Posture
 from parapod.systems.machining_center.swing import (
     Locks,
@@ -37,6 +37,9 @@ from parapod.systems.machining_center.wrench import wrench_indices
 
 # A foot's plate, and how far its frame may lean from the panel's normal [m, rad].
 FOOT_DIAMETER, LARGEST_LEAN = 0.1, 0.05
+# Newton's method ends with a step that leaves some micrometres at most, and nothing at rest [m],
+# where locks were off by no more than that [rad].
+_LAST_STEP, _TOLERANCE = 2e-3, 0.05
 # Poses at which a way of the platform, and of a foot, is looked at.
 _LOOKS_OF_PLATFORM, _LOOKS_OF_FOOT = 12, 24
 
@@ -105,11 +108,14 @@ class Swing:
         pose: (6) of the platform from which it begins [m, rad].
         lock_set: limb, and what is locked meanwhile.
         foothold: (6) where the foot is to stand; it may turn about the third axis [m, rad].
+        way: (k, 6) of the platform meanwhile, at equal shares of the time [m, rad]; it decides
+            what foot and locks leave open. None: the platform goes to the nearest poses.
     """
 
     pose: Array
     lock_set: LockSet
     foothold: Array
+    way: Array | None = None
 
 
 type Operation = Drill | Swing
@@ -230,11 +236,13 @@ class Swung(NamedTuple):
         end: platform and feet at its end.
         sigma: smallest singular value on its way, of locked joints and of what holds.
         margin: smallest distance of a leg from the ends of its stroke [m].
+        way: see `Swing`.
     """
 
     end: Posture
     sigma: float
     margin: float
+    way: Array
 
 
 def try_swing(geometry: CenterGeometry, job: Job, swing: Swing, feet: Array) -> Swung:
@@ -259,14 +267,18 @@ def try_swing(geometry: CenterGeometry, job: Job, swing: Swing, feet: Array) -> 
     except ValueError as error:
         raise Refused(str(error)) from None
     pose, now, sigma, margin = swing.pose, feet.copy(), np.inf, np.inf
+    way = []
     duration = swing_duration(feet[limb - 1], swing.foothold, job.lift, job.speeds)
+    by = displacement(feet[limb - 1], swing.foothold)
     for share in np.linspace(0.0, 1.0, _LOOKS_OF_FOOT + 1):
-        foot = foot_at(feet[limb - 1], swing.foothold, job.lift, share)
+        foot = foot_at(feet[limb - 1], swing.foothold, by, job.lift, share)
         try:
-            found = swung_to(geometry, job, locks, foot, pose, share, duration / _LOOKS_OF_FOOT)
+            freedom = 16.0 * (share * (1.0 - share)) ** 2 * job.drift * duration / _LOOKS_OF_FOOT
+            found = swung_to(geometry, locks, foot, pose, freedom=freedom)
         except (SingularSwing, UnreachablePosture) as error:
             raise Refused(str(error)) from None
         pose, now[limb - 1] = found.pose, found.foot_pose
+        way.append(pose)
         at = lock_conditions(
             geometry, pose, swing.lock_set, now, along="left", turns=turns(geometry)
         )
@@ -281,36 +293,39 @@ def try_swing(geometry: CenterGeometry, job: Job, swing: Swing, feet: Array) -> 
             found.lengths.min() - geometry.stroke_min, geometry.stroke_max - found.lengths.max()
         )
         margin = min(margin, float(near))
-    return Swung(Posture(pose, now), sigma, margin)
+    return Swung(Posture(pose, now), sigma, margin, np.array(way))
 
 
 def swung_to(
     geometry: CenterGeometry,
-    job: Job,
     locks: Locks,
     foot: Array,
     near: Array,
-    share: float,
-    elapsed: float,
+    *,
+    toward: Array | None = None,
+    freedom: float = 0.0,
 ) -> SwingPose:
-    """The posture at a share of a swing, a moment after another one.
+    """The posture with a swinging foot at a pose, a moment after another posture.
 
     Args:
         geometry: the centre.
-        job: its drift is taken.
         locks: that are closed.
         foot: (6) of the loose foot now, see `foot_at` [m, rad].
         near: (6) of the platform a moment ago [m, rad].
-        share: of the swing's duration.
-        elapsed: the moment [s].
+        toward: see `swing_inverse`.
+        freedom: see there.
 
     Raises:
         SingularSwing: see `swing_inverse`.
         UnreachablePosture: a leg would leave its stroke.
     """
-    ease = 16.0 * (share * (1.0 - share)) ** 2
     return swing_inverse(
-        geometry, foot, locks, near, turns=turns(geometry), freedom=job.drift * elapsed * ease
+        *(geometry, foot, locks, near),
+        turns=turns(geometry),
+        freedom=freedom,
+        toward=toward,
+        tolerance=_TOLERANCE,
+        last_step=_LAST_STEP,
     )
 
 
@@ -352,8 +367,9 @@ def check_job(geometry: CenterGeometry, job: Job, beginning: Posture) -> Posture
 
 
 def _check_way(geometry: CenterGeometry, start: Array, end: Array, feet: Array) -> None:
+    by = displacement(start, end)
     for share in np.linspace(0.0, 1.0, _LOOKS_OF_PLATFORM):
-        _check_pose(geometry, platform_at(start, end, share), feet)
+        _check_pose(geometry, platform_at(start, by, share), feet)
 
 
 def _check_pose(geometry: CenterGeometry, pose: Array, feet: Array) -> None:

@@ -54,10 +54,16 @@ def duration_of(start: Array, end: Array, speeds: Speeds, speed: float) -> float
     )
 
 
-def platform_at(start: Array, end: Array, share: float) -> Array:
-    """Pose (6) on the straight way between two, turning about one axis, at a share of the time."""
+def platform_at(start: Array, by: Array, share: float) -> Array:
+    """Pose (6) on a straight way, turning about one axis, at a share of the time.
+
+    Args:
+        start: pose (6) where it begins [m, rad].
+        by: `displacement` (6) to where it ends.
+        share: of the duration.
+    """
     done = float(quintic(np.array(min(max(share, 0.0), 1.0)))[0])
-    return moved(start, done * displacement(start, end))
+    return moved(start, done * by)
 
 
 def swing_duration(start: Array, end: Array, lift: float, speeds: Speeds) -> float:
@@ -83,14 +89,15 @@ def swing_duration(start: Array, end: Array, lift: float, speeds: Speeds) -> flo
     )
 
 
-def foot_at(start: Array, end: Array, lift: float, share: float) -> Array:
+def foot_at(start: Array, end: Array, by: Array, lift: float, share: float) -> Array:
     """Pose (6) of a swinging foot at a share of the time: up, across, down.
 
     It leaves its foothold along that one's third axis, and comes down along the other's.
 
     Args:
-        start: pose (6) of the foot [m, rad].
-        end: pose (6).
+        start: pose (6) of the foot where it begins [m, rad].
+        end: pose (6) where it ends.
+        by: `displacement` (6) from one to the other.
         lift: height of the swing [m].
         share: of the duration.
     """
@@ -98,7 +105,7 @@ def foot_at(start: Array, end: Array, lift: float, share: float) -> Array:
     across = np.clip((share - begin) / (finish - begin), 0.0, 1.0)
     up = np.clip(min(share, 1.0 - share) / _RISING, 0.0, 1.0)
     (gone, raised), *_ = quintic(np.stack((across, up)))
-    pose = moved(start, gone * displacement(start, end))
+    pose = moved(start, gone * by)
     out = (1.0 - gone) * _third_axis(start) + gone * _third_axis(end)
     pose[:3] += lift * raised * out
     return pose

@@ -15,7 +15,7 @@ from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.core.vectors import Array, cross, rotation_columns, times
 from parapod.systems.machining_center.geometry import CenterGeometry, leg_name
 
-# Newton's steps end below this [m, and r_c rad], at what rounding leaves.
+# Newton's steps below this are rounding [m, and r_c rad].
 _CONVERGED = 1e-12
 _MOST_STEPS = 30
 # A step is no longer than this share of r_c: farther, another way to assemble may be nearer.
@@ -41,9 +41,9 @@ class AssembledPose(NamedTuple):
 
     Attributes:
         pose: (..., 6) [m, rad]; NaN where Newton's steps do not converge.
-        residual: (...) largest difference of a leg's length [m]. A quadruped's eight lengths may
-            contradict each other: their squares are least then.
-        step: (...) length of the last step [m, and r_c rad]; converged below 1e-12.
+        residual: (...) largest difference of a leg's length before the last step [m]. A
+            quadruped's eight lengths may contradict each other: their squares are least then.
+        step: (...) length of the last step [m, and r_c rad].
         smallest_singular_value: (...) of the Jacobian with moments divided by r_c; near 0 the
             platform is not held by its legs.
     """
@@ -139,6 +139,8 @@ def forward_kinematics(
     lengths: ArrayLike,
     near: ArrayLike,
     footholds: ArrayLike | None = None,
+    *,
+    last_step: float = 1e-12,
 ) -> AssembledPose:
     """The pose that legs of these lengths hold, by Newton's method; least squares of eight legs.
 
@@ -147,6 +149,8 @@ def forward_kinematics(
         lengths: (..., 2n) [m].
         near: (..., 6) a pose nearby; lengths alone leave up to forty ways to assemble.
         footholds: (..., n, 6) poses of the feet's frames; None for the paper's pattern.
+        last_step: length of the step after which no other one follows [m, and r_c rad]; what is
+            left is about its square by r_c.
 
     Raises:
         ValueError: wrong shapes.
@@ -167,12 +171,13 @@ def forward_kinematics(
         move = times(np.swapaxes(right, -1, -2), along)
         step = np.sqrt(np.sum(move**2, axis=-1))
         going = step > _CONVERGED
-        if not going.any():
-            break
         longest = _LONGEST_STEP * geometry.platform_radius
         shortened = np.minimum(1.0, longest / np.maximum(step, longest))[..., None]
-        pose = moved(pose, np.where(going[..., None], shortened * move / scale, 0.0))
-    has_converged = step <= _CONVERGED
+        if going.any():
+            pose = moved(pose, np.where(going[..., None], shortened * move / scale, 0.0))
+        if not (step > last_step).any():
+            break
+    has_converged = step <= last_step
     pose[~has_converged] = np.nan
     return AssembledPose(pose, np.abs(missing).max(axis=-1), step, values[..., -1])
 

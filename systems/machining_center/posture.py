@@ -24,6 +24,8 @@ from parapod.systems.machining_center.swing import (
 )
 
 LOCKS_OF_LIMB = len(LOCKABLE)
+# Newton's method ends with a step that leaves some micrometres at most, and nothing at rest [m].
+_LAST_STEP = 2e-3
 _INDICES = [joint - 1 for joint in LOCKABLE]
 
 
@@ -89,19 +91,30 @@ def posture_of(
     if not np.isfinite(lengths).all() or len(loose) > 1:
         return None
     if len(loose) == 0:
-        found = forward_kinematics(geometry, lengths, before.pose, before.feet)
+        found = forward_kinematics(
+            geometry, lengths, before.pose, before.feet, last_step=_LAST_STEP
+        )
         return Posture(found.pose, before.feet) if np.isfinite(found.pose).all() else None
     (limb,) = map(int, loose)
     if not locked[limb - 1].all():
         return None
     locks = closed_locks(geometry, limb, values, before.feet, locked)
     try:
-        swung = swing_forward(geometry, lengths, locks, before.pose)
+        swung = swing_forward(geometry, lengths, locks, before.pose, last_step=_LAST_STEP)
     except (SingularSwing, ValueError):
         return None
     feet = before.feet.copy()
     feet[limb - 1] = swung.foot_pose
     return Posture(swung.pose, feet)
+
+
+class _Found(NamedTuple):
+    """Posture, values at which joints are locked, which are, and whether it is determined."""
+
+    posture: Posture
+    values: Array
+    locked: NDArray[np.bool_]
+    is_determined: bool
 
 
 class CenterPosture(LeafSystem):
@@ -120,8 +133,8 @@ class CenterPosture(LeafSystem):
 
     Lengths must be known often enough for one posture to be near the next.
 
-    State: discrete; pose (6), feet (6n), values at which joints were locked (4n), and which locks
-    were closed (4n), updated every period.
+    State: discrete; pose (6), feet (6n), values at which joints were locked (4n), which locks were
+    closed (4n), and whether the posture was determined (1), updated every period.
 
     Bad input: where nothing determines the posture, as with two loose feet or lengths that are no
     numbers, the last one stays, and `is_determined` is 0.
@@ -133,6 +146,8 @@ class CenterPosture(LeafSystem):
         period: float = 0.01,
         pose: ArrayLike = (0.0, 0.0, 0.48, 0.0, 0.0, 0.0),
         footholds: ArrayLike | None = None,
+        *,
+        is_sampled: bool = False,
     ):
         """Creates the system.
 
@@ -141,6 +156,7 @@ class CenterPosture(LeafSystem):
             period: between two updates [s].
             pose: (6) of the platform near which it begins in a default context [m, rad].
             footholds: (n, 6) on which it stands there; None for the paper's pattern.
+            is_sampled: whether the outputs are those of the last update.
         """
         super().__init__()
         self.set_name("posture")
@@ -151,6 +167,8 @@ class CenterPosture(LeafSystem):
         self.DeclareDiscreteState(_beginning(geometry, pose, footholds))
         inputs = {port.ticket() for port in (self._position, self._locks, self._clamps)}
         self._found = declare_cached(self, "posture", self._calc, inputs | {self.xd_ticket()})
+        shown = declare_cached(self, "shown", self._calc_shown, {self.xd_ticket()})
+        self._shown = shown if is_sampled else self._found
         for name, size, calc in (
             ("pose", 6, self._calc_pose),
             ("feet", 6 * n, self._calc_feet),
@@ -158,7 +176,7 @@ class CenterPosture(LeafSystem):
             ("locked_at", LOCKS_OF_LIMB * n, self._calc_locked_at),
             ("is_determined", 1, self._calc_is_determined),
         ):
-            self.DeclareVectorOutputPort(name, size, calc, {self._found.ticket})
+            self.DeclareVectorOutputPort(name, size, calc, {self._shown.ticket})
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def stand(
@@ -168,45 +186,49 @@ class CenterPosture(LeafSystem):
         context = self.GetMyMutableContextFromRoot(root_context)
         context.SetDiscreteState(_beginning(self._geometry, pose, footholds))
 
-    def _calc(self, context: Context) -> tuple[Posture, Array, NDArray[np.bool_], bool]:
-        """Posture, values at which joints are locked, which are, and whether it is determined."""
-        n = self._geometry.limbs
-        state: Array = context.get_discrete_state(0).value()
-        pose, feet, values, was = np.split(state, np.cumsum((6, 6 * n, LOCKS_OF_LIMB * n)))
-        before = Posture(pose.copy(), feet.reshape(n, 6).copy())
-        values = values.reshape(n, -1).copy()
-        locked = (read_array(self._locks, context) > 0.5).reshape(n, -1)
+    def _calc_shown(self, context: Context) -> _Found:
+        """What the last update has found."""
+        n, locks = self._geometry.limbs, LOCKS_OF_LIMB * self._geometry.limbs
+        state: Array = context.get_discrete_state(0).value().copy()
+        pose, feet, values, locked, known = np.split(state, np.cumsum((6, 6 * n, locks, locks)))
+        posture = Posture(pose, feet.reshape(n, 6))
+        return _Found(posture, values.reshape(n, -1), locked.reshape(n, -1) > 0.5, known[0] > 0.5)
+
+    def _calc(self, context: Context) -> _Found:
+        before, values, was, _ = self._calc_shown(context)
+        locked = (read_array(self._locks, context) > 0.5).reshape(was.shape)
         clamped = read_array(self._clamps, context) > 0.5
-        closing = locked & ~(was.reshape(n, -1) > 0.5)
+        closing = locked & ~was
         if closing.any():  # at the values that they had a moment ago
             values[closing] = lockable_joints(self._geometry, before)[closing]
         lengths = read_array(self._position, context)
         found = posture_of(self._geometry, lengths, before, values, locked, clamped)
-        return found or before, values, locked, found is not None
+        return _Found(found or before, values, locked, found is not None)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        posture, values, locked, _ = self._found.of(self, context)
-        parts = (posture.pose, posture.feet.ravel(), values.ravel(), locked.ravel())
-        state.set_value(0, np.concatenate(parts).astype(float))
+        found = self._found.of(self, context)
+        pose, feet = found.posture
+        parts = (pose, feet.ravel(), found.values.ravel(), found.locked.ravel())
+        state.set_value(0, np.concatenate((*parts, (found.is_determined,))).astype(float))
 
     def _calc_pose(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._found.of(self, context)[0].pose)
+        output.SetFromVector(self._shown.of(self, context).posture.pose)
 
     def _calc_feet(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._found.of(self, context)[0].feet.ravel())
+        output.SetFromVector(self._shown.of(self, context).posture.feet.ravel())
 
     def _calc_joints(self, context: Context, output: BasicVector) -> None:
-        posture = self._found.of(self, context)[0]
+        posture = self._shown.of(self, context).posture
         output.SetFromVector(lockable_joints(self._geometry, posture).ravel())
 
     def _calc_locked_at(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._found.of(self, context)[1].ravel())
+        output.SetFromVector(self._shown.of(self, context).values.ravel())
 
     def _calc_is_determined(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self._found.of(self, context)[3])])
+        output[0] = float(self._shown.of(self, context).is_determined)
 
 
 def _beginning(geometry: CenterGeometry, pose: ArrayLike, footholds: ArrayLike | None) -> Array:
     feet = feet_of(geometry, footholds)
     nothing = np.zeros(2 * LOCKS_OF_LIMB * geometry.limbs)
-    return np.concatenate((np.asarray(pose, dtype=float), feet.ravel(), nothing))
+    return np.concatenate((np.asarray(pose, dtype=float), feet.ravel(), nothing, (1.0,)))

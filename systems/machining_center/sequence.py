@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
 
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_center.geometry import CenterGeometry
@@ -22,6 +23,7 @@ from parapod.systems.machining_center.job import (
     Refused,
     Swing,
     check_drill,
+    turns,
 )
 from parapod.systems.machining_center.paths import (
     duration_of,
@@ -29,6 +31,7 @@ from parapod.systems.machining_center.paths import (
     platform_at,
     swing_duration,
 )
+from parapod.systems.machining_center.platform_mode import displacement
 from parapod.systems.machining_center.posture import LOCKS_OF_LIMB
 from parapod.systems.machining_center.swing import LOCKABLE
 
@@ -192,7 +195,10 @@ class Progress:
         rate: of that clock [-].
         rest: for which everything has been as it should [s].
         waited: since the motion ended, or the phase began that has none [s].
+        duration: of the motion; 0 where nothing moves [s].
         start: (6) pose of platform or foot where the motion began [m, rad].
+        end: (6) pose where it ends.
+        by: (6) displacement from one to the other [rad, m].
         fault: see `Fault`.
         where: limb, leg or operation that it is about.
         broken_off: phase in which the fault came: locks and clamps stay as they were in it.
@@ -205,7 +211,10 @@ class Progress:
     rate: float = 1.0
     rest: float = 0.0
     waited: float = 0.0
+    duration: float = 0.0
     start: Array = field(default_factory=lambda: np.zeros(6))
+    end: Array = field(default_factory=lambda: np.zeros(6))
+    by: Array = field(default_factory=lambda: np.zeros(6))
     fault: Fault = Fault.NONE
     where: int = 0
     broken_off: Phase = Phase.WAITING
@@ -221,7 +230,8 @@ class Progress:
 
     def numbers(self) -> Array:
         """All of it as numbers."""
-        return np.concatenate(([float(getattr(self, name)) for name in _NUMBERS], self.start))
+        numbers = [float(getattr(self, name)) for name in _NUMBERS]
+        return np.concatenate((numbers, self.start, self.end, self.by))
 
     @classmethod
     def of(cls, numbers: Array) -> "Progress":
@@ -230,7 +240,8 @@ class Progress:
         named: dict[str, Any] = {
             name: kind(value) for (name, kind), value in zip(_NUMBERS.items(), values, strict=True)
         }
-        return cls(**named, start=numbers[len(_NUMBERS) :].copy())
+        start, end, by = np.split(numbers[len(_NUMBERS) :].copy(), 3)
+        return cls(**named, start=start, end=end, by=by)
 
 
 _NUMBERS: dict[str, Callable[[float], Any]] = {
@@ -241,6 +252,7 @@ _NUMBERS: dict[str, Callable[[float], Any]] = {
     "rate": float,
     "rest": float,
     "waited": float,
+    "duration": float,
     "fault": lambda value: Fault(round(value)),
     "where": round,
     "broken_off": lambda value: Phase(round(value)),
@@ -276,6 +288,7 @@ class Sequence:
             params: times and tolerances.
         """
         self.geometry, self.job, self.period, self.params = geometry, job, period, params
+        self._ways: dict[int, CubicSpline] = {}
 
     def operation(self, progress: Progress) -> Operation | None:
         """The operation that is due; None after the last one."""
@@ -307,10 +320,18 @@ class Sequence:
             closed[loose - 1] = False
         return closed
 
-    def motion(self, progress: Progress) -> Motion | None:
-        """The motion that goes on; None where nothing moves."""
+    def _set_off(self, progress: Progress) -> Progress:
+        """A progress whose phase or motion begins."""
+        motion = self._motion(progress)
+        if motion is None:
+            return replace(progress, duration=0.0)
+        by = displacement(progress.start, motion.end)
+        return replace(progress, duration=motion.duration, end=motion.end, by=by)
+
+    def _motion(self, progress: Progress) -> Motion | None:
+        """The motion from where a progress starts; None where nothing moves."""
         operation, phase = self.operation(progress), progress.phase
-        job, speeds = self.job, self.job.speeds
+        speeds = self.job.speeds
         if isinstance(operation, Drill) and phase in (Phase.MACHINING, Phase.RETRACTION):
             moves = self._drilling(operation)
             end, speed = moves[-1 if phase is Phase.RETRACTION else progress.move]
@@ -319,8 +340,8 @@ class Sequence:
             end = operation.pose
             return Motion(end, duration_of(progress.start, end, speeds, speeds.rapid))
         if isinstance(operation, Swing) and phase is Phase.SWING:
-            end = operation.foothold
-            return Motion(end, swing_duration(progress.start, end, job.lift, speeds))
+            end, lift = self._foothold(operation, progress.start), self._lift(progress)
+            return Motion(end, swing_duration(progress.start, end, lift, speeds))
         return None
 
     def _drilling(self, drill: Drill) -> tuple[tuple[Array, float], ...]:
@@ -336,15 +357,44 @@ class Sequence:
             (above, speeds.rapid),
         )
 
-    def at(self, progress: Progress, ahead: float) -> tuple[Array, float]:
-        """Pose (6) of what moves, and the share of its motion, some time ahead [s]."""
-        motion = self.motion(progress)
-        if motion is None:
-            return progress.start, 0.0
-        share = min(1.0, (progress.clock + progress.rate * ahead) / motion.duration)
+    def _foothold(self, swing: Swing, foot: Array) -> Array:
+        """Where a foot is to stand (6); one that may turn keeps its heading."""
+        if not turns(self.geometry):
+            return swing.foothold
+        panel = self.job.panel
+        along, across, _ = panel.place(swing.foothold[:3])
+        return panel.frame(float(along), float(across), panel.heading(foot))
+
+    def toward(self, progress: Progress, ahead: float) -> Array:
+        """Pose (6) of the platform to which it goes, as far as foot and locks leave it open."""
+        operation = self.operation(progress)
+        if not isinstance(operation, Swing) or operation.way is None:
+            return np.full(6, np.nan)
+        if progress.operation not in self._ways:
+            shares = np.linspace(0.0, 1.0, len(operation.way))
+            self._ways[progress.operation] = CubicSpline(shares, operation.way)
+        share = self.share(progress, ahead) if progress.move == 0 else 1.0
+        return np.asarray(self._ways[progress.operation](share))
+
+    def _lift(self, progress: Progress) -> float:
+        """Height of a foot's motion: none of the last one, by which it comes to its place [m]."""
+        return self.job.lift if progress.move == 0 else 0.0
+
+    def share(self, progress: Progress, ahead: float) -> float:
+        """Share of the motion that has passed some time ahead [s]."""
+        if progress.duration == 0.0:
+            return 0.0
+        return min(1.0, (progress.clock + progress.rate * ahead) / progress.duration)
+
+    def at(self, progress: Progress, ahead: float) -> Array:
+        """Pose (6) of what moves, some time ahead [s]."""
+        start, end, by = progress.start, progress.end, progress.by
+        if progress.duration == 0.0:
+            return start
+        share = self.share(progress, ahead)
         if progress.rule.moves == "foot":
-            return foot_at(progress.start, motion.end, self.job.lift, share), share
-        return platform_at(progress.start, motion.end, share), share
+            return foot_at(start, end, by, self._lift(progress), share)
+        return platform_at(start, by, share)
 
     def advanced(self, progress: Progress, seen: Seen) -> Progress:
         """The progress a period later.
@@ -360,8 +410,7 @@ class Sequence:
             return progress.failed(fault, where)
         if seen.is_stopped and (stopped := self._stopped(progress, seen)) is not None:
             return stopped
-        motion = self.motion(progress)
-        if motion is not None and progress.clock < motion.duration:
+        if progress.clock < progress.duration:
             rate = min(1.0, progress.rate + self.period / self.params.stopping)
             clock = progress.clock + progress.rate * self.period
             return replace(progress, clock=clock, rate=rate, rest=0.0, waited=0.0)
@@ -390,12 +439,15 @@ class Sequence:
         if phase is Phase.WAITING and seen.time < self.params.begin:
             return progress
         if phase is Phase.MACHINING and progress.move < _LAST_MOVE:
-            return replace(begun, move=progress.move + 1)
+            return self._set_off(replace(begun, move=progress.move + 1))
+        if phase is Phase.SWING and progress.move == 0:
+            foot = seen.feet[self.limb(progress) - 1]
+            return self._set_off(replace(begun, move=1, start=foot))
         if phase is Phase.SETTLED:
             return self._begun(begun, seen)
         if follows is None:
             return progress
-        if phase is Phase.CLAMP:
+        if follows is Phase.UNLOCK:
             begun = replace(begun, move=_LAST_MOVE)
         elif progress.move == _LAST_MOVE:
             begun = replace(begun, operation=progress.operation + 1, move=0)
@@ -405,7 +457,7 @@ class Sequence:
             begun = replace(begun, start=seen.feet[self.limb(progress) - 1])
         if seen.is_stopped and follows is Phase.SETTLED:
             follows = Phase.STOPPED
-        return replace(begun, phase=follows)
+        return self._set_off(replace(begun, phase=follows))
 
     def _begun(self, progress: Progress, seen: Seen) -> Progress:
         """The next operation, unless its pose does not carry it."""
@@ -413,12 +465,12 @@ class Sequence:
         if operation is None:
             return replace(progress, phase=Phase.DONE)
         if isinstance(operation, Swing):
-            return replace(progress, phase=Phase.RECONFIGURATION)
+            return self._set_off(replace(progress, phase=Phase.RECONFIGURATION))
         try:
             check_drill(self.geometry, self.job, operation, seen.feet)
         except Refused:
             return progress.failed(Fault.REFUSED, progress.operation + 1)
-        return replace(progress, phase=Phase.MACHINING)
+        return self._set_off(replace(progress, phase=Phase.MACHINING))
 
     def _stopped(self, progress: Progress, seen: Seen) -> Progress | None:
         """The progress of a job that somebody stops; None where the phase goes on as it does."""
@@ -427,16 +479,17 @@ class Sequence:
             replace(progress, clock=0.0, rate=1.0, rest=0.0, waited=0.0, start=seen.pose),
         )
         if phase in (Phase.WAITING, Phase.SETTLED):
-            return replace(rest, phase=Phase.STOPPED)
+            return self._set_off(replace(rest, phase=Phase.STOPPED))
         if phase is Phase.LOCK:
-            return replace(rest, phase=Phase.UNLOCK)
+            return self._set_off(replace(rest, phase=Phase.UNLOCK))
         if phase not in (Phase.MACHINING, Phase.RECONFIGURATION):
             return None  # a loose foot comes to its foothold first
         rate = progress.rate - self.period / self.params.stopping
         if rate > 0.0:
             clock = progress.clock + progress.rate * self.period
             return replace(progress, clock=clock, rate=rate)
-        return replace(rest, phase=Phase.RETRACTION if phase is Phase.MACHINING else Phase.STOPPED)
+        follows = Phase.RETRACTION if phase is Phase.MACHINING else Phase.STOPPED
+        return self._set_off(replace(rest, phase=follows))
 
     def _fault(self, progress: Progress, seen: Seen) -> tuple[Fault, int]:
         """What is wrong, and with which limb, leg or operation."""

@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from parapod.systems.core.ports import is_on, read_array
+from parapod.systems.core.ports import declare_cached, is_on, read_array
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.job import Job
@@ -36,7 +36,7 @@ class CenterSequencer(LeafSystem):
     | in `stop` | 1 | 0/1 | whether somebody has the job end; unconnected: nobody |
     | out `mode` | 1 | - | what moves: 0 nothing, 1 the platform, 2 the loose foot |
     | out `target` | 6 | m, rad | of what moves, a period from now |
-    | out `share` | 1 | - | of its motion that has passed then |
+    | out `toward` | 6 | m, rad | platform of the plan then, while a foot swings; NaN: none |
     | out `loose_limb` | 1 | - | limb whose clamp is to be open, from 1; 0: none |
     | out `locks_command` | 4n | 0/1 | 1: closed |
     | out `clamps_command` | n | 0/1 | 1: closed |
@@ -91,10 +91,11 @@ class CenterSequencer(LeafSystem):
         state = self.DeclareDiscreteState(Progress().numbers())
         self._period = period
         ticket = {self.discrete_state_ticket(state)}
+        self._cached = declare_cached(self, "progress", self._calc_progress, ticket)
         for name, size, calc in (
             ("mode", 1, self._calc_mode),
             ("target", 6, self._calc_target),
-            ("share", 1, self._calc_share),
+            ("toward", 6, self._calc_toward),
             ("loose_limb", 1, self._calc_loose_limb),
             ("locks_command", LOCKS_OF_LIMB * n, self._calc_locks),
             ("clamps_command", n, self._calc_clamps),
@@ -107,8 +108,12 @@ class CenterSequencer(LeafSystem):
             self.DeclareVectorOutputPort(name, size, calc, ticket)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
-    def _progress(self, context: Context) -> Progress:
+    def _calc_progress(self, context: Context) -> Progress:
         return Progress.of(context.get_discrete_state(0).value())
+
+    def _progress(self, context: Context) -> Progress:
+        progress: Progress = self._cached.of(self, context)
+        return progress
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         advanced = self._sequence.advanced(self._progress(context), self._seen(context))
@@ -136,14 +141,15 @@ class CenterSequencer(LeafSystem):
 
     def _calc_mode(self, context: Context, output: BasicVector) -> None:
         progress = self._progress(context)
-        moving = progress.phase is not Phase.FAULT and self._sequence.motion(progress) is not None
+        moving = progress.phase is not Phase.FAULT and progress.duration > 0.0
         output[0] = float(MODES.index(progress.rule.moves)) if moving else 0.0
 
     def _calc_target(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._sequence.at(self._progress(context), self._period)[0])
+        output.SetFromVector(self._sequence.at(self._progress(context), self._period))
 
-    def _calc_share(self, context: Context, output: BasicVector) -> None:
-        output[0] = self._sequence.at(self._progress(context), self._period)[1]
+    def _calc_toward(self, context: Context, output: BasicVector) -> None:
+        toward = self._sequence.toward(self._progress(context), self._period)
+        output.SetFromVector(toward)
 
     def _calc_loose_limb(self, context: Context, output: BasicVector) -> None:
         output[0] = float(self._sequence.loose(self._progress(context)))

@@ -268,9 +268,11 @@ def swing_inverse(
     *,
     turns: bool = False,
     freedom: float = 0.0,
+    toward: ArrayLike | None = None,
     longest: float = 0.2,
     open_below: float = 1e-6,
     tolerance: float = 1e-6,
+    last_step: float = 1e-12,
 ) -> SwingPose:
     """Legs that put the loose foot at a pose: Gauss-Newton steps to the nearest pose.
 
@@ -284,9 +286,13 @@ def swing_inverse(
         freedom: longest way that the platform may make in directions which foot and locks leave
             open, to keep the legs in the middle of their stroke and, where three limbs stand,
             the wrench index high [m, and r_c rad]; 0: it makes none there.
+        toward: (6) a pose to which the platform goes in these directions, in the place of that
+            [m, rad].
         longest: longest way that the platform may make from `near` [m, and r_c rad].
         open_below: directions with singular values below this share of the largest one are open.
-        tolerance: largest difference of a locked joint [rad].
+        tolerance: largest difference of a locked joint before the last step [rad].
+        last_step: length of the step after which no other one follows [m, and r_c rad]; what is
+            left is about its square by r_c.
 
     Raises:
         SingularSwing: the platform would have to move farther, or the locks cannot be kept.
@@ -310,15 +316,19 @@ def swing_inverse(
         smallest, open_directions = float(values[-1]), right[kept:]
         move = right[:kept].T @ (left.T[:kept] @ missing / values[:kept])
         if len(open_directions):
-            if step == 0 and freedom > 0.0:
+            if step == 0 and toward is not None:
+                drift = displacement(start, of_width(toward, 6, "toward")) / unit
+            elif step == 0 and freedom > 0.0:
                 drift = _drift(geometry, pose, feet, limb, open_directions, freedom)
             # Of all poses that keep the locks the nearest one, or the one that is wanted there.
-            gone = displacement(start, pose) / unit
+            gone = displacement(start, pose) / unit if step else np.zeros(6)
             move = move + open_directions.T @ (open_directions @ (drift - gone))
         way = geometry.platform_radius * float(np.linalg.norm(move))
         if way <= _CONVERGED:
             break
         pose = moved(pose, move * unit)
+        if way <= last_step:
+            break
         distance = float(np.linalg.norm(pose[:3] - start[:3]))
         if not distance <= longest:
             raise SingularSwing(
@@ -328,7 +338,7 @@ def swing_inverse(
                 f"{1e3 * longest:.0f} mm",
             )
     residual = float(np.abs(missing).max())
-    if not (residual <= tolerance and way <= _CONVERGED):
+    if not (residual <= tolerance and way <= last_step):
         raise SingularSwing(
             limb,
             smallest,
@@ -344,7 +354,12 @@ def swing_inverse(
 
 
 def swing_forward(
-    geometry: CenterGeometry, lengths: ArrayLike, locks: Locks, near: ArrayLike
+    geometry: CenterGeometry,
+    lengths: ArrayLike,
+    locks: Locks,
+    near: ArrayLike,
+    *,
+    last_step: float = 1e-12,
 ) -> SwungPose:
     """Platform and loose foot that legs of these lengths hold, by Newton's method.
 
@@ -355,6 +370,7 @@ def swing_forward(
         lengths: (2n) [m].
         locks: the closed locks; feet that stand are where they were then.
         near: (6) a pose of the platform nearby.
+        last_step: see `swing_inverse`.
 
     Raises:
         SingularSwing: what stands does not hold the platform near there.
@@ -380,12 +396,14 @@ def swing_forward(
         if not smallest > _SINGULAR:
             break
         move = right.T @ (left.T @ off / singular)
-        if (way := r_c * float(np.linalg.norm(move))) <= _CONVERGED:
+        way = r_c * float(np.linalg.norm(move))
+        if way > _CONVERGED:
+            pose = moved(pose, move * unit * min(1.0, 0.5 * r_c / way))
+        if way <= last_step:
             limb = lock_set.limb
             pair = wanted[2 * limb - 2 : 2 * limb]
             foot = foot_of_limb(geometry, pose, limb, pair, locks.values[:4], along=locks.along)
             return SwungPose(pose, foot, residual, smallest)
-        pose = moved(pose, move * unit * min(1.0, 0.5 * r_c / way))
     raise SingularSwing(
         lock_set.limb, smallest, "what stands does not hold the platform near where it was"
     )

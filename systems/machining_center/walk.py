@@ -6,6 +6,7 @@ the feet, and of all sets of locks, those with room to spare are taken.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -85,7 +86,7 @@ def plan_walk(
             if not found:
                 raise Refused(f"no walk is found, step {step} of {steps}: {refusals[0]}")
             _, swing, swung = max(found, key=lambda each: each[0])
-            swings.append(swing)
+            swings.append(replace(swing, way=swung.way))
             waiting.remove(swing.lock_set.limb)
             now = swung.end
     return swings
