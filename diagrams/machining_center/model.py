@@ -7,12 +7,13 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import PdControllerGains, QuaternionFloatingJoint
+from pydrake.multibody.tree import PdControllerGains, QuaternionFloatingJoint, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.drawing import View, add_renderer, take
 from parapod.systems.machining_center.geometry import CenterGeometry
-from parapod.systems.machining_center.model import CenterModel
+from parapod.systems.machining_center.model import CenterModel, transform_of
+from parapod.systems.machining_center.platform_mode import feet_of
 from parapod.urdf import configure_parser
 
 # Axial stiffness of a leg with its screw and drive [N/m], and its damping [N s/m]: assumptions.
@@ -21,7 +22,10 @@ _FOLDER = "package://parapod/machining_center"
 
 
 def add_center(
-    plant: MultibodyPlant, geometry: CenterGeometry, stiffness: PdControllerGains = STIFFNESS
+    plant: MultibodyPlant,
+    geometry: CenterGeometry,
+    stiffness: PdControllerGains = STIFFNESS,
+    footholds: ArrayLike | None = None,
 ) -> CenterModel:
     """Adds a centre and its clamps to a plant that is part of a diagram, and finalizes it.
 
@@ -29,6 +33,7 @@ def add_center(
         plant: a plant with a registered scene graph and a time step above zero.
         geometry: tripod or quadruped, of the paper's dimensions.
         stiffness: axial stiffness and damping of a leg [N/m, N s/m].
+        footholds: (n, 6) on which it stands in a default context; None for the paper's pattern.
     """
     parser = Parser(plant)
     configure_parser(parser)
@@ -37,7 +42,11 @@ def add_center(
     platform = plant.GetBodyByName("platform", body)
     world = plant.world_frame()
     plant.AddJoint(QuaternionFloatingJoint("platform", world, platform.body_frame()))
-    clamps = []
+    # Not the world itself: a constraint to that ends the process.
+    ground = plant.AddRigidBody("ground", plant.AddModelInstance("ground"), SpatialInertia.NaN())
+    plant.WeldFrames(world, ground.body_frame())
+    clamps, homes = [], []
+    feet = feet_of(geometry, footholds)
     for i, (angle, middle) in enumerate(zip(geometry.angles, geometry.middles, strict=True)):
         (limb,) = parser.AddModels(url=f"{_FOLDER}/limb.urdf")
         plant.RenameModelInstance(limb, f"limb_{i + 1}")
@@ -53,8 +62,10 @@ def add_center(
         plant.AddJoint(QuaternionFloatingJoint(f"clamp_{i + 1}", world, clamp.body_frame()))
         foot = plant.GetBodyByName("foot", limb)
         clamps.append(plant.AddWeldConstraint(clamp, RigidTransform(), foot, RigidTransform()))
+        home = transform_of(feet[i])
+        homes.append(plant.AddWeldConstraint(ground, home, foot, RigidTransform()))
     plant.Finalize()
-    return CenterModel(plant, geometry, tuple(clamps))
+    return CenterModel(plant, geometry, tuple(clamps), tuple(homes))
 
 
 def photograph(

@@ -99,8 +99,10 @@ def _add_multibody_plant(
     geometry, plan = scenario.geometry, scenario.plan
     plant, scene_graph = add_discrete_plant(builder, scenario.plant.time_step, "lagged")
     stiffness = 1e6 * scenario.legs.stiffness_N_um
-    model = add_center(plant, geometry, PdControllerGains(p=stiffness, d=_DAMPING * stiffness))
-    plant.SetDefaultPositions(model.positions(plan.beginning.pose, plan.beginning.feet))
+    pose, feet = plan.beginning
+    gains = PdControllerGains(p=stiffness, d=_DAMPING * stiffness)
+    model = add_center(plant, geometry, gains, feet)
+    plant.SetDefaultPositions(model.positions(pose, feet))
     control = scenario.control.period
     force = drive_joints(builder, plant, model.limbs, legs.next_state, sampled_every=control)
     truth = add(builder, CenterTruth(model))
@@ -122,7 +124,7 @@ def _add_multibody_plant(
 
     def stand(root_context: Context, plan: Plan) -> None:
         context = plant.GetMyMutableContextFromRoot(root_context)
-        model.stand(context, plan.beginning.pose, plan.beginning.feet)
+        model.stand(context, *plan.beginning)
 
     return Plant(switches, signals, stand, locking.obey)
 
@@ -234,13 +236,12 @@ class Simulation:
             root_context: context, at its defaults, of the diagram that contains the station.
             scenario: its plan's beginning is taken; what is built in stays.
         """
-        plan = scenario.plan
         errors, error = scenario.length_errors, self.legs.error
         self.drives.set_position(root_context, _encoded(scenario))
         error.get_mutable_source_value(
             error.GetMyMutableContextFromRoot(root_context)
         ).SetFromVector(errors)
-        self.plant.stand(root_context, plan)
+        self.plant.stand(root_context, scenario.plan)
 
 
 def _add_simulated(

@@ -42,11 +42,14 @@ class CenterModel:
         plant: the plant.
         geometry: geometry to which the files are drawn.
         clamps: constraints between clamps and feet, one a limb.
+        homes: constraints between the ground and feet where they stand in a default context, in
+            which no joint is locked, so that clamps without a place of their own hold nothing.
     """
 
     plant: MultibodyPlant
     geometry: CenterGeometry
     clamps: tuple[MultibodyConstraintId, ...]
+    homes: tuple[MultibodyConstraintId, ...]
 
     @cached_property
     def platform(self) -> RigidBody:
@@ -103,7 +106,7 @@ class CenterModel:
         feet = feet_of(self.geometry, footholds)
         self.lock(context, ())
         for limb, foot in enumerate(feet, start=1):
-            self.clamp(context, limb, _transform(foot))
+            self.clamp(context, limb, transform_of(foot))
         self.plant.SetPositions(context, self.positions(pose, feet))
         self.plant.SetVelocities(context, np.zeros(self.plant.num_velocities()))
 
@@ -125,9 +128,9 @@ class CenterModel:
             values["right_swing"] = self._right_swing(values)
             for name, value in values.items():
                 q[self.plant.GetJointByName(name, limb).position_start()] = value
-        self._place(q, self.platform, _transform(place))
+        self._place(q, self.platform, transform_of(place))
         for body, foot in zip(self.clamp_bodies, feet, strict=True):
-            self._place(q, body, _transform(foot))
+            self._place(q, body, transform_of(foot))
         return q
 
     def _right_swing(self, values: dict[str, float]) -> float:
@@ -178,7 +181,7 @@ class CenterModel:
         joint.Unlock(context)
         joint.SetPose(context, pose)
         joint.Lock(context)
-        self.plant.SetConstraintActiveStatus(context, self.clamps[limb - 1], True)
+        self._hold(context, limb, True)
 
     def unclamp(self, context: Context, limb: int) -> None:
         """Lets a foot go; its clamp stays.
@@ -187,7 +190,11 @@ class CenterModel:
             context: the plant's context.
             limb: counted from 1.
         """
-        self.plant.SetConstraintActiveStatus(context, self.clamps[limb - 1], False)
+        self._hold(context, limb, False)
+
+    def _hold(self, context: Context, limb: int, is_clamped: bool) -> None:
+        self.plant.SetConstraintActiveStatus(context, self.clamps[limb - 1], is_clamped)
+        self.plant.SetConstraintActiveStatus(context, self.homes[limb - 1], False)
 
     def foot_pose(self, context: Context, limb: int) -> RigidTransform:
         """Pose of a foot's frame in the world."""
@@ -304,7 +311,8 @@ class CenterTruth(LeafSystem):
         return np.linalg.norm(spans, axis=-1)
 
 
-def _transform(pose: NDArray[np.float64]) -> RigidTransform:
+def transform_of(pose: NDArray[np.float64]) -> RigidTransform:
+    """Transform of x, y, z, roll, pitch, yaw (6) [m, rad]."""
     return RigidTransform(RollPitchYaw(pose[3:]), pose[:3])
 
 
