@@ -32,7 +32,7 @@ from parapod.systems.machining_center.paths import (
     swing_duration,
 )
 from parapod.systems.machining_center.platform_mode import displacement
-from parapod.systems.machining_center.posture import LOCKS_OF_LIMB
+from parapod.systems.machining_center.posture import LOCKS_OF_LIMB, Posture
 from parapod.systems.machining_center.swing import LOCKABLE
 
 
@@ -333,7 +333,7 @@ class Sequence:
         operation, phase = self.operation(progress), progress.phase
         speeds = self.job.speeds
         if isinstance(operation, Drill) and phase in (Phase.MACHINING, Phase.RETRACTION):
-            moves = self._drilling(operation)
+            moves = drilling(self.job, operation)
             end, speed = moves[-1 if phase is Phase.RETRACTION else progress.move]
             return Motion(end, duration_of(progress.start, end, speeds, speed))
         if isinstance(operation, Swing) and phase is Phase.RECONFIGURATION:
@@ -343,19 +343,6 @@ class Sequence:
             end, lift = self._foothold(operation, progress.start), self._lift(progress)
             return Motion(end, swing_duration(progress.start, end, lift, speeds))
         return None
-
-    def _drilling(self, drill: Drill) -> tuple[tuple[Array, float], ...]:
-        """Poses of the platform for a hole, and the speeds to them; the last one retracts."""
-        process, speeds = self.job.process, self.job.speeds
-        above = drill.pose(process, process.clearance)
-        near = drill.pose(process, min(1e-3, process.clearance))
-        deep = drill.pose(process, -drill.depth)
-        return (
-            (above, speeds.rapid),
-            (near, speeds.rapid),
-            (deep, speeds.feed),
-            (above, speeds.rapid),
-        )
 
     def _foothold(self, swing: Swing, foot: Array) -> Array:
         """Where a foot is to stand (6); one that may turn keeps its heading."""
@@ -517,3 +504,44 @@ class Sequence:
         if late and (len(locks) or len(clamps)):
             return Fault.SWITCH_LATE, int(clamps[0] if len(clamps) else locks[0, 0] + 1)
         return Fault.NONE, 0
+
+
+def expected_duration(
+    geometry: CenterGeometry, job: Job, beginning: Posture, params: SequenceParams
+) -> float:
+    """Duration of a job in which nothing goes wrong, but for what locks and clamps take [s].
+
+    Args:
+        geometry: the centre.
+        job: the job.
+        beginning: platform and feet before.
+        params: times and tolerances.
+    """
+    speeds, rests = job.speeds, 1
+    total, (pose, feet) = params.begin, beginning
+    feet = feet.copy()
+    for operation in job.operations:
+        if isinstance(operation, Drill):
+            moves = drilling(job, operation)
+            rests += 2
+        else:
+            moves = ((operation.pose, speeds.rapid),)
+            foot = feet[operation.lock_set.limb - 1]
+            total += swing_duration(foot, operation.foothold, job.lift, speeds)
+            foot[:] = operation.foothold
+            rests += 8
+        for end, speed in moves:
+            total += duration_of(pose, end, speeds, speed)
+            pose = end
+        if isinstance(operation, Swing) and operation.way is not None:
+            pose = operation.way[-1]
+    return total + rests * params.settling
+
+
+def drilling(job: Job, drill: Drill) -> tuple[tuple[Array, float], ...]:
+    """Poses of the platform for a hole, and the speeds to them; the last one retracts."""
+    process, speeds = job.process, job.speeds
+    above = drill.pose(process, process.clearance)
+    near = drill.pose(process, min(1e-3, process.clearance))
+    deep = drill.pose(process, -drill.depth)
+    return (above, speeds.rapid), (near, speeds.rapid), (deep, speeds.feed), (above, speeds.rapid)

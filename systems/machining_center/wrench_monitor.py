@@ -1,9 +1,9 @@
 """Watches how much more a clamped centre could resist."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from parapod.systems.core.ports import declare_cached, read_array
+from parapod.systems.core.ports import read_array
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.masses import weight
 from parapod.systems.machining_center.wrench import wrench_indices
@@ -27,17 +27,22 @@ class WrenchMonitor(LeafSystem):
     Moments are divided by r_c. The thrust is along the platform's third axis, whatever its
     direction: what is needed is never underestimated.
 
-    No state.
+    State: discrete, the index (1), updated every period, as postures change slowly; the margin
+    follows the drill's load at once.
 
     Bad input: a posture that is no number, or that the legs do not hold, has index 0.
 
     Args:
         geometry: the centre.
         largest_leg_force: of each leg, both ways [N].
+        period: between two looks at the posture [s].
     """
 
     def __init__(
-        self, geometry: CenterGeometry = CenterGeometry(), largest_leg_force: float = 1000.0
+        self,
+        geometry: CenterGeometry = CenterGeometry(),
+        largest_leg_force: float = 1000.0,
+        period: float = 0.1,
     ):
         super().__init__()
         self.set_name("wrench_monitor")
@@ -46,14 +51,17 @@ class WrenchMonitor(LeafSystem):
         self._feet = self.DeclareVectorInputPort("feet", 6 * geometry.limbs)
         self._clamps = self.DeclareVectorInputPort("clamps_closed", geometry.limbs)
         self._force = self.DeclareVectorInputPort("tool_force", 2)
-        stand = {port.ticket() for port in (self._pose, self._feet, self._clamps)}
-        self._index = declare_cached(self, "index", self._calc, stand)
-        self.DeclareVectorOutputPort("wrench_index", 1, self._calc_index, {self._index.ticket})
-        self.DeclareVectorOutputPort(
-            "wrench_margin", 1, self._calc_margin, {self._index.ticket, self._force.ticket()}
-        )
+        state = {self.discrete_state_ticket(self.DeclareDiscreteState(1))}
+        self.DeclareVectorOutputPort("wrench_index", 1, self._calc_index, state)
+        margin = state | {self._force.ticket()}
+        self.DeclareVectorOutputPort("wrench_margin", 1, self._calc_margin, margin)
+        self.DeclareInitializationDiscreteUpdateEvent(self._update)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
-    def _calc(self, context: Context) -> float:
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        state.set_value(0, np.array([self._found(context)]))
+
+    def _found(self, context: Context) -> float:
         clamped = np.flatnonzero(read_array(self._clamps, context) > 0.5) + 1
         pose = read_array(self._pose, context)
         feet = read_array(self._feet, context).reshape(-1, 6)
@@ -63,10 +71,10 @@ class WrenchMonitor(LeafSystem):
         return float(np.nan_to_num(index))
 
     def _calc_index(self, context: Context, output: BasicVector) -> None:
-        output[0] = self._index.of(self, context)
+        output[0] = context.get_discrete_state(0).value()[0]
 
     def _calc_margin(self, context: Context, output: BasicVector) -> None:
         thrust, torque = np.nan_to_num(read_array(self._force, context)).tolist()
         down = float(np.linalg.norm(weight(self._geometry)))
         needed = np.hypot(abs(thrust) + down, torque / self._geometry.platform_radius)
-        output[0] = self._index.of(self, context) * self._total - needed
+        output[0] = context.get_discrete_state(0).value()[0] * self._total - needed
