@@ -41,7 +41,7 @@ FOOT_DIAMETER, LARGEST_LEAN = 0.1, 0.05
 # where locks were off by no more than that [rad].
 _LAST_STEP, _TOLERANCE = 2e-3, 0.05
 # Poses at which a way of the platform, and of a foot, is looked at.
-_LOOKS_OF_PLATFORM, _LOOKS_OF_FOOT = 12, 24
+_LOOKS_OF_PLATFORM, LOOKS_OF_FOOT = 12, 24
 
 
 class Refused(ParapodError):
@@ -245,7 +245,13 @@ class Swung(NamedTuple):
     way: Array
 
 
-def try_swing(geometry: CenterGeometry, job: Job, swing: Swing, feet: Array) -> Swung:
+def try_swing(
+    geometry: CenterGeometry,
+    job: Job,
+    swing: Swing,
+    feet: Array,
+    looks: int = LOOKS_OF_FOOT,
+) -> Swung:
     """Swings a foot, on paper.
 
     Args:
@@ -253,6 +259,7 @@ def try_swing(geometry: CenterGeometry, job: Job, swing: Swing, feet: Array) -> 
         job: its panel and limits are taken.
         swing: the swing.
         feet: (n, 6) of the feet before [m, rad].
+        looks: postures on its way that are looked at.
 
     Raises:
         Refused: names what does not fit.
@@ -270,10 +277,10 @@ def try_swing(geometry: CenterGeometry, job: Job, swing: Swing, feet: Array) -> 
     way = []
     duration = swing_duration(feet[limb - 1], swing.foothold, job.lift, job.speeds)
     by = displacement(feet[limb - 1], swing.foothold)
-    for share in np.linspace(0.0, 1.0, _LOOKS_OF_FOOT + 1):
+    for share in np.linspace(0.0, 1.0, looks + 1):
         foot = foot_at(feet[limb - 1], swing.foothold, by, job.lift, share)
         try:
-            freedom = 16.0 * (share * (1.0 - share)) ** 2 * job.drift * duration / _LOOKS_OF_FOOT
+            freedom = 16.0 * (share * (1.0 - share)) ** 2 * job.drift * duration / looks
             found = swung_to(geometry, locks, foot, pose, freedom=freedom)
         except (SingularSwing, UnreachablePosture) as error:
             raise Refused(str(error)) from None

@@ -23,8 +23,11 @@ from parapod.systems.machining_center.swing import LockSet, lock_conditions, loc
 _AHEAD, _HIGHER = (-0.5, -0.25, 0.0), (0.0, -0.03, 0.03)
 # Sets of locks that are tried at a pose, the best ones there, and swings that are then made.
 _SETS = 4
-# A leg this far from the ends of its stroke is far enough [m].
-_ROOM = 0.02
+# Postures on the way of a swing that is only tried.
+_COARSE = 8
+# A leg this far from the ends of its stroke is far enough [m], and so is a swing that is led as
+# well as this: what yields by a force sinks by its inverse [-].
+_ROOM, _STIFF = 0.02, 0.1
 
 
 class Footprint(NamedTuple):
@@ -78,14 +81,15 @@ def plan_walk(
                 goal = job.panel.frame(along, across, job.panel.heading(now.feet[limb - 1]))
                 try:
                     swing, swung = _best(geometry, job, now, limb, goal, height, locked)
-                    found.append((min(swung.margin, _ROOM) / _ROOM + swung.sigma, swing, swung))
-                    if swung.margin >= _ROOM:
+                    found.append((_rating(swung), swing, swung))
+                    if found[-1][0] >= 1.0:
                         break
                 except Refused as error:
                     refusals.append(error.words)
             if not found:
                 raise Refused(f"no walk is found, step {step} of {steps}: {refusals[0]}")
-            _, swing, swung = max(found, key=lambda each: each[0])
+            _, swing, _ = max(found, key=lambda each: each[0])
+            swung = try_swing(geometry, job, swing, now.feet)
             swings.append(replace(swing, way=swung.way))
             waiting.remove(swing.lock_set.limb)
             now = swung.end
@@ -108,17 +112,22 @@ def _best(
         for lock_set in _sets(geometry, pose, now.feet, limb, locked, job.least_sigma):
             swing = Swing(pose, lock_set, goal)
             try:
-                swung = try_swing(geometry, job, swing, now.feet)
+                swung = try_swing(geometry, job, swing, now.feet, _COARSE)
             except Refused as error:
                 refusal = error
                 continue
-            if best is None or swung.margin > best[1].margin:
+            if best is None or _rating(swung) > _rating(best[1]):
                 best = swing, swung
-            if swung.margin >= _ROOM:
-                return swing, swung
+            if _rating(swung) >= 1.0:
+                return best
     if best is None:
         raise refusal
     return best
+
+
+def _rating(swung: Swung) -> float:
+    """How good a swing is; 1 is good enough."""
+    return min(swung.margin / _ROOM, swung.sigma / _STIFF)
 
 
 def _poses(
