@@ -45,7 +45,8 @@ class Parts:
             return part
         for other, threads in self.threads.items():
             for thread in threads:
-                if any(n.startswith(f"{part}.") for n in thread.device.measures):
+                signals = (*thread.device.measures, *thread.device.commands)
+                if any(signal.startswith(f"{part}.") for signal in signals):
                     return other
         raise KeyError(part)
 
