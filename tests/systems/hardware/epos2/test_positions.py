@@ -13,7 +13,7 @@ from parapod.systems.hardware.ds402 import Controlword, DriveState
 from parapod.systems.hardware.emulation.canopen_slave import SlaveLine
 from parapod.systems.hardware.emulation.harness import Misbehaviour
 from parapod.systems.hardware.epos2 import objects
-from parapod.systems.hardware.epos2.controller import set_up_of
+from parapod.systems.hardware.epos2.controller import Epos2Controller, set_up_of
 from parapod.systems.hardware.epos2.emulator import EmulatedMotor, Epos2Node, MeasuredMotor
 from parapod.systems.hardware.epos2.positions import wrapped
 from parapod.systems.hardware.epos2.settings import PositionScrewSettings
@@ -196,6 +196,25 @@ def test_nothing_jumps_when_the_drives_are_enabled(make_legs):
     assert all(x in ends for shown in legs.harness.past for x in shown)
 
 
+def test_an_axis_that_moves_while_its_drive_is_switched_on_is_enabled_where_it_is(
+    make_legs, monkeypatch
+):
+    legs = make_legs()
+    legs.harness.is_following = False
+    reach = Epos2Controller._wait_for
+
+    def sink(controller, state):
+        reach(controller, state)
+        if state is DriveState.SWITCHED_ON:
+            legs.harness.set("legs.position", [0.69] * AXES)
+            legs.rig.wait_alone(lambda: legs.nodes.nodes[0].measured.position == 0.69)
+
+    monkeypatch.setattr(Epos2Controller, "_wait_for", sink)
+    legs.activate()
+    legs.cycle(math.nan)
+    assert legs.settings(0) == pytest.approx([round((0.69 - START) / COUNT)], abs=1)
+
+
 def stop_by_brake(legs):
     legs.cycle(START + 0.05, brake=1.0)
 
@@ -224,6 +243,23 @@ def test_after_a_stop_an_axis_goes_on_from_where_it_is(legs, stop):
     for axis in range(AXES):
         assert legs.settings(axis) == pytest.approx([there, there + STEP], abs=3)
     legs.rig.wait_alone(lambda: legs.states == RUNNING)
+
+
+def test_nothing_moves_on_by_itself_after_an_emergency_stop(legs):
+    for _ in range(3):
+        legs.cycle(START + 0.05)
+    legs.harness.set("legs.emergency_stop", (1.0,))
+    legs.rig.wait(lambda: legs.drives.read()["emergency_stop"] == [1.0])
+    sent = legs.settings(0)
+    for is_pressed in (1.0, 0.0):
+        legs.harness.set("legs.emergency_stop", (is_pressed,))
+        for _ in range(5):
+            legs.cycle(START + 0.05)
+            assert legs.drives._word is Controlword.QUICK_STOP
+        legs.rig.wait(lambda p=is_pressed: legs.drives.read()["emergency_stop"] == [p])
+    assert legs.settings(0) == sent
+    legs.cycle(START + 0.05, brake=1.0)
+    legs.cycle_until(lambda: legs.states == RUNNING, START)
 
 
 def test_axes_are_not_let_go_before_they_stand(legs):

@@ -10,7 +10,7 @@ from parapod.systems.hardware.canopen import NOT_VALID, Entry
 from parapod.systems.hardware.device import DeviceError
 from parapod.systems.hardware.ds402 import DriveState
 from parapod.systems.hardware.epos2 import objects
-from parapod.systems.hardware.epos2.controller import reports, set_up_of
+from parapod.systems.hardware.epos2.controller import Epos2Controller, reports, set_up_of
 from parapod.systems.hardware.epos2.positions import Epos2Positions
 from parapod.systems.hardware.epos2.settings import PositionScrewSettings
 from parapod.systems.hardware.epos2.switches import (
@@ -286,6 +286,19 @@ def test_an_end_closes_what_it_can_when_a_node_is_silent(make_legs):
         legs.drives.deactivate()
     left = LOOSE[0][:4] + (1.0,) * 8, (1.0,) * 3
     legs.rig.wait_alone(lambda: wires(legs) == left)
+
+
+def test_an_end_closes_all_also_when_no_node_has_time_to_confirm_it(legs, monkeypatch):
+    switch(legs, LOOSE)
+
+    def disable(controller):
+        legs.tick(1.0)
+        raise DeviceError(controller.name, "keeps its power")
+
+    monkeypatch.setattr(Epos2Controller, "disable", disable)
+    with pytest.raises(DeviceError, match="node 1: keeps its power"):
+        legs.drives.deactivate()
+    legs.rig.wait_alone(lambda: wires(legs) == ALL_CLOSED)
 
 
 def test_an_end_makes_sure_that_all_is_closed(legs):
