@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class _Epos2(Epos2Settings, Driver):
-    """Axes on EPOS2 24/5 controllers: see `Epos2`."""
+    """Axes on EPOS2 24/5 controllers: see `Epos2Device`."""
 
     def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""

@@ -97,7 +97,7 @@ class Condition(NamedTuple):
 
 
 class Epos2Controller:
-    """A node, as `Epos2` uses it; all methods raise DeviceError and name the node."""
+    """A node, as `Epos2Device` uses it; all methods raise DeviceError and name the node."""
 
     def __init__(
         self,

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 
-from parapod.systems.hardware.canopen import HEARTBEAT_BASE, CanopenBus
+from parapod.systems.hardware.canopen import HEARTBEAT_BASE, CanopenBus, wrapped
 from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
 from parapod.systems.hardware.ds402 import Controlword
 from parapod.systems.hardware.epos2.controller import (
@@ -47,10 +47,11 @@ class Epos2Device(IncrementalDevice):
 
     What else is commanded, a mode of operation says: `Epos2` and `Epos2Positions`.
 
-    The brake is the drives' quick stop: they stop on a ramp of its own, hold the axes with power,
-    and ignore set values until `brake` falls, whatever goes wrong on
-    this side. The position goes on counting, so a release needs no homing. Without power, after
-    `deactivate` or a fault, nothing holds the axes but the friction of gear and screw.
+    The brake is the drives' quick stop: they stop on a ramp of its own, which is steeper than that
+    of a command, hold the axes with power, and ignore set values until `brake` falls, whatever
+    goes wrong on this side. The position goes on counting, so a release needs no homing. Without
+    power, after `deactivate` or a fault, nothing holds the axes but the friction of gear and
+    screw.
 
     **Switches.** Locks and clamps are closed by springs and opened by power. `configure` closes
     all, once no axis has power. From `activate` to `deactivate` each is as it is commanded, also
@@ -68,7 +69,8 @@ class Epos2Device(IncrementalDevice):
 
     **One for all.** Where axes share a load (`stops_together`), one that fails, loses its power
     or stops by itself has all others stop quickly at the reading that tells it, and stay so as
-    after an emergency stop. For a node that is silent see "Limits".
+    after an emergency stop. For a node that is silent see "Limits" of `Epos2` and "Silence" of
+    `Epos2Positions`.
 
     **Reference.** The controllers count from zero since their power-on. `position` is absolute
     when the settings say where the axes are at `configure`, or after `set_reference`. Where there
@@ -162,6 +164,7 @@ class Epos2Device(IncrementalDevice):
             for i, axis in zip(settings.node_ids, names, strict=True)
         ]
         self.remarks, self._is_pressed, self._is_stopped = (), False, False
+        self._switches.close_all()
         self._counts = [None] * len(settings.node_ids)
         self._offset, self._is_referenced = [0.0] * len(settings.node_ids), False
         try:
@@ -506,8 +509,7 @@ def unwrapped(counts: int, previous: int | None) -> int:
     """
     if previous is None:
         return counts
-    half = 1 << 31
-    return previous + (counts - previous + half) % (1 << 32) - half
+    return previous + wrapped(counts - previous)
 
 
 def _check(settings: Epos2Settings, timing: Timing) -> None:

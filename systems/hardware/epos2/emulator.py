@@ -12,7 +12,12 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from parapod.systems.core.elementwise import clamp
-from parapod.systems.hardware.canopen import HEARTBEAT_CONSUMED, HEARTBEAT_PRODUCED, Entry
+from parapod.systems.hardware.canopen import (
+    HEARTBEAT_CONSUMED,
+    HEARTBEAT_PRODUCED,
+    Entry,
+    wrapped,
+)
 from parapod.systems.hardware.device import need
 from parapod.systems.hardware.ds402 import STATUSWORDS, DriveState, is_energised, obeyed
 from parapod.systems.hardware.emulation.canopen_slave import (
@@ -224,7 +229,7 @@ class Epos2Node:
         if self._is_led:
             setting = self._slave.get(objects.POSITION_SETTING)
             return self._zero + motor.sign * self._way(
-                _wrapped(setting - motor.position_offset, 32)
+                wrapped(setting - motor.position_offset, 32)
             )
         return self._position + motor.sign * self._demand * _RPM / motor.gear * elapsed
 
@@ -280,11 +285,11 @@ class Epos2Node:
         if index == objects.POSITION.index:
             turns = (self.measured.position - self._zero) * motor.gear / (2.0 * math.pi)
             counts = round(motor.sign * 4 * motor.pulses * turns) + motor.position_offset
-            return _wrapped(counts, 32)
+            return wrapped(counts, 32)
         if index == objects.VELOCITY.index:
-            return _wrapped(round(self._rpm), 32)
+            return wrapped(round(self._rpm), 32)
         if index == objects.CURRENT.index:
-            return _wrapped(round(1e3 * motor.sign * self._current), 16)
+            return wrapped(round(1e3 * motor.sign * self._current), 16)
         return None
 
     def _on_write(self, index: int, data: bytes, **_: Any) -> None:
@@ -300,12 +305,6 @@ class Epos2Node:
         self.state = after
         if before is DriveState.FAULT and self.state is not before:
             self._slave.node.emcy.reset()
-
-
-def _wrapped(value: int, bits: int) -> int:
-    """A number as so many bits show it."""
-    half = 1 << bits - 1
-    return (value + half) % (1 << bits) - half
 
 
 def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from parapod.systems.core.elementwise import clamp
+from parapod.systems.hardware.canopen import wrapped
 from parapod.systems.hardware.ds402 import Controlword
 from parapod.systems.hardware.epos2.controller import STANDSTILL, Sample, Timing
 from parapod.systems.hardware.epos2.device import Epos2Device, unwrapped
@@ -116,9 +117,3 @@ class Epos2Positions(Epos2Device):
             way = sign * self._settings.counts(position - offset) - value
             moved.append(value + round(float(clamp(way, -step, step))))
         return moved
-
-
-def wrapped(counts: int) -> int:
-    """A position as a 32-bit counter shows it that has overflowed [counts]."""
-    half = 1 << 31
-    return (counts + half) % (1 << 32) - half

@@ -33,7 +33,7 @@ class Epos2Settings(Schema):
         counts_per_turn: encoder counts per turn of the motor, all four edges [-].
         max_velocity_rpm: largest velocity of a motor [rpm].
         heartbeat_timeout_ms: silence after which the controllers stop by themselves [ms]; see
-            `Epos2`, "Guard".
+            `Epos2Device`, "Guard".
         opening_pause_ms: pause after the port is opened [ms]; 2000 for SLCAN adapters that this
             resets.
         stop_node: address of the controller at whose digital input is a contact of the emergency

@@ -181,9 +181,11 @@ class SwitchBoard:
             if each.command not in commands:
                 continue
             for switch, wanted in zip(each.switches, commands[each.command], strict=True):
+                if not math.isfinite(wanted):
+                    continue
                 if wanted > 0.5:
                     self._open.discard(switch)
-                elif may_open and math.isfinite(wanted):
+                elif may_open:
                     self._open.add(switch)
 
     def outputs_on(self, node: int) -> set[int]:

@@ -1,4 +1,4 @@
-"""Legs of three limbs in position mode, with locks and clamps, and a clock that a test sets."""
+"""Legs of two limbs in position mode, with locks and clamps, and a clock that a test sets."""
 
 import math
 
@@ -10,9 +10,9 @@ from parapod.systems.hardware.epos2.emulator import EmulatedMotor
 from parapod.systems.hardware.epos2.settings import PositionScrewSettings
 from parapod.systems.hardware.epos2.switches import switches_of_limbs
 
-LIMBS = 3
+LIMBS = 2
 AXES = 2 * LIMBS
-SIGNS = (1, -1, 1, 1, -1, -1)
+SIGNS = (1, -1, -1, 1)
 GEAR = 2.0 * math.pi * 5.0 / 5e-3  # five turns of the motor for 5 mm
 PERIOD = 0.01
 
