@@ -262,6 +262,27 @@ def test_nothing_moves_on_by_itself_after_an_emergency_stop(legs):
     legs.cycle_until(lambda: legs.states == RUNNING, START)
 
 
+def test_legs_whose_supply_was_cut_begin_again_where_they_are(make_legs):
+    legs = make_legs(hold_up=0.0)
+    legs.activate()
+    for _ in range(3):
+        legs.cycle(START + 0.05)
+    legs.harness.set("legs.emergency_stop", (1.0,))
+    legs.rig.wait_for(DriveState.FAULT)
+    legs.rig.wait(lambda: legs.drives.read()["emergency_stop"] == [1.0])
+    legs.harness.is_following = False
+    legs.harness.set("legs.position", [0.69] * AXES)
+    legs.harness.set("legs.emergency_stop", (0.0,))
+    legs.drives.deactivate()
+    legs.rig.wait(lambda: legs.drives.read()["position"] == near(0.69))
+    legs.frames.clear()
+    legs.drives.activate()
+    legs.cycle(START + 0.05)
+    there = round((0.69 - START) / COUNT) + STEP
+    assert legs.settings(2) == pytest.approx([there], abs=3)
+    assert legs.states == RUNNING
+
+
 def test_axes_are_not_let_go_before_they_stand(legs):
     legs.harness.set("legs.velocity", [0.0] * 3 + [0.05])
     legs.rig.wait(lambda: legs.drives.read()["velocity"][3] > 0.04)
