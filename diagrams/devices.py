@@ -40,7 +40,11 @@ class Parts:
     told: set[str] = field(default_factory=set)
 
     def behind(self, part: str) -> str:
-        """Part whose devices stand behind the signals of a part that has none of its own."""
+        """Part whose devices stand behind a part's signals: itself, if it has any.
+
+        Raises:
+            KeyError: no device does.
+        """
         if part in self.threads:
             return part
         for other, threads in self.threads.items():
