@@ -39,6 +39,21 @@ class Parts:
     readers: dict[str, PartReader] = field(default_factory=dict)
     told: set[str] = field(default_factory=set)
 
+    def behind(self, part: str) -> str:
+        """Part whose devices stand behind a part's signals: itself, if it has any.
+
+        Raises:
+            KeyError: no device does.
+        """
+        if part in self.threads:
+            return part
+        for other, threads in self.threads.items():
+            for thread in threads:
+                signals = (*thread.device.measures, *thread.device.commands)
+                if any(signal.startswith(f"{part}.") for signal in signals):
+                    return other
+        raise KeyError(part)
+
     @property
     def all_threads(self) -> list[DeviceThread]:
         """Threads of all parts."""
@@ -158,7 +173,7 @@ def add_devices(builder: DiagramBuilder, machine: "Machine[Any]", scenario: Any)
     for name in ("age", "fault"):
         each = add(builder, Multiplexer(len(machine.parts)), f"status_{name}")
         for i, part in enumerate(machine.parts):
-            port = parts.readers[part].GetOutputPort(name)
+            port = parts.readers[parts.behind(part)].GetOutputPort(name)
             connect(builder, port, each.get_input_port(i))
         outputs[f"status.{name}"] = each.get_output_port(0)
     return Behind(inputs, outputs, parts.reset, parts.active, parts)
@@ -191,9 +206,9 @@ def make_parts(
             )
         ports = PartPorts(_signals(outputs, driver.part), _signals(inputs, driver.part))
         device = driver.make(ports)
-        for signal in device.commands:
-            if signal not in ports.commands:
-                text = f"{device.name} takes {driver.part}.{signal}, which is no port"
+        for name in _ports(driver.part, device.commands):
+            if name not in {spec.name for spec in inputs}:
+                text = f"{device.name} takes {name}, which is no port"
                 raise ScenarioError(f"hardware.drivers: {text}", "hardware.drivers")
         devices.append((driver.part, device))
     for specs, what in ((outputs, "measures"), (inputs, "commands")):
@@ -205,6 +220,14 @@ def make_parts(
     return Parts(threads)
 
 
+def _ports(part: str, signals: Mapping[str, int]) -> dict[str, int]:
+    """Sizes of a device's signals by the names of their ports.
+
+    Those of other parts than its own it calls by these names itself.
+    """
+    return {name if "." in name else f"{part}.{name}": size for name, size in signals.items()}
+
+
 def _signals(specs: "Sequence[Port]", part: str) -> dict[str, int]:
     """Names, within their part, and sizes of the ports of one part."""
     names = ((spec.name.partition("."), spec.size) for spec in specs)
@@ -213,21 +236,24 @@ def _signals(specs: "Sequence[Port]", part: str) -> dict[str, int]:
 
 def _check(spec: "Port", devices: Sequence[tuple[str, Device]], what: str) -> None:
     """Refuses a port that no device, or more than one, stands behind."""
-    part, _, signal = spec.name.partition(".")
-    here = [device for name, device in devices if name == part]
-    found = [device for device in here if signal in getattr(device, what)]
+    owner = spec.name.partition(".")[0]
+    sizes = [(part, device, _ports(part, getattr(device, what))) for part, device in devices]
+    found = [
+        (part, device, ports[spec.name]) for part, device, ports in sizes if spec.name in ports
+    ]
     key = "hardware.drivers"
     verb = "measured" if what == "measures" else "driven"
     if not found and (what == "commands" or spec.default is None):
-        among = ", ".join(device.name for device in here) or "none"
+        among = ", ".join(device.name for part, device in devices if part == owner) or "none"
         raise ScenarioError(
-            f"{key}: {spec.name} is {verb} by no driver (those with part: {part}: {among})", key
+            f"{key}: {spec.name} is {verb} by no driver (those with part: {owner}: {among})", key
         )
-    if what == "measures" and len(found) > 1:
-        names = " and ".join(device.name for device in found)
-        raise ScenarioError(f"{key}: {spec.name} is measured by {names}; it must be one", key)
-    for device in found:
-        size = getattr(device, what)[signal]
+    # Commands are handed to the devices of one part at a time.
+    if len({part for part, _, _ in found} if what == "commands" else found) > 1:
+        names = " and ".join(device.name for _, device, _ in found)
+        one = "one" if what == "measures" else "of one part"
+        raise ScenarioError(f"{key}: {spec.name} is {verb} by {names}; it must be {one}", key)
+    for _, device, size in found:
         if size != spec.size:
             raise ScenarioError(
                 f"{key}: {device.name} has {size} elements of {spec.name}, the port {spec.size}",
@@ -241,15 +267,22 @@ def _add_parts(
     """Adds a reader and, where there are commands, a writer for each part."""
     inputs: dict[str, InputPort] = {}
     outputs: dict[str, OutputPort] = {}
+    shown = {spec.name for spec in machine.measured}
     for part, threads in parts.threads.items():
         reader = add(builder, PartReader(part, threads, period))
         parts.readers[part] = reader
-        for signal in _signals(machine.measured, part):
-            if reader.HasOutputPort(signal):
-                outputs[f"{part}.{signal}"] = reader.GetOutputPort(signal)
-        if commanded := _signals(machine.inputs, part):
+        for signal, name in _named(part, threads, "measures"):
+            if name in shown:
+                outputs[name] = reader.GetOutputPort(signal)
+        if commanded := _named(part, threads, "commands"):
             writer = add(builder, PartWriter(part, threads, period))
             connect(builder, reader.GetOutputPort("stamp"), writer.GetInputPort("stamp"))
-            for signal in commanded:
-                inputs[f"{part}.{signal}"] = writer.GetInputPort(signal)
+            for signal, name in commanded:
+                inputs[name] = writer.GetInputPort(signal)
     return inputs, outputs
+
+
+def _named(part: str, threads: Sequence[DeviceThread], what: str) -> list[tuple[str, str]]:
+    """Signals of a part's devices, each with the name of its port."""
+    signals = {s: size for thread in threads for s, size in getattr(thread.device, what).items()}
+    return list(zip(signals, _ports(part, signals), strict=True))

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts
+from parapod.diagrams.drivers.epos2 import Epos2PositionScrews
 from parapod.diagrams.drivers.external import load_drivers
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.walking_chair.drivers import Epos2Legs
@@ -23,6 +24,7 @@ from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.hardware.device import DeviceError
 from parapod.systems.hardware.epos2 import objects
 from parapod.systems.hardware.epos2.controller import Timing, reports
+from parapod.systems.hardware.epos2.switches import switches_of_limbs
 from parapod.systems.levelling_platform.fault_detection import as_markdown
 from parapod.systems.levelling_platform.supervisor import as_mermaid
 
@@ -154,6 +156,38 @@ def test_the_load_of_the_chairs_bus_is_what_its_driver_makes_of_it():
     # One of the frames has the digital inputs as well.
     reading = frame_bits(0) + 23 * frame_bits(6) + frame_bits(8)
     assert f"of which the readings are {1e-3 * reading:.1f} ms" in text
+
+
+def test_the_load_of_eight_legs_with_switches_is_what_the_documents_say():
+    settings = Epos2PositionScrews(node_ids=[*range(1, 9)], **switches_of_limbs(4)._asdict())
+    commands = (objects.POSITION_MODE.target, objects.OUTPUTS)
+    each = [pdo for i in settings.node_ids for pdo in (*reports(settings, i), *commands)]
+    assert len(each) == 8 * 4
+    cycle = frame_bits(0) + sum(frame_bits(pdo.size) for pdo in each)
+    share = (cycle / 0.01 + frame_bits(1) / Timing().heartbeat_period) / settings.bitrate
+    text = " ".join(_HARDWARE.read_text().split())
+    assert f"{1e-3 * cycle:.1f} ms at 1 Mbit/s, a load of {100.0 * share:.0f} % at 100" in text
+
+
+def test_the_screws_with_locks_and_clamps_are_those_of_three_limbs(tmp_path):
+    (example,) = re.findall(
+        r"```yaml\n(hardware:\n.*?!Epos2PositionScrews\n.*?)```", _HARDWARE.read_text(), re.DOTALL
+    )
+    example = example[example.rindex("hardware:") :]
+    file = tmp_path / "lab.yaml"
+    file.write_text(example)
+    (driver,) = load_scenario(LevellingScenario, file).hardware.drivers
+    given = switches_of_limbs(3)._asdict()
+    assert {name: getattr(driver, name) for name in given} == given
+    device = driver.make(PartPorts({"emergency_stop": 1}, {}))
+    assert device.measures["locks.closed"] == 12
+
+
+def test_every_setting_of_position_controlled_screws_is_told_of():
+    text = _HARDWARE.read_text()
+    for field in fields(Epos2PositionScrews):
+        name = field.name
+        assert f"`{name}`" in text or re.search(rf"^ +{name}: ", text, re.MULTILINE), name
 
 
 def test_what_the_limits_allow_is_what_the_documents_say():

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 class PartPorts:
     """The signals of one part of a station, with their sizes.
 
+    A device may have signals of other parts besides, by the whole names of their ports, such as
+    "locks.closed" of a device of the legs.
+
     Attributes:
         measures: signals that the station shows.
         commands: signals that the station takes.
@@ -54,7 +57,8 @@ class Driver(Variant):
         """The device, not configured yet.
 
         Args:
-            ports: ports of the part; the device may stand behind all of them or some.
+            ports: ports of the part; the device may stand behind all of them or some, and behind
+                those of other parts.
         """
         raise NotImplementedError(f"{type(self).__name__} does not define make")
 

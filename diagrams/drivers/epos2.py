@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
 from parapod.systems.hardware.addresses import resolved
-from parapod.systems.hardware.epos2.settings import Epos2Settings, GearSettings, ScrewSettings
+from parapod.systems.hardware.epos2.settings import (
+    Epos2Settings,
+    GearSettings,
+    PositionScrewSettings,
+    ScrewSettings,
+    StrokeSettings,
+)
 
 if TYPE_CHECKING:
     from parapod.systems.hardware.device import Device
@@ -19,14 +25,15 @@ if TYPE_CHECKING:
 
 @dataclass
 class _Epos2(Epos2Settings, Driver):
-    """Axes on EPOS2 24/5 controllers: see `Epos2`."""
+    """Axes on EPOS2 24/5 controllers: see `Epos2Device`."""
 
     def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
         from parapod.systems.hardware.epos2.drives import Epos2
+        from parapod.systems.hardware.epos2.positions import Epos2Positions
 
         with named(self):
-            device = Epos2(self)
+            device = Epos2Positions(self) if self.is_position_controlled else Epos2(self)
             if "emergency_stop" in device.measures and "emergency_stop" not in ports.measures:
                 raise ValueError(f"with stop_node there must be a port {self.part}.emergency_stop")
             return device
@@ -49,6 +56,7 @@ class _Epos2(Epos2Settings, Driver):
             signs=self.directions,
             measures_current=self.measures_current,
             stop_contact=None if self.stop_node is None else (self.stop_node, self.stop_input),
+            switches=self.switches,
         )
 
 
@@ -58,11 +66,8 @@ class Epos2Axes(GearSettings, _Epos2):
 
 
 @dataclass
-class Epos2Screws(ScrewSettings, _Epos2):
-    """Screws on EPOS2 24/5 controllers, with a file that remembers where they stand.
-
-    See `Epos2`, `PositionMemory` and `SoftLimits`.
-    """
+class _Epos2Screws(StrokeSettings, _Epos2):
+    """Screws on EPOS2 24/5 controllers, with a file that remembers where they stand."""
 
     def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
@@ -83,3 +88,19 @@ class Epos2Screws(ScrewSettings, _Epos2):
             memory = PositionMemory(Path(kept), len(self.node_ids))
             memory.save(harness.get(f"{self.part}.position"))
         return emulator
+
+
+@dataclass
+class Epos2Screws(ScrewSettings, _Epos2Screws):
+    """Screws on EPOS2 24/5 controllers, with a file that remembers where they stand.
+
+    See `Epos2`, `PositionMemory` and `SoftLimits`.
+    """
+
+
+@dataclass
+class Epos2PositionScrews(PositionScrewSettings, _Epos2Screws):
+    """Screws whose positions are commanded, and locks and clamps at the same controllers.
+
+    See `Epos2Positions` and `PositionMemory`; for a machine of limbs `switches_of_limbs`.
+    """

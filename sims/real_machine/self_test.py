@@ -91,11 +91,8 @@ def check_part(
     if checked is not None and not may_move():
         return []
     metrics: list[Metric] = []
-    units = {
-        name.removeprefix(f"{part}."): spec.unit
-        for name, spec in machine.table.items()
-        if name.startswith(f"{part}.")
-    }
+    # A device calls the signals of other parts by their whole names.
+    units = {name.removeprefix(f"{part}."): spec.unit for name, spec in machine.table.items()}
 
     def say_news() -> None:
         for text in parts.news():

@@ -64,6 +64,12 @@ HEARTBEAT_CONSUMED = Entry(0x1016, 1, "<I")  # node id << 16 | timeout [ms]
 HEARTBEAT_PRODUCED = Entry(0x1017, 0, "<H")  # [ms]; 0: none
 
 
+def wrapped(value: int, bits: int = 32) -> int:
+    """A number as a signed one of so many bits shows it that has overflowed."""
+    half = 1 << bits - 1
+    return (value + half) % (1 << bits) - half
+
+
 class Pdo(NamedTuple):
     """A process data object.
 

@@ -1,8 +1,25 @@
-"""Ends between which velocity-controlled axes are kept, whatever they are commanded."""
+"""Ends between which axes are kept, whatever they are commanded."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+
+def check_order(lower: Sequence[float], upper: Sequence[float]) -> None:
+    """Refuses limits that are none.
+
+    Args:
+        lower: (n) smallest positions [m or rad].
+        upper: (n) largest positions [m or rad].
+
+    Raises:
+        ValueError: not as many of both, or an axis has none between them.
+    """
+    if len(lower) != len(upper):
+        raise ValueError(f"{len(lower)} lower limits and {len(upper)} upper ones")
+    for i, (low, high) in enumerate(zip(lower, upper, strict=True), start=1):
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise ValueError(f"limits of axis {i} must be finite and in order: {low}, {high}")
 
 
 @dataclass(frozen=True)
@@ -27,11 +44,7 @@ class SoftLimits:
     deceleration: float
 
     def __post_init__(self) -> None:
-        if len(self.lower) != len(self.upper):
-            raise ValueError(f"{len(self.lower)} lower limits and {len(self.upper)} upper ones")
-        for i, (low, high) in enumerate(zip(self.lower, self.upper, strict=True), start=1):
-            if not (math.isfinite(low) and math.isfinite(high) and low < high):
-                raise ValueError(f"limits of axis {i} must be finite and in order: {low}, {high}")
+        check_order(self.lower, self.upper)
         for name in ("lead", "deceleration"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be above 0 and finite, not {getattr(self, name)}")

@@ -48,11 +48,13 @@ class Row:
         library: that its device needs where it is real.
         settings: of the driver.
         real: settings with which there is no emulator, and no device.
-        measures: signals of the part that the machine shows, and their sizes.
-        commands: signals of the part that the machine takes, and their sizes.
+        measures: signals that the machine shows, and their sizes; a name with a dot is that of a
+            port of another part.
+        commands: signals that the machine takes, and their sizes.
         truth: a signal that it measures, its value, and how exactly it is shown.
         order: a command that moves something.
         rest: what is on the wires to the machine while nothing may move.
+        is_held: whether neutral is to stay as it has been commanded, and not zero.
         faults: by misbehaviour, faults that `read` may have.
         timeout: longest time of one call [s].
         is_opened_again: whether it must be configured again after it was unplugged.
@@ -67,6 +69,7 @@ class Row:
     truth: tuple = ()
     order: dict = field(default_factory=dict)
     rest: dict = field(default_factory=dict)
+    is_held: bool = False
     faults: dict = field(default_factory=dict)
     timeout: float = 1.0
     is_opened_again: bool = False
@@ -114,6 +117,13 @@ TWO_SCREWS = {
     "position_max_mm": [800.0] * 2,
 }
 TWO_JOINTS = {"part": "joints", "node_ids": [3, 7], "gear": 100.0}
+TWO_LOCKS = {
+    "lock_nodes": [1, 2],
+    "lock_outputs": [1, 4],
+    "lock_inputs": [1, 6],
+    # Nothing follows here.
+    "following_error_mm": 1000.0,
+}
 IMU = {"gyro": 3, "accel": 3, "mag": 3}
 TURNING = ("gyro", (0.1, -0.2, 0.3), 1e-3)
 ROWS = {
@@ -137,6 +147,22 @@ ROWS = {
     ),
     "Epos2Wheels": Row(**axes(4, settings=PATIENT)),
     "Epos2Screws": Row(**axes(2, settings=PATIENT | TWO_SCREWS, memory="positions.json")),
+    "Epos2PositionScrews": Row(
+        **axes(
+            2,
+            settings=PATIENT | TWO_SCREWS | TWO_LOCKS,
+            memory="positions.json",
+            measures=dict.fromkeys(("position", "velocity", "current", "locks.closed"), 2),
+            commands={"position_command": 2, "brake": 1, "locks.command": 2},
+            order={
+                "position_command": (0.72, 0.68),
+                "brake": (0.0,),
+                "locks.command": (0.0, 0.0),
+            },
+            rest={"brake": (1.0,), "locks.command": (1.0, 1.0)},
+            is_held=True,
+        )
+    ),
     "Epos2Legs": Row(
         **axes(
             12,
@@ -194,6 +220,16 @@ def until(condition, timeout=PATIENCE):
         asked, slept = asked + 1e-3, slept + time.monotonic() - began
 
 
+def port(part, signal):
+    """Name of the port of a device's signal."""
+    return signal if "." in signal else f"{part}.{signal}"
+
+
+def wires(row, part):
+    """Sizes of the wires of a row by their names."""
+    return {port(part, s): size for s, size in {**row.measures, **row.commands}.items()}
+
+
 class Rig:
     """A driver, its emulator and the wires behind it."""
 
@@ -201,9 +237,8 @@ class Rig:
         self.row = row = ROWS[name]
         self.driver = DRIVERS[name](**row.settings | settings)
         self.ports = PartPorts(row.measures, row.commands)
-        sizes = {**row.measures, **row.commands}
         self.misbehaviour = Misbehaviour()
-        self.harness = Harness({f"{self.driver.part}.{s}": n for s, n in sizes.items()})
+        self.harness = Harness(wires(row, self.driver.part))
         if row.memory:
             self.set(*row.truth[:2])
 
@@ -212,10 +247,10 @@ class Rig:
         return type(self.driver)(**values).make(self.ports)
 
     def set(self, signal, values):
-        self.harness.set(f"{self.driver.part}.{signal}", values)
+        self.harness.set(port(self.driver.part, signal), values)
 
     def wire(self, signal):
-        return self.harness.get(f"{self.driver.part}.{signal}")
+        return self.harness.get(port(self.driver.part, signal))
 
     def begin(self, kind):
         self.misbehaviour.begin(kind, time.monotonic())
@@ -348,8 +383,7 @@ def test_part_names_the_wires_of_the_emulator(place, name):
     row = ROWS[name]
     settings = row.settings | ({"uri": "ip:127.0.0.1:1"} if "Iio" in name else {})
     driver = DRIVERS[name](**settings | {"part": "elsewhere"})
-    sizes = {**row.measures, **row.commands}
-    driver.emulate(Harness({f"elsewhere.{s}": n for s, n in sizes.items()}), Misbehaviour())
+    driver.emulate(Harness(wires(row, "elsewhere")), Misbehaviour())
 
 
 # Nothing is loaded or opened before it is needed
@@ -369,7 +403,7 @@ def test_scenario_loads_settings_and_neither_devices_nor_emulators_nor_libraries
         "\n"
     )[:2]
     modules = {name.removeprefix("parapod.systems.hardware.") for name in ours.split()}
-    allowed = {"addresses", "soft_limits"}  # of settings
+    allowed = {"addresses", "soft_limits", "epos2.switches"}  # of settings
     packages = {name.partition(".")[0] for name in modules if name.endswith(".settings")}
     assert len(packages) == 4
     assert {m for m in modules if not m.endswith(".settings")} <= allowed | packages
@@ -448,6 +482,15 @@ def test_number_outside_its_range_is_refused_with_its_key(name):
         ("Epos2Screws", {"position_at_start_mm": [700.0]}, "must be 2 values, not"),
         ("Epos2Screws", {"position_max_mm": [800.0]}, "2 lower limits and 1 upper"),
         ("Epos2Legs", {"position_file": ""}, "it needs a position_file"),
+        ("Epos2PositionScrews", {"position_min_mm": [900.0] * 2}, "limits of axis 1 must be fini"),
+        ("Epos2PositionScrews", {"position_max_mm": [800.0]}, "2 lower limits and 1 upper"),
+        ("Epos2PositionScrews", {"position_file": ""}, "it needs a position_file"),
+        (
+            "Epos2PositionScrews",
+            {"lock_inputs": [1]},
+            "must be of the same length, not 2, 2 and 1",
+        ),
+        ("Epos2PositionScrews", {"lock_nodes": [1, 3]}, "lock_nodes must be of the node_ids, no"),
         ("Adis16448SpiImu", {"address": "spidev"}, "address must be as"),
         ("Adis16448IioImu", {"uri": "localhost"}, "uri must be as"),
     ],
@@ -545,9 +588,11 @@ def test_nothing_moves_before_the_device_is_active(rig, device):
 def test_command_that_is_not_finite_is_neutral(rig, device, bad):
     activated(device)
     rig.moves(device)
-    (signal,) = (name for name in rig.row.order if name not in ("stop", "brake"))
-    others = rig.row.order[signal][1:]
-    near = pytest.approx([0.0, *others], abs=0.1 if signal == "voltage" else 2e-3)
+    kept = ("stop", "brake")
+    (signal,) = (name for name in rig.row.order if name not in kept and "." not in name)
+    first, *others = rig.row.order[signal]
+    neutral = first if rig.row.is_held else 0.0
+    near = pytest.approx([neutral, *others], abs=0.1 if signal == "voltage" else 2e-3)
 
     def arrived():
         device.read()
@@ -587,8 +632,14 @@ def test_neutral_stops_what_moves(rig, device):
     activated(device)
     rig.moves(device)
     device.neutral()
-    signal = next(iter(rig.row.rest))
-    until(lambda: rig.wire(signal) == rig.row.rest[signal])
+    signal, stands = next(iter(rig.row.rest.items()))
+    if rig.row.is_held:
+        signal = next(iter(rig.row.order))
+        time.sleep(0.05)  # until what has been sent has arrived
+        device.neutral()
+        stands = rig.wire(signal)
+        time.sleep(0.05)
+    until(lambda: rig.wire(signal) == stands)
 
 
 @each(DRIVING)

@@ -152,7 +152,8 @@ def test_self_tests_move_parts_that_the_machine_has(machine):
 def test_its_default_drivers_make_the_machine(machine):
     drivers = machine.scenario().hardware.drivers
     parts = make_parts(drivers, machine.inputs, machine.measured, 0.01)
-    assert set(parts.threads) == {port.part for port in (*machine.inputs, *machine.measured)}
+    all_parts = {port.part for port in (*machine.inputs, *machine.measured)}
+    assert {parts.behind(part) for part in all_parts} == set(parts.threads)
 
 
 @each_machine
@@ -262,7 +263,8 @@ def test_importing_a_machine_loads_no_other_and_no_device_library(machine):
     settings = {name for name in devices if name.endswith(".settings")}
     assert settings
     packages = {name.rpartition(".")[0] for name in settings}
-    beside = {f"parapod.systems.hardware.{name}" for name in ("addresses", "soft_limits")}
+    of_settings = ("addresses", "soft_limits", "epos2.switches")
+    beside = {f"parapod.systems.hardware.{name}" for name in of_settings}
     assert devices <= settings | packages | beside
 
 

@@ -3,7 +3,7 @@
 import math
 import struct
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -97,7 +97,7 @@ class Condition(NamedTuple):
 
 
 class Epos2Controller:
-    """A node, as `Epos2` uses it; all methods raise DeviceError and name the node."""
+    """A node, as `Epos2Device` uses it; all methods raise DeviceError and name the node."""
 
     def __init__(
         self,
@@ -122,6 +122,10 @@ class Epos2Controller:
         """
         self._bus, self._id, self._settings, self._timing = bus, node_id, settings, timing
         self._beat, self._clock, self._reports = beat, clock, reports(settings, node_id)
+        self._mode = mode_of(settings)
+        self._outputs = settings.outputs_of(node_id)
+        # Bits of its digital outputs that are not ours to switch; None: nothing is known of them.
+        self._other_outputs: int | None = None
         self.name = f"node {node_id}" + (f" ({axis})" if axis else "")
         # What its newest fault is; None while it has none, or nothing is known about it.
         self._code: int | None = None
@@ -176,27 +180,57 @@ class Epos2Controller:
         self._bus.manage(self._id, NMT_PRE_OPERATIONAL)
         for entry, value in set_up_of(self._settings, self._id):
             self._set(entry, value)
-        if self._id == self._settings.stop_node:
-            self._show_stop()
+        self._show_inputs()
         self._bus.manage(self._id, NMT_START)
         return remarks
 
-    def _show_stop(self) -> None:
-        """Has the emergency stop's digital input show whether there is voltage on it.
+    def _show_inputs(self) -> None:
+        """Has the digital inputs that are measured show whether there is voltage on them.
 
         What the node does with its other inputs stays as it is.
         """
-        number = self._settings.stop_input
-        function, wanted = objects.INPUT_FUNCTION[number - 1], objects.general_purpose(number)
-        if self._get(function) == objects.QUICK_STOP_FUNCTION:
-            raise self._error(
-                f"has its quick stop at digital input {number}; give another stop_input"
-            )
-        self._set(function, wanted)
-        bit = 1 << wanted
-        self._set(objects.INPUT_MASK, self._get(objects.INPUT_MASK) | bit)
-        for entry in (objects.INPUT_POLARITY, objects.INPUT_EXECUTION):
-            self._set(entry, self._get(entry) & ~bit)
+        for number, key in self._settings.inputs_of(self._id).items():
+            function, wanted = objects.INPUT_FUNCTION[number - 1], objects.general_purpose(number)
+            if self._get(function) == objects.QUICK_STOP_FUNCTION:
+                raise self._error(
+                    f"has its quick stop at digital input {number}; give another {key}"
+                )
+            self._set(function, wanted)
+            bit = 1 << wanted
+            self._set(objects.INPUT_MASK, self._get(objects.INPUT_MASK) | bit)
+            for entry in (objects.INPUT_POLARITY, objects.INPUT_EXECUTION):
+                self._set(entry, self._get(entry) & ~bit)
+
+    def set_up_outputs(self) -> None:
+        """Switches its digital outputs off that are ours, and makes them obey.
+
+        What the node does with its other outputs stays as it is.
+        """
+        for number in self._outputs:
+            function, wanted = objects.OUTPUT_FUNCTION[number - 1], objects.general_purpose(number)
+            bit = 1 << wanted
+            self._set(objects.OUTPUT_POLARITY, self._get(objects.OUTPUT_POLARITY) & ~bit)
+            self._set(objects.OUTPUT_MASK, self._get(objects.OUTPUT_MASK) | bit)
+            others = self._get(objects.OUTPUT_STATE) & ~_bits(self._outputs)
+            self._other_outputs = others
+            self._set(objects.OUTPUT_STATE, others)
+            # Only now: it shows nothing but the state from the beginning.
+            self._set(function, wanted)
+
+    def switch(self, on: Collection[int]) -> None:
+        """Switches its digital outputs on, and all others of ours off; nothing confirms it.
+
+        Args:
+            on: numbers of the outputs.
+        """
+        if self._outputs and self._other_outputs is not None:
+            pdo, state = objects.OUTPUTS, self._other_outputs | _bits(on)
+            self._bus.send(pdo.base + self._id, pdo.pack(state))
+
+    def switch_off(self) -> None:
+        """Switches all of its digital outputs off that are ours, and makes sure of it."""
+        if self._outputs and self._other_outputs is not None:
+            self._set(objects.OUTPUT_STATE, self._other_outputs)
 
     def _past(self, state: DriveState | None) -> list[str]:
         """Remarks about the errors in the node's history, those since it was switched on."""
@@ -231,25 +265,55 @@ class Epos2Controller:
         # Nodes may leave the operational state when they miss heartbeats (CiA 301, 0x1029).
         self._bus.manage(self._id, NMT_START)
 
-    def enable(self) -> None:
-        """Leads the drive to operation enabled at zero velocity, step by step."""
-        self._set(objects.TARGET_VELOCITY, 0)
+    def enable(self) -> int:
+        """Leads the drive to operation enabled at rest, step by step.
+
+        Returns:
+            Set value with which it stays where it is: zero velocity, or its position [counts].
+        """
+        setting = self._rest()
         state = self._state()
         try:
             steps = steps_to_operation(state or DriveState.NOT_READY_TO_SWITCH_ON)
         except ValueError as error:
             raise self._error(str(error)) from error
         for word, reached in steps:
+            if word is Controlword.ENABLE_OPERATION:
+                setting = self._rest()  # measuring its offsets may have taken long
             self._set(objects.CONTROLWORD, word)
             self._wait_for(reached)
+        return setting
 
-    def command(self, word: Controlword, rpm: int) -> None:
-        """Sends a controlword and a velocity of the motor [rpm]; nothing confirms them."""
-        self._bus.send(objects.COMMAND.base + self._id, objects.COMMAND.pack(word, rpm))
+    def _rest(self) -> int:
+        """Gives the drive the set value with which it stays where it is."""
+        is_position = self._settings.is_position_controlled
+        setting = self._get(objects.POSITION) if is_position else 0
+        self._set(self._mode.setting, setting)
+        return setting
 
-    def steer(self, rpm: int) -> None:
-        """Sends a velocity of the motor [rpm], which a drive that does not run ignores."""
-        self._bus.send(objects.TARGET.base + self._id, objects.TARGET.pack(rpm))
+    def command(self, word: Controlword, setting: int) -> None:
+        """Sends a controlword and a set value; nothing confirms them.
+
+        Args:
+            word: controlword.
+            setting: velocity [rpm] or position [counts] of the motor; a position counts only
+                with a controlword that lets the drive run, before which it arrives.
+        """
+        pdo = self._mode.command
+        if self._settings.is_position_controlled:
+            if word is Controlword.ENABLE_OPERATION:
+                self.steer(setting)
+            self._bus.send(pdo.base + self._id, pdo.pack(word))
+        else:
+            self._bus.send(pdo.base + self._id, pdo.pack(word, setting))
+
+    def steer(self, setting: int) -> None:
+        """Sends a set value, which a drive that does not run ignores.
+
+        Args:
+            setting: velocity [rpm] or position [counts] of the motor.
+        """
+        self._bus.send(self._mode.target.base + self._id, self._mode.target.pack(setting))
 
     def disable(self) -> None:
         """Takes the power, makes sure that it is gone, and lets this computer fall silent.
@@ -297,11 +361,15 @@ class Epos2Controller:
             by_entry.get(objects.INPUT_STATE),
         )
 
+    def inputs(self, sample: Sample) -> list[bool]:
+        """Whether there is voltage at the inputs 1, 2, ...; false at those that are not shown."""
+        shown = sample.inputs or 0
+        numbers = range(1, objects.INPUT_COUNT + 1)
+        return [bool(shown >> objects.general_purpose(number) & 1) for number in numbers]
+
     def is_stop_pressed(self, sample: Sample) -> bool:
         """Whether the contact of the emergency stop at this node is open."""
-        if sample.inputs is None:
-            return False
-        return not sample.inputs >> objects.general_purpose(self._settings.stop_input) & 1
+        return not self.inputs(sample)[self._settings.stop_input - 1]
 
     def check(self, sample: Sample, wanted: Condition) -> None:
         """Refuses what a drive measures that does not do what it should.
@@ -383,13 +451,16 @@ class Epos2Controller:
 
 def set_up_of(settings: Epos2Settings, node_id: int) -> Iterator[tuple[Entry, int]]:
     """Entries that a controller must be told before it may be enabled, in order."""
-    stop = settings.quick_stop_deceleration
-    yield objects.MODE, objects.PROFILE_VELOCITY
-    yield objects.PROFILE_TYPE, 0
-    yield objects.TARGET_VELOCITY, 0
+    stop, mode = settings.quick_stop_deceleration, mode_of(settings)
+    yield objects.MODE, mode.number
     yield objects.MAX_VELOCITY, settings.rpm(settings.max_velocity)
-    yield objects.ACCELERATION, settings.rpm_per_second(settings.acceleration)
-    yield objects.DECELERATION, settings.rpm_per_second(settings.acceleration)
+    if mode is objects.PROFILE_VELOCITY:
+        yield objects.PROFILE_TYPE, 0
+        yield objects.TARGET_VELOCITY, 0
+        yield objects.ACCELERATION, settings.rpm_per_second(settings.acceleration)
+        yield objects.DECELERATION, settings.rpm_per_second(settings.acceleration)
+    if settings.following_error is not None:
+        yield objects.MAX_FOLLOWING_ERROR, round(settings.counts(settings.following_error))
     yield (
         objects.QUICK_STOP_DECELERATION,
         settings.rpm_per_second(stop),
@@ -398,10 +469,24 @@ def set_up_of(settings: Epos2Settings, node_id: int) -> Iterator[tuple[Entry, in
         yield objects.OUTPUT_CURRENT_LIMIT, round(1e3 * settings.current_limit)
     yield objects.ABORT_CONNECTION, objects.ABORT_BY_QUICK_STOP
     yield HEARTBEAT_PRODUCED, 0
-    for index in objects.UNUSED:
-        yield Entry(index, 1, "<I"), _unused_id(index, node_id) | NOT_VALID
-    for pdo in (objects.COMMAND, objects.TARGET, *reports(settings, node_id)):
+    outputs = (objects.OUTPUTS,) if settings.outputs_of(node_id) else ()
+    used = (mode.command, mode.target, *outputs, *reports(settings, node_id))
+    for index in objects.COMMUNICATION:
+        if index not in {pdo.communication for pdo in used}:
+            yield Entry(index, 1, "<I"), _unused_id(index, node_id) | NOT_VALID
+    for pdo in used:
         yield from _mapping(pdo, node_id)
+
+
+def mode_of(settings: Epos2Settings) -> objects.Mode:
+    """Mode of operation of the drives."""
+    is_position = settings.is_position_controlled
+    return objects.POSITION_MODE if is_position else objects.PROFILE_VELOCITY
+
+
+def _bits(numbers: Collection[int]) -> int:
+    """Bits of the functionalities of digital outputs."""
+    return sum(1 << objects.general_purpose(number) for number in numbers)
 
 
 def _unused_id(index: int, node_id: int) -> int:
@@ -424,8 +509,7 @@ def _mapping(pdo: Pdo, node_id: int) -> Iterator[tuple[Entry, int]]:
 
 def reports(settings: Epos2Settings, node_id: int) -> tuple[Pdo, Pdo]:
     """Process data with which a node answers SYNC."""
-    has_stop = node_id == settings.stop_node
-    status = objects.STATUS_AND_INPUTS if has_stop else objects.STATUS
+    status = objects.STATUS_AND_INPUTS if settings.inputs_of(node_id) else objects.STATUS
     motion = objects.MOTION_AND_CURRENT if settings.measures_current else objects.MOTION
     return status, motion
 

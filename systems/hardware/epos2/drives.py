@@ -1,87 +1,29 @@
 """Velocity-controlled axes: Maxon motors on EPOS2 24/5 controllers on a CANopen bus."""
 
-import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Sequence
 
-from parapod.systems.hardware.canopen import (
-    HEARTBEAT_BASE,
-    CanopenBus,
-)
-from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
-from parapod.systems.hardware.ds402 import (
-    Controlword,
-)
-from parapod.systems.hardware.epos2.controller import (
-    MASTER_ID,
-    POLL,
-    STANDSTILL,
-    Condition,
-    Epos2Controller,
-    Sample,
-    Timing,
-    stopping_time,
-)
+from parapod.systems.hardware.ds402 import Controlword
+from parapod.systems.hardware.epos2.controller import Timing
+from parapod.systems.hardware.epos2.device import Epos2Device
 from parapod.systems.hardware.epos2.settings import Epos2Settings
-from parapod.systems.hardware.position_memory import IncrementalDevice
-
-# How long a drive may take to leave a quick stop that was ours [s].
-_OBEYING = 0.05
-# So many times a node may be silent while axes stop, before that is an error.
-_SILENCES = 2
-# How long nodes are asked whether their power is gone, once one of them was silent [s].
-_CONFIRMING = 0.3
 
 
-class Epos2(IncrementalDevice):
-    """Velocity-controlled axes, one controller (node) each, in profile velocity mode.
+class Epos2(Epos2Device):
+    """Velocity-controlled axes in profile velocity mode; see also `Epos2Device`.
 
     | signal | size | unit | meaning |
     |---|---|---|---|
-    | measure `position` | n | rad or m | of the axes, as the controllers count since power-on |
-    | measure `velocity` | n | rad/s or m/s | of the axes |
-    | measure `current` | n | A | of the motors, positive where they push; if it is asked for |
-    | measure `emergency_stop` | 1 | 0/1 | 1: pressed, or its wire is broken; with `stop_node` |
     | command `velocity_command` | n | rad/s or m/s | of the axes |
-    | command `brake` | 1 | - | above 0.5: stop and hold |
-
-    The brake is the drives' quick stop: they stop on a steeper ramp than a command of zero has,
-    hold the axes with power, and ignore velocities until `brake` falls, whatever goes wrong on
-    this side. The position goes on counting, so a release needs no homing. Without power, after
-    `deactivate` or a fault, nothing holds the axes but the friction of gear and screw.
-
-    **Emergency stop.** A contact of it, closed while it is not pressed, is at a digital input of
-    `stop_node`, whose status frame carries it. While it is open all drives have a quick stop,
-    whatever is commanded. After its release they keep it until a `brake` above 0.5 has been
-    commanded, or `activate` called: nothing moves on by itself. Drives that then stop by
-    themselves, or lose their motors' supply, are no error while it is pressed: readings go on.
-    Without power none is an error for want of its supply. `activate` refuses a pressed one.
-
-    **One for all.** Where axes share a load (`stops_together`), one that fails, loses its power
-    or stops by itself has all others stop quickly at the reading that tells it, and stay so as
-    after an emergency stop. For a node that is silent see "Limits".
-
-    **Reference.** The controllers count from zero since their power-on. `position` is absolute
-    when the settings say where the axes are at `configure`, or after `set_reference`.
 
     **Limits.** With limits nothing moves before there is a reference, and no command, however
     wild, drives an axis out of them: see `SoftLimits`. They are kept at every command and at
     every reading, so also between two commands of a controller that hangs. Axes whose position
     has not been measured for the limits' `lead` are commanded zero, all of them if one node is
     silent or has a fault.
-
-    While an axis looks for its end (`seek_reference`) there are no limits, and its motor's current
-    is that of `homing_current_a` at most.
-
-    **Guard.** This computer's heartbeat guards the axes from `activate` to `deactivate`:
-    controllers that miss it for the settings' `heartbeat_timeout_ms` stop the axes by a quick stop
-    and go to a fault. With the time for the quick stop that should be less than 0.2 s. The calls
-    of this class send the heartbeat, no thread of its own: it must not outlive a thread that
-    hangs. Without power there is nothing to guard, and pauses of any length are harmless.
     """
 
-    position_signal = "position"
+    command_signal = "velocity_command"
 
     def __init__(
         self,
@@ -90,319 +32,37 @@ class Epos2(IncrementalDevice):
         is_synchronous: bool = True,
         clock: Callable[[], float] = time.monotonic,
     ):
-        """Describes the axes; nothing is opened.
-
-        Args:
-            settings: settings of the drives and of the bus.
-            timing: times of bus and drives.
-            is_synchronous: reads by SYNC and process data, 2 frames per node; otherwise by
-                service data, 6 frames per node one after another and 2 more for the current, for
-                buses on which others send SYNC.
-            clock: monotonic [s].
-
-        Raises:
-            ValueError: settings that do not fit together.
-        """
-        _check(settings, timing)
-        self._settings, self._timing, self._clock = settings, timing, clock
-        self._is_synchronous = is_synchronous
-        self._limits, self._directions = settings.limits, settings.directions
-        self.name, self.place = settings.name, settings.address
-        within = f"{settings.heartbeat_timeout + stopping_time(settings, timing):.2g} s"
-        self.watchdog = f"without this computer's heartbeats the drives stop within {within}"
-        axes = len(settings.node_ids)
-        super().__init__(settings.positions_path, axes, settings.part)
-        self.measures = {"position": axes, "velocity": axes}
-        if settings.measures_current:
-            self.measures["current"] = axes
-        if settings.stop_node is not None:
-            self.measures["emergency_stop"] = 1
-        self.commands = {"velocity_command": axes, "brake": 1}
-        self._bus: CanopenBus | None = None
-        self._controllers: list[Epos2Controller] = []
-        self._is_active = self._is_braked = self._is_referenced = False
-        self._may_have_power = False
-        # Whether the emergency stop is pressed, and whether it or a failure keeps the axes braked.
-        self._is_pressed = self._is_stopped = False
-        self._beaten = self._measured = -math.inf
-        self._counts: list[int | None] = []
-        self._offset, self._position = [0.0] * axes, [0.0] * axes
-        self._wanted: Sequence[float] = (0.0,) * axes
-        # The controlword that was sent last, and since when.
-        self._word, self._worded = Controlword.DISABLE_VOLTAGE, -math.inf
+        """See `Epos2Device`."""
+        super().__init__(settings, timing, is_synchronous, clock)
+        self._limits = settings.limits
+        self._wanted: Sequence[float] = (0.0,) * len(settings.node_ids)
         # Velocities of the motors that have been sent; None: another controlword has.
         self._sent: list[int | None] | None = None
 
-    @property
-    def is_referenced(self) -> bool:
-        """Whether it is known which positions the counts mean."""
-        return self._is_referenced
-
     def seek_reference(self) -> None:
-        """See `IncrementalDevice`; with little force, and without limits."""
+        """See `Epos2Device`."""
         super().seek_reference()
-        self._settings, self._limits = self._settings.seeking, None
-
-    def _open(self) -> None:
-        """Opens the bus, makes sure of every controller and sets it up, without power.
-
-        A fault from before is reset, and told in `remarks`.
-
-        Raises:
-            MissingExtra: a library is not installed.
-            DeviceError: a node is silent, not an EPOS2 24/5 with that encoder, or refuses.
-        """
-        self.close()
-        settings = self._settings
-        names = settings.axis_names or ("",) * len(settings.node_ids)
-        bus = CanopenBus(self.name, settings.node_ids, self._timing.sdo_timeout)
-        self._bus = bus
-        self._controllers = [
-            Epos2Controller(bus, i, settings, self._timing, self._beat, self._clock, axis)
-            for i, axis in zip(settings.node_ids, names, strict=True)
-        ]
-        self.remarks, self._is_pressed, self._is_stopped = (), False, False
-        self._counts = [None] * len(settings.node_ids)
-        self._offset, self._is_referenced = [0.0] * len(settings.node_ids), False
-        try:
-            bus.open(settings.bus_options)
-            bus.listen(self._report_ids)
-            for controller in self._controllers:
-                controller.identify()
-            remarks = {each.name: each.set_up() for each in self._controllers}
-            self.remarks = together(remarks)
-            self.read()
-            if settings.position_at_start is not None:
-                self.set_reference(settings.position_at_start)
-        except BaseException:
-            self.close()
-            raise
-
-    def _energise(self) -> None:
-        """Enables the drives at zero velocity; the axes are held from here on.
-
-        A fault for want of heartbeats, or of a supply that is there again, is reset, since it
-        tells of this computer's past, or the emergency stop's, and not of the drive's health.
-
-        Raises:
-            DeviceError: a node is silent, refuses, or has another fault; or there are limits,
-                and the positions are not known; or the emergency stop is pressed.
-        """
-        self._open_bus()
-        if self._limits is not None and not self._is_referenced:
-            raise DeviceError(self.name, "the positions are not known, and there are limits")
-        if (stop := self._stop_controller) is not None:
-            self._samples()
-            if self._is_pressed:
-                number = self._settings.stop_input
-                raise DeviceError(
-                    self.name,
-                    f"the emergency stop at digital input {number} of {stop.name} is pressed, or "
-                    "its wire is broken",
-                )
-        for controller in self._controllers:
-            controller.recover()
-        self._is_active, self._is_braked, self._is_stopped = True, False, False
-        try:
-            for controller in self._controllers:
-                controller.guard(True)
-            # A heartbeat is missed only after a first one (CiA 301): no power before that.
-            self._beaten = -math.inf
-            self._beat()
-            for controller in self._controllers:
-                controller.enable()
-            self._word, self._worded = Controlword.ENABLE_OPERATION, self._clock()
-        except BaseException:
-            with suppress(DeviceError):
-                self._release()
-            raise
-
-    def read(self) -> Signals:
-        """Measurements of the drives at the SYNC that this sends.
-
-        Raises:
-            DeviceError: a node has a fault or has lost its power, is silent, or sends rubbish.
-        """
-        self._beat()
-        began = self._clock()
-        try:
-            samples = self._samples()
-            self._check(samples, began)
-        except DeviceError:
-            with suppress(DeviceError):
-                self._restrain()
-            raise
-        self._position = self._counted(samples)
-        self._measured = began
-        self._restrain()
-        settings = self._settings
-        directed = list(zip(samples, self._directions, strict=True))
-        signals = {
-            "position": self._position,
-            "velocity": [sign * settings.velocity(sample.rpm) for sample, sign in directed],
-        }
-        if settings.measures_current:
-            signals["current"] = [1e-3 * sign * sample.milliamperes for sample, sign in directed]
-        if settings.stop_node is not None:
-            signals["emergency_stop"] = [float(self._is_pressed)]
-        return signals
-
-    def write(self, commands: Signals) -> None:
-        """Commands the axes; without power, nothing.
-
-        Raises:
-            DeviceError: the bus is gone.
-        """
-        self._is_braked = commands["brake"][0] > 0.5
-        if self._is_braked and not self._is_pressed:
-            self._is_stopped = False
-        self._command(commands["velocity_command"])
-
-    def neutral(self) -> None:
-        """Commands zero velocity; the brake stays as it is.
-
-        Raises:
-            DeviceError: the bus is gone.
-        """
-        self._command((0.0,) * len(self._settings.node_ids))
-
-    def _release(self) -> None:
-        """Stops the axes quickly, waits until they stand, takes the power and confirms that.
-
-        It takes as long as the axes take to stop, `stopping_time` at most, and as the nodes take
-        to answer.
-
-        Raises:
-            DeviceError: a node is silent, does not stop, or keeps its power; the others have
-                obeyed.
-        """
-        if self._bus is None:
-            return
-        self._may_have_power |= self._is_active
-        self._is_active = False
-        with ExitStack() as stack:
-            if self._may_have_power:
-                stack.callback(self._confirm_no_power)
-            stack.callback(self._send, Controlword.DISABLE_VOLTAGE)
-            if self._may_have_power:
-                self._send(Controlword.QUICK_STOP)
-                self._wait_for_standstill()
-
-    def _confirm_no_power(self) -> None:
-        """Takes the power again, in a way that the nodes answer, and lets them forget us."""
-        deadline, failure = self._clock() + _CONFIRMING, None
-        for controller in self._controllers:
-            try:
-                if failure is None or self._clock() < deadline:
-                    controller.disable()
-            except DeviceError as error:
-                failure = failure or error
-        if failure is not None:
-            raise failure
-        self._may_have_power = False
-
-    def close(self) -> None:
-        """Stops the axes, takes their power and closes the bus; never raises."""
-        with suppress(Exception):
-            self._release()
-        bus, self._bus = self._bus, None
-        if bus is not None:
-            bus.close()
-
-    def _open_bus(self) -> CanopenBus:
-        if self._bus is None:
-            raise DeviceError(self.name, "not configured", DeviceFault.UNPLUGGED)
-        return self._bus
+        self._limits = None
 
     @property
-    def _report_ids(self) -> list[int]:
-        return [can_id for controller in self._controllers for can_id in controller.report_ids]
+    def _has_limits(self) -> bool:
+        return self._limits is not None
 
-    def _beat(self) -> None:
-        """Sends this computer's heartbeat if the last one is old enough."""
-        bus, now = self._open_bus(), self._clock()
-        if now - self._beaten >= self._timing.heartbeat_period:
-            bus.send(HEARTBEAT_BASE + MASTER_ID, b"\x05")  # operational
-            self._beaten = now
+    def _want(self, wanted: Sequence[float] | None) -> None:
+        self._wanted = (0.0,) * len(self._directions) if wanted is None else wanted
 
-    def _samples(self) -> list[Sample]:
-        """Newest sample of each node; what the emergency stop says has been obeyed already."""
-        stop = self._stop_controller
-        if not self._is_synchronous:
-            if stop is not None:
-                self._watch_stop(stop.is_stop_pressed(stop.poll()))
-            return [controller.poll() for controller in self._controllers]
-        frames = self._open_bus().synchronise(self._report_ids, self._timing.timeout)
-        if stop is not None:
-            # Also when another node is silent.
-            with suppress(DeviceError):
-                self._watch_stop(stop.is_stop_pressed(stop.sample(frames)))
-        return [controller.sample(frames) for controller in self._controllers]
+    def _begin(self, settings: Sequence[int]) -> None:
+        """Enabled at zero velocity, drives stand until the first command."""
 
-    def _set_reference(self, values: Sequence[float]) -> None:
-        self._offset = [0.0] * len(values)
-        counted = self._counted(self._samples())
-        self._offset = [value - since for value, since in zip(values, counted, strict=True)]
-        self._position = [*values]  # the limits are kept from now on
-        self._is_referenced = True
+    def _run(self) -> None:
+        self._send(Controlword.ENABLE_OPERATION, self._targets())
 
-    def _counted(self, samples: Sequence[Sample]) -> list[float]:
-        """Positions of the axes, with their reference if there is one."""
-        pairs = zip(samples, self._counts, strict=True)
-        counts = [unwrapped(sample.counts, previous) for sample, previous in pairs]
-        self._counts = [*counts]
-        axes = zip(counts, self._directions, self._offset, strict=True)
-        return [offset + sign * self._settings.position(count) for count, sign, offset in axes]
-
-    def _is_running(self, now: float) -> bool:
-        """Whether the drives have been told to run for so long that they should have obeyed."""
-        is_told = self._word is Controlword.ENABLE_OPERATION
-        return is_told and now - self._worded > _OBEYING
-
-    def _command(self, velocities: Sequence[float]) -> None:
-        """Sends velocities to drives that have power."""
-        self._beat()
-        self._wanted = velocities
-        if not self._is_active:
-            self._send(Controlword.DISABLE_VOLTAGE)
-        elif self._is_braked or self._is_stopped:
-            self._send(Controlword.QUICK_STOP)
-        else:
-            self._send(Controlword.ENABLE_OPERATION, self._targets())
-
-    @property
-    def _stop_controller(self) -> Epos2Controller | None:
-        """Controller at which the emergency stop's contact is."""
-        node = self._settings.stop_node
-        return None if node is None else self._controllers[self._settings.node_ids.index(node)]
-
-    def _watch_stop(self, is_pressed: bool) -> None:
-        """Takes note of the emergency stop, and stops the axes at once if it is pressed."""
-        self._is_pressed = is_pressed
-        if is_pressed:
-            self._stop()
-
-    def _check(self, samples: Sequence[Sample], now: float) -> None:
-        """Refuses drives that do not do what they should; the others may have to stop for them.
-
-        Raises:
-            DeviceError: names the first of them.
-        """
-        is_running = self._is_active and self._is_running(now)
-        wanted = Condition(self._is_active, is_running, self._is_pressed)
-        try:
-            for controller, sample in zip(self._controllers, samples, strict=True):
-                controller.check(sample, wanted)
-        except DeviceError:
-            if self._settings.stops_together:
-                self._stop()
-            raise
-
-    def _stop(self) -> None:
-        """Has all drives stop quickly, and stay so until the brake has been commanded."""
-        if self._is_active and not self._is_stopped:
-            self._is_stopped = True
-            self._send(Controlword.QUICK_STOP)
+    def _send(self, word: Controlword, settings: Sequence[int] = ()) -> None:
+        # Who knows how many of them have been sent if that fails?
+        self._sent = [None] * len(settings) if settings else None
+        super()._send(word, settings)
+        if settings:
+            self._sent = [*settings]
 
     def _restrain(self) -> None:
         """Slows down axes that have come closer to a limit since they were commanded."""
@@ -423,91 +83,3 @@ class Epos2(IncrementalDevice):
             velocities = allowed if is_known else [0.0] * len(allowed)
         pairs = zip(velocities, self._directions, strict=True)
         return [sign * self._settings.rpm(velocity) for velocity, sign in pairs]
-
-    def _send(self, word: Controlword, rpm: Sequence[int] = ()) -> None:
-        """Sends a controlword to all drives, with velocities if it lets them move.
-
-        One that lets them run is sent once: again and again it would end a quick stop that is
-        not ours.
-        """
-        is_new = word is not self._word or not rpm
-        if word is not self._word:
-            self._word, self._worded = word, self._clock()
-        self._sent = None if not rpm else [None] * len(rpm)
-        for i, controller in enumerate(self._controllers):
-            if is_new:
-                controller.command(word, rpm[i] if rpm else 0)
-            else:
-                controller.steer(rpm[i])
-            if self._sent is not None:
-                self._sent[i] = rpm[i]
-
-    def _wait_for_standstill(self) -> None:
-        """Waits until all axes stand; an answer to SYNC may stay away for a moment."""
-        deadline, silences = self._clock() + stopping_time(self._settings, self._timing), 0
-        while True:
-            self._beat()
-            try:
-                speeds = [abs(sample.rpm) for sample in self._samples()]
-            except DeviceError as error:
-                silences += 1
-                if error.fault is not DeviceFault.SILENT or silences > _SILENCES:
-                    raise
-            else:
-                if max(speeds) <= STANDSTILL:
-                    return
-                if self._clock() > deadline:
-                    i = speeds.index(max(speeds))
-                    node = self._settings.node_ids[i]
-                    raise DeviceError(self.name, f"node {node} does not stop: {speeds[i]} rpm")
-            time.sleep(POLL)
-
-
-def together(remarks: Mapping[str, Sequence[str]]) -> list[str]:
-    """Remarks of nodes, each once with the names of all that say the same.
-
-    Args:
-        remarks: by the node's name.
-    """
-    who: dict[str, list[str]] = {}
-    for name, said in remarks.items():
-        for words in said:
-            who.setdefault(words, []).append(name)
-    return [f"{', '.join(names)}: {words}" for words, names in who.items()]
-
-
-def unwrapped(counts: int, previous: int | None) -> int:
-    """A position without the jumps of a 32-bit counter that overflows [counts].
-
-    Args:
-        counts: as counted in 32 bits.
-        previous: position before; None if this is the first.
-    """
-    if previous is None:
-        return counts
-    half = 1 << 31
-    return previous + (counts - previous + half) % (1 << 32) - half
-
-
-def _check(settings: Epos2Settings, timing: Timing) -> None:
-    """Refuses settings that do not fit together."""
-    ids = (*settings.node_ids, MASTER_ID)
-    if len(set(ids)) != len(ids) or len(ids) < 2 or not all(1 <= i <= 127 for i in ids):
-        raise ValueError(f"node ids must be different ones of 1..127, not {ids}")
-    if settings.heartbeat_timeout < 2.0 * timing.heartbeat_period:
-        raise ValueError(
-            f"heartbeat_timeout must be two periods ({timing.heartbeat_period} s) or more, "
-            f"not {settings.heartbeat_timeout} s"
-        )
-    axes = len(settings.node_ids)
-    if len(settings.directions) != axes or set(settings.directions) - {1, -1}:
-        raise ValueError(f"signs must be {axes} times 1 or -1, not {settings.directions}")
-    start, limits = settings.position_at_start, settings.limits
-    if settings.stop_node is not None and settings.stop_node not in settings.node_ids:
-        raise ValueError(
-            f"stop_node must be one of the node_ids or null, not {settings.stop_node}"
-        )
-    if start is not None and len(start) != axes:
-        raise ValueError(f"position_at_start must be {axes} values, not {start}")
-    if limits is not None and len(limits.lower) != axes:
-        raise ValueError(f"limits must be {axes}, not {len(limits.lower)}")

@@ -1,6 +1,6 @@
 """EPOS2 24/5 controllers, emulated on a bus: `virtual`, or SLCAN for other processes.
 
-Drive state machine, profile velocity mode, faults.
+Drive state machine, profile velocity mode, position mode, digital inputs and outputs, faults.
 """
 
 import math
@@ -12,7 +12,12 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from parapod.systems.core.elementwise import clamp
-from parapod.systems.hardware.canopen import HEARTBEAT_CONSUMED, HEARTBEAT_PRODUCED, Entry
+from parapod.systems.hardware.canopen import (
+    HEARTBEAT_CONSUMED,
+    HEARTBEAT_PRODUCED,
+    Entry,
+    wrapped,
+)
 from parapod.systems.hardware.device import need
 from parapod.systems.hardware.ds402 import STATUSWORDS, DriveState, is_energised, obeyed
 from parapod.systems.hardware.emulation.canopen_slave import (
@@ -23,6 +28,7 @@ from parapod.systems.hardware.emulation.canopen_slave import (
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour, is_supplied
 from parapod.systems.hardware.emulation.slcan import SlcanPty
 from parapod.systems.hardware.epos2 import objects
+from parapod.systems.hardware.epos2.switches import SwitchGroup
 
 # What an EPOS2 adds to CiA 402's bits: offsets measured, and voltage enabled [EPOS2 firmware
 # specification, states of the drive].
@@ -33,6 +39,10 @@ _GENERIC, _VOLTAGE, _COMMUNICATION = 0x01, 0x04, 0x10
 # Inputs 1 to 6 as the maker delivers them: general purpose A to C, home, positive and negative
 # limit switch [EPOS2 24/5 Hardware Reference, 4.5]; and which of their bits are shown.
 _INPUT_FUNCTIONS, _INPUT_MASK = (15, 14, 13, 2, 1, 0), 0xE007
+
+# Outputs 1 to 4 before anybody configures them (assumption: the last one shows a fault, so that a
+# driver that relies on it is found out).
+_OUTPUT_FUNCTIONS = (15, 14, 13, 0)
 
 # A motor stands below this share of its demand; the integral part of its velocity's control then
 # takes the current to its limit within this time [s] (assumption).
@@ -101,6 +111,7 @@ class Epos2Node:
         self._history: list[int] = []  # from the newest to the oldest error
         self._inputs, self._is_supplied = [False] * objects.INPUT_COUNT, True
         self._controlword, self._demand, self._stepped = 0, 0.0, -math.inf
+        self._position = switched_on_at
         self._held_up = 0.0  # how long the motor has stood against its demand [s]
         self._slave = CanopenSlave(node_id, _defaults(node_id, motor), line, self._miss_heartbeat)
         self._slave.node.add_read_callback(self._on_read)
@@ -112,6 +123,24 @@ class Epos2Node:
         if self.state is not DriveState.OPERATION_ENABLED:
             return 0.0
         return self._motor.sign * self._demand * _RPM / self._motor.gear
+
+    @property
+    def position(self) -> float:
+        """Position where the axis is to be in position mode [rad or m].
+
+        While operation is enabled that is the set value, otherwise where the axis has stopped.
+        """
+        return self._position
+
+    @property
+    def outputs(self) -> tuple[bool, ...]:
+        """Whether its digital outputs 1, 2, ... are on.
+
+        They stay as they are when the heartbeat is lost, and in a fault (assumption).
+        """
+        state = self._slave.written(objects.OUTPUT_STATE) & self._slave.get(objects.OUTPUT_MASK)
+        active = state ^ self._slave.get(objects.OUTPUT_POLARITY)
+        return tuple(bool(active >> self._slave.get(e) & 1) for e in objects.OUTPUT_FUNCTION)
 
     def hear(self, can_id: int, now: float) -> None:
         """Takes note of a frame that may be the master's heartbeat.
@@ -173,18 +202,46 @@ class Epos2Node:
         elapsed = max(0.0, now - self._stepped) if math.isfinite(self._stepped) else 0.0
         self._stepped = now
         self._demand = self._ramped(elapsed)
+        self._position = self._led(elapsed)
         self._held_up = self._held_up + elapsed if self._is_held_up else 0.0
         stops = self._slave.written(objects.INPUT_EXECUTION) & 1 << objects.QUICK_STOP_FUNCTION
         if stops and stops & self._functions and is_energised(self.state):
             self.state = DriveState.QUICK_STOP_ACTIVE
         if self.state is DriveState.FAULT_REACTION_ACTIVE and self._demand == 0.0:
             self.state = DriveState.FAULT
+        error = abs(self._position - self.measured.position)
+        if self._is_led and error > self._way(self._slave.get(objects.MAX_FOLLOWING_ERROR)):
+            self.trip(objects.FOLLOWING_ERROR)
+
+    @property
+    def _is_led(self) -> bool:
+        """Whether the axis follows set values of its position."""
+        is_running = self.state is DriveState.OPERATION_ENABLED
+        return is_running and self._slave.get(objects.MODE) == objects.POSITION_MODE.number
+
+    def _way(self, counts: float) -> float:
+        """Way of the axis [rad or m] for counts of its motor."""
+        return counts * 2.0 * math.pi / (4 * self._motor.pulses * self._motor.gear)
+
+    def _led(self, elapsed: float) -> float:
+        """Position that is demanded next: the set value, or where a stop leads [rad or m]."""
+        motor = self._motor
+        if self._is_led:
+            setting = self._slave.get(objects.POSITION_SETTING)
+            return self._zero + motor.sign * self._way(
+                wrapped(setting - motor.position_offset, 32)
+            )
+        return self._position + motor.sign * self._demand * _RPM / motor.gear * elapsed
+
+    @property
+    def _rpm(self) -> float:
+        """Velocity of the motor as its sensor shows it [rpm]."""
+        return self._motor.sign * self.measured.velocity * self._motor.gear / _RPM
 
     @property
     def _is_held_up(self) -> bool:
         """Whether the motor stands although it should turn."""
-        rpm = self.measured.velocity * self._motor.gear / _RPM
-        return abs(self._demand) >= 1.0 and abs(rpm) < _STANDING * abs(self._demand)
+        return abs(self._demand) >= 1.0 and abs(self._rpm) < _STANDING * abs(self._demand)
 
     @property
     def _current(self) -> float:
@@ -196,8 +253,10 @@ class Epos2Node:
 
     def _ramped(self, elapsed: float) -> float:
         """Velocity of the motor that is demanded next [rpm]."""
+        if self._is_led:
+            return self._rpm  # with which a stop begins
         if self.state is DriveState.OPERATION_ENABLED:
-            if self._slave.get(objects.MODE) != objects.PROFILE_VELOCITY:
+            if self._slave.get(objects.MODE) != objects.PROFILE_VELOCITY.number:
                 return 0.0
             limit = self._slave.get(objects.MAX_VELOCITY)
             target = clamp(float(self._slave.get(objects.TARGET_VELOCITY)), -limit, limit)
@@ -226,12 +285,11 @@ class Epos2Node:
         if index == objects.POSITION.index:
             turns = (self.measured.position - self._zero) * motor.gear / (2.0 * math.pi)
             counts = round(motor.sign * 4 * motor.pulses * turns) + motor.position_offset
-            return _wrapped(counts, 32)
+            return wrapped(counts, 32)
         if index == objects.VELOCITY.index:
-            rpm = motor.sign * self.measured.velocity * motor.gear / _RPM
-            return _wrapped(round(rpm), 32)
+            return wrapped(round(self._rpm), 32)
         if index == objects.CURRENT.index:
-            return _wrapped(round(1e3 * motor.sign * self._current), 16)
+            return wrapped(round(1e3 * motor.sign * self._current), 16)
         return None
 
     def _on_write(self, index: int, data: bytes, **_: Any) -> None:
@@ -249,12 +307,6 @@ class Epos2Node:
             self._slave.node.emcy.reset()
 
 
-def _wrapped(value: int, bits: int) -> int:
-    """A number as so many bits show it."""
-    half = 1 << bits - 1
-    return (value + half) % (1 << bits) - half
-
-
 def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
     """The object dictionary as the maker delivers it."""
     return {
@@ -265,6 +317,12 @@ def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
         objects.INPUT_MASK: _INPUT_MASK,
         objects.INPUT_POLARITY: 0,
         objects.INPUT_EXECUTION: 0,
+        **dict(zip(objects.OUTPUT_FUNCTION, _OUTPUT_FUNCTIONS, strict=True)),
+        objects.OUTPUT_STATE: 0,
+        objects.OUTPUT_MASK: 0,
+        objects.OUTPUT_POLARITY: 0,
+        objects.POSITION_SETTING: 0,
+        objects.MAX_FOLLOWING_ERROR: 2000,
         HEARTBEAT_CONSUMED: 0,
         HEARTBEAT_PRODUCED: 0,
         objects.VENDOR: motor.vendor,
@@ -290,6 +348,8 @@ def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
 
 # Signal of the emergency stop within its part.
 EMERGENCY_STOP = "emergency_stop"
+# Signal of a machine whose axes are commanded positions.
+_POSITIONS = "position_command"
 # Longest time between two looks at ramps and heartbeats [s].
 _TICK = 0.002
 # How long capacitors feed the drives when their supply has been cut [s] (assumption).
@@ -302,11 +362,14 @@ class Epos2Nodes:
     | wire | size | unit | meaning |
     |---|---|---|---|
     | to the machine `<part>.velocity_command` | n | rad/s or m/s | 0 for an axis without power |
+    | to the machine `<part>.position_command` | n | rad or m | in its place: see `Epos2Node` |
     | to the machine `<part>.brake` | 1 | - | 1 unless an axis is enabled |
+    | to the machine `<locks>.command` | k | - | of each group of switches; 0: its output is on |
     | from the machine `<part>.position` | n | rad or m | |
     | from the machine `<part>.velocity` | n | rad/s or m/s | |
     | from the machine `<part>.current` | n | A | if the machine has it |
     | from the machine `<part>.emergency_stop` | 1 | 0/1 | 1: pressed; if the machine has it |
+    | from the machine `<locks>.closed` | k | 0/1 | of each group of switches; 1: voltage |
     | from the machine `supply` | 1 | 0/1 | 0: the motors have none; if the machine has it |
 
     A pressed emergency stop opens its contact, which otherwise puts voltage to a digital input
@@ -323,6 +386,8 @@ class Epos2Nodes:
         nodes: the nodes.
         adapter: emulated serial adapter, or None.
         is_stop_wire_broken: whether the wire of the emergency stop's contact is broken.
+        broken_wires: switches, as a group's part and a number from 0, whose contact's wire is
+            broken.
     """
 
     def __init__(
@@ -339,6 +404,7 @@ class Epos2Nodes:
         clock: Callable[[], float] = time.monotonic,
         stop_contact: tuple[int, int] | None = None,
         hold_up: float = _HOLD_UP,
+        switches: Sequence[SwitchGroup] = (),
     ):
         """Prepares the nodes; they answer within a `with` block.
 
@@ -356,10 +422,13 @@ class Epos2Nodes:
             stop_contact: address of the node, and number of its digital input, at which the
                 contact of the emergency stop is; None: nowhere.
             hold_up: how long the drives are fed when their supply has been cut [s].
+            switches: locks and clamps at digital outputs and inputs.
         """
         self._stop_contact, self._hold_up = stop_contact, hold_up
         self._cut_since: float | None = None
         self.is_stop_wire_broken = False
+        self._switches = tuple(switches)
+        self.broken_wires: set[tuple[str, int]] = set()
         self._harness, self._ids, self.channel = harness, tuple(node_ids), channel
         self._misbehaviour = misbehaviour or Misbehaviour()
         self._clock = clock
@@ -383,6 +452,7 @@ class Epos2Nodes:
             made = zip(self._ids, self._lines, self._motors, self._get("position"), strict=True)
             self.nodes = [Epos2Node(*parts) for parts in made]
             self._press(self._clock())
+            self._touch()
             self._publish()
             thread = threading.Thread(
                 target=self._run, args=(bus,), name="EPOS2 nodes", daemon=True
@@ -411,7 +481,7 @@ class Epos2Nodes:
             code: code of the error.
         """
         with self._lock:
-            self.nodes[self._ids.index(node_id)].trip(code)
+            self._node(node_id).trip(code)
 
     def disconnect(self, node_id: int) -> None:
         """Takes a node off the bus: it hears and says nothing any more.
@@ -432,6 +502,7 @@ class Epos2Nodes:
                     message = bus.recv(0.0)
                 now = self._clock()
                 self._press(now)
+                self._touch()
                 for line, node in zip(self._lines, self.nodes, strict=True):
                     line.step(now)
                     node.step(now)
@@ -462,7 +533,18 @@ class Epos2Nodes:
         if self._stop_contact is not None:
             node_id, number = self._stop_contact
             is_closed = not (is_pressed or self.is_stop_wire_broken)
-            self.nodes[self._ids.index(node_id)].connect(number, is_closed)
+            self._node(node_id).connect(number, is_closed)
+
+    def _node(self, node_id: int) -> Epos2Node:
+        return self.nodes[self._ids.index(node_id)]
+
+    def _touch(self) -> None:
+        """Puts the contacts of switches to the nodes."""
+        for group in self._switches:
+            closed = self._harness.get(group.measure)
+            for i, (node_id, _, number) in enumerate(group.switches):
+                is_whole = (group.part, i) not in self.broken_wires
+                self._node(node_id).connect(number, is_whole and closed[i] > 0.5)
 
     def _measure(self) -> None:
         n = len(self.nodes)
@@ -476,7 +558,13 @@ class Epos2Nodes:
         return self._get("current") if self._measures_current else (0.0,) * len(self.nodes)
 
     def _publish(self) -> None:
-        self._set("velocity_command", [node.velocity for node in self.nodes])
+        if f"{self._part}.{_POSITIONS}" in self._harness:
+            self._set(_POSITIONS, [node.position for node in self.nodes])
+        else:
+            self._set("velocity_command", [node.velocity for node in self.nodes])
+        for group in self._switches:
+            outputs = [self._node(node_id).outputs[k - 1] for node_id, k, _ in group.switches]
+            self._harness.set(group.command, [0.0 if is_on else 1.0 for is_on in outputs])
         is_enabled = any(node.state is DriveState.OPERATION_ENABLED for node in self.nodes)
         self._set("brake", [0.0 if is_enabled else 1.0])
 

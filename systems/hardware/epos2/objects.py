@@ -4,8 +4,12 @@ Source: maxon motor, EPOS2 Positioning Controllers, Firmware Specification (obje
 communication objects, error codes); CiA 301 for the communication profile. Digital inputs: the
 same, 0x2070 and 0x2071; numbers of the functionalities as in the maker's EPOS Command Library
 (`DIC_QUICK_STOP` = 5 to `DIC_GENERAL_PURPOSE_A` = 15); voltages: EPOS2 24/5 Hardware Reference
-(rel5190), 4.5.2.
+(rel5190), 4.5.2. Digital outputs: 0x2078 and 0x2079 of the same specification; numbers of their
+functionalities as in that library (`DOC_READY_FAULT` = 0 to `DOC_GENERAL_PURPOSE_A` = 15); that
+0x2078:01 can be mapped: the maker's list of mappable objects. Position mode: 0x2062 and 0x6065.
 """
+
+from typing import NamedTuple
 
 from parapod.systems.hardware.canopen import ON_ARRIVAL, ON_SYNC, Entry, Pdo
 
@@ -28,12 +32,22 @@ INPUT_STATE = Entry(0x2071, 1, "<H")  # 1: active; the only one of them that can
 INPUT_MASK = Entry(0x2071, 2, "<H")  # 0: the bit of the state is always 0
 INPUT_POLARITY = Entry(0x2071, 3, "<H")  # 0: active while there is voltage; 1: while there is none
 INPUT_EXECUTION = Entry(0x2071, 4, "<H")  # 1: the drive itself does what the functionality says
+# Set value of position mode [counts]: there is no profile, the axis goes there at once.
+POSITION_SETTING = Entry(0x2062, 0, "<i")
+# What each digital output shows: the number of a functionality, which is its bit in the three
+# words below; no two outputs may have the same.
+OUTPUT_COUNT = 4  # of an EPOS2 24/5 (assumption: all of them can be general purpose)
+OUTPUT_FUNCTION = tuple(Entry(0x2079, k, "<H") for k in range(1, OUTPUT_COUNT + 1))
+OUTPUT_STATE = Entry(0x2078, 1, "<H")  # 1: active; the only one of them that can be mapped
+OUTPUT_MASK = Entry(0x2078, 2, "<H")  # 0: what is written to the bit of the state is ignored
+OUTPUT_POLARITY = Entry(0x2078, 3, "<H")  # 0: on while active; 1: off while active
 ENCODER_PULSES = Entry(0x2210, 1, "<I")  # per turn, of which an edge detector makes four counts
 ABORT_CONNECTION = Entry(0x6007, 0, "<h")  # what a lost heartbeat does
 CONTROLWORD = Entry(0x6040, 0, "<H")
 STATUSWORD = Entry(0x6041, 0, "<H")
 MODE = Entry(0x6060, 0, "<b")
 POSITION = Entry(0x6064, 0, "<i")  # [counts]
+MAX_FOLLOWING_ERROR = Entry(0x6065, 0, "<I")  # [counts]; a larger one is a fault
 VELOCITY = Entry(0x606C, 0, "<i")  # [rpm] of the motor
 MAX_VELOCITY = Entry(0x607F, 0, "<I")  # [rpm]
 ACCELERATION = Entry(0x6083, 0, "<I")  # [rpm/s]
@@ -45,13 +59,12 @@ OUTPUT_CURRENT_LIMIT = Entry(0x6410, 2, "<H")  # [mA] of the motor data
 
 MAXON = 0xFB
 EPOS2_24_5 = 0x6220
-PROFILE_VELOCITY = 3
 QUICK_STOP_FUNCTION = 5  # of a digital input: it stops the drive
 ABORT_BY_QUICK_STOP = 3
 
 
 def general_purpose(number: int) -> int:
-    """Functionality of a digital input that the drive only reads: A to F for inputs 1 to 6.
+    """Functionality of a digital input or output that the drive leaves alone: A for 1, and so on.
 
     None of them is another input's as the maker delivers it, where inputs 4 to 6 are switches.
     """
@@ -62,16 +75,50 @@ def general_purpose(number: int) -> int:
 COMMAND = Pdo(0x200, 0x1400, 0x1600, ON_ARRIVAL, (CONTROLWORD, TARGET_VELOCITY))
 # A velocity alone: a controlword with it would end a quick stop that somebody else has begun.
 TARGET = Pdo(0x300, 0x1401, 0x1601, ON_ARRIVAL, (TARGET_VELOCITY,))
+# The digital outputs, of nodes that switch something, in a frame of their own: they are switched
+# while the axes are braked as well.
+OUTPUTS = Pdo(0x400, 0x1402, 0x1602, ON_ARRIVAL, (OUTPUT_STATE,))
 STATUS = Pdo(0x180, 0x1800, 0x1A00, ON_SYNC, (STATUSWORD, POSITION))
-# With the digital inputs, of the node that has the emergency stop: they fill the eight bytes.
+# With the digital inputs, of a node at which some are measured: they fill the eight bytes.
 STATUS_AND_INPUTS = STATUS._replace(entries=(STATUSWORD, POSITION, INPUT_STATE))
 MOTION = Pdo(0x280, 0x1801, 0x1A01, ON_SYNC, (VELOCITY,))
 # In the same frame: two bytes cost less there than a frame of their own.
 MOTION_AND_CURRENT = MOTION._replace(entries=(VELOCITY, CURRENT))
-# What of the others a drive might send or obey on its own.
-UNUSED = (0x1402, 0x1403, 0x1802, 0x1803)
+# Communication parameters of all process data: those that are not used a drive might send or obey
+# on its own.
+COMMUNICATION = (0x1400, 0x1401, 0x1402, 0x1403, 0x1800, 0x1801, 0x1802, 0x1803)
 
-HEARTBEAT_LOST, UNDERVOLTAGE = 0x8130, 0x3220
+
+class Mode(NamedTuple):
+    """A mode of operation, and the process data that command it.
+
+    Attributes:
+        number: its number (0x6060).
+        command: controlword, and set value where that is zero with most controlwords.
+        target: set value alone.
+    """
+
+    number: int
+    command: Pdo
+    target: Pdo
+
+    @property
+    def setting(self) -> Entry:
+        """Entry of the set value."""
+        return self.target.entries[0]
+
+
+PROFILE_VELOCITY = Mode(3, COMMAND, TARGET)
+# The maker's own, without a profile: whoever commands it moves the set value no faster than the
+# axis may go. A controlword comes without one: no order within a frame could make an axis jump.
+POSITION_MODE = Mode(
+    -1,
+    COMMAND._replace(entries=(CONTROLWORD,)),
+    TARGET._replace(entries=(POSITION_SETTING,)),
+)
+
+
+HEARTBEAT_LOST, UNDERVOLTAGE, FOLLOWING_ERROR = 0x8130, 0x3220, 0x8611
 ERRORS = {
     0x1000: "generic error",
     0x2310: "overcurrent",
@@ -92,7 +139,7 @@ ERRORS = {
     0x81FE: "CAN receive queue overflow",
     0x81FF: "CAN transmit queue overflow",
     0x8210: "CAN process data of wrong length",
-    0x8611: "following error",
+    FOLLOWING_ERROR: "following error",
     0xFF01: "Hall sensor error",
     0xFF02: "index pulse error",
     0xFF06: "negative limit switch",

@@ -4,14 +4,18 @@ An axis turns or is pushed: the unit of its SI properties is rad or m.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.hardware.addresses import resolved
+from parapod.systems.hardware.epos2.switches import SwitchGroup, group
 from parapod.systems.hardware.soft_limits import SoftLimits
 
 _RPM = 2.0 * math.pi / 60.0  # [rad/s]
+# Following error while an axis looks for its end: longer than any stroke [mm].
+_UNBOUNDED_MM = 1000.0
 
 
 @dataclass
@@ -29,7 +33,7 @@ class Epos2Settings(Schema):
         counts_per_turn: encoder counts per turn of the motor, all four edges [-].
         max_velocity_rpm: largest velocity of a motor [rpm].
         heartbeat_timeout_ms: silence after which the controllers stop by themselves [ms]; see
-            `Epos2`, "Guard".
+            `Epos2Device`, "Guard".
         opening_pause_ms: pause after the port is opened [ms]; 2000 for SLCAN adapters that this
             resets.
         stop_node: address of the controller at whose digital input is a contact of the emergency
@@ -115,6 +119,45 @@ class Epos2Settings(Schema):
         return None
 
     @property
+    def is_position_controlled(self) -> bool:
+        """Whether the drives are in position mode; otherwise in profile velocity mode."""
+        return False
+
+    @property
+    def strokes(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+        """Least and largest positions that are commanded, in position mode [unit]; None: any."""
+        return None
+
+    @property
+    def following_error(self) -> float | None:
+        """Error of a position at which a drive gives up [unit]; None: the controllers' own."""
+        return None
+
+    @property
+    def switches(self) -> tuple[SwitchGroup, ...]:
+        """Locks and clamps at digital outputs.
+
+        Raises:
+            ValueError: lists of different lengths.
+        """
+        return ()
+
+    def inputs_of(self, node_id: int) -> Mapping[int, str]:
+        """Digital inputs of a node that are measured, and the keys of the settings that say so."""
+        inputs = {
+            switch.input: f"one under {each.key}_inputs"
+            for each in self.switches
+            for switch in each.switches
+            if switch.node == node_id
+        }
+        return inputs | ({self.stop_input: "stop_input"} if node_id == self.stop_node else {})
+
+    def outputs_of(self, node_id: int) -> list[int]:
+        """Digital outputs of a node that switch something."""
+        switches = (switch for each in self.switches for switch in each.switches)
+        return sorted(switch.output for switch in switches if switch.node == node_id)
+
+    @property
     def name(self) -> str:
         """Name of the controllers in errors."""
         return f"EPOS2 on {self.interface} {self.address}"
@@ -164,6 +207,10 @@ class Epos2Settings(Schema):
         """Position of an axis [unit] of the counts of its motor's encoder."""
         return counts * 2.0 * math.pi / (self.counts_per_turn * self.motor_per_unit)
 
+    def counts(self, position: float) -> float:
+        """Counts of the motor's encoder, as a fraction, of the position of its axis [unit]."""
+        return position * self.counts_per_turn * self.motor_per_unit / (2.0 * math.pi)
+
 
 @dataclass
 class GearSettings(Epos2Settings):
@@ -182,15 +229,13 @@ class GearSettings(Epos2Settings):
 
 
 @dataclass
-class ScrewSettings(Epos2Settings):
-    """Screws that push, within limits, and a file that remembers where they stand.
+class StrokeSettings(Epos2Settings):
+    """Screws that push along strokes, and a file that remembers where they stand.
 
     Attributes:
         lead_mm: way of a screw's nut per turn of the screw [mm].
         reduction: turns of the motor per turn of the screw [-].
         signs: 1, or -1 where the motor's positive direction retracts; one for each axis.
-        acceleration_mm_s2: acceleration with which the drives follow a command, up and down
-            [mm/s^2]; a slow ramp delays the loop around them.
         quick_stop_mm_s2: deceleration with which they stop for want of heartbeats, and to brake
             [mm/s^2].
         current_limit_a: largest current of a motor [A], written at every start; 5 A is what the
@@ -199,8 +244,6 @@ class ScrewSettings(Epos2Settings):
             then pushes no harder [A].
         position_min_mm: lengths below which nothing retracts, one for each axis [mm].
         position_max_mm: lengths above which nothing extends, one for each axis [mm].
-        limit_lead_ms: time by which an axis slows down early before these lengths [ms]: it could
-            go on for so long and still stop in time.
         position_at_start_mm: measured lengths at the start of the program [mm]; null: not
             measured, so the file must know them.
         position_file: file that keeps the lengths from one program to the next, in the folder in
@@ -211,13 +254,11 @@ class ScrewSettings(Epos2Settings):
     lead_mm: float = quantity(5.0, 0.01, 100.0)
     reduction: float = quantity(1.0, 0.01, 10000.0)
     signs: list[int] = quantity([1], -1, 1)
-    acceleration_mm_s2: float = quantity(8000.0, 1.0, 1e6)
     quick_stop_mm_s2: float = quantity(8000.0, 1.0, 1e6)
     current_limit_a: float = quantity(5.0, 0.05, 10.0)
     homing_current_a: float = quantity(0.5, 0.05, 10.0)
     position_min_mm: list[float] = quantity([0.0], 0.0, 5000.0)
     position_max_mm: list[float] = quantity([1.0], 0.0, 5000.0)
-    limit_lead_ms: float = quantity(150.0, 10.0, 1000.0)
     # No default: a guess would be believed, and the limits would be where they are not.
     position_at_start_mm: list[float] | None = quantity(None, 0.0, 5000.0)
     position_file: str = "emulator/positions.json"
@@ -231,11 +272,6 @@ class ScrewSettings(Epos2Settings):
     def directions(self) -> tuple[int, ...]:
         """See `Epos2Settings`."""
         return tuple(self.signs)
-
-    @property
-    def acceleration(self) -> float:
-        """See `Epos2Settings`."""
-        return 1e-3 * self.acceleration_mm_s2
 
     @property
     def quick_stop_deceleration(self) -> float:
@@ -274,11 +310,84 @@ class ScrewSettings(Epos2Settings):
         return resolved(self.position_file)
 
     @property
+    def strokes(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """See `Epos2Settings`."""
+        ends = (self.position_min_mm, self.position_max_mm)
+        lower, upper = (tuple(1e-3 * mm for mm in each) for each in ends)
+        return lower, upper
+
+
+@dataclass
+class ScrewSettings(StrokeSettings):
+    """Screws whose velocities are commanded, within limits: see `StrokeSettings`.
+
+    Attributes:
+        acceleration_mm_s2: acceleration with which the drives follow a command, up and down
+            [mm/s^2]; a slow ramp delays the loop around them.
+        limit_lead_ms: time by which an axis slows down early before its limits [ms]: it could go
+            on for so long and still stop in time.
+    """
+
+    acceleration_mm_s2: float = quantity(8000.0, 1.0, 1e6)
+    limit_lead_ms: float = quantity(150.0, 10.0, 1000.0)
+
+    @property
+    def acceleration(self) -> float:
+        """See `Epos2Settings`."""
+        return 1e-3 * self.acceleration_mm_s2
+
+    @property
     def limits(self) -> SoftLimits | None:
         """See `Epos2Settings`."""
-        return SoftLimits(
-            lower=tuple(1e-3 * mm for mm in self.position_min_mm),
-            upper=tuple(1e-3 * mm for mm in self.position_max_mm),
-            lead=1e-3 * self.limit_lead_ms,
-            deceleration=self.acceleration,
+        lower, upper = self.strokes
+        return SoftLimits(lower, upper, 1e-3 * self.limit_lead_ms, self.acceleration)
+
+
+@dataclass
+class PositionScrewSettings(StrokeSettings):
+    """Screws whose positions are commanded, and locks and clamps: see `StrokeSettings`.
+
+    A lock or clamp is closed by a spring. Its digital output opens it, and its digital input has
+    voltage while it is closed.
+
+    Attributes:
+        following_error_mm: distance from where it is commanded at which a drive gives up [mm].
+        lock_nodes: address of the controller of each lock.
+        lock_outputs: number of the digital output that opens each lock.
+        lock_inputs: number of the digital input with each lock's contact.
+        clamp_nodes: address of the controller of each clamp.
+        clamp_outputs: number of the digital output that opens each clamp.
+        clamp_inputs: number of the digital input with each clamp's contact.
+    """
+
+    following_error_mm: float = quantity(2.0, 0.01, 1000.0)
+    lock_nodes: list[int] = quantity([], 1, 127)
+    lock_outputs: list[int] = quantity([], 1, 4)
+    lock_inputs: list[int] = quantity([], 1, 6)
+    clamp_nodes: list[int] = quantity([], 1, 127)
+    clamp_outputs: list[int] = quantity([], 1, 4)
+    clamp_inputs: list[int] = quantity([], 1, 6)
+
+    @property
+    def is_position_controlled(self) -> bool:
+        """See `Epos2Settings`."""
+        return True
+
+    @property
+    def following_error(self) -> float:
+        """See `Epos2Settings`."""
+        return 1e-3 * self.following_error_mm
+
+    @property
+    def seeking(self) -> Self:
+        """See `Epos2Settings`; one that is held up by its end is left behind, and no fault."""
+        return replace(super().seeking, following_error_mm=_UNBOUNDED_MM)
+
+    @property
+    def switches(self) -> tuple[SwitchGroup, ...]:
+        """See `Epos2Settings`."""
+        groups = (
+            group("locks", "lock", self.lock_nodes, self.lock_outputs, self.lock_inputs),
+            group("clamps", "clamp", self.clamp_nodes, self.clamp_outputs, self.clamp_inputs),
         )
+        return tuple(each for each in groups if each.switches)

@@ -11,6 +11,7 @@ from parapod.systems.hardware.emulation.harness import SUPPLY, Harness, Misbehav
 from parapod.systems.hardware.epos2.controller import Timing
 from parapod.systems.hardware.epos2.drives import Epos2
 from parapod.systems.hardware.epos2.emulator import Epos2Nodes
+from parapod.systems.hardware.epos2.positions import Epos2Positions
 from parapod.systems.hardware.epos2.settings import GearSettings
 
 CHANNELS = (f"test_epos2 {k}" for k in itertools.count())
@@ -115,7 +116,15 @@ class Rig:
     """Drives, the emulated nodes that they are on, and the wires behind these."""
 
     def __init__(
-        self, changes=None, kind=GearSettings, part="wheels", axes=4, position=0.0, **node
+        self,
+        changes=None,
+        kind=GearSettings,
+        part="wheels",
+        axes=4,
+        position=0.0,
+        make_harness=Harness,
+        clock=time.monotonic,
+        **node,
     ):
         """Prepares the rig.
 
@@ -125,32 +134,38 @@ class Rig:
             part: part of the machine.
             axes: number of axes.
             position: of all axes [rad or m].
+            make_harness: makes the wires of the sizes of their signals.
+            clock: that of the drives [s].
             node: arguments of the emulator.
         """
         self.part, self.misbehaviour = part, Misbehaviour()
-        sizes = {"velocity_command": axes, "brake": 1, "emergency_stop": 1} | dict.fromkeys(
-            ("position", "velocity", "current"), axes
-        )
-        self.harness = Harness(
-            {f"{part}.{name}": size for name, size in sizes.items()} | {SUPPLY: 1}
-        )
-        self.harness.set(SUPPLY, (1.0,))
-        self.harness.set(f"{part}.position", [position] * axes)
-        self.nodes = Epos2Nodes(
-            self.harness,
-            channel=next(CHANNELS),
-            misbehaviour=self.misbehaviour,
-            part=part,
-            **node,
-        )
+        channel = next(CHANNELS)
         self.settings, timing, is_synchronous = split(
             kind,
-            {"interface": "virtual", "channel": self.nodes.channel, "part": part}
+            {"interface": "virtual", "channel": channel, "part": part}
             | QUICK
             | PATIENT
             | (changes or {}),
         )
-        self.drives = Epos2(self.settings, timing, is_synchronous)
+        device = Epos2Positions if self.settings.is_position_controlled else Epos2
+        sizes = {device.command_signal: axes, "brake": 1, "emergency_stop": 1} | dict.fromkeys(
+            ("position", "velocity", "current"), axes
+        )
+        wires = {f"{part}.{name}": size for name, size in sizes.items()} | {SUPPLY: 1}
+        for group in self.settings.switches:
+            wires |= dict.fromkeys((group.measure, group.command), len(group.switches))
+        self.harness = make_harness(wires)
+        self.harness.set(SUPPLY, (1.0,))
+        self.harness.set(f"{part}.position", [position] * axes)
+        self.nodes = Epos2Nodes(
+            self.harness,
+            channel=channel,
+            misbehaviour=self.misbehaviour,
+            part=part,
+            switches=self.settings.switches,
+            **node,
+        )
+        self.drives = device(self.settings, timing, is_synchronous, clock)
 
     def __enter__(self):
         self.nodes.__enter__()
@@ -166,7 +181,7 @@ class Rig:
 
     @property
     def command(self):
-        return self.harness.get(f"{self.part}.velocity_command")
+        return self.harness.get(f"{self.part}.{self.drives.command_signal}")
 
     @property
     def is_braked(self):

@@ -8,7 +8,7 @@ from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import DriveState
 from parapod.systems.hardware.epos2 import objects
 from parapod.systems.hardware.epos2.controller import set_up_of
-from parapod.systems.hardware.epos2.drives import unwrapped
+from parapod.systems.hardware.epos2.device import unwrapped
 from parapod.systems.hardware.epos2.emulator import EmulatedMotor
 from parapod.systems.hardware.epos2.settings import GearSettings
 

@@ -8,7 +8,7 @@ from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import Controlword, DriveState
 from parapod.systems.hardware.epos2 import objects
 from parapod.systems.hardware.epos2.controller import reports
-from parapod.systems.hardware.epos2.drives import together
+from parapod.systems.hardware.epos2.device import together
 from parapod.systems.hardware.epos2.settings import GearSettings
 
 NODE, INPUT = 2, 4

@@ -1,0 +1,119 @@
+"""Position-controlled axes: Maxon motors on EPOS2 24/5 controllers on a CANopen bus."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+
+from parapod.systems.core.elementwise import clamp
+from parapod.systems.hardware.canopen import wrapped
+from parapod.systems.hardware.ds402 import Controlword
+from parapod.systems.hardware.epos2.controller import STANDSTILL, Sample, Timing
+from parapod.systems.hardware.epos2.device import Epos2Device, unwrapped
+from parapod.systems.hardware.epos2.settings import Epos2Settings
+
+# Longest time that counts between two commands [s]: two periods at 100 Hz. After a longer pause an
+# axis goes on from where it is, and makes up for nothing.
+_LONGEST = 0.02
+# A measurement that is older tells nothing about where an axis is [s].
+_FRESH = 0.1
+
+
+class Epos2Positions(Epos2Device):
+    """Position-controlled axes in the controllers' position mode; see also `Epos2Device`.
+
+    | signal | size | unit | meaning |
+    |---|---|---|---|
+    | command `position_command` | n | rad or m | where the axes are to be by the next command |
+
+    The mode has no profile: an axis goes to its set value (0x2062) at once, and the driver moves
+    that. From one command to the next a set value goes by `max_velocity` times the time between
+    them at most, and no pause counts for more than 20 ms; so no command makes an axis faster. A
+    command that is not finite leaves its axis where it is. Commands beyond the ends of the strokes
+    are those of the ends; an axis that is beyond one can only come back.
+
+    **No jumps.** When the drives are enabled the set values are the positions that are measured,
+    and so they are after each stop, by brake, emergency stop or failure: axes are let go only when
+    a reading has told, since the stop, that all of them stand. Whatever has been commanded before
+    counts no more.
+
+    **Silence.** `neutral` leaves each axis at its last set value, which it reaches within its lag.
+    So does a command while positions have not been measured for 0.1 s. A drive that is further
+    from its set value than the settings' `following_error` gives up, with a fault.
+    """
+
+    command_signal = "position_command"
+
+    def __init__(
+        self,
+        settings: Epos2Settings,
+        timing: Timing = Timing(),
+        is_synchronous: bool = True,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """See `Epos2Device`."""
+        super().__init__(settings, timing, is_synchronous, clock)
+        self._strokes = settings.strokes
+        self._wanted: Sequence[float] | None = None
+        # Set values [counts], and when they were sent.
+        self._set, self._moved = [0] * len(settings.node_ids), -math.inf
+        # Whether all axes stood at the newest reading.
+        self._stands = False
+
+    def seek_reference(self) -> None:
+        """See `Epos2Device`."""
+        super().seek_reference()
+        self._strokes = None
+
+    @property
+    def _has_limits(self) -> bool:
+        return self._strokes is not None
+
+    def _counted(self, samples: Sequence[Sample]) -> list[float]:
+        self._stands = all(abs(sample.rpm) <= STANDSTILL for sample in samples)
+        return super()._counted(samples)
+
+    def _want(self, wanted: Sequence[float] | None) -> None:
+        self._wanted = wanted
+
+    def _begin(self, settings: Sequence[int]) -> None:
+        pairs = zip(settings, self._counts, strict=True)
+        self._set = [unwrapped(setting, count) for setting, count in pairs]
+        self._wanted, self._moved = None, self._clock()
+
+    def _restrain(self) -> None:
+        """Set values move by commands alone."""
+
+    @property
+    def _is_fresh(self) -> bool:
+        return self._clock() - self._measured <= _FRESH
+
+    def _may_run(self) -> bool:
+        if self._word is Controlword.ENABLE_OPERATION:
+            return True
+        return self._stands and self._is_fresh and self._measured > self._worded
+
+    def _run(self) -> None:
+        now = self._clock()
+        if self._word is not Controlword.ENABLE_OPERATION:
+            self._set = [count or 0 for count in self._counts]
+        elif self._wanted is not None and self._is_fresh:
+            self._set = self._moved_on(self._wanted, min(now - self._moved, _LONGEST))
+        self._moved = now
+        self._send(Controlword.ENABLE_OPERATION, [wrapped(value) for value in self._set])
+
+    def _moved_on(self, wanted: Sequence[float], elapsed: float) -> list[int]:
+        """Set values after a time, on their ways to positions that are wanted [counts]."""
+        step = math.floor(self._settings.counts(self._settings.max_velocity * elapsed))
+        axes = zip(wanted, self._set, self._directions, self._offset, strict=True)
+        lower, upper = self._strokes or (None, None)
+        moved = []
+        for i, (position, value, sign, offset) in enumerate(axes):
+            if not math.isfinite(position):
+                moved.append(value)
+                continue
+            if lower is not None and upper is not None:
+                here = offset + sign * self._settings.position(value)
+                position = float(clamp(position, min(lower[i], here), max(upper[i], here)))
+            way = sign * self._settings.counts(position - offset) - value
+            moved.append(value + round(float(clamp(way, -step, step))))
+        return moved
