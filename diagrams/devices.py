@@ -176,7 +176,7 @@ def add_devices(builder: DiagramBuilder, machine: "Machine[Any]", scenario: Any)
             port = parts.readers[parts.behind(part)].GetOutputPort(name)
             connect(builder, port, each.get_input_port(i))
         outputs[f"status.{name}"] = each.get_output_port(0)
-    return Behind(inputs, outputs, parts.reset, parts.active, parts)
+    return Behind(inputs, outputs, parts.reset, parts.active, handle=parts)
 
 
 def make_parts(

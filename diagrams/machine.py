@@ -113,9 +113,11 @@ class SelfTest:
         command: signal of the part that is commanded.
         usual: command of a self-test for which nothing else is asked [unit of the command].
         largest: command that a self-test may give [unit of the command].
-        measures: signal of the part that is the command's integral.
+        measures: signal of the part that is the command's integral, or follows it.
         gain: rate of the measured signal by command.
-        rest: further commands of the part, for which it moves.
+        rest: further commands of the part's devices, for which it moves.
+        is_position: whether the measured signal follows the command, which begins where it is;
+            `usual` and `largest` are then rates of the command.
     """
 
     command: str
@@ -124,6 +126,7 @@ class SelfTest:
     measures: str
     gain: float = 1.0
     rest: Mapping[str, float] = field(default_factory=dict)
+    is_position: bool = False
 
 
 @dataclass
@@ -203,8 +206,8 @@ class Machine[S]:
             beside the emulated machine; None: there is none.
         twin: draws the real machine from its signals; None: it is not drawn.
         log_every: periods of the controller between two samples of a recording.
-        ports_of: the table of signals of a scenario, where sizes depend on it; `ports` are then
-            those of the default scenario, and names and units the same.
+        variant: attributes that depend on the scenario, by their names; what is declared here is
+            then that of the default scenario. Names and units of ports are always the same.
     """
 
     name: str
@@ -228,13 +231,13 @@ class Machine[S]:
     instrument: Callable[[Mapping[str, NDArray[Any]]], str] | None = None
     twin: "type[Twin] | None" = None
     log_every: int = 1
-    ports_of: Callable[[S], tuple[Port, ...]] | None = None
+    variant: Callable[[S], Mapping[str, Any]] | None = None
 
     def of(self, scenario: S) -> "Machine[S]":
-        """The machine as a scenario has it, where its ports follow from that."""
-        if self.ports_of is None:
+        """The machine as a scenario has it."""
+        if self.variant is None:
             return self
-        return replace(self, ports=self.ports_of(scenario), ports_of=None)
+        return replace(self, **self.variant(scenario), variant=None)
 
     def __repr__(self) -> str:
         return f"<machine {self.name}: {len(self.inputs)} inputs, {len(self.outputs)} outputs>"

@@ -33,6 +33,7 @@ _SHOWN = {
     "foot_desired": "foot_desired",
     "pose_estimated": "pose",
     "feet_estimated": "feet",
+    "length_error": "length_error",
     "phase": "phase",
     "operation": "operation",
     "fault": "fault",

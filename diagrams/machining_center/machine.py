@@ -1,30 +1,58 @@
 """The machining centres, tripod and quadruped: one declaration."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
-from parapod.diagrams.machine import Machine
+from parapod.diagrams.machine import Machine, SelfTest
 from parapod.diagrams.machining_center.controller import make_controller
+from parapod.diagrams.machining_center.guard import CenterGuard
 from parapod.diagrams.machining_center.plants import add_bodies, add_kinematics, add_mock
-from parapod.diagrams.machining_center.ports import PARTS, ports_of, ports_of_limbs
+from parapod.diagrams.machining_center.ports import PARTS, ports_of_limbs
 from parapod.diagrams.machining_center.scenario import CenterScenario
+from parapod.diagrams.machining_center.twin import CenterTwin
 from parapod.diagrams.wiring import named_source
 
 # Longest time after which somebody has a job end [s].
 _LONG = 1e4
+# One leg of six moves the platform; one of eight would only strain the other seven.
+_MOVES_ALONE = 3
 
 
 def _stop(scenario: CenterScenario) -> Sequence[System]:
     """What has the job end, where somebody is to."""
     if scenario.stop_at is None:
         return ()
-    instants = np.array((-1.0, scenario.stop_at, scenario.stop_at + _LONG))
-    pressed = PiecewisePolynomial.ZeroOrderHold(instants, np.array([[0.0, 1.0, 1.0]]))
+    instants = (-1.0, scenario.stop_at, scenario.stop_at + _LONG)
+    pressed = PiecewisePolynomial.ZeroOrderHold(
+        instants, [np.array([on]) for on in (0.0, 1.0, 1.0)]
+    )
     return (named_source("stop", pressed),)
 
+
+def _variant(scenario: CenterScenario) -> Mapping[str, Any]:
+    """Sizes of the ports, and what may be moved alone."""
+    alone = {"legs": _MOVE} if scenario.limbs == _MOVES_ALONE else {}
+    return {"ports": ports_of_limbs(scenario.limbs), "self_tests": alone}
+
+
+def _emulated(scenario: CenterScenario, period: float) -> CenterScenario:
+    """Drives that are motor and screw alone: their controllers, among the devices, count."""
+    return replace(scenario, legs=replace(scenario.legs, encoder_resolution_mm=0.0))
+
+
+_MOVE = SelfTest(
+    command="position_command",
+    usual=0.002,
+    largest=0.01,
+    measures="position",
+    rest={"brake": 0.0, "locks.command": 0.0, "clamps.command": 1.0},
+    is_position=True,
+)
 
 MACHINING_CENTER = Machine(
     name="machining_center",
@@ -32,10 +60,17 @@ MACHINING_CENTER = Machine(
     experiment="center-walk",
     scenario=CenterScenario,
     ports=ports_of_limbs(CenterScenario().limbs),
-    ports_of=ports_of,
     parts=PARTS,
     plants={"multibody": add_bodies, "kinematic": add_kinematics},
     mock=add_mock,
     controller=make_controller,
     sources=_stop,
+    self_tests={"legs": _MOVE},
+    emulated=_emulated,
+    cut={"legs.brake": 1.0},
+    guard=CenterGuard,
+    twin=CenterTwin,
+    variant=_variant,
+    exchange={"multibody": 5e-3, "kinematic": 5e-3},
+    log_every=2,
 )

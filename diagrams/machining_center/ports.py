@@ -1,12 +1,7 @@
 """Signals of the machining centres: the ports of their station, their controller, their job."""
 
-from typing import TYPE_CHECKING
-
 from parapod.diagrams.machine import In, Inner, Out, Port, Truth
 from parapod.systems.machining_center.posture import LOCKS_OF_LIMB
-
-if TYPE_CHECKING:
-    from parapod.diagrams.machining_center.scenario import CenterScenario
 
 # Parts whose devices `status.*` tells about.
 PARTS = ("legs",)
@@ -60,6 +55,7 @@ def ports_of_limbs(limbs: int) -> tuple[Port, ...]:
         Inner("foot_desired", "m, m, m, rad, rad, rad", "pose that the loose foot is to have"),
         Inner("pose_estimated", "m, m, m, rad, rad, rad", "pose that the lengths tell"),
         Inner("feet_estimated", "m, m, m, rad, rad, rad", "feet that the lengths tell"),
+        Inner("length_error", "m", "lengths of the legs less those that they were led to"),
         Inner("phase", "-", "phase of the job, see `Phase`"),
         Inner("operation", "-", "operations that are done"),
         Inner("fault", "-", "fault that has ended the job, see `Fault`, and where"),
@@ -69,8 +65,3 @@ def ports_of_limbs(limbs: int) -> tuple[Port, ...]:
         Inner("wrench_margin", "N", "resisted in every direction, less what is needed"),
         Inner("stop", "0/1", "whether somebody has the job end"),
     )
-
-
-def ports_of(scenario: "CenterScenario") -> tuple[Port, ...]:
-    """The table of a scenario."""
-    return ports_of_limbs(scenario.limbs)

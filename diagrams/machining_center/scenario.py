@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.machining_center.drivers import Epos2TripodLegs
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.machining_center.geometry import LIMB_COUNTS, CenterGeometry
@@ -215,6 +216,11 @@ class CenterControlScenario(Schema):
     settling: float = quantity(0.15, 0.0, 5.0)
 
 
+def emulated_hardware() -> HardwareScenario:
+    """The devices of `parapod emulate center-walk`."""
+    return HardwareScenario([Epos2TripodLegs()])
+
+
 @dataclass
 class CenterScenario(Schema):
     """A job of a machining centre: a row of holes, and, after a walk, the same row once more.
@@ -239,7 +245,7 @@ class CenterScenario(Schema):
         legs: see `LegScenario`.
         plant: see `CenterPlantScenario`.
         control: see `CenterControlScenario`.
-        hardware: see `HardwareScenario`.
+        hardware: see `HardwareScenario`; the defaults are the emulated devices of a tripod.
     """
 
     backend: str = choice("multibody", BACKENDS)
@@ -256,7 +262,7 @@ class CenterScenario(Schema):
     legs: LegScenario = field(default_factory=LegScenario)
     plant: CenterPlantScenario = field(default_factory=CenterPlantScenario)
     control: CenterControlScenario = field(default_factory=CenterControlScenario)
-    hardware: HardwareScenario = field(default_factory=HardwareScenario)
+    hardware: HardwareScenario = field(default_factory=emulated_hardware)
 
     @property
     def geometry(self) -> CenterGeometry:

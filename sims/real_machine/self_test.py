@@ -82,6 +82,7 @@ def check_part(
         DeviceError: a device is not there, is another one, or fails.
     """
     drivers: list[Driver] = scenario.hardware.drivers
+    machine = machine.of(scenario)
     parts = make_parts(drivers, machine.inputs, machine.measured, scenario.control.period)
     if part not in parts.threads:
         raise ScenarioError(f"part {quoted(part)} is not one of {', '.join(parts.threads)}")
@@ -141,7 +142,7 @@ def _checked(
     size = max(sizes, default=0)
     if not 0 <= move.index < size:
         raise ScenarioError(f"{part} have numbers 1..{size}, not {move.index + 1}")
-    unit = machine.unit(f"{part}.{motion.command}")
+    unit = machine.unit(f"{part}.{motion.command}") + ("/s" if motion.is_position else "")
     if not 0.0 < abs(command) <= motion.largest:
         raise ScenarioError(
             f"a self-test moves {part} with up to {motion.largest:g} {unit}, "
@@ -235,7 +236,8 @@ def _move(
     commanded, measured = [0.0], [np.array(reader.sample.values[motion.measures])]
     due = time.monotonic()
     for command in _profile(move):
-        _post(threads, motion, move.index, command)
+        ahead = commanded[-1] + command * _STEP
+        _post(threads, motion, move.index, ahead if motion.is_position else command, measured[0])
         due += _STEP
         time.sleep(max(0.0, due - time.monotonic()))
         if (error := reader.error) is not None:
@@ -275,14 +277,23 @@ def _move(
     ]
 
 
-def _post(threads: Sequence[DeviceThread], motion: SelfTest, index: int, command: float) -> None:
+def _post(
+    threads: Sequence[DeviceThread],
+    motion: SelfTest,
+    index: int,
+    command: float,
+    start: NDArray[np.float64],
+) -> None:
+    """Commands one axis, and the others to rest: by a rate, or by the way from where it was."""
     now = time.monotonic()
     for thread in threads:
         commands = {}
         for name, size in thread.device.commands.items():
             values = [motion.rest.get(name, 0.0)] * size
+            if name == motion.command and motion.is_position:
+                values = start.tolist()
             if name == motion.command:
-                values[index] = command
+                values[index] += command
             commands[name] = values
         if commands:
             thread.post(commands, now)

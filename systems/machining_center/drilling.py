@@ -83,7 +83,7 @@ class DrillingProcess(LeafSystem):
 
     def _calc_force(self, context: Context, output: BasicVector) -> None:
         share = float(context.get_discrete_state(0).value()[1])
-        output.SetFromVector([share * self._process.thrust, share * self._process.torque])
+        output.SetFromVector(share * np.array((self._process.thrust, self._process.torque)))
 
     def _calc_height(self, context: Context, output: BasicVector) -> None:
         output[0] = self._height(context)

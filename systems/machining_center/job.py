@@ -149,12 +149,12 @@ class Carried(NamedTuple):
     """Wrench that a pose carries, and what is asked of it.
 
     Attributes:
-        index: w_minmax [-].
+        w_minmax: of the posture [-].
         capacity: magnitude that is resisted in every direction [N].
         needed: magnitude of drill and weight [N], moments divided by r_c.
     """
 
-    index: float
+    w_minmax: float
     capacity: float
     needed: float
 
@@ -168,11 +168,11 @@ def carried(geometry: CenterGeometry, process: Process, pose: Array, feet: Array
         pose: (6) of the platform [m, rad].
         feet: (n, 6) of the feet [m, rad].
     """
-    index = float(wrench_indices(geometry, pose, feet).w_minmax)
+    w_minmax = float(wrench_indices(geometry, pose, feet).w_minmax)
     wrench = process.wrench(geometry, pose)
     wrench[:3] /= geometry.platform_radius
-    capacity = index * geometry.legs * process.largest_leg_force
-    return Carried(index, capacity, float(np.linalg.norm(wrench)))
+    capacity = w_minmax * geometry.legs * process.largest_leg_force
+    return Carried(w_minmax, capacity, float(np.linalg.norm(wrench)))
 
 
 def check_drill(geometry: CenterGeometry, job: Job, drill: Drill, feet: Array) -> None:
@@ -189,7 +189,7 @@ def check_drill(geometry: CenterGeometry, job: Job, drill: Drill, feet: Array) -
         if found.needed > found.capacity:
             raise Refused(
                 f"at {_place(pose)} legs of {process.largest_leg_force:g} N resist "
-                f"{found.capacity:.0f} N in every direction (w_minmax {found.index:.4f}), and "
+                f"{found.capacity:.0f} N in every direction (w_minmax {found.w_minmax:.4f}), and "
                 f"drill and weight need {found.needed:.0f} N: a thrust of "
                 f"{_admissible(process, found):.0f} N would do"
             )

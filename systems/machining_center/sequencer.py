@@ -173,7 +173,7 @@ class CenterSequencer(LeafSystem):
 
     def _calc_fault(self, context: Context, output: BasicVector) -> None:
         progress = self._progress(context)
-        output.SetFromVector([float(progress.fault), float(progress.where)])
+        output.SetFromVector(np.array((progress.fault, progress.where), dtype=float))
 
     def _calc_done(self, context: Context, output: BasicVector) -> None:
         ended = (Phase.DONE, Phase.STOPPED, Phase.FAULT)
