@@ -1,13 +1,14 @@
 """A machining centre's bodies, joints, clamps and closed loops in a MultibodyPlant; pictures."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import PdControllerGains, QuaternionFloatingJoint, SpatialInertia
+from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, QuaternionFloatingJoint
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.drawing import View, add_renderer, take
@@ -42,10 +43,7 @@ def add_center(
     platform = plant.GetBodyByName("platform", body)
     world = plant.world_frame()
     plant.AddJoint(QuaternionFloatingJoint("platform", world, platform.body_frame()))
-    # Not the world itself: a constraint to that ends the process.
-    ground = plant.AddRigidBody("ground", plant.AddModelInstance("ground"), SpatialInertia.NaN())
-    plant.WeldFrames(world, ground.body_frame())
-    clamps, homes = [], []
+    clamps = []
     feet = feet_of(geometry, footholds)
     for i, (angle, middle) in enumerate(zip(geometry.angles, geometry.middles, strict=True)):
         (limb,) = parser.AddModels(url=f"{_FOLDER}/limb.urdf")
@@ -59,13 +57,15 @@ def add_center(
         (plate,) = parser.AddModels(url=f"{_FOLDER}/clamp.urdf")
         plant.RenameModelInstance(plate, f"clamp_{i + 1}")
         clamp = plant.GetBodyByName("clamp", plate)
-        plant.AddJoint(QuaternionFloatingJoint(f"clamp_{i + 1}", world, clamp.body_frame()))
+        # A frame whose pose is a parameter: a clamp has no place of its own.
+        held: Any = plant.AddFrame(
+            FixedOffsetFrame(f"clamp_{i + 1}", world, transform_of(feet[i]))
+        )
+        plant.WeldFrames(held, clamp.body_frame())
         foot = plant.GetBodyByName("foot", limb)
         clamps.append(plant.AddWeldConstraint(clamp, RigidTransform(), foot, RigidTransform()))
-        home = transform_of(feet[i])
-        homes.append(plant.AddWeldConstraint(ground, home, foot, RigidTransform()))
     plant.Finalize()
-    return CenterModel(plant, geometry, tuple(clamps), tuple(homes))
+    return CenterModel(plant, geometry, tuple(clamps))
 
 
 def photograph(

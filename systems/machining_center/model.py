@@ -18,7 +18,6 @@ from pydrake.multibody.tree import (
     JointActuator,
     ModelInstanceIndex,
     MultibodyConstraintId,
-    QuaternionFloatingJoint,
     RigidBody,
 )
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
@@ -42,14 +41,11 @@ class CenterModel:
         plant: the plant.
         geometry: geometry to which the files are drawn.
         clamps: constraints between clamps and feet, one a limb.
-        homes: constraints between the ground and feet where they stand in a default context, in
-            which no joint is locked, so that clamps without a place of their own hold nothing.
     """
 
     plant: MultibodyPlant
     geometry: CenterGeometry
     clamps: tuple[MultibodyConstraintId, ...]
-    homes: tuple[MultibodyConstraintId, ...]
 
     @cached_property
     def platform(self) -> RigidBody:
@@ -111,7 +107,7 @@ class CenterModel:
         self.plant.SetVelocities(context, np.zeros(self.plant.num_velocities()))
 
     def positions(self, pose: ArrayLike, footholds: ArrayLike | None = None) -> NDArray[Any]:
-        """All positions of the plant, loops closed, clamps under the feet.
+        """All positions of the plant, loops closed.
 
         Args:
             pose: (6) of the platform [m, rad].
@@ -128,9 +124,10 @@ class CenterModel:
             values["right_swing"] = self._right_swing(values)
             for name, value in values.items():
                 q[self.plant.GetJointByName(name, limb).position_start()] = value
-        self._place(q, self.platform, transform_of(place))
-        for body, foot in zip(self.clamp_bodies, feet, strict=True):
-            self._place(q, body, transform_of(foot))
+        start = self.plant.GetJointByName("platform").position_start()
+        transform = transform_of(place)
+        quaternion = transform.rotation().ToQuaternion().wxyz()
+        q[start : start + 7] = (*quaternion, *transform.translation())
         return q
 
     def _right_swing(self, values: dict[str, float]) -> float:
@@ -138,19 +135,6 @@ class CenterModel:
         apart = float(np.linalg.norm(self.geometry.pivots[1] - self.geometry.pivots[0]))
         across = values["left_length"] * np.sin(values["left_swing"]) + apart
         return float(np.arctan2(across, values["left_length"] * np.cos(values["left_swing"])))
-
-    def _place(self, q: NDArray[Any], body: RigidBody, pose: RigidTransform) -> None:
-        start = self._floating[body.index()].position_start()
-        quaternion = pose.rotation().ToQuaternion().wxyz()
-        q[start : start + 7] = (*quaternion, *pose.translation())
-
-    @cached_property
-    def _floating(self) -> dict[Any, Any]:
-        """Floating joints, by the index of the body."""
-        joints = map(self.plant.get_joint, self.plant.GetJointIndices())
-        return {
-            j.child_body().index(): j for j in joints if isinstance(j, QuaternionFloatingJoint)
-        }
 
     def lock(self, context: Context, joints: Collection[tuple[int, int]]) -> None:
         """Locks joints where they are, and unlocks all others; a locked joint stands.
@@ -175,13 +159,10 @@ class CenterModel:
             limb: counted from 1.
             at: pose of the clamp, where the foot is not there yet.
         """
-        body = self.clamp_bodies[limb - 1]
         pose = self.foot_pose(context, limb) if at is None else at
-        joint = self._floating[body.index()]
-        joint.Unlock(context)
-        joint.SetPose(context, pose)
-        joint.Lock(context)
-        self._hold(context, limb, True)
+        frame: Any = self.plant.GetFrameByName(f"clamp_{limb}")
+        frame.SetPoseInParentFrame(context, pose)
+        self.plant.SetConstraintActiveStatus(context, self.clamps[limb - 1], True)
 
     def unclamp(self, context: Context, limb: int) -> None:
         """Lets a foot go; its clamp stays.
@@ -190,11 +171,7 @@ class CenterModel:
             context: the plant's context.
             limb: counted from 1.
         """
-        self._hold(context, limb, False)
-
-    def _hold(self, context: Context, limb: int, is_clamped: bool) -> None:
-        self.plant.SetConstraintActiveStatus(context, self.clamps[limb - 1], is_clamped)
-        self.plant.SetConstraintActiveStatus(context, self.homes[limb - 1], False)
+        self.plant.SetConstraintActiveStatus(context, self.clamps[limb - 1], False)
 
     def foot_pose(self, context: Context, limb: int) -> RigidTransform:
         """Pose of a foot's frame in the world."""
@@ -202,7 +179,7 @@ class CenterModel:
 
 
 class CenterPositions(LeafSystem):
-    """Positions of the plant's joints for a drawing, loops closed, clamps under the feet.
+    """Positions of the plant's joints for a drawing, loops closed.
 
     | port | size | unit | meaning |
     |---|---|---|---|
