@@ -19,6 +19,8 @@ from parapod.diagrams.wiring import named_source
 
 # Longest time after which somebody has a job end [s].
 _LONG = 1e4
+# Lag of a drive behind set values, and of its velocity's loop, where devices command it [ms].
+_ARRIVAL, _LAG = 15.0, 5.0
 # One leg of six moves the platform; one of eight would only strain the other seven.
 _MOVES_ALONE = 3
 
@@ -41,8 +43,14 @@ def _variant(scenario: CenterScenario) -> Mapping[str, Any]:
 
 
 def _emulated(scenario: CenterScenario, period: float) -> CenterScenario:
-    """Drives that are motor and screw alone: their controllers, among the devices, count."""
-    return replace(scenario, legs=replace(scenario.legs, encoder_resolution_mm=0.0))
+    """Drives as devices command them: these count, and their set values come when they come.
+
+    A drive without a lag would run from one set value to the next, and stand in between.
+    """
+    legs = replace(
+        scenario.legs, encoder_resolution_mm=0.0, arrival_ms=_ARRIVAL, time_constant_ms=_LAG
+    )
+    return replace(scenario, control=replace(scenario.control, period=period), legs=legs)
 
 
 _MOVE = SelfTest(

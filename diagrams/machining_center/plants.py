@@ -261,8 +261,14 @@ def _add_simulated(
         meshcat: draws the machine there; None for no drawing.
     """
     geometry, plan, period = scenario.geometry, scenario.plan, scenario.control.period
+    arrival = scenario.legs.arrival_ms
     servo = PositionServo(
-        drive_params(scenario), geometry.legs, period, drive_step, _encoded(scenario)
+        drive_params(scenario),
+        geometry.legs,
+        period,
+        drive_step,
+        _encoded(scenario),
+        None if arrival is None else 1e-3 * arrival,
     )
     drives = add(builder, servo, "drives")
     legs = _add_legs(builder, scenario, drives)

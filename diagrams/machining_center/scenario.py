@@ -52,7 +52,7 @@ class HolesScenario(Schema):
         count: number of holes; 0: none.
         pitch_mm: distance between two of them [mm].
         row_deg: direction of the row, from the way along the panel's circumference [deg].
-        tilt_deg: of the holes' axes from the panel's normals, towards the row's end [deg].
+        tilt_deg: lean of the holes' axes from the panel's normals, towards the row's end [deg].
         depth_mm: depth of the holes [mm].
     """
 
@@ -72,7 +72,7 @@ class WalkScenario(Schema):
         direction_deg: direction, from the way along the panel's circumference [deg].
         steps: swings of each foot.
         lift_mm: height of a swing [mm].
-        height_mm: of the platform above the panel where a swing begins [mm].
+        height_mm: height of the platform above the panel where a swing begins [mm].
         locks: joints of a tripod's standing limbs that are locked while a foot is loose: "best"
             for the set with the largest singular values, "paper" for "q1 of 1, q1 of 2", or two
             others in that way, limbs counted from the loose one on. A quadruped needs none.
@@ -122,11 +122,11 @@ class MotionScenario(Schema):
     """Limits of speed.
 
     Attributes:
-        rapid_mm_s: of the platform between operations [mm/s].
-        turn_deg_s: of its rotation [deg/s].
-        feed_mm_s: of the drill in the material [mm/s].
-        swing_mm_s: of a foot [mm/s].
-        acceleration_mm_s2: of platform and feet [mm/s^2].
+        rapid_mm_s: largest speed of the platform between operations [mm/s].
+        turn_deg_s: largest speed of its rotation [deg/s].
+        feed_mm_s: largest speed of the drill in the material [mm/s].
+        swing_mm_s: largest speed of a foot [mm/s].
+        acceleration_mm_s2: largest acceleration of platform and feet [mm/s^2].
     """
 
     rapid_mm_s: float = quantity(60.0, 1.0, 500.0)
@@ -152,8 +152,8 @@ class ProcessScenario(Schema):
     """The drill, and what drilling needs.
 
     Attributes:
-        thrust_N: of the material on the drill at the feed that is meant [N].
-        torque_Nm: of the material on it [N m].
+        thrust_N: force of the material on the drill at the feed that is meant [N].
+        torque_Nm: torque of the material on it [N m].
         clearance_mm: height of the tip above the panel between holes [mm].
     """
 
@@ -172,6 +172,8 @@ class LegScenario(Schema):
         stiffness_N_um: axial stiffness of a leg with its screw and drive [N/um].
         max_velocity_mm_s: largest velocity of a leg [mm/s].
         time_constant_ms: time constant of the drives' velocity loop [ms].
+        arrival_ms: time in which a drive makes up for what is missing of a command [ms]; null: the
+            controller's period.
         encoder_resolution_mm: one count of the encoders [mm]; 0 for perfect ones.
         length_error_mm: largest error of a leg's length, drawn from the seed: what a calibration
             leaves [mm].
@@ -182,6 +184,7 @@ class LegScenario(Schema):
     stiffness_N_um: float = quantity(10.0, 0.1, 1000.0)  # noqa: N815
     max_velocity_mm_s: float = quantity(150.0, 1.0, 2000.0)
     time_constant_ms: float = quantity(2.0, 0.1, 100.0)
+    arrival_ms: float | None = quantity(None, 1.0, 1000.0)
     encoder_resolution_mm: float = quantity(0.001, 0.0, 0.1)
     length_error_mm: float = quantity(0.01, 0.0, 1.0)
 

@@ -11,7 +11,7 @@ from parapod.systems.core.ports import read_array
 
 
 class PositionLoop(LeafSystem):
-    """Velocities with which drives arrive at a position one period from now.
+    """Velocities with which drives arrive at a position some time from now.
 
     | port | size | unit | meaning |
     |---|---|---|---|
@@ -19,8 +19,9 @@ class PositionLoop(LeafSystem):
     | in `state` | 2n | m or rad, and per s | positions and velocities of the drives |
     | out `velocity_command` | n | m/s or rad/s | to be sampled every period |
 
-    With a velocity u over the period T, a drive with the lag tau goes on by
-    T u - tau (1 - exp(-T / tau)) (u - v): that is made what is missing.
+    With a velocity u for a time T, a drive with the lag tau goes on by
+    T u - tau (1 - exp(-T / tau)) (u - v): that is made what is missing. Sampled as often, the
+    drives are there when the next command comes; sampled more often, they come after it.
 
     No state.
 
@@ -29,15 +30,15 @@ class PositionLoop(LeafSystem):
     Args:
         time_constant: tau of the drives' velocity loop [s].
         channels: number of drives n.
-        period: T [s].
+        arrival: T [s].
     """
 
-    def __init__(self, time_constant: float = 0.002, channels: int = 1, period: float = 0.01):
+    def __init__(self, time_constant: float = 0.002, channels: int = 1, arrival: float = 0.01):
         super().__init__()
         self.set_name("position_loop")
         self._channels = channels
-        self._late = -time_constant * math.expm1(-period / time_constant)
-        self._reach = period - self._late
+        self._late = -time_constant * math.expm1(-arrival / time_constant)
+        self._reach = arrival - self._late
         self._command = self.DeclareVectorInputPort("position_command", channels)
         self._state = self.DeclareVectorInputPort("state", 2 * channels)
         self.DeclareVectorOutputPort(
@@ -57,8 +58,17 @@ class PositionLoop(LeafSystem):
 class PositionServo(Diagram):
     """Drives that are where they are told one period later, or brake.
 
-    Ports are those of `VelocityServo`, with `position_command` (n) [m or rad] in the place of
-    `velocity_command`. Speed, acceleration and stroke limit what is followed.
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `position_command` | n | m or rad | where the drives are to be |
+    | in `brake` | 1 | - | above 0.5: stop and hold |
+    | out `position_measured` | n | m or rad | encoder: whole counts |
+    | out `velocity_measured` | n | m/s or rad/s | counts per gate time |
+    | out `position` | n | m or rad | where the drives are |
+    | out `state` | 2n | m or rad, and per s | positions and velocities |
+    | out `next_state` | 2n | m or rad, and per s | positions and velocities one step ahead |
+
+    Speed, acceleration and stroke limit what is followed, see `VelocityServo`.
 
     State: that of `VelocityServo`.
 
@@ -67,10 +77,11 @@ class PositionServo(Diagram):
     Args:
         params: parameters of each drive.
         channels: number of drives n.
-        period: at which commands are taken, and by which they are to be reached [s].
+        period: at which commands are taken [s].
         time_step: time step of the drives' lag [s]; None for the period.
         position: positions (n or scalar) in a default context, where the drives are at rest
             [m or rad].
+        arrival: time in which a command is to be reached [s]; None for the period.
     """
 
     def __init__(
@@ -80,12 +91,13 @@ class PositionServo(Diagram):
         period: float = 0.01,
         time_step: float | None = None,
         position: ArrayLike = 0.0,
+        arrival: float | None = None,
     ):
         super().__init__()
         self.params = params
         builder = DiagramBuilder()
         self._servo = VelocityServo(params, channels, period, time_step, position)
-        loop = PositionLoop(params.time_constant, channels, period)
+        loop = PositionLoop(params.time_constant, channels, arrival or period)
         for system in (self._servo, loop):
             builder.AddSystem(system)
         builder.Connect(self._servo.GetOutputPort("state"), loop.GetInputPort("state"))

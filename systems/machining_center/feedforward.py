@@ -1,5 +1,6 @@
 """From the pose that platform or foot is to have to the lengths of the legs."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -52,7 +53,8 @@ class CenterFeedforward(LeafSystem):
     State: discrete; lengths (2n), pose (6) and foot (6) for now, what lengths are more than those
     of the kinematics (2n), and whether there are any (1).
 
-    Bad input: targets that no lengths reach, or that are no numbers, are not followed.
+    Bad input: targets that no lengths reach, or that are no numbers, are not followed; where
+    nothing moves, what is known is shown as it is.
     """
 
     def __init__(
@@ -110,7 +112,7 @@ class CenterFeedforward(LeafSystem):
         return now
 
     def _calc_now(self, context: Context) -> _Led:
-        """What is to be now: where nothing moves, what is known."""
+        """Lengths and poses that are to be now: where nothing moves, those that are known."""
         state: Array = context.get_discrete_state(0).value()
         legs = self._geometry.legs
         lengths, pose, foot, more, known = np.split(state.copy(), np.cumsum((legs, 6, 6, legs)))
@@ -119,13 +121,18 @@ class CenterFeedforward(LeafSystem):
         if self._mode(context) != 0 and known[0] > 0.5:
             return _Led(lengths, pose, foot, more, False)
         pose, feet = read_array(self._ports["pose"], context), self._feet(context)
-        limb = round(read(self._ports["loose_limb"], context)[0])
-        foot = feet[limb - 1] if limb else np.zeros(6)
+        limb = self._whole("loose_limb", context)
+        foot = feet[limb - 1] if 1 <= limb <= len(feet) else np.zeros(6)
         more = lengths - leg_lengths(self._geometry, pose, feet)
         return _Led(lengths, pose, foot, more, False)
 
     def _mode(self, context: Context) -> int:
-        return round(read(self._ports["mode"], context)[0])
+        return self._whole("mode", context)
+
+    def _whole(self, name: str, context: Context) -> int:
+        """A whole number at an input; 0 for one that is none."""
+        (value,) = read(self._ports[name], context)
+        return round(value) if math.isfinite(value) else 0
 
     def _feet(self, context: Context) -> Array:
         return read_array(self._ports["feet"], context).reshape(-1, 6)
@@ -140,12 +147,14 @@ class CenterFeedforward(LeafSystem):
                 lengths = inverse_kinematics(self._geometry, target, feet)
                 return now._replace(lengths=lengths + now.more, pose=target)
             return self._swung(context, now, target, feet)
-        except (UnreachablePosture, SingularSwing):
+        except (UnreachablePosture, SingularSwing, ValueError):
             return now._replace(is_stuck=True)
 
     def _swung(self, context: Context, now: _Led, target: Array, feet: Array) -> _Led:
         ports, n = self._ports, self._geometry.limbs
-        limb = round(read(ports["loose_limb"], context)[0])
+        limb = self._whole("loose_limb", context)
+        if not 1 <= limb <= n:
+            return now._replace(is_stuck=True)
         values = read_array(ports["locked_at"], context).reshape(n, -1)
         closed = read_array(ports["locks_closed"], context).reshape(n, -1) > 0.5
         locks = closed_locks(self._geometry, limb, values, feet, closed)

@@ -185,9 +185,11 @@ class CenterPositions(LeafSystem):
     |---|---|---|---|
     | in `pose` | 6 | m, rad | of the platform |
     | in `feet` | 6n | m, rad | of the feet's frames |
-    | out `positions` | all of the plant's | - | positions |
+    | out `positions` | n | - | positions of the plant's joints |
 
     No state.
+
+    Bad input: a posture that is no number has positions that are none.
 
     Args:
         model: the bodies.
@@ -195,7 +197,7 @@ class CenterPositions(LeafSystem):
 
     def __init__(self, model: CenterModel):
         super().__init__()
-        self.set_name("positions")
+        self.set_name("center_positions")
         self._model = model
         self._pose = self.DeclareVectorInputPort("pose", 6)
         self._feet = self.DeclareVectorInputPort("feet", 6 * model.geometry.limbs)
@@ -207,8 +209,11 @@ class CenterPositions(LeafSystem):
         )
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        feet = read_array(self._feet, context).reshape(-1, 6)
-        output.SetFromVector(self._model.positions(read_array(self._pose, context), feet))
+        feet, pose = read_array(self._feet, context), read_array(self._pose, context)
+        if np.isfinite(feet).all() and np.isfinite(pose).all():
+            output.SetFromVector(self._model.positions(pose, feet.reshape(-1, 6)))
+        else:
+            output.SetFromVector(np.full(self._model.plant.num_positions(), np.nan))
 
 
 class CenterTruth(LeafSystem):
@@ -217,7 +222,7 @@ class CenterTruth(LeafSystem):
     | port | size | unit | meaning |
     |---|---|---|---|
     | in `body_poses` | abstract | - | poses of the plant's bodies |
-    | in `state` | all of the plant's | - | positions and velocities |
+    | in `state` | n | - | positions and velocities of the plant |
     | out `pose` | 6 | m, rad | of the platform |
     | out `feet` | 6n | m, rad | of the feet's frames |
     | out `joints` | 4n | rad | q_1, q_2, q_3, q_6 of each limb |
@@ -226,13 +231,15 @@ class CenterTruth(LeafSystem):
 
     State: none.
 
+    Bad input: what is not finite is shown as it is.
+
     Args:
         model: the bodies.
     """
 
     def __init__(self, model: CenterModel):
         super().__init__()
-        self.set_name("truth")
+        self.set_name("center_truth")
         n = model.geometry.limbs
         self._platform = model.platform.index()
         self._feet = [foot.index() for foot in model.feet]

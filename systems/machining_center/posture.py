@@ -1,4 +1,4 @@
-"""Where platform and feet are, from the legs' lengths and what is clamped and locked.
+"""Places of platform and feet, from the legs' lengths and what is clamped and locked.
 
 Clamped feet stay where they were clamped, and locked joints keep the values at which they were
 locked: so the centre knows where it has walked. The same reckoning is a plant without dynamics.
@@ -90,18 +90,18 @@ def posture_of(
     loose = np.flatnonzero(~clamped) + 1
     if not np.isfinite(lengths).all() or len(loose) > 1:
         return None
-    if len(loose) == 0:
-        found = forward_kinematics(
-            geometry, lengths, before.pose, before.feet, last_step=_LAST_STEP
-        )
-        return Posture(found.pose, before.feet) if np.isfinite(found.pose).all() else None
-    (limb,) = map(int, loose)
-    if not locked[limb - 1].all():
-        return None
-    locks = closed_locks(geometry, limb, values, before.feet, locked)
     try:
+        if len(loose) == 0:
+            found = forward_kinematics(
+                geometry, lengths, before.pose, before.feet, last_step=_LAST_STEP
+            )
+            return Posture(found.pose, before.feet) if np.isfinite(found.pose).all() else None
+        (limb,) = map(int, loose)
+        if not locked[limb - 1].all():
+            return None
+        locks = closed_locks(geometry, limb, values, before.feet, locked)
         swung = swing_forward(geometry, lengths, locks, before.pose, last_step=_LAST_STEP)
-    except (SingularSwing, ValueError):
+    except (SingularSwing, ValueError):  # lengths with which no legs meet
         return None
     feet = before.feet.copy()
     feet[limb - 1] = swung.foot_pose
@@ -146,7 +146,6 @@ class CenterPosture(LeafSystem):
         period: float = 0.01,
         pose: ArrayLike = (0.0, 0.0, 0.48, 0.0, 0.0, 0.0),
         footholds: ArrayLike | None = None,
-        *,
         is_sampled: bool = False,
     ):
         """Creates the system.
@@ -159,7 +158,7 @@ class CenterPosture(LeafSystem):
             is_sampled: whether the outputs are those of the last update.
         """
         super().__init__()
-        self.set_name("posture")
+        self.set_name("center_posture")
         self._geometry, n = geometry, geometry.limbs
         self._position = self.DeclareVectorInputPort("position", geometry.legs)
         self._locks = self.DeclareVectorInputPort("locks_closed", LOCKS_OF_LIMB * n)
@@ -187,7 +186,7 @@ class CenterPosture(LeafSystem):
         context.SetDiscreteState(_beginning(self._geometry, pose, footholds))
 
     def _calc_shown(self, context: Context) -> _Found:
-        """What the last update has found."""
+        """Finding of the last update."""
         n, locks = self._geometry.limbs, LOCKS_OF_LIMB * self._geometry.limbs
         state: Array = context.get_discrete_state(0).value().copy()
         pose, feet, values, locked, known = np.split(state, np.cumsum((6, 6 * n, locks, locks)))

@@ -36,7 +36,7 @@ class CenterSequencer(LeafSystem):
     | in `stop` | 1 | 0/1 | whether somebody has the job end; unconnected: nobody |
     | out `mode` | 1 | - | what moves: 0 nothing, 1 the platform, 2 the loose foot |
     | out `target` | 6 | m, rad | of what moves, a period from now |
-    | out `toward` | 6 | m, rad | platform of the plan then, while a foot swings; NaN: none |
+    | out `toward` | 6 | m, rad | of the platform then, as planned: NaN where nothing is |
     | out `loose_limb` | 1 | - | limb whose clamp is to be open, from 1; 0: none |
     | out `locks_command` | 4n | 0/1 | 1: closed |
     | out `clamps_command` | n | 0/1 | 1: closed |
@@ -51,7 +51,8 @@ class CenterSequencer(LeafSystem):
     State: discrete, a `Progress`, updated every period.
 
     Bad input: lengths, switches or a posture that are no numbers end the job by a fault, all
-    standing where it is; a load that is none counts as none.
+    standing where it is; a load that is none counts as none. Poses that are asked for now are
+    taken as they are, as where motions begin.
     """
 
     def __init__(

@@ -20,9 +20,9 @@ class Switches(LeafSystem):
     |---|---|---|---|
     | in `locks_command` | 4n | 0/1 | 1: closed |
     | in `clamps_command` | n | 0/1 | 1: closed |
-    | in `feet` | 6n | m, rad | of the feet; used only where it obeys by itself |
-    | out `locks_closed` | 4n | 0/1 | |
-    | out `clamps_closed` | n | 0/1 | |
+    | in `feet` | 6n | m, rad | of the feet's frames |
+    | out `locks_closed` | 4n | 0/1 | 1: closed |
+    | out `clamps_closed` | n | 0/1 | 1: closed |
 
     What is commanded is due after the time that locks and clamps take. Of a plant without
     dynamics it obeys by itself. Locks and clamps of rigid bodies are parameters of their context,

@@ -126,7 +126,7 @@ def _best(
 
 
 def _rating(swung: Swung) -> float:
-    """How good a swing is; 1 is good enough."""
+    """Quality of a swing; 1 is good enough."""
     return min(swung.margin / _ROOM, swung.sigma / _STIFF)
 
 

@@ -10,6 +10,7 @@ from parapod.systems.machining_center.wrench import wrench_indices
 
 # Fewer limbs do not hold a platform by their legs alone.
 _FEWEST = 3
+_HUGE = 1e9  # loads are not taken for larger [N, N m]
 
 
 class WrenchMonitor(LeafSystem):
@@ -74,7 +75,9 @@ class WrenchMonitor(LeafSystem):
         output[0] = context.get_discrete_state(0).value()[0]
 
     def _calc_margin(self, context: Context, output: BasicVector) -> None:
-        thrust, torque = np.nan_to_num(read_array(self._force, context)).tolist()
+        # A load that is no number is none.
+        force = np.nan_to_num(read_array(self._force, context), posinf=0.0, neginf=0.0)
+        thrust, torque = np.clip(force, -_HUGE, _HUGE).tolist()
         down = float(np.linalg.norm(weight(self._geometry)))
         needed = np.hypot(abs(thrust) + down, torque / self._geometry.platform_radius)
         output[0] = context.get_discrete_state(0).value()[0] * self._total - needed

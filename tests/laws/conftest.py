@@ -26,6 +26,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 
 import parapod.systems
 from parapod.diagrams.levelling_platform.model import add_platform
+from parapod.diagrams.machining_center.model import add_center
 from parapod.diagrams.walking_chair.model import add_chair
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.actuators.pi_controller import PiControllerParams
@@ -36,6 +37,12 @@ from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.scripts import Step, Waypoint
 from parapod.systems.levelling_platform.supervisor import Command, Phase
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
+from parapod.systems.machining_center.geometry import CenterGeometry
+from parapod.systems.machining_center.job import Job, row_of_holes
+from parapod.systems.machining_center.panel import Panel
+from parapod.systems.machining_center.platform_mode import leg_lengths
+from parapod.systems.machining_center.posture import Posture, lockable_joints
+from parapod.systems.machining_center.sequence import SequenceParams
 from parapod.systems.safety.faults import Fault
 from parapod.systems.sensors.imu import ImuParams, sample_period
 from parapod.systems.walking_chair.feedforward import NotAtStart
@@ -150,7 +157,22 @@ def in_gait(*names):
     return sample
 
 
+def add_tripod(plant):
+    return add_center(plant, TRIPOD)
+
+
 PARTS = ("position", "velocity", "acceleration")
+TRIPOD, HOME = CenterGeometry(), np.array((0.0, 0.0, 0.48, 0.0, 0.0, 0.0))
+FOOTHOLDS, FOOT = TRIPOD.footholds.ravel(), TRIPOD.footholds[1]
+LOCKED_AT = lockable_joints(TRIPOD, Posture(HOME, TRIPOD.footholds)).ravel()
+CENTER = {
+    **dict.fromkeys(("pose", "pose_desired", "target", "toward"), around(HOME, 2e-3)),
+    "feet": around(FOOTHOLDS, 1e-3),
+    "locks_closed": one_of(0.0, 1.0),
+    "clamps_closed": one_of(1.0, 1.0, 1.0, 1.0, 0.0),
+    "tool_force": around((80.0, 0.5), 80.0, 0.5),
+    "position_measured": around(leg_lengths(TRIPOD, HOME), 1e-3),
+}
 START = gait_motion(CHAIR, WALK.gaits[0], 0.0)
 
 # --- What the laws must be told
@@ -189,6 +211,19 @@ class Entry:
 
 def of_model(add, **arguments):
     return lambda: {"model": model_of(add)[0]} | {name: f() for name, f in arguments.items()}
+
+
+def of_bodies(port):
+    """Value of an output of a centre's plant, somewhere about its beginning."""
+
+    def sample(random, size):
+        model, context, *_ = model_of(add_tripod)
+        q = model.positions(HOME + random.uniform(-0.02, 0.02, 6))
+        model.plant.SetPositions(context, q + random.uniform(-2e-3, 2e-3, q.size))
+        value = model.plant.GetOutputPort(port).EvalAbstract(context)
+        return value.Clone() if size is None else value.get_value().value()[:size]
+
+    return sample
 
 
 def in_some_phase(context, random):
@@ -239,6 +274,7 @@ class Moved:
 
 
 BINARY = (0.0, 1.0)
+JOB = Job(row_of_holes(Panel(), (0.0, 0.0), 0.0, 2, 0.03))
 BODIES = {
     add: {port: of_plant(add, port) for port in ("contact_results", "body_poses", "state")}
     for add in (add_platform, add_chair)
@@ -253,6 +289,74 @@ OF_A_PLANT = "posture attitude angular_velocity specific_force inertial_motion c
 OF_A_CHAIR = "body_position body_attitude force contact_force foot_height body_pose passenger_pose"
 
 ENTRIES: dict[str, Entry] = {
+    "CenterFeedforward": Entry(
+        inputs={
+            **CENTER,
+            "mode": one_of(0, 1, 2),
+            "target": lambda random, size: around(random.choice((HOME, FOOT)), 2e-3)(random, 6),
+            "loose_limb": one_of(2, 2, 2, 2, 0),
+            "locks_closed": lambda random, size: np.array(
+                [*(random.random(4) < 0.1), 1, 1, 1, 1, *(random.random(4) < 0.1)], dtype=float
+            ),
+            "locked_at": around(LOCKED_AT, 1e-3),
+        },
+        limits={"is_stuck": BINARY},
+        passes={
+            "what is known is shown as it is": "position_command "
+            "pose_desired foot_desired length_error"
+        },
+        shares=True,
+    ),
+    "CenterPositions": Entry(
+        of_model(add_tripod), inputs=CENTER, passes={"positions that are none": "positions"}
+    ),
+    "CenterPosture": Entry(
+        variants=({"is_sampled": True},),
+        inputs={**CENTER, "position": CENTER["position_measured"]},
+        limits={"is_determined": BINARY},
+        shares=True,
+    ),
+    "CenterSequencer": Entry(
+        variants=({"job": JOB, "params": SequenceParams(begin=0.0, settling=0.01)},),
+        inputs={
+            **CENTER,
+            "length_error": around(0.0, 1e-5),
+            "locks_closed": one_of(*(0.0,) * 30, 1.0),
+            "clamps_closed": one_of(*(1.0,) * 9, 0.0),
+            "is_determined": one_of(1.0),
+            "is_stuck": one_of(0.0),
+            "emergency_stop": one_of(0.0, 0.0, 0.0, 1.0),
+        },
+        limits={
+            **dict.fromkeys(("locks_command", "clamps_command", "brake", "done"), BINARY),
+            **{"phase": (0.0, 12.0), "mode": (0.0, 2.0), "loose_limb": (0.0, 3.0)},
+        },
+        passes={"as planned: NaN": "toward", "taken as they are": "target"},
+    ),
+    "CenterStatics": Entry(inputs=CENTER, passes={"forces that are none": "leg_force"}),
+    "CenterTruth": Entry(
+        of_model(add_tripod),
+        inputs={port: of_bodies(port) for port in ("body_poses", "state")},
+        passes={"shown as it is": "joints"},
+    ),
+    "DrillingProcess": Entry(
+        inputs={"pose": around((0.0, 0.0, 0.438, 0.0, 0.0, 0.0), *(3e-3,) * 3, *(0.01,) * 3)},
+        limits={"tool_force": (0.0, 225.0)},
+    ),
+    "PositionLoop": Entry(
+        variants=({"channels": 3, "arrival": 0.02},), inputs={"position_command": around(0.0, 0.2)}
+    ),
+    "PositionServo": Entry(
+        lambda: DRIVES,
+        inputs={"position_command": around(0.0, 0.2)},
+        limits={"velocity_measured": 33.0},
+    ),
+    "Switches": Entry(
+        variants=({"panel": Panel()}, {"panel": Panel(), "delay": 0.02}),
+        inputs={**CENTER, "locks_command": one_of(0.0, 1.0), "clamps_command": one_of(0.0, 1.0)},
+        limits=dict.fromkeys(("locks_closed", "clamps_closed"), BINARY),
+    ),
+    "WrenchMonitor": Entry(inputs=CENTER, limits={"wrench_index": (0.0, 1.0)}),
     "ChairControls": Entry(lambda: {"controls": Moved()}, limits={"halt": BINARY}),
     "AttitudeEstimator": Entry(
         limits={"attitude": math.pi, "gyro_bias": 0.035}, begins=("attitude", tilt)
