@@ -26,6 +26,7 @@ class Epos2TripodLegs(Epos2PositionScrews):
     Attributes:
         node_ids: addresses of the controllers: left and right leg of limb 1, of limb 2, ...
         max_velocity_rpm: largest velocity of a motor [rpm]; 1800 are 150 mm/s.
+        following_error_mm: distance of a leg from its set value at which its drive gives up [mm].
         position_min_mm: lengths from foot to pivot below which nothing retracts [mm].
         position_max_mm: lengths above which nothing extends [mm].
         stop_node: address of the controller at whose digital input is a contact of the emergency
@@ -35,6 +36,7 @@ class Epos2TripodLegs(Epos2PositionScrews):
     part: str = "legs"
     node_ids: list[int] = quantity([*range(1, 2 * _TRIPOD + 1)], 1, 127, length=2 * _TRIPOD)
     max_velocity_rpm: float = quantity(1800.0, 1.0, 100_000.0)
+    following_error_mm: float = quantity(5.0, 0.01, 100.0)
     signs: list[int] = quantity([1] * 2 * _TRIPOD, -1, 1, length=2 * _TRIPOD)
     position_min_mm: list[float] = quantity(
         _of_legs(_TRIPOD, _SHORTEST), 0.0, 5000.0, length=2 * _TRIPOD

@@ -28,7 +28,7 @@ class CenterLimits:
         persists: time for which a sign must last, but for a jump [s].
     """
 
-    following: float = 2.5e-3
+    following: float = 4e-3
     share: float = 1.0
     oldest: float = 0.06
     persists: float = 0.1

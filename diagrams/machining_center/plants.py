@@ -118,7 +118,7 @@ def _add_multibody_plant(
         remove_visuals(plant, scene_graph)
     else:
         publish(builder, scene_graph, meshcat, "center")
-    locking = Locking(model, switches, plan.job.panel, control)
+    locking = Locking(model, switches, plan.job.panel)
     names = ("pose", "feet", "joints", "clamp_gap", "loop_error")
     signals = {name: truth.GetOutputPort(name) for name in names} | {"leg_force": force}
 

@@ -297,7 +297,7 @@ class CenterScenario(Schema):
                 clearance=1e-3 * process.clearance_mm,
                 largest_leg_force=self.legs.max_force_N,
             ),
-            speeds=self.motion.speeds,
+            speeds=replace(self.motion.speeds, leg=1e-3 * self.legs.max_velocity_mm_s),
             lift=1e-3 * walk.lift_mm,
             least_sigma=walk.least_sigma,
         )

@@ -68,7 +68,6 @@ class CenterJob(LoopExperiment[CenterScenario, Run]):
     schema = CenterScenario
     backends = MACHINING_CENTER.backends
     signals = SIGNALS
-    takes = "1 min"
 
     def check(self, scenario: CenterScenario) -> None:
         """Refuses a job before anything moves.
@@ -111,15 +110,13 @@ class CenterJob(LoopExperiment[CenterScenario, Run]):
 
 def _until_done(loop: ClosedLoop[Any], rest: float) -> Monitor:
     """Ends a run some time after the job is done."""
-    (done,) = (loop.ports[name] for name in ("done",))
+    done = loop.ports["done"]
     system: Any = done.get_system()
     ended = math.inf
 
     def look(root_context: Context) -> EventStatus:
         nonlocal ended
         now = root_context.get_time()
-        if now < ended and system.get_output_port is None:
-            return EventStatus.DidNothing()
         value: Any = done.Eval(system.GetMyContextFromRoot(root_context))
         if value[0] < 0.5:
             ended = math.inf

@@ -39,6 +39,8 @@ _FELT = 1.0
 class CenterMachining(CenterJob):
     """Drills the holes."""
 
+    takes = "20 s"
+
     def check(self, scenario: CenterScenario) -> None:
         """Refuses what cannot be done, and a job without holes.
 

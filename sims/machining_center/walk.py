@@ -1,4 +1,4 @@
-"""Machine, unclamp, walk over a curved panel and machine again: Figs. 7 and 8 of the paper.
+"""Walk over a curved panel between two rows of holes that are drilled: Figs. 7 and 8.
 
 One foot after the other is let go while joints are locked, swung by all legs, and clamped where it
 has come to. The walk's plan is found, and refused where a leg, a lock or the drill would not do.
@@ -42,7 +42,7 @@ _AFTER = 1.0
 class CenterWalk(CenterJob):
     """Machines, walks, and machines again."""
 
-    takes = "2 min"
+    takes = "1 min"
 
     def check(self, scenario: CenterScenario) -> None:
         """Refuses what cannot be done, and a job without a walk.

@@ -13,16 +13,21 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 from parapod.systems.core.errors import ParapodError, UnreachablePosture
 from parapod.systems.core.vectors import Array
-from parapod.systems.machining_center.geometry import CenterGeometry
+from parapod.systems.machining_center.geometry import CenterGeometry, leg_name
 from parapod.systems.machining_center.masses import weight
 from parapod.systems.machining_center.panel import Panel
 from parapod.systems.machining_center.paths import (
     Speeds,
+    duration_of,
     foot_at,
     platform_at,
     swing_duration,
 )
-from parapod.systems.machining_center.platform_mode import displacement, inverse_kinematics
+from parapod.systems.machining_center.platform_mode import (
+    displacement,
+    inverse_kinematics,
+    leg_lengths,
+)
 from parapod.systems.machining_center.posture import Posture
 from parapod.systems.machining_center.swing import (
     Locks,
@@ -274,7 +279,7 @@ def try_swing(
     except ValueError as error:
         raise Refused(str(error)) from None
     pose, now, sigma, margin = swing.pose, feet.copy(), np.inf, np.inf
-    way = []
+    way, lengths = [], []
     duration = swing_duration(feet[limb - 1], swing.foothold, job.lift, job.speeds)
     by = displacement(feet[limb - 1], swing.foothold)
     for share in np.linspace(0.0, 1.0, looks + 1):
@@ -286,6 +291,7 @@ def try_swing(
             raise Refused(str(error)) from None
         pose, now[limb - 1] = found.pose, found.foot_pose
         way.append(pose)
+        lengths.append(found.lengths)
         at = lock_conditions(
             geometry, pose, swing.lock_set, now, along="left", turns=turns(geometry)
         )
@@ -300,6 +306,7 @@ def try_swing(
             found.lengths.min() - geometry.stroke_min, geometry.stroke_max - found.lengths.max()
         )
         margin = min(margin, float(near))
+    _check_speeds(job, np.array(lengths), duration, "swing")
     return Swung(Posture(pose, now), sigma, margin, np.array(way))
 
 
@@ -362,21 +369,45 @@ def check_job(geometry: CenterGeometry, job: Job, beginning: Posture) -> Posture
         try:
             if isinstance(operation, Drill):
                 above = operation.pose(job.process, job.process.clearance)
-                _check_way(geometry, now.pose, above, now.feet)
+                _check_way(geometry, job, now.pose, above, now.feet)
                 check_drill(geometry, job, operation, now.feet)
                 now = Posture(above, now.feet)
             else:
-                _check_way(geometry, now.pose, operation.pose, now.feet)
+                _check_way(geometry, job, now.pose, operation.pose, now.feet)
                 now = try_swing(geometry, job, operation, now.feet).end
         except Refused as error:
             raise Refused(error.words, number) from None
     return now
 
 
-def _check_way(geometry: CenterGeometry, start: Array, end: Array, feet: Array) -> None:
-    by = displacement(start, end)
-    for share in np.linspace(0.0, 1.0, _LOOKS_OF_PLATFORM):
-        _check_pose(geometry, platform_at(start, by, share), feet)
+def _check_way(geometry: CenterGeometry, job: Job, start: Array, end: Array, feet: Array) -> None:
+    by, speeds = displacement(start, end), job.speeds
+    poses = [platform_at(start, by, share) for share in np.linspace(0.0, 1.0, _LOOKS_OF_PLATFORM)]
+    for pose in poses:
+        _check_pose(geometry, pose, feet)
+    duration = duration_of(start, end, speeds, speeds.rapid)
+    lengths = leg_lengths(geometry, np.array(poses), feet)
+    _check_speeds(job, lengths, duration, "rapid")
+
+
+def _check_speeds(job: Job, lengths: Array, duration: float, which: str) -> None:
+    """Refuses legs that would have to be too fast.
+
+    Args:
+        job: its speeds are taken.
+        lengths: (k, 2n) at equal steps of a duration [m].
+        duration: [s].
+        which: speed that is to blame.
+    """
+    rates = np.abs(np.diff(lengths, axis=0)) * (len(lengths) - 1) / duration
+    *_, leg = np.unravel_index(int(rates.argmax()), rates.shape)
+    fastest = float(rates.max())
+    if fastest > job.speeds.leg:
+        raise Refused(
+            f"the {leg_name(int(leg))} would have to go at {1e3 * fastest:.0f} mm/s and may go at "
+            f"{1e3 * job.speeds.leg:.0f}: a {which} speed that is {fastest / job.speeds.leg:.1f} "
+            "times lower would do"
+        )
 
 
 def _check_pose(geometry: CenterGeometry, pose: Array, feet: Array) -> None:

@@ -20,23 +20,18 @@ class Locking:
     until the joint stands, and a clamp until its foot stands on the panel.
     """
 
-    def __init__(self, model: CenterModel, switches: Switches, panel: Panel, period: float):
+    def __init__(self, model: CenterModel, switches: Switches, panel: Panel):
         """Takes what belongs together.
 
         Args:
             model: the bodies.
             switches: tells what is due, and is told what is closed.
             panel: where clamps hold.
-            period: between two instants at which something may become due [s].
         """
         self._model, self._switches, self._panel = model, switches, panel
-        self._period = period
 
     def obey(self, root_context: Context) -> None:
         """Switches what is due and stands; to be called between two steps."""
-        off = root_context.get_time() % self._period
-        if 1e-6 < off < self._period - 1e-6:
-            return
         switches = self._switches.GetMyMutableContextFromRoot(root_context)
         due = self._switches.due(switches)
         if due is None:

@@ -26,6 +26,7 @@ class Speeds:
         feed: of the drill in the material [m/s].
         swing: of a foot, at its mean [m/s].
         acceleration: of platform and feet [m/s^2].
+        leg: of a leg's length [m/s].
     """
 
     rapid: float = 0.05
@@ -33,6 +34,7 @@ class Speeds:
     feed: float = 0.003
     swing: float = 0.03
     acceleration: float = 0.25
+    leg: float = 0.15
 
 
 def duration_of(start: Array, end: Array, speeds: Speeds, speed: float) -> float:

@@ -148,12 +148,12 @@ class SequenceParams:
     switching: float = 2.0
     stopping: float = 0.3
     tolerance: float = 5e-4
-    largest_error: float = 3e-3
+    largest_error: float = 5e-3
     largest_load: float = 5.0
 
 
 class Seen(NamedTuple):
-    """What a sequence goes by at an instant.
+    """Observations that a sequence goes by at an instant.
 
     Attributes:
         time: [s].
@@ -184,7 +184,7 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Progress:
-    """How far a job is.
+    """State of a job that goes on.
 
     Attributes:
         phase: see `Phase`.

@@ -292,7 +292,7 @@ ENTRIES: dict[str, Entry] = {
     "CenterFeedforward": Entry(
         inputs={
             **CENTER,
-            "mode": one_of(0, 1, 2),
+            "mode": one_of(0, 1, 2, 2, 2, 2),
             "target": lambda random, size: around(random.choice((HOME, FOOT)), 2e-3)(random, 6),
             "loose_limb": one_of(2, 2, 2, 2, 0),
             "locks_closed": lambda random, size: np.array(
