@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -30,9 +29,7 @@ def _stop(scenario: CenterScenario) -> Sequence[System]:
     if scenario.stop_at is None:
         return ()
     instants = (-1.0, scenario.stop_at, scenario.stop_at + _LONG)
-    pressed = PiecewisePolynomial.ZeroOrderHold(
-        instants, [np.array([on]) for on in (0.0, 1.0, 1.0)]
-    )
+    pressed = PiecewisePolynomial.ZeroOrderHold(instants, [[0.0, 1.0, 1.0]])
     return (named_source("stop", pressed),)
 
 

@@ -202,13 +202,8 @@ def tip_errors(process: Process, run: Signals) -> tuple[Array, Array]:
     """Distances of the drill's tip from where it is to be (k) [m], and angles (k) [rad]."""
     true, desired = run["truth.pose"], run["pose_desired"]
     by = displacement(desired, true)
-    tips = []
-    for poses in (true, desired):
-        angles = poses[:, 3:]
-        (s_r, s_p, s_y), (c_r, c_p, c_y) = np.sin(angles).T, np.cos(angles).T
-        out = np.stack((c_y * s_p * c_r + s_y * s_r, s_y * s_p * c_r - c_y * s_r, c_p * c_r))
-        tips.append(poses[:, :3] - process.tool_length * out.T)
-    return np.linalg.norm(tips[0] - tips[1], axis=-1), np.linalg.norm(by[:, :3], axis=-1)
+    off = process.tip(true) - process.tip(desired)
+    return np.linalg.norm(off, axis=-1), np.linalg.norm(by[:, :3], axis=-1)
 
 
 def rms(values: Array) -> float:

@@ -14,7 +14,9 @@ from parapod.systems.machining_center.panel import Panel
 _POINT, _MOST, _OUT = 2e-3, 1.5, 1e-3
 # Time constant with which chips form, so that load follows feed [s] (assumption).
 _LAG = 0.02
-_COSINE = 0.5  # of the angle to the panel's normal, below which the drill does not cut
+# The drill does not cut where its angle to the panel's normal has a smaller cosine [-], nor where
+# it is farther than that from everything [m]; its tip is then taken to be so high [m].
+_COSINE, _FAR, _AWAY = 0.5, 100.0, 1.0
 
 
 class DrillingProcess(LeafSystem):
@@ -62,14 +64,12 @@ class DrillingProcess(LeafSystem):
 
     def _height(self, context: Context) -> float:
         """Height of the tip above the panel; far away if it is not known."""
-        x, y, z, roll, pitch, yaw = read_array(self._pose, context).tolist()
-        s_r, c_r = _sin_cos(roll)
-        s_p, c_p = _sin_cos(pitch)
-        s_y, c_y = _sin_cos(yaw)
-        out = np.array((c_y * s_p * c_r + s_y * s_r, s_y * s_p * c_r - c_y * s_r, c_p * c_r))
-        tip = np.array((x, y, z)) - self._process.tool_length * out
-        height = float(self._panel.place(tip)[2])
-        return height if math.isfinite(height) and out[2] > _COSINE else 1.0
+        pose = read_array(self._pose, context)
+        if not (np.isfinite(pose).all() and np.abs(pose).max() < _FAR):
+            return _AWAY
+        height = float(self._panel.place(self._process.tip(pose))[2])
+        is_upright = math.cos(pose[3]) * math.cos(pose[4]) > _COSINE
+        return height if is_upright else _AWAY
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         depth, share = context.get_discrete_state(0).value().tolist()
@@ -87,7 +87,3 @@ class DrillingProcess(LeafSystem):
 
     def _calc_height(self, context: Context, output: BasicVector) -> None:
         output[0] = self._height(context)
-
-
-def _sin_cos(angle: float) -> tuple[float, float]:
-    return (math.sin(angle), math.cos(angle)) if math.isfinite(angle) else (math.nan, math.nan)

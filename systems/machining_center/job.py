@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 from parapod.systems.core.errors import ParapodError, UnreachablePosture
-from parapod.systems.core.vectors import Array
+from parapod.systems.core.vectors import Array, rotation_columns
 from parapod.systems.machining_center.geometry import CenterGeometry, leg_name
 from parapod.systems.machining_center.masses import weight
 from parapod.systems.machining_center.panel import Panel
@@ -45,6 +45,8 @@ FOOT_DIAMETER, LARGEST_LEAN = 0.1, 0.05
 # Newton's method ends with a step that leaves some micrometres at most, and nothing at rest [m],
 # where locks were off by no more than that [rad].
 _LAST_STEP, _TOLERANCE = 2e-3, 0.05
+# Share of the clearance above the panel that the drill has at least where nothing is drilled.
+_FREE = 0.5
 # Poses at which a way of the platform, and of a foot, is looked at.
 _LOOKS_OF_PLATFORM, LOOKS_OF_FOOT = 12, 24
 
@@ -78,6 +80,12 @@ class Process:
     torque: float = 0.6
     clearance: float = 0.01
     largest_leg_force: float = 1000.0
+
+    def tip(self, pose: Array) -> Array:
+        """Places (..., 3) of the drill's tip at poses (..., 6) of the platform [m]."""
+        out = np.stack(rotation_columns(pose[..., 3], pose[..., 4], pose[..., 5])[2], axis=-1)
+        tip: Array = pose[..., :3] - self.tool_length * out
+        return tip
 
     def wrench(self, geometry: CenterGeometry, pose: Array) -> Array:
         """Wrench (6) [moment; force] of drill and weight at P_O in the world [N m, N]."""
@@ -302,6 +310,7 @@ def try_swing(
                 f"{sigma:.3f}, and {job.least_sigma:g} are needed; lock other joints than "
                 f"{_named(swing.lock_set)}"
             )
+        _check_tip(job, pose)
         near = min(
             found.lengths.min() - geometry.stroke_min, geometry.stroke_max - found.lengths.max()
         )
@@ -385,6 +394,7 @@ def _check_way(geometry: CenterGeometry, job: Job, start: Array, end: Array, fee
     poses = [platform_at(start, by, share) for share in np.linspace(0.0, 1.0, _LOOKS_OF_PLATFORM)]
     for pose in poses:
         _check_pose(geometry, pose, feet)
+        _check_tip(job, pose)
     duration = duration_of(start, end, speeds, speeds.rapid)
     lengths = leg_lengths(geometry, np.array(poses), feet)
     _check_speeds(job, lengths, duration, "rapid")
@@ -407,6 +417,16 @@ def _check_speeds(job: Job, lengths: Array, duration: float, which: str) -> None
             f"the {leg_name(int(leg))} would have to go at {1e3 * fastest:.0f} mm/s and may go at "
             f"{1e3 * job.speeds.leg:.0f}: a {which} speed that is {fastest / job.speeds.leg:.1f} "
             "times lower would do"
+        )
+
+
+def _check_tip(job: Job, pose: Array) -> None:
+    """Refuses a drill that touches the panel where nothing is drilled."""
+    height = float(job.panel.place(job.process.tip(pose))[2])
+    if not height >= _FREE * job.process.clearance:
+        raise Refused(
+            f"the drill's tip would be {1e3 * height:.0f} mm above the panel with the platform at "
+            f"{_place(pose)}: {1e3 * _FREE * job.process.clearance:.0f} mm are needed"
         )
 
 

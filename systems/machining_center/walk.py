@@ -20,7 +20,7 @@ from parapod.systems.machining_center.swing import LockSet, lock_conditions, loc
 
 # Where the platform begins a swing: how far ahead of the feet's middle, as a share of the foot's
 # way, and how much higher or lower than usual [m].
-_AHEAD, _HIGHER = (-0.5, -0.25, 0.0), (0.0, -0.03, 0.03)
+_AHEAD, _HIGHER = (-0.5, -0.25, 0.0), (0.0, 0.03, -0.03, 0.06)
 # Sets of locks that are tried at a pose, the best ones there, and swings that are then made.
 _SETS = 4
 # Postures on the way of a swing that is only tried.
