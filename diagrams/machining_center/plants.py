@@ -7,14 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant, Propeller, PropellerInfo
+from pydrake.multibody.plant import Propeller, PropellerInfo
 from pydrake.multibody.tree import PdControllerGains
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort, OutputPort
 from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
 
-from parapod.diagrams.drawing import draw, publish, remove_visuals
+from parapod.diagrams.drawing import publish, remove_visuals
+from parapod.diagrams.machining_center.drawing import add_colours, add_drawing
 from parapod.diagrams.machining_center.model import add_center
 from parapod.diagrams.machining_center.ports import PARTS
 from parapod.diagrams.machining_center.scenario import CenterScenario, Plan
@@ -25,7 +26,7 @@ from parapod.systems.actuators.position_servo import PositionServo
 from parapod.systems.actuators.velocity_servo import VelocityServoParams
 from parapod.systems.machining_center.drilling import DrillingProcess
 from parapod.systems.machining_center.locking import Locking
-from parapod.systems.machining_center.model import CenterModel, CenterPositions, CenterTruth
+from parapod.systems.machining_center.model import CenterModel, CenterTruth
 from parapod.systems.machining_center.panel import Panel
 from parapod.systems.machining_center.platform_mode import leg_lengths
 from parapod.systems.machining_center.posture import CenterPosture
@@ -178,41 +179,12 @@ def _add_kinematic_plant(
     signals["leg_force"] = statics.GetOutputPort("leg_force")
     signals |= dict.fromkeys(("clamp_gap", "loop_error"), none.get_output_port())
     if meshcat is not None:
-        add_drawing(builder, scenario, signals["pose"], signals["feet"], meshcat)
+        add_drawing(builder, geometry, signals["pose"], signals["feet"], meshcat)
 
     def stand(root_context: Context, plan: Plan) -> None:
         posture.stand(root_context, plan.beginning.pose, plan.beginning.feet)
 
     return Plant(switches, signals, stand)
-
-
-def add_drawing(
-    builder: DiagramBuilder,
-    scenario: CenterScenario,
-    pose: OutputPort,
-    feet: OutputPort,
-    meshcat: Meshcat,
-    path: str = "center",
-) -> None:
-    """Draws the bodies where platform and feet are.
-
-    Args:
-        builder: builder of the diagram that holds the ports' systems.
-        scenario: tells the centre.
-        pose: of the platform (6) [m, rad].
-        feet: of the feet (6n) [m, rad].
-        meshcat: scene in which to draw.
-        path: its path in the scene.
-    """
-    plant = MultibodyPlant(time_step=1e-3)
-    scene_graph = add(builder, SceneGraph(), f"drawing_of_{path}")
-    plant.RegisterAsSourceForSceneGraph(scene_graph)
-    model = add_center(plant, scenario.geometry)
-    positions = add(builder, CenterPositions(model), f"positions_of_{path}")
-    connect(builder, pose, positions.GetInputPort("pose"))
-    connect(builder, feet, positions.GetInputPort("feet"))
-    draw(builder, plant, positions.get_output_port(), scene_graph)
-    publish(builder, scene_graph, meshcat, path)
 
 
 @dataclass(frozen=True)
@@ -276,6 +248,9 @@ def _add_simulated(
     drilling = add(builder, DrillingProcess(job.process, job.panel, job.speeds.feed, period))
     plant = add_plant(builder, scenario, legs, drilling, meshcat)
     connect(builder, plant.signals["pose"], drilling.GetInputPort("pose"))
+    if meshcat is not None:
+        told = [plant.switches.GetOutputPort(f"{name}_closed") for name in ("locks", "clamps")]
+        add_colours(builder, geometry, (told[0], told[1]), meshcat)
     per_newton = 1.0 / scenario.legs.force_per_current_N_A
     current = add(builder, MatrixGain(per_newton * np.eye(geometry.legs)), "motor_current")
     connect(builder, plant.signals["leg_force"], current.get_input_port())
@@ -368,8 +343,10 @@ def add_mock(
     start: NDArray[np.float64] = leg_lengths(geometry, *scenario.plan.beginning)
     drives = add(builder, PositionServo(exact, geometry.legs, period, position=start), "drives")
     # All feet are always on this one.
-    switches = add(builder, Switches(geometry, Panel(math.inf), period))
-    somewhere = add(builder, ConstantVectorSource(np.zeros(6 * geometry.limbs)), "somewhere")
+    panel = Panel(math.inf)
+    switches = add(builder, Switches(geometry, panel, period))
+    feet = np.tile(panel.foothold(0.0, 0.0), geometry.limbs)
+    somewhere = add(builder, ConstantVectorSource(feet), "somewhere")
     connect(builder, somewhere.get_output_port(), switches.GetInputPort("feet"))
     current = add(builder, ConstantVectorSource(np.zeros(geometry.legs)), "motor_current")
     inputs, outputs = _leg_ports(drives)

@@ -83,7 +83,7 @@ class WalkScenario(Schema):
     direction_deg: float = quantity(0.0, -180.0, 180.0)
     steps: int = quantity(2, 1, 20)
     lift_mm: float = quantity(30.0, 1.0, 150.0)
-    height_mm: float = quantity(480.0, 380.0, 640.0)
+    height_mm: float = quantity(520.0, 420.0, 680.0)
     locks: str = BEST
     least_sigma: float = quantity(0.02, 0.001, 0.5)
 

@@ -9,20 +9,21 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
-from parapod.diagrams.machining_center.plants import add_drawing
+from parapod.diagrams.machining_center.drawing import add_colours, add_drawing, draw_panel
 from parapod.diagrams.machining_center.scenario import CenterScenario
 from parapod.diagrams.wiring import add
+from parapod.systems.machining_center.posture import LOCKS_OF_LIMB
 
 # Path in the scene, and the signal with the platform's pose.
 _DRAWN = {"measured": "pose_estimated", "desired": "pose_desired"}
-_FEET = "feet_estimated"
+_FEET, _SWITCHES = "feet_estimated", ("locks.closed", "clamps.closed")
 _PALE = 0.25  # opacity
 
 
 class CenterTwin:
     """Two drawings of the centre on the footholds that its lengths tell."""
 
-    signals = frozenset((*_DRAWN.values(), _FEET))
+    signals = frozenset((*_DRAWN.values(), _FEET, *_SWITCHES))
 
     def __init__(self, meshcat: Meshcat, scenario: CenterScenario):
         """Draws nothing yet.
@@ -38,7 +39,14 @@ class CenterTwin:
             for each in (pose, feet):
                 builder.ExportInput(each.get_input_port(), each.get_name())
             shown = (pose.get_output_port(), feet.get_output_port())
-            add_drawing(builder, scenario, shown[0], shown[1], meshcat, path)
+            add_drawing(builder, scenario.geometry, shown[0], shown[1], meshcat, path)
+        told = []
+        for name, size in zip(_SWITCHES, (LOCKS_OF_LIMB, 1), strict=True):
+            each = add(builder, PassThrough(size * scenario.limbs), name)
+            builder.ExportInput(each.get_input_port(), name)
+            told.append(each.get_output_port())
+        add_colours(builder, scenario.geometry, (told[0], told[1]), meshcat, "measured")
+        draw_panel(meshcat, scenario.plan, scenario.geometry)
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
 
@@ -51,5 +59,8 @@ class CenterTwin:
             pose = values.get(name, measured)
             self._diagram.GetInputPort(f"{path}_pose").FixValue(self._context, pose)
             self._diagram.GetInputPort(f"{path}_feet").FixValue(self._context, feet)
+        for name in _SWITCHES:
+            port = self._diagram.GetInputPort(name)
+            port.FixValue(self._context, values.get(name, np.ones(port.size())))
         self._diagram.ForcedPublish(self._context)
         self._meshcat.SetProperty("desired", "modulated_opacity", _PALE)

@@ -10,6 +10,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, EventStatus
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.machining_center.drawing import draw_panel
 from parapod.diagrams.machining_center.machine import MACHINING_CENTER
 from parapod.diagrams.machining_center.scenario import CenterScenario
 from parapod.sims.lab.bench import Bench, Monitor, Run, make_viewer
@@ -260,4 +261,6 @@ def read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
 def make_scene(scenario: CenterScenario) -> Meshcat:
     """A scene around the centre's way, with the panel."""
     along, across = (0.5 * way for way in scenario.plan.shift)
-    return make_viewer(camera=(along + 1.3, across - 1.5, 0.75), target=(along, across, 0.22))
+    meshcat = make_viewer(camera=(along + 1.25, across - 1.45, 0.75), target=(along, across, 0.24))
+    draw_panel(meshcat, scenario.plan, scenario.geometry)
+    return meshcat

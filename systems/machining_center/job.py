@@ -15,7 +15,7 @@ from parapod.systems.core.errors import ParapodError, UnreachablePosture
 from parapod.systems.core.vectors import Array, rotation_columns
 from parapod.systems.machining_center.geometry import CenterGeometry, leg_name
 from parapod.systems.machining_center.masses import weight
-from parapod.systems.machining_center.panel import Panel
+from parapod.systems.machining_center.panel import FOOT_HEIGHT, Panel
 from parapod.systems.machining_center.paths import (
     Speeds,
     duration_of,
@@ -75,7 +75,7 @@ class Process:
         largest_leg_force: of each leg, both ways [N].
     """
 
-    tool_length: float = 0.44
+    tool_length: float = 0.48
     thrust: float = 150.0
     torque: float = 0.6
     clearance: float = 0.01
@@ -224,9 +224,9 @@ def check_footholds(panel: Panel, feet: Array) -> None:
         Refused: names the limbs.
     """
     for i, foot in enumerate(feet, start=1):
-        height, lean = float(panel.place(foot[:3])[2]), panel.tilt(foot)
+        height, lean = float(panel.place(foot[:3])[2]) - FOOT_HEIGHT, panel.tilt(foot)
         if not abs(height) <= 1e-3:
-            raise Refused(f"the foothold of limb {i} is {1e3 * height:.1f} mm above the panel")
+            raise Refused(f"the foothold of limb {i} is {1e3 * height:.1f} mm off the panel")
         if not lean <= LARGEST_LEAN:
             raise Refused(
                 f"the foothold of limb {i} faces away: its axis leans {np.degrees(lean):.1f} deg "
@@ -490,7 +490,7 @@ def row_of_holes(
 def standing(geometry: CenterGeometry, panel: Panel, height: float) -> Posture:
     """The paper's pattern laid on a panel about the world's origin, the platform above it [m]."""
     feet = [
-        panel.frame(
+        panel.foothold(
             geometry.pattern_radius * np.cos(angle), geometry.pattern_radius * np.sin(angle), angle
         )
         for angle in geometry.angles

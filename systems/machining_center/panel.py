@@ -13,6 +13,10 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 from parapod.systems.core.vectors import Array
 
+# Height of an ankle's centre, the origin of its foot's frame, above the panel [m]: foot and clamp
+# of the models are between them.
+FOOT_HEIGHT = 0.042
+
 
 @dataclass(frozen=True)
 class Panel:
@@ -45,6 +49,10 @@ class Panel:
             out = self.radius + height
             place = np.array((out * math.sin(turn), across, out * math.cos(turn) - self.radius))
         return np.concatenate((place, rotation.as_euler("xyz")))
+
+    def foothold(self, along: float, across: float, yaw: float = 0.0) -> Array:
+        """Pose (6) of the frame of a foot that stands on the panel; arguments as of `frame`."""
+        return self.frame(along, across, yaw, FOOT_HEIGHT)
 
     def place(self, points: Array) -> Array:
         """Ways along and across, and heights (..., 3) [m] of points (..., 3) in the world."""

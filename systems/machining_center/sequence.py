@@ -350,7 +350,7 @@ class Sequence:
             return swing.foothold
         panel = self.job.panel
         along, across, _ = panel.place(swing.foothold[:3])
-        return panel.frame(float(along), float(across), panel.heading(foot))
+        return panel.foothold(float(along), float(across), panel.heading(foot))
 
     def toward(self, progress: Progress, ahead: float) -> Array:
         """Pose (6) of the platform to which it goes, as far as foot and locks leave it open."""

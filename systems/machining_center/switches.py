@@ -6,7 +6,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from parapod.systems.core.ports import read_array
 from parapod.systems.machining_center.geometry import CenterGeometry
-from parapod.systems.machining_center.panel import Panel
+from parapod.systems.machining_center.panel import FOOT_HEIGHT, Panel
 from parapod.systems.machining_center.posture import LOCKS_OF_LIMB
 
 # A clamp holds a foot that is no farther from the panel and leans no more from it [m, rad].
@@ -121,4 +121,4 @@ class Switches(LeafSystem):
 
 def is_on_panel(panel: Panel, foot: NDArray[np.float64]) -> bool:
     """Whether a foot (6) is where a clamp holds it."""
-    return bool(abs(panel.place(foot[:3])[2]) <= REACH and panel.tilt(foot) <= LEAN)
+    return bool(abs(panel.place(foot[:3])[2] - FOOT_HEIGHT) <= REACH and panel.tilt(foot) <= LEAN)

@@ -78,7 +78,7 @@ def plan_walk(
             refusals: list[str] = []
             for limb in waiting:
                 along, across = begun[limb - 1, :2] + step / steps * np.array(advance)
-                goal = job.panel.frame(along, across, job.panel.heading(now.feet[limb - 1]))
+                goal = job.panel.foothold(along, across, job.panel.heading(now.feet[limb - 1]))
                 try:
                     swing, swung = _best(geometry, job, now, limb, goal, height, locked)
                     found.append((_rating(swung), swing, swung))
