@@ -1,8 +1,10 @@
 """Drawing of a centre in Meshcat: bodies, what is locked and clamped, the panel and its holes."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Cylinder, Meshcat, Rgba, SceneGraph
+from pydrake.geometry import Cylinder, Meshcat, Rgba, SceneGraph, Shape, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
@@ -21,12 +23,24 @@ from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.ports import read_array
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.job import Drill
-from parapod.systems.machining_center.model import LOCK_JOINTS, CenterPositions
+from parapod.systems.machining_center.model import CenterPositions
 from parapod.systems.machining_center.posture import LOCKS_OF_LIMB
+from parapod.systems.machining_center.swing import LOCKABLE
 
-# A joint that is free, and one that is locked; a clamp that holds, and one that does not.
-_FREE, _LOCKED = (0.0, 0.45, 0.70, 1.0), (0.90, 0.30, 0.0, 1.0)
-_HOLDS, _LET_GO = (0.0, 0.62, 0.45, 1.0), (0.80, 0.80, 0.80, 1.0)
+# Collars that are seen where a joint is locked, by the body that it turns, and covers of a foot
+# that is not clamped; slightly larger than what they hide. Bodies, shapes, places, turns.
+_LOCKED, _LET_GO = Rgba(0.90, 0.30, 0.0, 1.0), Rgba(0.75, 0.77, 0.80, 1.0)
+_ACROSS = RollPitchYaw(0.5 * math.pi, 0.0, 0.0)
+_COLLARS: dict[int, tuple[str, Shape, RigidTransform]] = {
+    1: ("foot", Cylinder(0.024, 0.008), RigidTransform([0.0, 0.0, -0.010])),
+    2: ("ankle_2", Cylinder(0.021, 0.010), RigidTransform(_ACROSS, [0.0, 0.0, 0.0])),
+    3: ("ankle_3", Sphere(0.0185), RigidTransform()),
+    6: ("hinge", Cylinder(0.0095, 0.131), RigidTransform(_ACROSS, [0.0, 0.0, 0.0])),
+}
+_COVERS = (
+    ("sole", Cylinder(0.0368, 0.0165), RigidTransform([0.0, 0.0, -0.022])),
+    ("plate", Cylinder(0.0468, 0.0125), RigidTransform([0.0, 0.0, -0.036])),
+)
 _PANEL, _HOLE = Rgba(0.86, 0.88, 0.91, 1.0), Rgba(0.15, 0.15, 0.18, 1.0)
 # Margin of the drawn panel around the feet, and size of its facets [m].
 _ROOM, _STEP = 0.35, 0.02
@@ -35,7 +49,7 @@ _LOOKS = 0.1  # between two looks at what is locked [s]
 
 
 class SwitchColours(LeafSystem):
-    """Colours joints and clamps by what their switches tell.
+    """Colours joints that are locked, and feet that are not clamped, as their switches tell.
 
     Inputs: `locks_closed` (4n), `clamps_closed` (n). No outputs. State: what is shown (5n).
 
@@ -49,12 +63,21 @@ class SwitchColours(LeafSystem):
         super().__init__()
         self.set_name(f"colours_of_{path}")
         self._meshcat, n = meshcat, geometry.limbs
-        self._bodies = [
-            f"{path}/limb_{limb}/{LOCK_JOINTS[joint]}"
-            for limb in range(1, n + 1)
-            for joint in LOCK_JOINTS
-        ]
-        self._plates = [f"{path}/limb_{limb}/foot" for limb in range(1, n + 1)]
+        # Shown where a lock is closed, and where a clamp is open.
+        self._shown: list[tuple[str, bool]] = []
+        for limb in range(1, n + 1):
+            for joint in LOCKABLE:
+                body, shape, place = _COLLARS[joint]
+                there = f"{path}/limb_{limb}/{body}/locked_{joint}"
+                meshcat.SetObject(there, shape, _LOCKED)
+                meshcat.SetTransform(there, place)
+                self._shown.append((there, True))
+        for limb in range(1, n + 1):
+            there = f"{path}/limb_{limb}/foot/let_go"
+            for name, shape, place in _COVERS:
+                meshcat.SetObject(f"{there}/{name}", shape, _LET_GO)
+                meshcat.SetTransform(f"{there}/{name}", place)
+            self._shown.append((there, False))
         self._locks = self.DeclareVectorInputPort("locks_closed", LOCKS_OF_LIMB * n)
         self._clamps = self.DeclareVectorInputPort("clamps_closed", n)
         self.DeclareDiscreteState(np.full((LOCKS_OF_LIMB + 1) * n, np.nan))
@@ -71,11 +94,10 @@ class SwitchColours(LeafSystem):
     def _colour(self, context: Context) -> EventStatus:
         """Colours what has changed, with the time for a recording."""
         closed, now = self._closed(context), context.get_time()
-        kinds = [(path, (_FREE, _LOCKED)) for path in self._bodies]
-        kinds += [(path, (_LET_GO, _HOLDS)) for path in self._plates]
         for i in np.flatnonzero(closed != context.get_discrete_state(0).value()).tolist():
-            path, colours = kinds[i]
-            self._meshcat.SetProperty(path, "color", [*colours[int(closed[i] > 0.5)]], now)
+            path, when_closed = self._shown[i]
+            is_shown = bool(closed[i] > 0.5) == when_closed
+            self._meshcat.SetProperty(path, "visible", is_shown, now)
         return EventStatus.Succeeded()
 
 
