@@ -72,6 +72,7 @@ def photograph(
     views: Sequence[View],
     geometry: CenterGeometry,
     pose: ArrayLike,
+    footholds: ArrayLike | None = None,
 ) -> list[NDArray[np.uint8]]:
     """Pictures (height, width, 3) of a centre at a pose.
 
@@ -79,6 +80,7 @@ def photograph(
         views: from where; one picture each.
         geometry: tripod or quadruped, of the paper's dimensions.
         pose: (6) of the platform [m, rad].
+        footholds: (n, 6) of the feet's frames [m, rad]; None for the paper's pattern.
 
     Raises:
         RuntimeError: there is no OpenGL that Drake's renderer could use.
@@ -89,5 +91,5 @@ def photograph(
     model = add_center(plant, geometry)
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
-    model.stand(plant.GetMyMutableContextFromRoot(context), pose)
+    model.stand(plant.GetMyMutableContextFromRoot(context), pose, footholds)
     return take(scene_graph, context, views)

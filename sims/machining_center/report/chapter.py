@@ -1,15 +1,22 @@
 """The machining centres' chapter: experiments in the paper's order."""
 
+from collections.abc import Iterator
+
 from parapod.diagrams.drawing import View
 from parapod.diagrams.machining_center.model import photograph
+from parapod.diagrams.machining_center.scenario import CenterScenario
 from parapod.sims.machining_center.report.claims import CLAIMS
 from parapod.sims.machining_center.report.drawings import DRAWINGS
 from parapod.sims.machining_center.report.errata import ERRATA
 from parapod.sims.report.chapter import Chapter, Component, Part, Picture
 from parapod.sims.report.rendered import rendered
 from parapod.systems.machining_center.geometry import CenterGeometry
+from parapod.systems.machining_center.job import Swing
+from parapod.systems.machining_center.paths import foot_at
+from parapod.systems.machining_center.platform_mode import displacement
 
 _VIEW = View((0.95, -1.15, 0.75), (0.0, 0.0, 0.25), angle=0.48, size=(900, 1100))
+_WALKED = View((1.25, -1.25, 0.80), (0.1, 0.0, 0.26), angle=0.52, size=(900, 1000))
 _POSES = {3: (0.0, 0.0, 0.48, 0.0, 0.0, 0.0), 4: (0.03, 0.0, 0.47, 0.1, 0.05, 0.1)}
 
 
@@ -31,10 +38,79 @@ def _take() -> tuple[Picture, ...]:
             "The tripod", "Six legs, all feet clamped (in the place of Figs. 1 and 3).", tripod
         ),
         Picture("The quadruped", "Eight legs, the platform tilted (Fig. 3).", quadruped),
+        *_walk(),
     )
 
 
+def _walk() -> Iterator[Picture]:
+    """Limbs of a tripod in the middle of their swings (in the place of Fig. 8)."""
+    scenario = CenterScenario()
+    scenario.walk.advance_mm, scenario.walk.steps, scenario.holes.count = 202.0, 1, 0
+    geometry, plan = scenario.geometry, scenario.plan
+    feet = plan.beginning.feet
+    for operation in plan.job.operations:
+        if not isinstance(operation, Swing) or operation.way is None:
+            continue
+        limb, way, before = (
+            operation.lock_set.limb,
+            operation.way,
+            feet[operation.lock_set.limb - 1],
+        )
+        by = displacement(before, operation.foothold)
+        feet = feet.copy()
+        feet[limb - 1] = foot_at(before, operation.foothold, by, plan.job.lift, 0.5)
+        (picture,) = photograph([_WALKED], geometry, way[len(way) // 2], feet)
+        locked = ", ".join(
+            f"q_{joint} of limb {other}" for other, joint in operation.lock_set.standing
+        )
+        yield Picture(
+            f"Limb {limb} swings",
+            f"Half way, 30 mm above the panel; locked besides its own joints: {locked} (in the "
+            "place of Fig. 8).",
+            picture,
+        )
+        feet[limb - 1] = operation.foothold
+
+
+_KINEMATIC = "backend=kinematic"
 _PARTS = (
+    Part(
+        "center-machining",
+        "Machining (section V-A, Fig. 7)",
+        "The paper drills nothing. Here a tripod of rigid bodies drills a row of inclined holes "
+        "into a panel of 3 m radius, with the drill's thrust and torque; every hole is checked "
+        "against the wrench index before it is begun.",
+        "center-machining",
+        quick=(_KINEMATIC, "holes.count=1"),
+    ),
+    Part(
+        "center-machining-quadruped",
+        "Machining with the quadruped",
+        "The same holes with eight legs.",
+        "center-machining",
+        ("limbs=4",),
+        quick=(_KINEMATIC, "holes.count=1"),
+        adds_to="center-machining",
+    ),
+    Part(
+        "center-walk",
+        "Walking (section V-B and C, Figs. 7 and 8)",
+        "Machining, reconfiguration, a swing of each limb and machining again, as in the phases "
+        "of Fig. 7. The paper shows one walk as a picture and prints no number of it; here the "
+        "plan is found, the bodies are rigid, the legs yield, and the feet are clamped where they "
+        "have come to.",
+        "center-walk",
+        quick=(_KINEMATIC, "holes.count=0"),
+    ),
+    Part(
+        "center-walk-quadruped",
+        "Walking with the quadruped",
+        "The same walk with eight legs, three limbs of which hold the platform without any lock.",
+        "center-walk",
+        ("limbs=4",),
+        quick=(_KINEMATIC, "holes.count=0", "walk.advance_mm=60"),
+        adds_to="center-walk",
+    ),
     Part(
         "center-locks",
         "Locked joints (sections V-C and VII)",
@@ -58,9 +134,11 @@ _PARTS = (
 
 _COMPONENTS = (
     Component("Branches", "limb.urdf", "hinge, two legs in a closed loop, ankle; masses assumed"),
-    Component("Prismatic actuators", "", "Drake's implicit PD, 1e7 N/m, an assumption"),
-    Component("Lockers", "", "joints that Drake locks; they hold without play"),
+    Component("Prismatic actuators", "PositionServo", "position loop, speed, stroke, 10 N/um"),
+    Component("Lockers", "Locking", "joints that Drake locks, at rest; they hold without play"),
     Component("Clamping devices", "clamp.urdf", "a weld between foot and clamp, put where it is"),
+    Component("Sequence of phases", "CenterSequencer", "one table of phases, and what ends each"),
+    Component("IKM in PP and BE mode", "CenterFeedforward", "lengths a period ahead"),
     Component("Payload platform", "platform.urdf", "10 kg with its spindle: assumed"),
 )
 
@@ -71,7 +149,10 @@ _MISSING = (
     "both weightings of the forces, boxes at five heights, sampled directions. What holds are the "
     "trends: the tripod reaches a little more, the quadruped resists more at each threshold, its "
     "eta_w is lower.",
-    "The heights of the sections in Fig. 12 and the values in Figs. 7 and 8, which are pictures.",
+    "The heights of the sections in Fig. 12, and the walk of Figs. 7 and 8 itself: these are "
+    "pictures without numbers. The walk here has its phases.",
+    "A walk with the paper's locks: where the platform is parallel to the panel they leave the "
+    "foot's pose open (see the locked joints), so that the plan finds others.",
     "What Figs. 1, 2, 9 and 10 show: an artist's view, another robot, screws and a mapping.",
 )
 
