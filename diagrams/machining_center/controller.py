@@ -20,6 +20,8 @@ _MEASURED = {
     "clamps_closed": "clamps.closed",
     "tool_force": "tool.force",
     "stop": "stop",
+    "pose_asked": "pose_asked",
+    "limb_asked": "limb_asked",
 }
 # Where the centre is counts only where it rests: it is looked at every so many periods.
 _LOOKS = 4
@@ -44,15 +46,18 @@ _SHOWN = {
 }
 
 
-def make_controller(scenario: CenterScenario) -> Diagram:
+def make_controller(scenario: CenterScenario, is_operated: bool = False) -> Diagram:
     """Wires posture, sequencer, feedforward and wrench monitor, by the names of their ports.
 
     Inputs: `legs.position` (2n), `legs.current` (2n), `legs.emergency_stop` (1), `locks.closed`
     (4n), `clamps.closed` (n), `tool.force` (2); where somebody is to end the job, `stop` (1).
     Outputs: those of the table above.
 
+    Where a person operates it: `pose_asked` (6) and `limb_asked` (1).
+
     Args:
         scenario: its job, `control`, `legs`, `begin` and `stop_at` are used.
+        is_operated: whether a person operates it once its job is done.
     """
     geometry, plan, control = scenario.geometry, scenario.plan, scenario.control
     builder = DiagramBuilder()
@@ -64,6 +69,8 @@ def make_controller(scenario: CenterScenario) -> Diagram:
     monitor = add(builder, WrenchMonitor(geometry, plan.job.process.largest_leg_force))
     systems = (posture, sequencer, feedforward, monitor)
     outputs = {name: port for system in systems for name, port in outputs_of(system).items()}
+    wanted = {"stop": scenario.stop_at is not None}
+    wanted |= dict.fromkeys(("pose_asked", "limb_asked"), is_operated)
     taken = {"legs.position", "legs.current"}
     outputs["position"] = _add_lengths(builder, scenario)
     for system in systems:
@@ -72,7 +79,7 @@ def make_controller(scenario: CenterScenario) -> Diagram:
                 connect(builder, outputs[name], sink)
             elif (signal := _MEASURED[name]) in taken:
                 builder.ConnectInput(signal, sink)
-            elif signal != "stop" or scenario.stop_at is not None:
+            elif wanted.get(signal, True):
                 builder.ExportInput(sink, signal)
                 taken.add(signal)
     for signal, name in _SHOWN.items():

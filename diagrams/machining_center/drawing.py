@@ -27,19 +27,24 @@ from parapod.systems.machining_center.model import CenterPositions
 from parapod.systems.machining_center.posture import LOCKS_OF_LIMB
 from parapod.systems.machining_center.swing import LOCKABLE
 
+
+def _below(depth: float) -> RigidTransform:
+    return RigidTransform(np.array((0.0, 0.0, -depth)))
+
+
 # Collars that are seen where a joint is locked, by the body that it turns, and covers of a foot
 # that is not clamped; slightly larger than what they hide. Bodies, shapes, places, turns.
 _LOCKED, _LET_GO = Rgba(0.90, 0.30, 0.0, 1.0), Rgba(0.75, 0.77, 0.80, 1.0)
 _ACROSS = RollPitchYaw(0.5 * math.pi, 0.0, 0.0)
 _COLLARS: dict[int, tuple[str, Shape, RigidTransform]] = {
-    1: ("foot", Cylinder(0.024, 0.008), RigidTransform([0.0, 0.0, -0.010])),
-    2: ("ankle_2", Cylinder(0.021, 0.010), RigidTransform(_ACROSS, [0.0, 0.0, 0.0])),
+    1: ("foot", Cylinder(0.024, 0.008), _below(0.010)),
+    2: ("ankle_2", Cylinder(0.021, 0.010), RigidTransform(_ACROSS, np.zeros(3))),
     3: ("ankle_3", Sphere(0.0185), RigidTransform()),
-    6: ("hinge", Cylinder(0.0095, 0.131), RigidTransform(_ACROSS, [0.0, 0.0, 0.0])),
+    6: ("hinge", Cylinder(0.0095, 0.131), RigidTransform(_ACROSS, np.zeros(3))),
 }
 _COVERS = (
-    ("sole", Cylinder(0.0368, 0.0165), RigidTransform([0.0, 0.0, -0.022])),
-    ("plate", Cylinder(0.0468, 0.0125), RigidTransform([0.0, 0.0, -0.036])),
+    ("sole", Cylinder(0.0368, 0.0165), _below(0.022)),
+    ("plate", Cylinder(0.0468, 0.0125), _below(0.036)),
 )
 _PANEL, _HOLE = Rgba(0.86, 0.88, 0.91, 1.0), Rgba(0.15, 0.15, 0.18, 1.0)
 # Margin of the drawn panel around the feet, and size of its facets [m].

@@ -63,5 +63,7 @@ def ports_of_limbs(limbs: int) -> tuple[Port, ...]:
         Inner("done", "0/1", "whether nothing more comes"),
         Inner("wrench_index", "-", "w_minmax of the posture"),
         Inner("wrench_margin", "N", "resisted in every direction, less what is needed"),
+        Inner("pose_asked", "m, m, m, rad, rad, rad", "pose that a person asks for"),
+        Inner("limb_asked", "-", "limb whose foot a person has lifted; 0: none"),
         Inner("stop", "0/1", "whether somebody has the job end"),
     )

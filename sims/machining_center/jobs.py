@@ -1,26 +1,39 @@
 """Jobs of a machining centre, as experiments run them: refused, timed, watched, judged."""
 
+import copy
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, EventStatus
+from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.machining_center.controller import make_controller
 from parapod.diagrams.machining_center.drawing import draw_panel
 from parapod.diagrams.machining_center.machine import MACHINING_CENTER
 from parapod.diagrams.machining_center.scenario import CenterScenario
-from parapod.sims.lab.bench import Bench, Monitor, Run, make_viewer
+from parapod.sims.lab.bench import (
+    Bench,
+    Live,
+    Monitor,
+    ReadOut,
+    Run,
+    make_viewer,
+    stay_live,
+)
 from parapod.sims.lab.experiment import LoopExperiment, largest
-from parapod.sims.lab.panel import Readout, Row
+from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.results import Metric
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.ports import value_of
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_center.job import Process
+from parapod.systems.machining_center.operator import CenterControls
 from parapod.systems.machining_center.platform_mode import displacement
 from parapod.systems.machining_center.sequence import (
     Fault,
@@ -103,6 +116,17 @@ class CenterJob(LoopExperiment[CenterScenario, Run]):
             return _until_done(loop, scenario.end)
 
         return bench.run(self, scenario, monitor=until_done)
+
+    def operated(self, scenario: CenterScenario, controls: Any) -> ClosedLoop[CenterScenario]:
+        """The centre without a job: a person moves its platform and lifts its feet."""
+        return operated_loop(scenario, controls)
+
+    def live(
+        self, scenario: CenterScenario, panel: Panel, run: Run, console: Console
+    ) -> Callable[[], None] | None:
+        """Sliders move the platform, buttons lift feet."""
+        center = LiveCenter(scenario, panel, self.read_out)
+        return partial(stay_live, panel, center.work, console, _HELP)
 
     def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
         """Phase, error and margin."""
@@ -256,6 +280,51 @@ def read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
     if fault:
         return Readout(words_of(round(fault), round(where)), rows, (), True)
     return Readout(state, rows)
+
+
+_HELP = (
+    "Move the platform with the sliders in the browser; hold a button to lift a foot, again and "
+    "again."
+)
+
+
+def operated_loop(
+    scenario: CenterScenario, controls: Any, meshcat: Meshcat | None = None
+) -> ClosedLoop[CenterScenario]:
+    """A centre without a job, whose platform and feet a person moves.
+
+    Args:
+        scenario: of the centre.
+        controls: owner of sliders and buttons.
+        meshcat: scene in which it is drawn; None: none.
+    """
+    idle = copy.deepcopy(scenario)
+    idle.holes.count, idle.walk.advance_mm, idle.stop_at = 0, 0.0, None
+    source = CenterControls(controls, idle.geometry, idle.plan.beginning.pose)
+    controller = make_controller(idle, is_operated=True)
+    return ClosedLoop(
+        MACHINING_CENTER, idle, controller=controller, sources=(source,), meshcat=meshcat, log=()
+    )
+
+
+class LiveCenter(Live):
+    """A centre that a person moves until told otherwise.
+
+    Args:
+        scenario: of the centre.
+        panel: the page with the scene.
+        read_out: says what the page shows.
+    """
+
+    def __init__(self, scenario: CenterScenario, panel: Panel, read_out: ReadOut):
+        loop = operated_loop(scenario, panel, panel.meshcat)
+        super().__init__(panel, loop, read_out)
+
+    def work(self) -> str:
+        """Obeys in real time until somebody clicks a button; returns which."""
+        with self.loop.sources[0].shown():
+            self.begin()
+            return self.go_on()
 
 
 def make_scene(scenario: CenterScenario) -> Meshcat:

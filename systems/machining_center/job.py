@@ -37,6 +37,7 @@ from parapod.systems.machining_center.swing import (
     close_locks,
     lock_conditions,
     swing_inverse,
+    turns,
 )
 from parapod.systems.machining_center.wrench import wrench_indices
 
@@ -350,11 +351,6 @@ def swung_to(
         tolerance=_TOLERANCE,
         last_step=_LAST_STEP,
     )
-
-
-def turns(geometry: CenterGeometry) -> bool:
-    """Whether swinging feet may turn about their axes: a tripod has no freedom left otherwise."""
-    return geometry.limbs == 3
 
 
 def check_job(geometry: CenterGeometry, job: Job, beginning: Posture) -> Posture:

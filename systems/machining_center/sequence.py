@@ -23,7 +23,6 @@ from parapod.systems.machining_center.job import (
     Refused,
     Swing,
     check_drill,
-    turns,
 )
 from parapod.systems.machining_center.paths import (
     duration_of,
@@ -31,9 +30,13 @@ from parapod.systems.machining_center.paths import (
     platform_at,
     swing_duration,
 )
-from parapod.systems.machining_center.platform_mode import displacement
+from parapod.systems.machining_center.platform_mode import (
+    displacement,
+    leg_lengths,
+    within_stroke,
+)
 from parapod.systems.machining_center.posture import LOCKS_OF_LIMB, Posture
-from parapod.systems.machining_center.swing import LOCKABLE
+from parapod.systems.machining_center.swing import LOCKABLE, LockSet, best_sets, turns
 
 
 class Phase(IntEnum):
@@ -167,6 +170,8 @@ class Seen(NamedTuple):
         is_stuck: whether no lengths lead on.
         is_pressed: whether the emergency stop is.
         is_stopped: whether somebody has the job end.
+        asked: (7) pose of the platform and limb that a person asks for once the job is done
+            [m, rad]; None: nobody does.
     """
 
     time: float
@@ -180,6 +185,7 @@ class Seen(NamedTuple):
     is_stuck: bool = False
     is_pressed: bool = False
     is_stopped: bool = False
+    asked: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +207,8 @@ class Progress:
         by: (6) displacement from one to the other [rad, m].
         fault: see `Fault`.
         where: limb, leg or operation that it is about.
+        limb: whose foot is loose, or will be, from 1; 0: none.
+        locked: locks that are closed while it is, a bit each.
         broken_off: phase in which the fault came: locks and clamps stay as they were in it.
     """
 
@@ -217,6 +225,8 @@ class Progress:
     by: Array = field(default_factory=lambda: np.zeros(6))
     fault: Fault = Fault.NONE
     where: int = 0
+    limb: int = 0
+    locked: int = 0
     broken_off: Phase = Phase.WAITING
 
     @property
@@ -255,8 +265,23 @@ _NUMBERS: dict[str, Callable[[float], Any]] = {
     "duration": float,
     "fault": lambda value: Fault(round(value)),
     "where": round,
+    "limb": round,
+    "locked": round,
     "broken_off": lambda value: Phase(round(value)),
 }
+
+
+# What is asked for counts from here on [m, rad].
+_ASKED = 5e-4
+
+
+def _swinging(progress: Progress, phase: Phase, lock_set: LockSet) -> Progress:
+    """A progress in which a limb is to be swung, with its locks."""
+    places = [
+        (limb - 1) * LOCKS_OF_LIMB + LOCKABLE.index(joint) for limb, joint in lock_set.joints
+    ]
+    locked = sum(1 << place for place in places)
+    return replace(progress, phase=phase, limb=lock_set.limb, locked=locked)
 
 
 # Number of the motion that takes the drill out of a hole.
@@ -295,23 +320,16 @@ class Sequence:
         done = progress.operation
         return self.job.operations[done] if done < len(self.job.operations) else None
 
-    def limb(self, progress: Progress) -> int:
-        """The limb whose foot is loose, or will be; 0 in an operation without."""
-        operation = self.operation(progress)
-        return operation.lock_set.limb if isinstance(operation, Swing) else 0
-
     def loose(self, progress: Progress) -> int:
         """The limb whose clamp is to be open, from 1; 0: none."""
-        return self.limb(progress) if progress.rule.is_loose else 0
+        return progress.limb if progress.rule.is_loose else 0
 
     def locks(self, progress: Progress) -> NDArray[np.bool_]:
         """(n, 4) locks that are to be closed."""
-        closed = np.zeros((self.geometry.limbs, LOCKS_OF_LIMB), dtype=bool)
-        operation = self.operation(progress)
-        if progress.rule.locks and isinstance(operation, Swing):
-            for limb, joint in operation.lock_set.joints:
-                closed[limb - 1, LOCKABLE.index(joint)] = True
-        return closed
+        count = self.geometry.limbs * LOCKS_OF_LIMB
+        mask = progress.locked if progress.rule.locks else 0
+        closed = np.array([bool(mask >> bit & 1) for bit in range(count)])
+        return closed.reshape(-1, LOCKS_OF_LIMB)
 
     def clamps(self, progress: Progress) -> NDArray[np.bool_]:
         """(n) clamps that are to be closed."""
@@ -339,17 +357,17 @@ class Sequence:
         if isinstance(operation, Swing) and phase is Phase.RECONFIGURATION:
             end = operation.pose
             return Motion(end, duration_of(progress.start, end, speeds, speeds.rapid))
-        if isinstance(operation, Swing) and phase is Phase.SWING:
+        if phase is Phase.SWING and not isinstance(operation, Drill):
             end, lift = self._foothold(operation, progress.start), self._lift(progress)
             return Motion(end, swing_duration(progress.start, end, lift, speeds))
         return None
 
-    def _foothold(self, swing: Swing, foot: Array) -> Array:
-        """Where a foot is to stand (6); one that may turn keeps its heading."""
-        if not turns(self.geometry):
+    def _foothold(self, swing: Swing | None, foot: Array) -> Array:
+        """Foothold (6) of a swing; a foot that may turn keeps its heading."""
+        if swing is not None and not turns(self.geometry):
             return swing.foothold
         panel = self.job.panel
-        along, across, _ = panel.place(swing.foothold[:3])
+        along, across, _ = panel.place(foot[:3] if swing is None else swing.foothold[:3])
         return panel.foothold(float(along), float(across), panel.heading(foot))
 
     def toward(self, progress: Progress, ahead: float) -> Array:
@@ -428,7 +446,7 @@ class Sequence:
         if phase is Phase.MACHINING and progress.move < _LAST_MOVE:
             return self._set_off(replace(begun, move=progress.move + 1))
         if phase is Phase.SWING and progress.move == 0:
-            foot = seen.feet[self.limb(progress) - 1]
+            foot = seen.feet[progress.limb - 1]
             return self._set_off(replace(begun, move=1, start=foot))
         if phase is Phase.SETTLED:
             return self._begun(begun, seen)
@@ -437,11 +455,14 @@ class Sequence:
         if follows is Phase.UNLOCK:
             begun = replace(begun, move=_LAST_MOVE)
         elif progress.move == _LAST_MOVE:
-            begun = replace(begun, operation=progress.operation + 1, move=0)
+            done = progress.operation + (self.operation(progress) is not None)
+            begun = replace(begun, operation=done, move=0, limb=0, locked=0)
+        if follows is Phase.LOCK and progress.limb == 0:
+            follows = Phase.SETTLED  # a person has moved the platform
         if follows is Phase.LOCK and np.abs(seen.load).max() > self.params.largest_load:
             return progress.failed(Fault.UNDER_LOAD)
         if follows is Phase.SWING:
-            begun = replace(begun, start=seen.feet[self.limb(progress) - 1])
+            begun = replace(begun, start=seen.feet[progress.limb - 1])
         if seen.is_stopped and follows is Phase.SETTLED:
             follows = Phase.STOPPED
         return self._set_off(replace(begun, phase=follows))
@@ -449,15 +470,35 @@ class Sequence:
     def _begun(self, progress: Progress, seen: Seen) -> Progress:
         """The next operation, unless its pose does not carry it."""
         operation = self.operation(progress)
-        if operation is None:
+        if operation is None and seen.asked is None:
             return replace(progress, phase=Phase.DONE)
+        if operation is None:
+            return self._asked(progress, seen)
         if isinstance(operation, Swing):
-            return self._set_off(replace(progress, phase=Phase.RECONFIGURATION))
+            return self._set_off(_swinging(progress, Phase.RECONFIGURATION, operation.lock_set))
         try:
             check_drill(self.geometry, self.job, operation, seen.feet)
         except Refused:
             return progress.failed(Fault.REFUSED, progress.operation + 1)
         return self._set_off(replace(progress, phase=Phase.MACHINING))
+
+    def _asked(self, progress: Progress, seen: Seen) -> Progress:
+        """Goes where a person asks the platform to, or lifts a foot and puts it down again."""
+        assert seen.asked is not None
+        pose, limb = seen.asked[:6], round(float(seen.asked[6]))
+        if 1 <= limb <= self.geometry.limbs:
+            least = self.job.least_sigma
+            sets = best_sets(self.geometry, seen.pose, seen.feet, limb, least, 1)
+            return _swinging(progress, Phase.LOCK, sets[0]) if sets else progress
+        by = displacement(seen.pose, pose)
+        looks = np.array([platform_at(seen.pose, by, share) for share in (0.5, 1.0)])
+        lengths = leg_lengths(self.geometry, looks, seen.feet)
+        if np.abs(by).max() < _ASKED or not within_stroke(self.geometry, lengths).all():
+            return progress
+        speeds = self.job.speeds
+        duration = duration_of(seen.pose, pose, speeds, speeds.rapid)
+        phase = Phase.RECONFIGURATION
+        return replace(progress, phase=phase, duration=duration, end=pose, by=by)
 
     def _stopped(self, progress: Progress, seen: Seen) -> Progress | None:
         """The progress of a job that somebody stops; None where the phase goes on as it does."""
@@ -479,8 +520,8 @@ class Sequence:
         return self._set_off(replace(rest, phase=follows))
 
     def _fault(self, progress: Progress, seen: Seen) -> tuple[Fault, int]:
-        """What is wrong, and with which limb, leg or operation."""
-        rule, limb = RULES[progress.phase], self.limb(progress)
+        """Fault of an instant, and limb, leg or operation that it is about."""
+        rule, limb = RULES[progress.phase], progress.limb
         if seen.is_pressed:
             return Fault.EMERGENCY_STOP, 0
         locks = np.argwhere(seen.locks != self.locks(progress))

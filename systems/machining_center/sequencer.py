@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from parapod.systems.core.ports import declare_cached, is_on, read_array
+from parapod.systems.core.ports import declare_cached, is_on, read_array, read_or_zeros
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.job import Job
@@ -34,6 +34,8 @@ class CenterSequencer(LeafSystem):
     | in `tool_force` | 2 | N, N m | thrust and torque of the drill |
     | in `emergency_stop` | 1 | 0/1 | whether it is pressed |
     | in `stop` | 1 | 0/1 | whether somebody has the job end; unconnected: nobody |
+    | in `pose_asked` | 6 | m, rad | asked for once the job is done; unconnected: never done |
+    | in `limb_asked` | 1 | - | limb whose foot is to be lifted then; unconnected: none |
     | out `mode` | 1 | - | what moves: 0 nothing, 1 the platform, 2 the loose foot |
     | out `target` | 6 | m, rad | of what moves, a period from now |
     | out `toward` | 6 | m, rad | of the platform then, as planned: NaN where nothing is |
@@ -87,6 +89,8 @@ class CenterSequencer(LeafSystem):
                 ("tool_force", 2),
                 ("emergency_stop", 1),
                 ("stop", 1),
+                ("pose_asked", 6),
+                ("limb_asked", 1),
             )
         }
         state = self.DeclareDiscreteState(Progress().numbers())
@@ -137,8 +141,18 @@ class CenterSequencer(LeafSystem):
             is_determined=is_on(ports["is_determined"], context),
             is_stuck=is_on(ports["is_stuck"], context),
             is_pressed=is_on(ports["emergency_stop"], context),
+            asked=self._asked(context),
             is_stopped=ports["stop"].HasValue(context) and is_on(ports["stop"], context),
         )
+
+    def _asked(self, context: Context) -> Array | None:
+        """Pose and limb that a person asks for; None where nobody could."""
+        pose, limb = self._ports["pose_asked"], self._ports["limb_asked"]
+        if not pose.HasValue(context):
+            return None
+        (number,) = read_or_zeros(limb, context)
+        asked = np.array([*read_array(pose, context), number])
+        return asked if np.isfinite(asked).all() else None
 
     def _calc_mode(self, context: Context, output: BasicVector) -> None:
         progress = self._progress(context)

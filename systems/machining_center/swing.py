@@ -148,6 +148,34 @@ def lock_sets(geometry: CenterGeometry, limb: int) -> list[LockSet]:
     return [LockSet(limb, chosen) for chosen in combinations(joints, needed)]
 
 
+def best_sets(
+    geometry: CenterGeometry, pose: Array, footholds: Array, limb: int, least: float, count: int
+) -> list[LockSet]:
+    """Sets with the largest singular values at a pose, the best first, for a foot on a surface.
+
+    Args:
+        geometry: the centre.
+        pose: (6) of the platform [m, rad].
+        footholds: (n, 6) poses of the feet's frames [m, rad].
+        limb: the loose limb, counted from 1.
+        least: singular value that each must have.
+        count: of sets, at most.
+    """
+    rated = []
+    for lock_set in lock_sets(geometry, limb):
+        found = lock_conditions(
+            geometry, pose, lock_set, footholds, along="left", turns=turns(geometry)
+        )
+        rated.append((min(float(found.inverse), float(found.holding)), lock_set))
+    rated.sort(key=lambda each: -each[0])
+    return [lock_set for sigma, lock_set in rated[:count] if sigma >= least]
+
+
+def turns(geometry: CenterGeometry) -> bool:
+    """Whether swinging feet may turn about their axes: a tripod has no freedom left otherwise."""
+    return geometry.limbs == 3
+
+
 class LockConditions(NamedTuple):
     """Smallest singular values of a lock set, of rotations in rad and translations by r_c.
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_center.geometry import CenterGeometry
-from parapod.systems.machining_center.job import Job, Refused, Swing, Swung, try_swing, turns
+from parapod.systems.machining_center.job import Job, Refused, Swing, Swung, try_swing
 from parapod.systems.machining_center.platform_mode import leg_lengths, within_stroke
 from parapod.systems.machining_center.posture import Posture
-from parapod.systems.machining_center.swing import LockSet, lock_conditions, lock_sets
+from parapod.systems.machining_center.swing import LockSet, best_sets
 
 # Where the platform begins a swing: how far ahead of the feet's middle, as a share of the foot's
 # way, and how much higher or lower than usual [m].
@@ -168,9 +168,4 @@ def _sets(
             sorted(((limb - 1 + after) % geometry.limbs + 1, joint) for after, joint in locked)
         )
         return [LockSet(limb, standing)]
-    rated = []
-    for lock_set in lock_sets(geometry, limb):
-        at = lock_conditions(geometry, pose, lock_set, feet, along="left", turns=turns(geometry))
-        rated.append((min(float(at.inverse), float(at.holding)), lock_set))
-    rated.sort(key=lambda each: -each[0])
-    return [lock_set for sigma, lock_set in rated[:_SETS] if sigma >= least]
+    return best_sets(geometry, pose, feet, limb, least, _SETS)

@@ -264,10 +264,10 @@ class Moved:
         assert low <= high
 
     def GetHoldNames(self):
-        return ["walk"]
+        return ["walk", "lift limb 2"]
 
     def IsHeld(self, name):
-        return name in ("walk", "ahead", "leg 2 down")
+        return name in ("walk", "ahead", "leg 2 down", "lift limb 2")
 
     def silence(self):
         return 0.1
@@ -289,6 +289,7 @@ OF_A_PLANT = "posture attitude angular_velocity specific_force inertial_motion c
 OF_A_CHAIR = "body_position body_attitude force contact_force foot_height body_pose passenger_pose"
 
 ENTRIES: dict[str, Entry] = {
+    "CenterControls": Entry(lambda: {"controls": Moved()}, limits={"limb_asked": (0.0, 3.0)}),
     "CenterFeedforward": Entry(
         inputs={
             **CENTER,
@@ -324,6 +325,8 @@ ENTRIES: dict[str, Entry] = {
             "locks_closed": one_of(*(0.0,) * 30, 1.0),
             "clamps_closed": one_of(*(1.0,) * 9, 0.0),
             "is_determined": one_of(1.0),
+            "pose_asked": around(HOME, 2e-3),
+            "limb_asked": one_of(0.0, 0.0, 2.0),
             "is_stuck": one_of(0.0),
             "emergency_stop": one_of(0.0, 0.0, 0.0, 1.0),
         },
