@@ -51,7 +51,7 @@ def main(arguments: list[str]) -> int:
             "realtime": lambda: realtime.run(console),
             "accuracy": lambda: accuracy.run(console),
             "chair": lambda: chair.run(console),
-            "centers": centers.run,
+            "centers": lambda: centers.run(console),
             "endurance": lambda: endurance.run(console),
             "hardware": lambda: hardware.run(console),
             "deadlines": lambda: deadlines.run(console),

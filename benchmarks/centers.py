@@ -1,4 +1,4 @@
-"""The machining centres: wrench indices beside all facets by brute force, swings, a workspace."""
+"""The machining centres: wrench indices beside brute force, swings, a workspace, whole jobs."""
 
 import io
 import time
@@ -9,8 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
+import parapod
 from benchmarks.report import Measurement
 from parapod.sims.lab.experiment import RunOptions
+from parapod.sims.lab.progress import counted
+from parapod.sims.machining_center.machining import CenterMachining
+from parapod.sims.machining_center.walk import CenterWalk
 from parapod.sims.machining_center.workspace import (
     NAMES,
     CenterWorkspace,
@@ -32,9 +36,11 @@ _TURNS = 5
 _INDEX_BOUNDS = {3: 150e3, 4: 50e3}
 _SWING, _SWING_BOUND = 300, 500.0
 _WORKSPACE_BOUND = 60.0  # [s]
+# Whole loop of rigid bodies at 1 ms by real time; instants at which a job is stopped.
+_LOOP_BOUND, _STOPS = 2.5, 20
 
 
-def run() -> list[Measurement]:
+def run(console: Console) -> list[Measurement]:
     results = []
     for limbs, name in NAMES.items():
         results += _indices(CenterGeometry(limbs), name)
@@ -49,7 +55,39 @@ def run() -> list[Measurement]:
             at_most=True,
         )
     )
+    for limbs, name in NAMES.items():
+        results += _jobs(limbs, name, console)
     return results
+
+
+def _jobs(limbs: int, name: str, console: Console) -> list[Measurement]:
+    """Whole jobs of rigid bodies, and jobs that are stopped at equal distances of time."""
+    quiet = RunOptions(console=Console(file=io.StringIO()))
+    found = []
+    for what, experiment in (
+        ("center-machining", CenterMachining("center-machining")),
+        ("center-walk", CenterWalk("center-walk")),
+    ):
+        scenario = parapod.scenario(what, limbs=limbs)
+        result = experiment.execute(scenario, quiet)
+        metrics = {metric.key: metric.value for metric in result.metrics}
+        found += [
+            Measurement(f"{what}, {name}", metrics["realtime_factor"], "x", _LOOP_BOUND),
+            Measurement("  bounds broken", float(len(result.broken)), "", 0.0, at_most=True),
+        ]
+    ended, until = 0, experiment.duration(scenario) / 1.3
+    with counted(console, f"stops, {name}", _STOPS) as tell:
+        for number in range(_STOPS):
+            scenario = parapod.scenario("center-walk", limbs=limbs, backend="kinematic")
+            scenario.stop_at = (number + 0.5) / _STOPS * until
+            result = experiment.execute(scenario, quiet)
+            keys = {metric.key for metric in result.broken}
+            ended += not keys & {"clamps_open", "tip_height_mm"}
+            tell(number + 1)
+    found.append(
+        Measurement(f"stopped {_STOPS} times, {name}: clamped, retracted", ended, "", _STOPS)
+    )
+    return found
 
 
 def _indices(geometry: CenterGeometry, name: str) -> list[Measurement]:

@@ -25,7 +25,7 @@ _MOVES_ALONE = 3
 
 
 def _stop(scenario: CenterScenario) -> Sequence[System]:
-    """What has the job end, where somebody is to."""
+    """Source that has the job end, where somebody is to."""
     if scenario.stop_at is None:
         return ()
     instants = (-1.0, scenario.stop_at, scenario.stop_at + _LONG)

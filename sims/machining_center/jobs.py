@@ -276,7 +276,7 @@ def read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
     rows.append(Row("thrust", measured=float(true["tool.force"]()[0]), unit="N", decimals=0))
     rows.append(Row("wrench margin", 0.0, margin, unit="N", decimals=0))
     total = len(loop.scenario.plan.job.operations)
-    state = f"{phase.name.lower()}, {round(done)} of {total} operations done"
+    state = phase.name.lower() + (f", {round(done)} of {total} operations done" if total else "")
     if fault:
         return Readout(words_of(round(fault), round(where)), rows, (), True)
     return Readout(state, rows)

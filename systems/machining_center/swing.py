@@ -212,7 +212,7 @@ class SwingPose(NamedTuple):
 
 
 class SwungPose(NamedTuple):
-    """Where platform and loose foot are, from the lengths of the legs.
+    """Places of platform and loose foot, from the lengths of the legs.
 
     Attributes:
         pose: (6) of the platform [m, rad].
