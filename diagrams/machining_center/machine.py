@@ -73,6 +73,7 @@ MACHINING_CENTER = Machine(
     self_tests={"legs": _MOVE},
     emulated=_emulated,
     cut={"legs.brake": 1.0},
+    switches=("locks.closed", "clamps.closed"),
     guard=CenterGuard,
     twin=CenterTwin,
     variant=_variant,

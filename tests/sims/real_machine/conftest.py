@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.machining_center.machine import MACHINING_CENTER
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.systems.hardware.emulation.harness import SharedHarness
 from parapod.systems.hardware.position_memory import PositionMemory
@@ -90,6 +91,13 @@ def _stamped(path, *names):
             pass  # in the middle of a record
     count = min(map(len, rows.values()))
     return (np.array(stamps[:count]), *(np.array(v[:count], float) for v in rows.values()))
+
+
+# A short and quick walk.
+CENTER_JOB = (
+    *("holes.count=0", "walk.advance_mm=20", "walk.steps=1", "walk.lift_mm=8"),
+    *("motion.swing_mm_s=100", "motion.acceleration_mm_s2=1500", "control.settling=0.06"),
+)
 
 
 class Emulator:
@@ -337,6 +345,24 @@ class EmulatedChair(Emulator):
         return not self.has_power and not any(self.wires.get("legs.velocity_command"))
 
 
+class EmulatedCenter(Emulator):
+    """A tripod that walks a little."""
+
+    machine = MACHINING_CENTER
+    options = ("--backend=kinematic", "--set", *CENTER_JOB)
+    remembered = "position", "positions.json"
+    disturbable = ("legs", "switches")
+
+    @property
+    def has_power(self):
+        return self.wires.get("legs.brake")[0] < 0.5
+
+    @property
+    def is_neutral(self):
+        closed = self.wires.get("locks.command") + self.wires.get("clamps.command")
+        return not self.has_power and all(value > 0.5 for value in closed)
+
+
 @pytest.fixture(scope="module")
 def emulators():
     """emulators(kind, scenario="") begins an `Emulator`, which ends after the module's tests."""
@@ -389,6 +415,12 @@ def skip_if_busy():
 def emulate_chair(emulators):
     """emulate_chair(scenario="") begins an `EmulatedChair`."""
     return partial(emulators, EmulatedChair)
+
+
+@pytest.fixture(scope="module")
+def emulate_center(emulators):
+    """emulate_center(scenario="") begins an `EmulatedCenter`."""
+    return partial(emulators, EmulatedCenter)
 
 
 @pytest.fixture(scope="session")

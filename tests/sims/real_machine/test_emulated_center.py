@@ -1,0 +1,61 @@
+"""The tripod's controller in one program and the emulated tripod in another."""
+
+import numpy as np
+import pytest
+
+for library in ("canopen", "can", "serial", "mcap"):
+    pytest.importorskip(library)
+
+# Where programs may not have a priority, others delay heartbeats by more than a drive bears.
+PATIENT = "hardware.drivers.0.heartbeat_timeout_ms=500"
+
+
+@pytest.fixture(scope="module")
+def center(emulate_center):
+    return emulate_center()
+
+
+@pytest.fixture
+def walk(center):
+    return ("run", "center-walk", "--backend", "hardware", *center.options[1:], PATIENT)
+
+
+def test_a_tripod_walks_on_emulated_devices_one_loose_foot_at_a_time(center, walk):
+    center.run_well(*walk)
+    assert center.is_neutral
+    _, clamps, feet, locks = center.logged("clamps.closed", "truth.feet", "locks.closed")
+    loose = (clamps < 0.5).sum(axis=1)
+    assert loose.max() == 1
+    assert all((clamps[:, limb] < 0.5).any() for limb in range(3))
+    # While a foot is loose all locks of its limb are closed, and two more.
+    locked = locks.reshape(-1, 3, 4) > 0.5
+    for limb in range(3):
+        during = locked[clamps[:, limb] < 0.5]
+        assert during[:, limb].all()
+        assert (during.sum(axis=(1, 2)) == 6).all()
+    gone = 1e3 * (feet[-1] - feet[0]).reshape(3, 6)[:, 0]
+    assert gone == pytest.approx(20.0, abs=0.5)
+
+
+def test_a_clamp_that_is_lost_while_a_limb_swings_stops_everything_where_it_stands(center, walk):
+    center.measure_legs()
+    program = center.parapod(*walk)
+    is_swinging = center.until(lambda: min(center.wires.get("clamps.command")) < 0.5, 40.0)
+    begun = center.wires.get("legs.position")
+    moves = center.until(
+        lambda: np.abs(np.subtract(center.wires.get("legs.position"), begun)).max() > 1e-3, 10.0
+    )
+    center.misbehave("switches", "open")
+    stops = center.until(lambda: center.wires.get("legs.brake")[0] > 0.5, 2.0)
+    stood = center.wires.get("legs.position")
+    said = program.communicate(timeout=60)[1]
+    moved = np.abs(np.subtract(center.wires.get("legs.position"), stood)).max()
+    center.misbehave("switches", "well")
+    assert is_swinging, said
+    assert moves, said
+    assert stops, said
+    assert program.returncode == 2
+    assert "the clamp of limb" in said.splitlines()[-1]
+    assert "in swing; everything stands where it was" in said.splitlines()[-1]
+    assert moved < 2e-3  # what they need to stop
+    assert center.is_neutral
