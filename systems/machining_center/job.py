@@ -411,7 +411,7 @@ def _check_speeds(job: Job, lengths: Array, duration: float, which: str) -> None
     if fastest > job.speeds.leg:
         raise Refused(
             f"the {leg_name(int(leg))} would have to go at {1e3 * fastest:.0f} mm/s and may go at "
-            f"{1e3 * job.speeds.leg:.0f}: a {which} speed that is {fastest / job.speeds.leg:.1f} "
+            f"{1e3 * job.speeds.leg:.0f}: a {which} speed that is {fastest / job.speeds.leg:.2f} "
             "times lower would do"
         )
 

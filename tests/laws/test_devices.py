@@ -124,6 +124,35 @@ TWO_LOCKS = {
     # Nothing follows here.
     "following_error_mm": 1000.0,
 }
+
+
+def limbs(count):
+    """A centre's legs, locks and clamps."""
+    legs, locks = 2 * count, 4 * count
+    return axes(
+        legs,
+        settings=PATIENT | {"following_error_mm": 100.0},
+        memory="positions.json",
+        measures=dict.fromkeys(("position", "velocity", "current"), legs)
+        | {"emergency_stop": 1, "locks.closed": locks, "clamps.closed": count},
+        commands={
+            "position_command": legs,
+            "brake": 1,
+            "locks.command": locks,
+            "clamps.command": count,
+        },
+        truth=("position", tuple(0.5 + 1e-3 * i for i in range(legs)), 1e-4),
+        order={
+            "position_command": (0.52,) * legs,
+            "brake": (0.0,),
+            "locks.command": (0.0,) * locks,
+            "clamps.command": (1.0,) * count,
+        },
+        rest={"brake": (1.0,), "locks.command": (1.0,) * locks, "clamps.command": (1.0,) * count},
+        is_held=True,
+    )
+
+
 IMU = {"gyro": 3, "accel": 3, "mag": 3}
 TURNING = ("gyro", (0.1, -0.2, 0.3), 1e-3)
 ROWS = {
@@ -163,6 +192,8 @@ ROWS = {
             is_held=True,
         )
     ),
+    "Epos2TripodLegs": Row(**limbs(3)),
+    "Epos2QuadrupedLegs": Row(**limbs(4)),
     "Epos2Legs": Row(
         **axes(
             12,

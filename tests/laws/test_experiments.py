@@ -59,6 +59,12 @@ BRIEF = {
     "identify-actuators": COARSE,
     "slip": (*COARSE, "lift.duration=0.5", "arm.duration=0.2", "arm.rest=0", "creep.duration=0.1"),
     "workspace": ("resolution=16",),
+    "center-machining": ("backend=kinematic", "holes.count=1", "holes.depth_mm=1"),
+    "center-walk": (
+        *("backend=kinematic", "holes.count=0", "walk.advance_mm=20", "walk.lift_mm=5"),
+        *("motion.swing_mm_s=200", "motion.acceleration_mm_s2=4000", "control.settling=0.04"),
+    ),
+    "center-locks": ("poses=10",),
     "chair-walk": ("backend=mock", "gait.way=forward", "gait.phase_duration=4.7"),
     "chair-circle": ("circle.laps=1",),
     "chair-payload": ("instants=1",),

@@ -73,6 +73,10 @@ def _walk() -> Iterator[Picture]:
 
 
 _KINEMATIC = "backend=kinematic"
+_QUICK = (
+    *(_KINEMATIC, "holes.count=0", "motion.swing_mm_s=150", "motion.acceleration_mm_s2=2000"),
+    "control.settling=0.05",
+)
 _PARTS = (
     Part(
         "center-machining",
@@ -100,7 +104,7 @@ _PARTS = (
         "plan is found, the bodies are rigid, the legs yield, and the feet are clamped where they "
         "have come to.",
         "center-walk",
-        quick=(_KINEMATIC, "holes.count=0"),
+        quick=(*_QUICK, "walk.advance_mm=100"),
     ),
     Part(
         "center-walk-quadruped",
@@ -108,7 +112,7 @@ _PARTS = (
         "The same walk with eight legs, three limbs of which hold the platform without any lock.",
         "center-walk",
         ("limbs=4",),
-        quick=(_KINEMATIC, "holes.count=0", "walk.advance_mm=60"),
+        quick=(*_QUICK, "walk.advance_mm=60"),
         adds_to="center-walk",
     ),
     Part(
