@@ -1,13 +1,19 @@
 """Guards of real machines: they watch every job on the hardware and end what is not plausible."""
 
 import math
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.safety.faults import EMERGENCY_STOP_SIGN
+
+# Signals that every such guard goes by.
+POSITION, AGE, STOP = "legs.position", "status.age", "legs.emergency_stop"
 
 
 @dataclass(frozen=True)
@@ -56,6 +62,110 @@ class Tripped(ParapodError):
     def __init__(self, trip: Trip):
         self.trip = trip
         super().__init__(f"{trip.name}: {trip.sign}; the job has been ended")
+
+
+class Sign(NamedTuple):
+    """Observation that something is wrong.
+
+    Attributes:
+        words: words for it.
+        persists: time for which it must last to end a job [s].
+        distrusted: see `Trip`.
+    """
+
+    words: str
+    persists: float
+    distrusted: tuple[str, ...] = ()
+
+
+class UsualLimits(Protocol):
+    """Limits of what is normal of all legs.
+
+    Attributes:
+        fastest: speed of a leg [m/s].
+        oldest: largest age of the measurements [s].
+        persists: time for which a sign must last, but for a jump [s].
+    """
+
+    # fmt: off
+    @property
+    def fastest(self) -> float: ...  # noqa: D102
+    @property
+    def oldest(self) -> float: ...  # noqa: D102
+    @property
+    def persists(self) -> float: ...  # noqa: D102
+    # fmt: on
+
+
+class SignGuard(ABC):
+    """Guard of legs by signs that must last; a machine's own tells them from each tick."""
+
+    def __init__(self, period: float):
+        """Begins to watch.
+
+        Args:
+            period: period of the loop [s].
+        """
+        self._period, self._ticks = period, Ticks(period)
+        self._position: NDArray[Any] | None = None
+        self._stamp = 0.0  # when that was measured [s]
+        self._since: dict[str, float] = {}
+
+    def check(self, now: float, values: Mapping[str, NDArray[Any]]) -> Trip | None:
+        """See `Guard`."""
+        stamp = now - (float(values[AGE][0]) if AGE in values else 0.0)
+        elapsed = max(stamp - self._stamp, self._period)
+        signs = dict(self._signs(self._ticks.is_regular(now), elapsed, values))
+        self._position, self._stamp = values[POSITION].copy(), stamp
+        self._since = {name: self._since.get(name, now) for name in signs}
+        for name, sign in signs.items():
+            if now - self._since[name] >= sign.persists:
+                return Trip(name, sign.words, sign.distrusted)
+        return None
+
+    @abstractmethod
+    def _signs(
+        self, is_regular: bool, elapsed: float, values: Mapping[str, NDArray[Any]]
+    ) -> Iterator[tuple[str, Sign]]:
+        """Names of the signs of a tick, and the signs.
+
+        Args:
+            is_regular: whether it comes a period after the one before.
+            elapsed: time between the measurements and those before [s].
+            values: see `Guard.check`.
+        """
+
+    def _usual(
+        self,
+        is_regular: bool,
+        elapsed: float,
+        values: Mapping[str, NDArray[Any]],
+        limits: UsualLimits,
+        named: Callable[[NDArray[np.bool_], str], str],
+    ) -> Iterator[tuple[str, Sign]]:
+        """Signs that all legs have at once: the emergency stop, an encoder that jumps.
+
+        Args:
+            is_regular: see `_signs`.
+            elapsed: see there.
+            values: see there.
+            limits: what is normal.
+            named: words about the first leg of some.
+        """
+        legs = ("legs",)
+        if STOP in values and values[STOP][0] > 0.5:
+            yield "emergency_stop", Sign(EMERGENCY_STOP_SIGN, 0.0)
+        if self._position is not None and is_regular:
+            jumps = np.abs(values[POSITION] - self._position) > limits.fastest * elapsed
+            if jumps.any():
+                yield "encoder_jump", Sign(named(jumps, "changes faster than it can"), 0.0, legs)
+
+    def _stale(
+        self, values: Mapping[str, NDArray[Any]], limits: UsualLimits
+    ) -> Iterator[tuple[str, Sign]]:
+        """Sign of data that is old; after those that say more."""
+        if AGE in values and not values[AGE][0] <= limits.oldest:
+            yield "legs_stale", Sign("measurements that are old", limits.persists)
 
 
 # A tick that comes so much earlier or later than a period after the last one is irregular [-].

@@ -11,7 +11,7 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import Propeller, PropellerInfo
 from pydrake.multibody.tree import PdControllerGains
-from pydrake.systems.framework import Context, DiagramBuilder, InputPort, OutputPort
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
 
 from parapod.diagrams.drawing import publish, remove_visuals
@@ -20,6 +20,7 @@ from parapod.diagrams.machining_center.model import add_center
 from parapod.diagrams.machining_center.ports import PARTS
 from parapod.diagrams.machining_center.scenario import CenterScenario, Plan
 from parapod.diagrams.multibody import add_discrete_plant, drive_joints
+from parapod.diagrams.simulated import add_status, ports_of_legs
 from parapod.diagrams.station import Behind
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.position_servo import PositionServo
@@ -32,7 +33,6 @@ from parapod.systems.machining_center.platform_mode import leg_lengths
 from parapod.systems.machining_center.posture import CenterPosture
 from parapod.systems.machining_center.statics import CenterStatics
 from parapod.systems.machining_center.switches import Switches
-from parapod.systems.sensors.device_status import DeviceStatus
 
 # Damping of a leg with its screw and drive by its stiffness [s] (assumption).
 _DAMPING = 0.01
@@ -254,7 +254,7 @@ def _add_simulated(
     per_newton = 1.0 / scenario.legs.force_per_current_N_A
     current = add(builder, MatrixGain(per_newton * np.eye(geometry.legs)), "motor_current")
     connect(builder, plant.signals["leg_force"], current.get_input_port())
-    inputs, outputs = _leg_ports(drives)
+    inputs, outputs = ports_of_legs(drives, "position_command")
     inputs |= {
         f"{part}.command": plant.switches.GetInputPort(f"{part}_command")
         for part in ("locks", "clamps")
@@ -269,7 +269,7 @@ def _add_simulated(
         "truth.tip_height": drilling.GetOutputPort("tip_height"),
     }
     outputs |= {f"truth.{name}": port for name, port in plant.signals.items()}
-    outputs |= _add_status(builder)
+    outputs |= add_status(builder, PARTS)
     simulation = Simulation(plant, drives, legs)
     return Behind(
         inputs, outputs, simulation.reset, between_steps=plant.between_steps, handle=simulation
@@ -291,20 +291,6 @@ def add_kinematics(
     # Only samples of this plant count: twice as often as the command.
     step = 0.5 * scenario.control.period
     return _add_simulated(_add_kinematic_plant, step, builder, scenario, meshcat)
-
-
-def _leg_ports(drives: PositionServo) -> tuple[dict[str, InputPort], dict[str, OutputPort]]:
-    inputs = {f"legs.{name}": drives.GetInputPort(name) for name in ("position_command", "brake")}
-    outputs = {
-        f"legs.{name}": drives.GetOutputPort(f"{name}_measured")
-        for name in ("position", "velocity")
-    }
-    return inputs, outputs
-
-
-def _add_status(builder: DiagramBuilder) -> dict[str, OutputPort]:
-    status = add(builder, DeviceStatus(PARTS, (0.0,) * len(PARTS)))
-    return {f"status.{name}": status.GetOutputPort(name) for name in ("age", "fault")}
 
 
 def _encoded(scenario: CenterScenario) -> NDArray[np.float64]:
@@ -349,9 +335,9 @@ def add_mock(
     somewhere = add(builder, ConstantVectorSource(feet), "somewhere")
     connect(builder, somewhere.get_output_port(), switches.GetInputPort("feet"))
     current = add(builder, ConstantVectorSource(np.zeros(geometry.legs)), "motor_current")
-    inputs, outputs = _leg_ports(drives)
+    inputs, outputs = ports_of_legs(drives, "position_command")
     for part in ("locks", "clamps"):
         inputs[f"{part}.command"] = switches.GetInputPort(f"{part}_command")
         outputs[f"{part}.closed"] = switches.GetOutputPort(f"{part}_closed")
-    outputs |= {"legs.current": current.get_output_port()} | _add_status(builder)
+    outputs |= {"legs.current": current.get_output_port()} | add_status(builder, PARTS)
     return Behind(inputs, outputs)

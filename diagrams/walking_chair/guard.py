@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.diagrams.guard import Ticks, Trip
+from parapod.diagrams.guard import AGE, POSITION, STOP, Sign, SignGuard
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.systems.safety.faults import EMERGENCY_STOP_SIGN
 from parapod.systems.walking_chair.chair import foot_corners
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
 from parapod.systems.walking_chair.masses import GRAVITY, ChairMasses
@@ -21,8 +20,7 @@ from parapod.systems.walking_chair.payload import (
 )
 from parapod.systems.walking_chair.statics import force_map
 
-_POSITION, _NODE, _MARGIN = "legs.position", "position_node", "support_margin"
-_AGE, _STOP = "status.age", "legs.emergency_stop"
+_NODE, _MARGIN = "position_node", "support_margin"
 _CURRENT, _SUPPORT, _PAYLOAD = "legs.current", "support", "payload_estimated"
 
 
@@ -70,7 +68,7 @@ _REMEMBERED = 10.0
 _SETTLED = 2.0
 
 
-class ChairGuard:
+class ChairGuard(SignGuard):
     """Ends a walk in which a branch does not follow or carry, or swings, or no foot supports.
 
     The drives then stop and hold. A branch that is stuck, driven the wrong way or shown wrongly
@@ -79,7 +77,7 @@ class ChairGuard:
     watched by the drives themselves.
     """
 
-    signals = frozenset((_POSITION, _NODE, _MARGIN, _AGE, _STOP, _CURRENT, _SUPPORT, _PAYLOAD))
+    signals = frozenset((POSITION, _NODE, _MARGIN, AGE, STOP, _CURRENT, _SUPPORT, _PAYLOAD))
 
     def __init__(self, scenario: ChairScenario, limits: ChairLimits = ChairLimits()):
         """Begins to watch.
@@ -88,63 +86,40 @@ class ChairGuard:
             scenario: its `control.period` is that of the loop.
             limits: what is normal.
         """
-        self._period, self._limits = scenario.control.period, limits
-        self._position: NDArray[Any] | None = None
-        self._stamp = 0.0  # when that was measured [s]
-        self._ticks = Ticks(scenario.control.period)
-        self._since: dict[str, float] = {}
+        super().__init__(scenario.control.period)
+        self._limits = limits
         # Mean distances from the way, and mean sizes of these [m].
         self._off, self._size = np.zeros(len(BRANCHES)), np.zeros(len(BRANCHES))
         self._count, self._mismatch = 0, ""
         # Mass, and moments by gravity, of the payload, as they have been for a while [kg, kg m].
         self._payload: NDArray[Any] | None = None
 
-    def check(self, now: float, values: Mapping[str, NDArray[Any]]) -> Trip | None:
-        """See `Guard`."""
-        stamp = now - (float(values[_AGE][0]) if _AGE in values else 0.0)
-        elapsed = max(stamp - self._stamp, self._period)
-        signs = dict(self._signs(self._ticks.is_regular(now), elapsed, values))
-        self._position, self._stamp = values[_POSITION].copy(), stamp
-        self._since = {name: self._since.get(name, now) for name in signs}
-        for name, (sign, persists, distrusted) in signs.items():
-            if now - self._since[name] >= persists:
-                return Trip(name, sign, distrusted)
-        return None
-
     def _signs(
         self, is_regular: bool, elapsed: float, values: Mapping[str, NDArray[Any]]
-    ) -> Iterator[tuple[str, tuple[str, float, tuple[str, ...]]]]:
-        """Name of each sign, its words, for how long it must last, and whom it makes suspect."""
-        limits, position = self._limits, values[_POSITION]
+    ) -> Iterator[tuple[str, Sign]]:
+        """See `SignGuard`."""
+        limits, position = self._limits, values[POSITION]
         legs = ("legs",)
-        if _STOP in values and values[_STOP][0] > 0.5:
-            yield "emergency_stop", (EMERGENCY_STOP_SIGN, 0.0, ())
-        if self._position is not None and is_regular:
-            jumps = np.abs(position - self._position) > limits.fastest * elapsed
-            if jumps.any():
-                yield "encoder_jump", (_named(jumps, "changes faster than it can"), 0.0, legs)
+        yield from self._usual(is_regular, elapsed, values, limits, _named)
         if _NODE in values:
             off = ~(np.abs(position - values[_NODE]) <= limits.following)
             if off.any():
                 words = _named(off, f"is more than {1e3 * limits.following:g} mm off its way")
-                yield "following_error", (words, limits.persists, legs)
+                yield "following_error", Sign(words, limits.persists, legs)
             yield from self._swings(position - values[_NODE])
         if _MARGIN in values and values[_MARGIN][0] < limits.margin:
             words = "the centre of mass is not above the feet that stand"
-            yield "no_support", (words, limits.persists, ())
+            yield "no_support", Sign(words, limits.persists)
         if _CURRENT in values and _SUPPORT in values and _PAYLOAD in values:
             if self._count % _STRIDE == 0:
                 self._mismatch = self._compared(values)
             self._count += 1
             if self._mismatch:
                 words, persists = self._mismatch, limits.unexplained_persists
-                yield "current_mismatch", (words, persists, legs)
-        if _AGE in values and not values[_AGE][0] <= limits.oldest:
-            yield "legs_stale", ("measurements that are old", limits.persists, ())
+                yield "current_mismatch", Sign(words, persists, legs)
+        yield from self._stale(values, limits)
 
-    def _swings(
-        self, off: NDArray[Any]
-    ) -> Iterator[tuple[str, tuple[str, float, tuple[str, ...]]]]:
+    def _swings(self, off: NDArray[Any]) -> Iterator[tuple[str, Sign]]:
         """Sign of a branch that swings about its way, as with commands that come too late."""
         share, off = -np.expm1(-self._period / _AVERAGED), np.nan_to_num(off)
         self._off += share * (off - self._off)
@@ -154,11 +129,11 @@ class ChairGuard:
         if swinging.any():
             mean = 1e3 * self._size[swinging].max()
             words = _named(swinging, f"swings about its way, {mean:.1f} mm off it on average")
-            yield "oscillation", (words, 0.0, ())
+            yield "oscillation", Sign(words, 0.0)
 
     def _compared(self, values: Mapping[str, NDArray[Any]]) -> str:
         """Sentence about the branch whose current is explained least; "" if all of them are."""
-        lengths = values[_POSITION].reshape(LEG_COUNT, 3)
+        lengths = values[POSITION].reshape(LEG_COUNT, 3)
         forces = _FORCE_PER_CURRENT * values[_CURRENT]
         corners = foot_corners(CHAIR_GEOMETRY, np.zeros(3), np.eye(3), lengths)
         estimated, *place = values[_PAYLOAD]

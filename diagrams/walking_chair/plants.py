@@ -8,18 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context, DiagramBuilder, InputPort, OutputPort
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from parapod.diagrams.drawing import draw, publish, remove_visuals
 from parapod.diagrams.multibody import add_discrete_plant, drive_joints
+from parapod.diagrams.simulated import add_status, ports_of_legs
 from parapod.diagrams.station import Behind
 from parapod.diagrams.walking_chair.model import add_chair, add_passenger
 from parapod.diagrams.walking_chair.ports import PARTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
-from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.walking_chair.gait import Walk, starting_lengths
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
 from parapod.systems.walking_chair.kinematic_chair import KinematicChair
@@ -242,8 +242,8 @@ def _add_simulated(
     per_newton = 1.0 / PayloadEstimatorParams().force_per_current
     current = add(builder, MatrixGain(per_newton * np.eye(len(BRANCHES))), "motor_current")
     connect(builder, plant.signals["force"], current.get_input_port())
-    inputs, outputs = _drive_ports(drives)
-    outputs |= {"legs.current": current.get_output_port()} | _add_status(builder)
+    inputs, outputs = ports_of_legs(drives, "velocity_command")
+    outputs |= {"legs.current": current.get_output_port()} | add_status(builder, PARTS)
     outputs |= {f"truth.{name}": port for name, port in plant.signals.items()}
     outputs["truth.position"] = drives.GetOutputPort("position")
     simulation = Simulation(plant, drives, walk)
@@ -265,20 +265,6 @@ def add_statics(
     # Only samples of this plant count: twice as often as the command.
     step = 0.5 * scenario.control.period
     return _add_simulated(_add_kinematic_plant, step, builder, scenario, meshcat)
-
-
-def _drive_ports(drives: VelocityServo) -> tuple[dict[str, InputPort], dict[str, OutputPort]]:
-    inputs = {f"legs.{name}": drives.GetInputPort(name) for name in ("velocity_command", "brake")}
-    outputs = {
-        f"legs.{name}": drives.GetOutputPort(f"{name}_measured")
-        for name in ("position", "velocity")
-    }
-    return inputs, outputs
-
-
-def _add_status(builder: DiagramBuilder) -> dict[str, OutputPort]:
-    status = add(builder, DeviceStatus(PARTS, (0.0,) * len(PARTS)))
-    return {f"status.{name}": status.GetOutputPort(name) for name in ("age", "fault")}
 
 
 def drive_params(scenario: ChairScenario) -> VelocityServoParams:
@@ -312,6 +298,6 @@ def add_mock(
     servo = VelocityServo(exact, len(BRANCHES), scenario.control.period, position=start)
     drives = add(builder, servo, "drives")
     current = add(builder, ConstantVectorSource(np.zeros(len(BRANCHES))), "motor_current")
-    inputs, outputs = _drive_ports(drives)
-    outputs |= {"legs.current": current.get_output_port()} | _add_status(builder)
+    inputs, outputs = ports_of_legs(drives, "velocity_command")
+    outputs |= {"legs.current": current.get_output_port()} | add_status(builder, PARTS)
     return Behind(inputs, outputs)

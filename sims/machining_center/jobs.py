@@ -2,9 +2,9 @@
 
 import copy
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from parapod.sims.lab.bench import (
     stay_live,
 )
 from parapod.sims.lab.experiment import LoopExperiment, largest
+from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.results import Metric
 from parapod.systems.core.errors import ParapodError, ScenarioError
@@ -45,6 +46,7 @@ from parapod.systems.machining_center.sequence import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Canvas
 
 type Signals = Mapping[str, NDArray[Any]]
 
@@ -76,12 +78,45 @@ _RETRACTED = 0.9
 
 
 class CenterJob(LoopExperiment[CenterScenario, Run]):
-    """Runs the job of a scenario to its end."""
+    """Runs the job of a scenario to its end.
+
+    Attributes:
+        needed_key: key of the scenario that must not be 0, and what the job does if it is.
+        picture: name, title, caption and size of its figure.
+    """
 
     machine = MACHINING_CENTER
     schema = CenterScenario
     backends = MACHINING_CENTER.backends
     signals = SIGNALS
+    needed_key: ClassVar[tuple[str, str]]
+    picture: ClassVar[tuple[str, str, str, tuple[float, float]]]
+
+    def of_truth(self, scenario: CenterScenario, run: Run) -> Iterable[Metric]:
+        """Metrics of a job that is simulated."""
+        raise NotImplementedError(f"{type(self).__name__} does not define of_truth")
+
+    def draw_truth(self, scenario: CenterScenario, run: Run, canvas: "Canvas") -> None:
+        """Draws a job that is simulated."""
+        raise NotImplementedError(f"{type(self).__name__} does not define draw_truth")
+
+    def measure(self, scenario: CenterScenario, run: Run) -> Iterator[Metric]:
+        """Those of a job that is simulated, forces, and how the centre stands at the end.
+
+        Raises:
+            ParapodError: the job was broken off.
+        """
+        refuse_fault(scenario, run)
+        if "truth.pose" in run:
+            yield from self.of_truth(scenario, run)
+        yield from common_metrics(scenario, run)
+
+    def draw(self, scenario: CenterScenario, run: Run) -> Iterator[Figure]:
+        """The picture of a job that is simulated."""
+        if "truth.pose" in run:
+            name, title, caption, size = self.picture
+            drawn = partial(self.draw_truth, scenario, run)
+            yield Figure(name, title, caption, drawn, size)
 
     def check(self, scenario: CenterScenario) -> None:
         """Refuses a job before anything moves.
@@ -90,6 +125,10 @@ class CenterJob(LoopExperiment[CenterScenario, Run]):
             ScenarioError: names the key.
             Refused: names the operation, and why it cannot be done.
         """
+        key, words = self.needed_key
+        section, name = key.split(".")
+        if getattr(getattr(scenario, section), name) == 0:
+            raise ScenarioError(f"{key} = 0 {words}; it must be above 0", key)
         period, step = scenario.control.period, scenario.plant.time_step
         if scenario.backend == "multibody" and period < step:
             raise ScenarioError(

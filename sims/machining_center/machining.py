@@ -5,25 +5,21 @@ is refused before the first hole.
 """
 
 from collections.abc import Iterator
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from parapod.diagrams.machining_center.scenario import CenterScenario
 from parapod.sims.lab.bench import Run
-from parapod.sims.lab.figures import COLOURS, Figure
+from parapod.sims.lab.figures import COLOURS
 from parapod.sims.lab.results import Metric
 from parapod.sims.machining_center.jobs import (
     FINE_STEP,
     CenterJob,
-    common_metrics,
-    refuse_fault,
     rms,
     shade_phases,
     tip_errors,
 )
-from parapod.systems.core.errors import ScenarioError
 from parapod.systems.machining_center.sequence import Phase
 
 if TYPE_CHECKING:
@@ -41,42 +37,23 @@ class CenterMachining(CenterJob):
 
     takes = "20 s"
 
-    def check(self, scenario: CenterScenario) -> None:
-        """Refuses what cannot be done, and a job without holes.
+    needed_key = ("holes.count", "drills nothing")
+    picture = (
+        "center_machining",
+        "A row of holes",
+        "Blue: drilling. Above how far the drill's tip is from where it is to be, and its "
+        "thrust; below the legs' forces, and what the posture resists in every direction "
+        "beyond drill and weight.",
+        (8.0, 4.6),
+    )
 
-        Raises:
-            ScenarioError: names the key.
-            Refused: names the operation, and why it cannot be done.
-        """
-        if scenario.holes.count == 0:
-            raise ScenarioError(
-                "holes.count = 0 drills nothing; there must be 1 or more", "holes.count"
-            )
-        super().check(scenario)
+    def of_truth(self, scenario: CenterScenario, run: Run) -> Iterator[Metric]:
+        """See `CenterJob`."""
+        return _errors(scenario, run)
 
-    def measure(self, scenario: CenterScenario, run: Run) -> Iterator[Metric]:
-        """Errors of tip and angle, forces and indices.
-
-        Raises:
-            ParapodError: the job was broken off.
-        """
-        refuse_fault(scenario, run)
-        if "truth.pose" in run:
-            yield from _errors(scenario, run)
-        yield from common_metrics(scenario, run)
-
-    def draw(self, scenario: CenterScenario, run: Run) -> Iterator[Figure]:
-        """Error of the tip, and forces beside what the postures resist."""
-        if "truth.pose" in run:
-            yield Figure(
-                "center_machining",
-                "A row of holes",
-                "Blue: drilling. Above how far the drill's tip is from where it is to be, and its "
-                "thrust; below the legs' forces, and what the posture resists in every direction "
-                "beyond drill and weight.",
-                partial(_draw, scenario, run),
-                (8.0, 4.6),
-            )
+    def draw_truth(self, scenario: CenterScenario, run: Run, canvas: "Canvas") -> None:
+        """See `CenterJob`."""
+        _draw(scenario, run, canvas)
 
 
 def _errors(scenario: CenterScenario, run: Run) -> Iterator[Metric]:

@@ -5,25 +5,21 @@ has come to. The walk's plan is found, and refused where a leg, a lock or the dr
 """
 
 from collections.abc import Iterator
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from parapod.diagrams.machining_center.scenario import CenterScenario
 from parapod.sims.lab.bench import Run
-from parapod.sims.lab.figures import COLOURS, Figure
+from parapod.sims.lab.figures import COLOURS
 from parapod.sims.lab.results import Metric
 from parapod.sims.machining_center.jobs import (
     FINE_STEP,
     CenterJob,
-    common_metrics,
-    refuse_fault,
     rms,
     shade_phases,
     tip_errors,
 )
-from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_center.job import Swing
 from parapod.systems.machining_center.sequence import Phase
@@ -44,41 +40,22 @@ class CenterWalk(CenterJob):
 
     takes = "1 min"
 
-    def check(self, scenario: CenterScenario) -> None:
-        """Refuses what cannot be done, and a job without a walk.
+    needed_key = ("walk.advance_mm", "goes nowhere")
+    picture = (
+        "center_walk",
+        "A walk between two rows of holes",
+        "Blue: drilling, orange: a foot swings, grey: the platform goes where the next "
+        "swing begins. Figs. 7 and 8 show such a cycle without numbers.",
+        (8.0, 5.0),
+    )
 
-        Raises:
-            ScenarioError: names the key.
-            Refused: names the operation, and why it cannot be done.
-        """
-        if scenario.walk.advance_mm == 0.0:
-            raise ScenarioError(
-                "walk.advance_mm = 0 goes nowhere; it must be above 0", "walk.advance_mm"
-            )
-        super().check(scenario)
+    def of_truth(self, scenario: CenterScenario, run: Run) -> Iterator[Metric]:
+        """See `CenterJob`."""
+        return _walk_metrics(scenario, run)
 
-    def measure(self, scenario: CenterScenario, run: Run) -> Iterator[Metric]:
-        """Way, feet, locks, clamps and platform.
-
-        Raises:
-            ParapodError: the job was broken off.
-        """
-        refuse_fault(scenario, run)
-        if "truth.pose" in run:
-            yield from _walk_metrics(scenario, run)
-        yield from common_metrics(scenario, run)
-
-    def draw(self, scenario: CenterScenario, run: Run) -> Iterator[Figure]:
-        """The way of platform and feet, heights, and the error of the tip."""
-        if "truth.pose" in run:
-            yield Figure(
-                "center_walk",
-                "A walk between two rows of holes",
-                "Blue: drilling, orange: a foot swings, grey: the platform goes where the next "
-                "swing begins. Figs. 7 and 8 show such a cycle without numbers.",
-                partial(_draw, scenario, run),
-                (8.0, 5.0),
-            )
+    def draw_truth(self, scenario: CenterScenario, run: Run, canvas: "Canvas") -> None:
+        """See `CenterJob`."""
+        _draw(scenario, run, canvas)
 
 
 def _walk_metrics(scenario: CenterScenario, run: Run) -> Iterator[Metric]:
