@@ -142,7 +142,7 @@ def test_the_platform_goes_straight_and_turns_about_one_axis():
         gone = np.array([displacement(start, pose) for pose in way])
         done = gone @ by / (by @ by)
         assert np.allclose(gone, done[:, None] * by, atol=1e-12)
-        assert (np.diff(done)  >= -1e-12).all()
+        assert (np.diff(done) >= -1e-12).all()
         assert done[100] == pytest.approx(0.5, abs=1e-12)
 
 
