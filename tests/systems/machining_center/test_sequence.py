@@ -240,6 +240,36 @@ def test_nothing_moves_until_locks_and_clamps_tell_what_they_are_to_be(courses, 
 
 
 @LIMBS
+def test_platform_and_feet_are_led_without_a_jump(courses, limbs):
+    course = courses[limbs]
+    # A platform that is led by the way of a swing may be a little faster than the foot.
+    fastest = {"pose": 1.5 * FASTER.rapid, "feet": 1.05 * FASTER.swing}
+    for name, speed in fastest.items():
+        ways = np.array([np.reshape(getattr(seen, name), (-1, 6)) for seen in course.seen])
+        steps = np.linalg.norm(np.diff(ways[..., :3], axis=0), axis=-1)
+        assert 0.5 * speed * PERIOD < steps.max() <= speed * PERIOD
+
+
+@LIMBS
+def test_what_is_told_a_period_ahead_is_what_is_then(courses, limbs):
+    course = courses[limbs]
+    stopped = course.branch(course.middle(Phase.RECONFIGURATION))
+    stopped.go_on(course.progresses[len(stopped.progresses)], is_stopped=True)
+    moving, slower = 0, 0
+    for each in (course, stopped):
+        sequence, told = each.sequence, zip(each.progresses, each.progresses[1:], strict=False)
+        for now, then in told:
+            if 0.0 < now.clock < then.clock:
+                moving, slower = moving + 1, slower + (now.rate < 1.0)
+                ahead = sequence.at(now, PERIOD)
+                assert np.allclose(ahead, sequence.at(then, 0.0), atol=1e-14)
+                toward = sequence.toward(now, PERIOD), sequence.toward(then, 0.0)
+                assert np.allclose(*toward, atol=1e-12, equal_nan=True)
+    assert moving > 100
+    assert slower > 3
+
+
+@LIMBS
 def test_a_foot_is_loose_only_with_all_locks_of_its_limb_closed(courses, limbs):
     course = courses[limbs]
     loosened = set()
