@@ -203,6 +203,13 @@ def test_a_hole_out_of_reach_is_refused_with_its_number_its_place_and_the_leg(ge
     )
 
 
+def test_a_hole_that_is_too_deep_for_the_legs_is_refused(geometry):
+    feet, job = beginning_of(geometry).feet, Job(panel=PANEL)
+    check_drill(geometry, job, hole(depth=0.01), feet)
+    with pytest.raises(Refused, match="is out of reach"):
+        check_drill(geometry, job, hole(depth=0.1), feet)
+
+
 @pytest.mark.parametrize("tilt", [0.0, 0.1, 0.25])
 @pytest.mark.parametrize("thrust", [1500.0, 3000.0])
 def test_a_thrust_that_would_do_is_carried_and_one_percent_more_is_not(geometry, thrust, tilt):
@@ -328,16 +335,16 @@ def test_a_swing_that_is_too_far_is_refused(geometry):
 def test_legs_that_are_too_fast_name_a_speed_that_would_do(geometry, which):
     quick = Speeds(rapid=0.5, turn=9.0, swing=0.5, acceleration=1e3, leg=0.02)
     operation = hole(0.05, 0.0, tilt=0.0) if which == "rapid" else step_of(geometry, 0.06)
-    found = refused(geometry, operation, job=Job(panel=PANEL, speeds=quick))
+    found = refused(geometry, operation, job=Job(panel=PANEL, speeds=quick, drift=0.0))
     match = re.search(
         r"the (left|right) leg of limb \d would have to go at (\d+) mm/s and may go at 20: "
         rf"a {which} speed that is (\d+\.\d) times lower would do",
         found.words,
     )
     assert float(match[2]) / 20.0 == pytest.approx(float(match[3]), abs=0.1)
-    for share, is_refused in ((1.1, False), (0.9, True)):
+    for share, is_refused in ((1.03, False), (0.97, True)):
         slower = replace(quick, **{which: 0.5 / (share * float(match[3]))})
-        job = Job((operation,), PANEL, speeds=slower)
+        job = Job((operation,), PANEL, speeds=slower, drift=0.0)
         if is_refused:
             assert which in str(refused(geometry, operation, job=job))
         else:
