@@ -558,6 +558,15 @@ def test_a_hole_that_is_too_hard_from_these_feet_is_not_begun(courses):
     assert "operation 1 asks for more" in words_of(failed.fault, failed.where)
 
 
+def test_a_posture_that_is_no_number_ends_the_job_by_a_fault(courses):
+    course = courses[3]
+    for k in range(course.first(Phase.RECONFIGURATION, operation=2)):
+        for name in ("pose", "feet"):
+            lost = course.seen[k]._replace(**{name: getattr(course.seen[k], name) * np.nan})
+            failed = course.sequence.advanced(course.progresses[k], lost)
+            assert failed.fault is Fault.NOT_DETERMINED, (k, name)
+
+
 def test_every_fault_has_words_and_none_comes_by_itself(courses):
     for fault in Fault:
         assert "{" not in words_of(fault, 7)
