@@ -169,3 +169,11 @@ def test_the_loop_asks_for_the_velocity_that_arrives_in_its_time(bench, time_con
     t = (np.arange(steps) + 0.5) * T / steps
     velocity = u + (-0.3 - u) * np.exp(-t / time_constant)
     assert 0.5 + velocity.mean() * T == pytest.approx(0.53, abs=1e-8)
+
+
+def test_the_loop_asks_for_no_velocity_where_a_command_is_no_number(bench):
+    machine = bench(PositionLoop(0.002, 3), position_command=(np.nan, 0.5, np.inf))
+    machine.set(state=np.zeros(6))
+    velocity = machine["velocity_command"]
+    assert velocity[[0, 2]].tolist() == [0.0, 0.0]
+    assert velocity[1] > 0.0

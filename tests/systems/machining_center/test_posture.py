@@ -165,6 +165,7 @@ def test_a_sampled_posture_is_that_of_the_last_update(geometry, stand):
     for machine in (now, sampled):
         machine.set(position=np.full(geometry.legs, np.nan))
     assert (now["is_determined"][0], sampled["is_determined"][0]) == (0.0, 1.0)
+    assert sampled.tick()["is_determined"][0] == 0.0
 
 
 def test_a_centre_is_put_on_other_footholds(geometry, stand, uneven):
