@@ -4,8 +4,9 @@ A job is checked before anything moves: every operation from where the one befor
 legs, locks and wrenches.
 """
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -196,22 +197,37 @@ def check_drill(geometry: CenterGeometry, job: Job, drill: Drill, feet: Array) -
         Refused: names the leg, or pose, index and force.
     """
     process = job.process
+    hard: list[tuple[float, Array, Carried]] = []
+    alone = float(np.linalg.norm(weight(geometry)))
     for height in (process.clearance, 0.0, -drill.depth):
         pose = drill.pose(process, height)
         _check_pose(geometry, pose, feet)
         found = carried(geometry, process, pose, feet)
-        if found.needed > found.capacity:
-            raise Refused(
-                f"at {_place(pose)} legs of {process.largest_leg_force:g} N resist "
-                f"{found.capacity:.0f} N in every direction (w_minmax {found.w_minmax:.4f}), and "
-                f"drill and weight need {found.needed:.0f} N: a thrust of "
-                f"{_admissible(process, found):.0f} N would do"
-            )
+        if max(alone, found.needed) > found.capacity:
+            hard.append((_admissible(geometry, process, pose, found.capacity), pose, found))
+    if not hard:
+        return
+    thrust, pose, found = min(hard, key=lambda each: each[0])
+    resisted = (
+        f"at {_place(pose)} legs of {process.largest_leg_force:g} N resist {found.capacity:.0f} N "
+        f"in every direction (w_minmax {found.w_minmax:.4f}), and"
+    )
+    if alone > found.capacity:
+        raise Refused(f"{resisted} the weight alone needs {alone:.0f} N: no thrust would do")
+    raise Refused(
+        f"{resisted} drill and weight need {found.needed:.0f} N: a thrust of "
+        f"{math.floor(thrust)} N would do"
+    )
 
 
-def _admissible(process: Process, found: Carried) -> float:
-    """Thrust that is certain to be carried [N]."""
-    return max(0.0, process.thrust - (found.needed - found.capacity))
+def _admissible(geometry: CenterGeometry, process: Process, pose: Array, capacity: float) -> float:
+    """Largest thrust that is carried with the process's torque; 0: none is [N]."""
+    wrench = replace(process, thrust=0.0).wrench(geometry, pose)
+    wrench[:3] /= geometry.platform_radius
+    out = Rotation.from_euler("xyz", pose[3:]).as_matrix()[:, 2]
+    along = float(wrench[3:] @ out)
+    left = along**2 - float(wrench @ wrench) + capacity**2
+    return max(0.0, math.sqrt(left) - along) if left > 0.0 else 0.0
 
 
 def check_footholds(panel: Panel, feet: Array) -> None:

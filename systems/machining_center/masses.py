@@ -7,7 +7,7 @@ from parapod.systems.machining_center.geometry import CenterGeometry
 
 GRAVITY = 9.81  # [m/s^2], as in the multibody plant
 PLATFORM = 10.2  # platform with spindle and tool [kg]
-LIMB = 4.75  # mount, hinge, two legs, ankle, foot [kg]
+LIMB = 5.2  # mount, hinge, two legs, ankle, foot [kg]
 
 
 def weight(geometry: CenterGeometry) -> Array:

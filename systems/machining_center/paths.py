@@ -84,9 +84,11 @@ def swing_duration(start: Array, end: Array, lift: float, speeds: Speeds) -> flo
         (lift, _RISING),
         (float(np.linalg.norm(by[:3])) * speeds.swing / speeds.turn, across),
     )
+    # The foot already goes across while it still slows down on its way up.
+    hardest = max(math.hypot(*(way / share**2 for way, share in ways[:2])), ways[2][0] / across**2)
     return max(
         *(_SPEED * way / speeds.swing / share for way, share in ways),
-        *(math.sqrt(_ACCELERATION * way / speeds.acceleration) / share for way, share in ways),
+        math.sqrt(_ACCELERATION * hardest / speeds.acceleration),
         _QUICKEST,
     )
 

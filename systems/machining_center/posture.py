@@ -57,6 +57,9 @@ def closed_locks(
         values: (n, 4) at which joints were locked [rad].
         feet: (n, 6) poses of the feet's frames [m, rad].
         closed: (n, 4) which locks are.
+
+    Raises:
+        ValueError: fewer locks than hold the platform.
     """
     standing = tuple(
         (other, joint)
@@ -65,6 +68,7 @@ def closed_locks(
         if other != limb and closed[other - 1, k]
     )
     lock_set = LockSet(limb, standing)
+    lock_set.check(geometry)
     chosen = [values[other - 1, LOCKABLE.index(joint)] for other, joint in lock_set.joints]
     return Locks(lock_set, np.array(chosen), feet, "left")
 
@@ -101,7 +105,7 @@ def posture_of(
             return None
         locks = closed_locks(geometry, limb, values, before.feet, locked)
         swung = swing_forward(geometry, lengths, locks, before.pose, last_step=_LAST_STEP)
-    except (SingularSwing, ValueError):  # lengths with which no legs meet
+    except (SingularSwing, ValueError):  # too few locks, or legs that do not meet
         return None
     feet = before.feet.copy()
     feet[limb - 1] = swung.foot_pose

@@ -536,7 +536,8 @@ class Sequence:
             return Fault.LOCK_LOST, int(locks[0, 0]) + 1
         if seen.is_stuck:
             return Fault.NO_WAY, progress.operation + 1
-        if not seen.is_determined:
+        is_known = np.isfinite(seen.feet).all() and np.isfinite(seen.pose).all()
+        if not (seen.is_determined and is_known):
             return Fault.NOT_DETERMINED, 0
         error = np.abs(seen.error)
         late = progress.waited > self.params.switching

@@ -52,9 +52,8 @@ class CenterSequencer(LeafSystem):
 
     State: discrete, a `Progress`, updated every period.
 
-    Bad input: lengths, switches or a posture that are no numbers end the job by a fault, all
-    standing where it is; a load that is none counts as none. Poses that are asked for now are
-    taken as they are, as where motions begin.
+    Bad input: lengths, clamps, feet or a pose that are no numbers end the job by a fault, all
+    standing where it is; a lock that tells no number counts as open, a load that is none as none.
     """
 
     def __init__(

@@ -377,7 +377,9 @@ def swing_inverse(
     check_strokes(geometry, lengths)
     foot = feet[limb - 1]
     if turns:
-        foot = turned_foot(foot, float(_wrapped(joints[limb - 1, 0] - locks.values[0])))
+        # As far as the last step has turned it too.
+        q_1 = joints[limb - 1, 0] + rates[limb - 1, 0] @ (move * unit)
+        foot = turned_foot(foot, float(_wrapped(q_1 - locks.values[0])))
     return SwingPose(pose, lengths, residual, smallest, open_directions, foot)
 
 

@@ -88,8 +88,7 @@ def plan_walk(
                     refusals.append(error.words)
             if not found:
                 raise Refused(f"no walk is found, step {step} of {steps}: {refusals[0]}")
-            _, swing, _ = max(found, key=lambda each: each[0])
-            swung = try_swing(geometry, job, swing, now.feet)
+            _, swing, swung = max(found, key=lambda each: each[0])
             swings.append(replace(swing, way=swung.way))
             waiting.remove(swing.lock_set.limb)
             now = swung.end
@@ -113,6 +112,9 @@ def _best(
             swing = Swing(pose, lock_set, goal)
             try:
                 swung = try_swing(geometry, job, swing, now.feet, _COARSE)
+                if best is not None and _rating(swung) <= _rating(best[1]):
+                    continue
+                swung = try_swing(geometry, job, swing, now.feet)
             except Refused as error:
                 refusal = error
                 continue

@@ -6,9 +6,11 @@ from parapod.systems.machining_center.branch import (
     branch_forward,
     branch_joints,
     branch_joints_and_rates,
+    foot_of_limb,
+    turned_foot,
 )
 from parapod.systems.machining_center.geometry import CenterGeometry
-from parapod.systems.machining_center.platform_mode import leg_lengths, moved
+from parapod.systems.machining_center.platform_mode import displacement, leg_lengths, moved
 
 STEP = 1e-6
 ALONG = pytest.mark.parametrize("along", ["middle", "left"])
@@ -75,6 +77,43 @@ def test_first_joints_see_translations_as_they_should():
         normal = np.cross(u, line)
         expected = u[2] * normal / (normal[0] ** 2 + normal[1] ** 2)
         assert np.allclose(rates[i], expected, atol=1e-12)
+
+
+@ALONG
+def test_a_loose_foot_is_where_its_locked_joints_and_its_legs_have_it(
+    geometry, poses, uneven, along
+):
+    for pose, feet in zip(poses(20, angle=0.3), uneven(20), strict=True):
+        joints = branch_joints(geometry, pose, feet, along=along)
+        lengths = leg_lengths(geometry, pose, feet).reshape(-1, 2)
+        for limb in range(1, geometry.limbs + 1):
+            locked = joints[limb - 1, [0, 1, 2, 5]]
+            pair = lengths[limb - 1]
+            foot = foot_of_limb(geometry, pose, limb, pair, locked, along=along)
+            assert np.abs(displacement(feet[limb - 1], foot)).max() < 1e-12
+
+
+@ALONG
+def test_legs_that_do_not_meet_have_no_foot(geometry, along):
+    pose, locked = (0.0, 0.0, 0.48, 0.0, 0.0, 0.0), (0.0, 0.2, 0.0, 0.0)
+    apart = np.linalg.norm(geometry.pivots[1] - geometry.pivots[0])
+    foot_of_limb(geometry, pose, 1, (0.45, 0.45 + 0.99 * apart), locked, along=along)
+    for pair in ((0.45, 0.45 + 1.01 * apart), (0.6, 0.4), (np.nan, 0.5)):
+        with pytest.raises(ValueError, match="do not meet"):
+            foot_of_limb(geometry, pose, 1, pair, locked, along=along)
+
+
+def test_a_turned_foot_turns_its_first_joint_back_and_no_other(geometry, poses, uneven):
+    pose, feet = poses(1)[0], uneven(1)[0]
+    joints = branch_joints(geometry, pose, feet, along="left")
+    turned = feet.copy()
+    turned[1] = turned_foot(feet[1], 0.3)
+    after = branch_joints(geometry, pose, turned, along="left")
+    expected = np.zeros((geometry.limbs, 6))
+    expected[1, 0] = -0.3
+    assert np.allclose(after - joints, expected, atol=1e-12)
+    third = Rotation.from_euler("xyz", feet[1, 3:]).as_matrix()[:, 2]
+    assert np.allclose(displacement(feet[1], turned[1]), (*(0.3 * third), 0.0, 0.0, 0.0))
 
 
 def printed_joints(geometry, pose, foot, mended):

@@ -1,15 +1,18 @@
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from parapod.systems.core.errors import UnreachablePosture
-from parapod.systems.machining_center.branch import branch_joints
+from parapod.systems.machining_center.branch import branch_joints, branch_joints_and_rates
 from parapod.systems.machining_center.geometry import CenterGeometry
-from parapod.systems.machining_center.platform_mode import leg_lengths
+from parapod.systems.machining_center.platform_mode import displacement, leg_lengths, moved
 from parapod.systems.machining_center.swing import (
     LockSet,
     SingularSwing,
     close_locks,
     lock_conditions,
+    lock_sets,
+    swing_forward,
     swing_inverse,
 )
 from parapod.systems.machining_center.wrench import wrench_indices
@@ -200,3 +203,202 @@ def test_locks_that_are_not_kept_are_refused_beyond_the_tolerance():
 def test_lock_sets_that_do_not_fit_are_refused(geometry, lock_set, says):
     with pytest.raises(ValueError, match=says):
         close_locks(geometry, HOME, lock_set)
+
+
+# Sets with which a tripod swings from this pose, far from its singularities.
+ROLLED = np.array((0.01, -0.02, 0.49, 0.05, 0.12, 0.1))
+SWINGS = [
+    (TRIPOD, PITCHED, LockSet.printed(TRIPOD, 1)),
+    (TRIPOD, ROLLED, LockSet(1, ((2, 3), (3, 6)))),
+    (TRIPOD, ROLLED, LockSet(2, ((3, 3), (3, 6)))),
+    (TRIPOD, ROLLED, LockSet(3, ((1, 2), (2, 1)))),
+    (QUADRUPED, ROLLED, LockSet(1)),
+    (QUADRUPED, PITCHED, LockSet(4)),
+]
+KINDS = pytest.mark.parametrize(("geometry", "start", "lock_set"), SWINGS)
+ALONG = pytest.mark.parametrize("along", ["middle", "left"])
+
+
+def small_ways(lock_set, count=6):
+    rng = np.random.default_rng(lock_set.limb)
+    ways = rng.uniform(-1.0, 1.0, (count, 6)) * (*(0.012,) * 3, *(0.01,) * 3)
+    return ways
+
+
+def feet_with(geometry, limb, foot):
+    feet = geometry.footholds.copy()
+    feet[limb - 1] = foot
+    return feet
+
+
+def values_of(geometry, pose, feet, locks):
+    return close_locks(geometry, pose, locks.lock_set, feet, along=locks.along).values
+
+
+@ALONG
+@KINDS
+def test_lengths_of_a_swing_lead_back_to_platform_and_foot(geometry, start, lock_set, along):
+    locks = close_locks(geometry, start, lock_set, along=along)
+    for way in small_ways(lock_set):
+        foot = geometry.footholds[lock_set.limb - 1] + way
+        found = swing_inverse(geometry, foot, locks, start)
+        back = swing_forward(geometry, found.lengths, locks, start)
+        assert np.allclose(back.pose, found.pose, atol=1e-10)
+        assert np.abs(displacement(foot, back.foot_pose)).max() < 1e-10
+        assert np.array_equal(found.foot_pose, foot)
+        assert back.residual < 1e-11
+        conditions = lock_conditions(
+            *(geometry, found.pose, lock_set),
+            feet_with(geometry, lock_set.limb, foot),
+            along=along,
+        )
+        assert back.smallest_singular_value == pytest.approx(conditions.holding, rel=1e-6)
+        assert found.smallest_singular_value == pytest.approx(
+            conditions.inverse, rel=1e-6, abs=1e-12
+        )
+
+
+@ALONG
+@pytest.mark.parametrize("limb", [1, 2, 3])
+def test_every_set_that_holds_a_tripod_leads_back(limb, along):
+    tried = 0
+    for lock_set in lock_sets(TRIPOD, limb):
+        at = lock_conditions(TRIPOD, ROLLED, lock_set, along=along)
+        if min(at.inverse, at.holding) < 0.03:
+            continue
+        locks, tried = close_locks(TRIPOD, ROLLED, lock_set, along=along), tried + 1
+        foot = TRIPOD.footholds[limb - 1] + (0.002, -0.003, 0.004, 0.002, -0.001, 0.003)
+        found = swing_inverse(TRIPOD, foot, locks, ROLLED)
+        back = swing_forward(TRIPOD, found.lengths, locks, ROLLED)
+        assert np.allclose(back.pose, found.pose, atol=1e-10)
+        assert np.abs(displacement(foot, back.foot_pose)).max() < 1e-10
+    assert tried >= 3
+
+
+@ALONG
+@pytest.mark.parametrize(("geometry", "start", "lock_set"), SWINGS[1:])
+def test_a_foot_that_may_turn_keeps_all_locks_where_it_is_told_to_be(
+    geometry, start, lock_set, along
+):
+    locks, limb = close_locks(geometry, start, lock_set, along=along), lock_set.limb
+    turned = []
+    for way in small_ways(lock_set):
+        asked = geometry.footholds[limb - 1] + way
+        found = swing_inverse(geometry, asked, locks, start, turns=True)
+        off = displacement(asked, found.foot_pose)
+        third = rotation_of(asked)[:, 2]
+        # Only about its own axis.
+        assert np.allclose(off[:3], (off[:3] @ third) * third, atol=1e-12)
+        assert np.allclose(off[3:], 0.0, atol=1e-15)
+        turned.append(abs(off[:3] @ third))
+        feet = feet_with(geometry, limb, found.foot_pose)
+        assert np.allclose(values_of(geometry, found.pose, feet, locks), locks.values, atol=1e-10)
+        back = swing_forward(geometry, found.lengths, locks, start)
+        assert np.allclose(back.pose, found.pose, atol=1e-9)
+        assert np.abs(displacement(found.foot_pose, back.foot_pose)).max() < 1e-9
+    if geometry.limbs == 3:
+        assert max(turned) > 1e-3
+
+
+def rotation_of(pose):
+    return Rotation.from_euler("xyz", pose[3:]).as_matrix()
+
+
+@pytest.mark.parametrize("geometry", [TRIPOD, QUADRUPED], ids=["tripod", "quadruped"])
+def test_turning_leaves_out_the_loose_foot_s_first_joint_and_no_other(geometry):
+    lock_set = LockSet(1, ((2, 3), (3, 6))) if geometry.limbs == 3 else LockSet(1)
+    rates = branch_joints_and_rates(geometry, ROLLED)[1] * (1, 1, 1, 0.1, 0.1, 0.1)
+    for turns, joints in ((False, lock_set.joints), (True, lock_set.joints[1:])):
+        rows = np.array([rates[limb - 1, joint - 1] for limb, joint in joints])
+        expected = np.linalg.svd(rows, compute_uv=False)[-1]
+        at = lock_conditions(geometry, ROLLED, lock_set, turns=turns)
+        assert at.inverse == pytest.approx(expected, rel=1e-9)
+        held = lock_conditions(geometry, ROLLED, lock_set)
+        assert at.holding == held.holding
+    assert lock_set.joints[0] == (1, 1)
+
+
+def test_one_direction_more_is_open_where_the_foot_may_turn():
+    for geometry, count in ((TRIPOD, 0), (QUADRUPED, 2)):
+        lock_set = LockSet(1, ((2, 3), (3, 6))) if geometry.limbs == 3 else LockSet(1)
+        locks = close_locks(geometry, ROLLED, lock_set)
+        for turns in (False, True):
+            found = swing_inverse(geometry, geometry.footholds[0], locks, ROLLED, turns=turns)
+            assert len(found.open_directions) == count + turns
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_where_a_platform_is_wanted_decides_what_is_open_and_nothing_else(turns):
+    geometry, lock_set = QUADRUPED, LockSet(2)
+    locks = close_locks(geometry, ROLLED, lock_set, along="left")
+    foot = geometry.footholds[1] + (0.004, 0.003, 0.006, 0.002, 0.0, 0.001)
+    nearest = swing_inverse(geometry, foot, locks, ROLLED, turns=turns)
+    directions, unit = nearest.open_directions, np.array((1, 1, 1, 0.1, 0.1, 0.1))
+    assert len(directions) == 2 + turns
+    wanted = moved(ROLLED, np.array((0.01, 0.01, -0.01, 0.003, -0.004, 0.002)))
+    found = swing_inverse(geometry, foot, locks, ROLLED, toward=wanted, turns=turns)
+    feet = feet_with(geometry, 2, found.foot_pose)
+    assert np.allclose(values_of(geometry, found.pose, feet, locks), locks.values, atol=1e-9)
+    left = displacement(found.pose, wanted) / unit
+    # Nothing is left of it in open directions, but for what these turn on the way.
+    before = displacement(ROLLED, wanted) / unit
+    assert np.linalg.norm(found.open_directions @ left) < 0.02 * np.linalg.norm(before)
+    gone = displacement(nearest.pose, found.pose) / unit
+    assert np.linalg.norm(gone) > 0.3 * np.linalg.norm(directions @ before)
+    # Where it is wanted with every lock kept it comes exactly, from anywhere near.
+    again = swing_inverse(geometry, foot, locks, ROLLED, toward=found.pose, turns=turns)
+    assert np.allclose(again.pose, found.pose, atol=1e-6)
+
+
+def test_a_platform_that_is_determined_goes_nowhere_else_for_being_wanted_there():
+    lock_set = LockSet(1, ((2, 3), (3, 6)))
+    locks = close_locks(TRIPOD, ROLLED, lock_set)
+    foot = TRIPOD.footholds[0] + (0.004, 0.003, 0.006, 0.002, 0.0, 0.001)
+    free = swing_inverse(TRIPOD, foot, locks, ROLLED)
+    led = swing_inverse(TRIPOD, foot, locks, ROLLED, toward=HOME)
+    assert np.allclose(led.pose, free.pose, atol=1e-12)
+
+
+@pytest.mark.parametrize("turns", [False, True])
+@KINDS
+def test_a_last_step_leaves_about_its_square(geometry, start, lock_set, turns):
+    locks, limb = close_locks(geometry, start, lock_set, along="left"), lock_set.limb
+    way = np.array((0.5, -0.3, 0.4, 0.3, -0.2, 0.4)) * (*(1.0,) * 3, *(5.0,) * 3)
+    left = []
+    for size in (2e-3, 1e-3):
+        foot = geometry.footholds[limb - 1] + size * way
+        one = swing_inverse(
+            *(geometry, foot, locks, start), last_step=1.0, tolerance=1.0, turns=turns
+        )
+        feet = feet_with(geometry, limb, one.foot_pose)
+        off = values_of(geometry, one.pose, feet, locks) - locks.values
+        exact = swing_inverse(geometry, foot, locks, start, turns=turns)
+        step = np.linalg.norm(displacement(start, exact.pose) / (1, 1, 1, 0.1, 0.1, 0.1))
+        assert np.abs(off).max() < 3.0 * step**2
+        left.append(np.abs(off).max())
+    assert left[0] / left[1] == pytest.approx(4.0, rel=0.15)
+
+
+def test_a_swing_of_one_step_back_leaves_its_square_too():
+    locks = close_locks(TRIPOD, ROLLED, LockSet(1, ((2, 3), (3, 6))), along="left")
+    way, left = np.array((0.5, -0.3, 0.4, 0.6, -0.5, 0.4)), []
+    for size in (2e-3, 1e-3):
+        foot = TRIPOD.footholds[0] + size * way
+        found = swing_inverse(TRIPOD, foot, locks, ROLLED)
+        one = swing_forward(TRIPOD, found.lengths, locks, ROLLED, last_step=1.0)
+        left.append(np.abs(displacement(one.pose, found.pose)).max())
+    assert 0.0 < left[0] < 1e-4
+    assert left[0] / left[1] == pytest.approx(4.0, rel=0.15)
+
+
+def test_legs_that_nothing_holds_have_no_posture():
+    # A quarter of a turn: the known singularity of such platforms.
+    pose = np.array((0.0, 0.0, 0.48, 0.0, 0.0, 0.0))
+    locks = close_locks(TRIPOD, pose, LockSet(1, ((2, 6), (3, 6))))
+    assert lock_conditions(TRIPOD, pose, locks.lock_set).holding < 1e-9
+    with pytest.raises(SingularSwing, match="does not hold the platform"):
+        swing_forward(TRIPOD, leg_lengths(TRIPOD, pose), locks, pose)
+    with pytest.raises(SingularSwing):
+        swing_forward(
+            QUADRUPED, np.full(8, np.nan), close_locks(QUADRUPED, HOME, LockSet(1)), HOME
+        )

@@ -1,0 +1,289 @@
+"""Station and controller of the machining centres together: small jobs from begin to end."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.machining_center.machine import MACHINING_CENTER
+from parapod.diagrams.machining_center.scenario import (
+    CenterControlScenario,
+    CenterScenario,
+    HolesScenario,
+    LegScenario,
+    MotionScenario,
+    WalkScenario,
+)
+from parapod.diagrams.station import Station
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.machining_center.platform_mode import leg_lengths
+from parapod.systems.machining_center.sequence import Phase
+
+LIMBS = pytest.mark.parametrize("limbs", [3, 4], ids=["tripod", "quadruped"])
+
+
+def scenario_of(limbs=3, backend="kinematic", holes=1, period=0.02, **changes):
+    """A job of some seconds."""
+    usual = {
+        "begin": 0.1,
+        "holes": HolesScenario(count=holes, depth_mm=2.0),
+        "walk": WalkScenario(advance_mm=15.0, steps=1, lift_mm=10.0),
+        "motion": MotionScenario(150.0, 60.0, 10.0, 150.0, 1500.0),
+        "legs": LegScenario(max_velocity_mm_s=400.0),
+        "control": CenterControlScenario(period, settling=0.05),
+    }
+    return CenterScenario(backend=backend, limbs=limbs, **(usual | changes))
+
+
+def run_to(loop, is_over, rest=0.0, longest=30.0, monitored=True):
+    """Simulates until the signals say so, and a little longer; the recording."""
+    simulator = Simulator(loop)
+    context = simulator.get_mutable_context()
+    loop.reset(context)
+    if monitored and loop.monitor is not None:
+        simulator.set_monitor(loop.monitor)
+    simulator.Initialize()
+    signals = loop.readings(context, ("done", "operation", "phase"))
+    while not is_over({name: read()[0] for name, read in signals.items()}, context.get_time()):
+        assert context.get_time() < longest
+        simulator.AdvanceTo(context.get_time() + 0.1)
+    simulator.AdvanceTo(context.get_time() + rest)
+    return loop.recording(context)
+
+
+def is_done(signals, time):
+    return signals["done"] > 0.5
+
+
+@cache
+def whole_job(limbs, backend="kinematic", **changes):
+    scenario = scenario_of(limbs, backend, **changes)
+    return scenario, run_to(ClosedLoop(MACHINING_CENTER, scenario), is_done)
+
+
+def phases_of(run):
+    values = run["phase"][:, 0].astype(int)
+    changed = np.flatnonzero(np.diff(values, prepend=-1))
+    return [Phase(value) for value in values[changed]]
+
+
+def feet_of(scenario, run):
+    return run["truth.feet"].reshape(len(run.time), scenario.limbs, 6)
+
+
+@LIMBS
+def test_a_small_job_is_done_with_all_feet_where_they_were_to_go(limbs):
+    scenario, run = whole_job(limbs)
+    assert phases_of(run)[-1] is Phase.DONE
+    assert run["operation"][-1, 0] == limbs + 2
+    assert not run["fault"].any()
+    plan, feet = scenario.plan, feet_of(scenario, run)
+    place = plan.job.panel.place
+    gone = place(feet[-1, :, :3]) - place(feet[0, :, :3])
+    assert np.allclose(gone[:, 0], 0.015, atol=5e-4)
+    assert np.allclose(gone[:, 1:], 0.0, atol=5e-4)
+    assert run["clamps.closed"][-1].all()
+    assert not run["locks.closed"][-1].any()
+    assert run["truth.tip_height"].min() == pytest.approx(-2e-3, abs=2e-4)
+    assert run["tool.force"].max() > 50.0
+
+
+@LIMBS
+def test_never_are_two_feet_loose_and_none_without_its_locks(limbs):
+    _, run = whole_job(limbs)
+    closed = run["clamps.closed"] > 0.5
+    assert set((~closed).sum(axis=1)) == {0, 1}
+    locks = run["locks.closed"].reshape(len(run.time), limbs, 4) > 0.5
+    for k, limb in np.argwhere(~closed):
+        assert locks[k, limb].all()
+        assert run["loose_limb"][k, 0] in (limb + 1, 0.0)
+
+
+@LIMBS
+def test_a_stop_in_a_swing_puts_the_foot_down_and_ends(limbs):
+    _, run = whole_job(limbs)
+    swinging = run.time[run["phase"][:, 0] == Phase.SWING]
+    stopped = scenario_of(limbs, stop_at=float(swinging[5]))
+    short = run_to(ClosedLoop(MACHINING_CENTER, stopped), is_done)
+    assert phases_of(short)[-1] is Phase.STOPPED
+    assert short["operation"][-1, 0] == 2
+    assert short["clamps.closed"][-1].all()
+    assert not short["locks.closed"][-1].any()
+    before = short.time < swinging[5]
+    assert np.allclose(short["truth.pose"][before], run["truth.pose"][: before.sum()])
+    place = stopped.plan.job.panel.place
+    assert np.abs(place(feet_of(stopped, short)[-1, :, :3])[:, 2]).max() < 1e-4
+
+
+@LIMBS
+def test_errors_of_the_encoders_show_in_the_truth_and_nowhere_else(limbs):
+    large = LegScenario(max_velocity_mm_s=400.0, length_error_mm=0.2)
+    off = {}
+    for seed in (0, 1):
+        scenario = scenario_of(limbs, legs=large, seed=seed)
+        loop = ClosedLoop(MACHINING_CENTER, scenario)
+        run = run_to(loop, lambda signals, time: time > 0.3)
+        errors = scenario.length_errors
+        assert 5e-5 < np.abs(errors).max() <= 2e-4
+        true = leg_lengths(scenario.geometry, run["truth.pose"][-1], scenario.plan.beginning.feet)
+        told = run["legs.position"][-1]
+        if limbs == 3:  # eight legs contradict each other
+            assert np.allclose(true - told, errors, atol=3e-6)
+        off[seed] = run["pose_estimated"][-1] - run["truth.pose"][-1]
+        assert np.abs(off[seed]).max() > 3e-5
+        assert not run["fault"].any()
+    assert not np.allclose(off[0], off[1], atol=1e-5)
+
+
+def test_perfect_encoders_tell_the_truth():
+    perfect = LegScenario(max_velocity_mm_s=400.0, length_error_mm=0.0, encoder_resolution_mm=0.0)
+    scenario = scenario_of(legs=perfect, walk=WalkScenario())
+    scenario.control.knows_stiffness = False
+    run = run_to(ClosedLoop(MACHINING_CENTER, scenario), is_done, rest=0.3)
+    assert phases_of(run)[-1] is Phase.DONE
+    assert np.allclose(run["pose_estimated"][-1], run["truth.pose"][-1], atol=1e-9)
+    assert np.allclose(run["pose_estimated"][-1], scenario.plan.end.pose, atol=1e-9)
+
+
+def test_another_scenario_begins_where_it_does_in_the_same_loop():
+    scenario = scenario_of()
+    loop = ClosedLoop(MACHINING_CENTER, scenario, log=("truth.pose", "legs.position"))
+    context = loop.CreateDefaultContext()
+    readings = loop.readings(context, ("truth.pose", "legs.position"))
+    before = {name: read() for name, read in readings.items()}
+    other = scenario_of(seed=5)
+    loop.reset(context, other)
+    expected = leg_lengths(other.geometry, *other.plan.beginning) - other.length_errors
+    assert np.allclose(readings["legs.position"](), expected, atol=1e-6)
+    assert not np.allclose(before["legs.position"], expected, atol=1e-6)
+    loop.reset(context)
+    assert np.array_equal(readings["legs.position"](), before["legs.position"])
+
+
+# Rigid bodies
+
+
+def soft(**changes):
+    """A walk on legs that yield by tenths of millimetres."""
+    legs = LegScenario(max_velocity_mm_s=400.0, length_error_mm=0.0, stiffness_N_um=1.0)
+    scenario = scenario_of(3, "multibody", holes=0, period=0.01, legs=legs)
+    for name, value in changes.items():
+        setattr(scenario.control, name, value)
+    return scenario
+
+
+def foot_error(scenario, run):
+    """Distance of the first foot that swings from its foothold, once it stands."""
+    swing = scenario.plan.job.operations[0]
+    foot = feet_of(scenario, run)[-1, swing.lock_set.limb - 1]
+    return np.linalg.norm(foot[:3] - swing.foothold[:3])
+
+
+def test_a_walk_of_rigid_bodies_is_done_with_its_locks_kept():
+    scenario, run = whole_job(3, "multibody", holes=0, period=0.01)
+    assert phases_of(run)[-1] is Phase.DONE
+    plan, feet = scenario.plan, feet_of(scenario, run)
+    assert np.linalg.norm(feet[-1, :, :3] - plan.end.feet[:, :3], axis=1).max() < 1e-3
+    locked = run["locks.closed"] > 0.5
+    assert locked.any()
+    joints, both = run["truth.joints"], locked[1:] & locked[:-1]
+    assert np.abs(np.diff(joints, axis=0)[both]).max() < 1e-9
+    assert np.abs(np.diff(joints, axis=0)).max() > 1e-3
+    assert run["truth.loop_error"].max() < 1e-4
+    closed = run["clamps.closed"] > 0.5
+    assert run["truth.clamp_gap"][closed].max() < 1e-3
+    assert run["truth.clamp_gap"].max() > 5e-3
+
+
+def test_legs_of_rigid_bodies_carry_the_weight_that_statics_say():
+    scenario, run = whole_job(3, "multibody", holes=0, period=0.01)
+    rest = (run["phase"][:, 0] == Phase.WAITING) & (run.time > 0.08)
+    up = scenario.plan.beginning.pose[2] / leg_lengths(scenario.geometry, *scenario.plan.beginning)
+    force = run["truth.leg_force"][rest]
+    assert (force > 0.0).all()
+    carried = 9.81 * (10.2 + 3 * 5.2 / 2)
+    assert (force * up).sum(axis=1) == pytest.approx(carried, rel=0.1)
+    assert np.allclose(run["legs.current"][rest], force / 250.0, atol=0.02)
+
+
+def test_a_foot_comes_nearer_to_its_foothold_where_legs_are_known_to_yield():
+    errors = {}
+    for knows in (True, False):
+        scenario = soft(knows_stiffness=knows)
+        loop = ClosedLoop(MACHINING_CENTER, scenario)
+        run = run_to(loop, lambda signals, time: signals["operation"] >= 1)
+        errors[knows] = foot_error(scenario, run)
+    assert errors[True] < 0.6 * errors[False]
+    assert errors[False] > 5e-5
+
+
+def test_bodies_obey_only_where_somebody_looks_between_the_steps():
+    assert ClosedLoop(MACHINING_CENTER, scenario_of()).monitor is None
+    scenario = scenario_of(3, "multibody", holes=0, period=0.01)
+    for monitored in (False, True):
+        loop = ClosedLoop(MACHINING_CENTER, scenario)
+        assert loop.monitor is not None
+        run = run_to(loop, lambda signals, time: time > 0.95, monitored=monitored)
+        assert Phase.LOCK in phases_of(run)
+        assert run["locks.closed"].any() == monitored
+
+
+# Other plants and shapes
+
+
+@LIMBS
+@pytest.mark.parametrize("backend", ["multibody", "kinematic", "mock"])
+def test_ports_have_the_sizes_of_the_limbs(limbs, backend):
+    scenario = scenario_of(limbs, backend, holes=0, walk=WalkScenario())
+    station = Station(MACHINING_CENTER, scenario)
+    machine = MACHINING_CENTER.of(scenario)
+    assert machine.variant is None
+    sizes = {"legs.position": 2, "locks.closed": 4, "clamps.closed": 1}
+    for name, each in sizes.items():
+        assert machine.table[name].size == limbs * each
+        assert station.GetOutputPort(name).size() == limbs * each
+    for port in machine.inputs:
+        assert station.GetInputPort(port.name).size() == port.size
+    assert ("legs" in machine.self_tests) == (limbs == 3)
+    assert station.HasOutputPort("truth.feet") == (backend != "mock")
+
+
+def test_names_and_units_are_the_same_for_all_limbs():
+    tables = [MACHINING_CENTER.of(scenario_of(limbs)).table for limbs in (3, 4)]
+    named = [[(name, port.unit, port.idle) for name, port in t.items()] for t in tables]
+    assert named[0] == named[1]
+    default = {port.name: port.size for port in MACHINING_CENTER.ports}
+    assert default == {name: tables[0][name].size for name in default}
+
+
+@LIMBS
+def test_a_mock_goes_through_a_job_of_holes(limbs):
+    scenario = scenario_of(limbs, "mock", walk=WalkScenario())
+    run = run_to(ClosedLoop(MACHINING_CENTER, scenario), is_done)
+    ended = [Phase.WAITING, Phase.SETTLED, Phase.MACHINING, Phase.SETTLED, Phase.DONE]
+    assert [phase for phase in phases_of(run) if phase is not Phase.SETTLED] == [
+        phase for phase in ended if phase is not Phase.SETTLED
+    ]
+    assert run["operation"][-1, 0] == 1
+    moved = run["legs.position"]
+    assert np.ptp(moved, axis=0).max() > 0.01
+    assert np.abs(run["length_error"]).max() < 1e-9
+
+
+def test_locks_of_a_walk_are_read_from_their_text():
+    assert WalkScenario(locks="q3 of 1, q6 of 2").chosen(3) == ((1, 3), (2, 6))
+    assert WalkScenario(locks="paper").chosen(3) == ((1, 1), (2, 1))
+    assert WalkScenario(locks="paper").chosen(4) is None
+    assert WalkScenario().chosen(3) is None
+    for text in ("q4 of 1, q1 of 2", "q1 of 3, q1 of 2", "q1 of 1", "q1", "", "q1 of 1, q1 of 1"):
+        with pytest.raises(ScenarioError, match=r"walk\.locks"):
+            WalkScenario(locks=text).chosen(3)
+
+
+def test_a_plan_is_made_once_and_follows_its_scenario():
+    assert scenario_of().plan is scenario_of(seed=3).plan
+    for changes in ({"holes": 2}, {"limbs": 4}, {"walk": WalkScenario(advance_mm=20.0, steps=1)}):
+        assert scenario_of(**changes).plan is not scenario_of().plan
+    assert scenario_of().plan.shift == pytest.approx((0.015, 0.0))
