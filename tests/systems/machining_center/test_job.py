@@ -28,7 +28,7 @@ from parapod.systems.machining_center.job import (
     try_swing,
 )
 from parapod.systems.machining_center.masses import weight
-from parapod.systems.machining_center.panel import Panel
+from parapod.systems.machining_center.panel import FOOT_HEIGHT, Panel
 from parapod.systems.machining_center.paths import Speeds, foot_at
 from parapod.systems.machining_center.platform_mode import displacement, jacobian, leg_lengths
 from parapod.systems.machining_center.swing import LockSet, close_locks, lock_conditions
@@ -44,7 +44,7 @@ def locks_of(geometry):
 
 
 def beginning_of(geometry, panel=PANEL):
-    return standing(geometry, panel, 0.48)
+    return standing(geometry, panel, 0.52)
 
 
 def hole(along=0.0, across=0.0, tilt=0.1, depth=0.004, panel=PANEL):
@@ -54,7 +54,7 @@ def hole(along=0.0, across=0.0, tilt=0.1, depth=0.004, panel=PANEL):
 
 def step_of(geometry, along=0.03, lock_set=None, pose=None):
     """A swing of limb 1 outwards."""
-    foothold = PANEL.frame(geometry.pattern_radius + along, 0.0)
+    foothold = PANEL.foothold(geometry.pattern_radius + along, 0.0)
     pose = beginning_of(geometry).pose if pose is None else pose
     return Swing(pose, lock_set or locks_of(geometry), foothold)
 
@@ -181,9 +181,10 @@ def test_a_centre_stands_on_the_panel_in_the_paper_s_pattern(geometry):
     check_footholds(PANEL, posture.feet)
     places = PANEL.place(posture.feet[:, :3])
     assert np.allclose(np.hypot(places[:, 0], places[:, 1]), geometry.pattern_radius)
-    assert np.allclose(places[:, 2], 0.0, atol=1e-15)
+    assert np.allclose(places[:, 2], FOOT_HEIGHT, atol=1e-15)
     assert np.allclose(posture.pose, (0.0, 0.0, 0.47, 0.0, 0.0, 0.0), atol=1e-15)
     flat = standing(geometry, Panel(math.inf), 0.47).feet
+    flat[:, 2] -= FOOT_HEIGHT
     assert np.allclose(displacement(flat, geometry.footholds), 0.0, atol=1e-15)
 
 
@@ -252,9 +253,9 @@ def test_legs_that_do_not_carry_the_weight_alone_are_refused(geometry):
 def test_footholds_that_overlap_are_refused_with_both_limbs(geometry):
     feet = beginning_of(geometry).feet
     along, across, _ = PANEL.place(feet[1, :3])
-    feet[2] = PANEL.frame(along, across - 1.01 * FOOT_DIAMETER)
+    feet[2] = PANEL.foothold(along, across - 1.01 * FOOT_DIAMETER)
     check_footholds(PANEL, feet)
-    feet[2] = PANEL.frame(along, across - 0.98 * FOOT_DIAMETER)
+    feet[2] = PANEL.foothold(along, across - 0.98 * FOOT_DIAMETER)
     with pytest.raises(Refused, match=r"limbs 2 and 3 overlap: 98 mm .* 100 are needed"):
         check_footholds(PANEL, feet)
 
@@ -262,10 +263,10 @@ def test_footholds_that_overlap_are_refused_with_both_limbs(geometry):
 @pytest.mark.parametrize("height", [2e-3, -2e-3])
 def test_footholds_off_the_panel_are_refused_with_the_limb(geometry, height):
     feet = beginning_of(geometry).feet
-    feet[1] = PANEL.frame(-0.1, 0.15, height=0.9e-3)
+    feet[1] = PANEL.frame(-0.1, 0.15, height=FOOT_HEIGHT + 0.9e-3)
     check_footholds(PANEL, feet)
-    feet[1] = PANEL.frame(-0.1, 0.15, height=height)
-    says = r"limb 2 is -?2\.0 mm above the panel"
+    feet[1] = PANEL.frame(-0.1, 0.15, height=FOOT_HEIGHT + height)
+    says = rf"the foothold of limb 2 is {1e3 * height:.1f} mm off the panel"
     with pytest.raises(Refused, match=says):
         check_footholds(PANEL, feet)
 
@@ -294,7 +295,7 @@ def test_a_beginning_or_a_swing_to_bad_footholds_is_refused(geometry):
     found = refused(geometry, hole(), near)
     assert str(found).startswith("operation 2: the footholds of limbs 1 and 2 overlap: 0 mm")
     low = beginning._replace(pose=beginning.pose - (0.0, 0.0, 0.2, 0.0, 0.0, 0.0))
-    assert "the beginning: (0, 0, 280) mm" in str(refused(geometry, beginning=low))
+    assert "the beginning: (0, 0, 320) mm" in str(refused(geometry, beginning=low))
 
 
 def test_a_swing_past_a_singularity_names_the_locks():
@@ -338,7 +339,7 @@ def test_legs_that_are_too_fast_name_a_speed_that_would_do(geometry, which):
     found = refused(geometry, operation, job=Job(panel=PANEL, speeds=quick, drift=0.0))
     match = re.search(
         r"the (left|right) leg of limb \d would have to go at (\d+) mm/s and may go at 20: "
-        rf"a {which} speed that is (\d+\.\d) times lower would do",
+        rf"a {which} speed that is (\d+\.\d\d) times lower would do",
         found.words,
     )
     assert float(match[2]) / 20.0 == pytest.approx(float(match[3]), abs=0.1)
@@ -373,7 +374,7 @@ def test_a_way_of_the_drill_through_the_panel_is_refused(geometry):
 
 def test_a_swing_that_drives_the_drill_into_the_panel_is_refused(geometry):
     beginning = beginning_of(geometry)
-    for height, is_refused in ((0.450, False), (0.443, True)):
+    for height, is_refused in ((0.490, False), (0.483, True)):
         pose = PANEL.frame(0.0, 0.0, height=height)
         swing = step_of(geometry, along=0.0, pose=pose)
         if is_refused:

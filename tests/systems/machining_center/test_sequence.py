@@ -44,10 +44,10 @@ FASTER = Speeds(rapid=0.1, turn=0.4, feed=0.004, swing=0.1, acceleration=0.4, le
 def job_of(limbs):
     """A hole, a step of all feet, and a hole there; beginning and end."""
     geometry, blank = CenterGeometry(limbs), Job(panel=Panel(3.0), speeds=FASTER)
-    beginning = standing(geometry, blank.panel, 0.48)
+    beginning = standing(geometry, blank.panel, 0.52)
     first = row_of_holes(blank.panel, (0.0, 0.0), 0.5, 1, 0.03, tilt=0.1, depth=0.004)
     before = check_job(geometry, replace(blank, operations=first), beginning)
-    walk = plan_walk(geometry, blank, before, (0.03, 0.01), 1, 0.48)
+    walk = plan_walk(geometry, blank, before, (0.03, 0.01), 1, 0.52)
     second = row_of_holes(blank.panel, (0.03, 0.01), 0.5, 1, 0.03, tilt=0.1, depth=0.004)
     job = replace(blank, operations=(*first, *walk, *second))
     return geometry, job, beginning, check_job(geometry, job, beginning)
@@ -76,7 +76,7 @@ class Plant:
             if progress.rule.moves == "platform":
                 self.pose = at
             else:
-                self.feet[sequence.limb(progress) - 1] = at
+                self.feet[progress.limb - 1] = at
                 toward = sequence.toward(progress, 0.0)
                 self.pose = toward if np.isfinite(toward).all() else self.pose
         self.asked.append((sequence.locks(progress), sequence.clamps(progress)))
@@ -461,7 +461,7 @@ def test_each_cause_ends_the_job_in_its_fault_with_everything_held(
     for phase in phases:
         instant = course.middle(phase)
         if phase is Phase.SWING:
-            assert course.sequence.limb(course.progresses[instant]) == 1
+            assert course.progresses[instant].limb == 1
         progress = course.progresses[instant]
         failed = course.sequence.advanced(progress, hurt(course.seen[instant], changes))
         assert (failed.phase, failed.fault, failed.where) == (Phase.FAULT, fault, where), phase
@@ -577,7 +577,7 @@ def test_every_fault_has_words_and_none_comes_by_itself(courses):
 def test_a_job_without_operations_is_done_at_once_after_its_beginning():
     geometry, *_ = job_of(3)
     sequence = Sequence(geometry, Job(), PERIOD, PARAMS)
-    plant, progress = Plant(sequence, standing(geometry, Panel(3.0), 0.48)), Progress()
+    plant, progress = Plant(sequence, standing(geometry, Panel(3.0), 0.52)), Progress()
     for _ in range(20):
         progress = sequence.advanced(progress, plant.seen(progress))
         if PERIOD * plant.now <= PARAMS.begin:
@@ -588,13 +588,13 @@ def test_a_job_without_operations_is_done_at_once_after_its_beginning():
 def test_a_progress_is_that_of_its_numbers():
     rng = np.random.default_rng(0)
     for _ in range(50):
-        whole = rng.integers(0, 50, 3).tolist()
+        whole = rng.integers(0, 50, 5).tolist()
         clock, rate, rest, waited, duration = rng.uniform(0.0, 20.0, 5).tolist()
         start, end, by = rng.normal(size=(3, 6))
         progress = Progress(
             *(Phase(int(rng.integers(13))), whole[0], whole[1], clock, rate, rest, waited),
-            *(duration, start, end, by, Fault(int(rng.integers(10))), whole[2]),
-            Phase(int(rng.integers(13))),
+            *(duration, start, end, by, Fault(int(rng.integers(10)))),
+            *(*whole[2:], Phase(int(rng.integers(13)))),
         )
         numbers = progress.numbers()
         found = Progress.of(numbers)
@@ -609,7 +609,7 @@ def test_a_quadruped_s_swing_turns_its_foot_and_a_tripod_s_keeps_its_heading():
         geometry, job, beginning, _ = job_of(limbs)
         panel = job.panel
         foot = beginning.feet[0]
-        turned = panel.frame(0.2, 0.0, panel.heading(foot) + 0.3)
+        turned = panel.foothold(0.2, 0.0, panel.heading(foot) + 0.3)
         swing = Swing(beginning.pose, LockSet.printed(geometry, 1), turned)
         sequence = Sequence(geometry, replace(job, operations=(swing,)), PERIOD, PARAMS)
         plant, progress = Plant(sequence, beginning), Progress()

@@ -12,13 +12,13 @@ from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.job import standing
 from parapod.systems.machining_center.locking import Locking
 from parapod.systems.machining_center.model import CenterModel, transform_of
-from parapod.systems.machining_center.panel import Panel
+from parapod.systems.machining_center.panel import FOOT_HEIGHT, Panel
 from parapod.systems.machining_center.platform_mode import leg_lengths
 from parapod.systems.machining_center.switches import LEAN, REACH, Switches, is_on_panel
 
 TRIPOD, PANEL, PERIOD = CenterGeometry(3), Panel(3.0), 0.01
-FEET = standing(TRIPOD, PANEL, 0.48).feet
-HOME = standing(TRIPOD, PANEL, 0.48).pose
+FEET = standing(TRIPOD, PANEL, 0.52).feet
+HOME = standing(TRIPOD, PANEL, 0.52).pose
 OPEN, CLAMPED = np.zeros(12), np.ones(3)
 
 
@@ -97,7 +97,9 @@ def test_commands_that_are_no_numbers_change_nothing(switches):
 def test_a_clamp_closes_only_on_the_panel(switches, share, closes):
     lifted = FEET.copy()
     along, across, _ = PANEL.place(FEET[1, :3])
-    lifted[1] = PANEL.frame(along, across, PANEL.heading(FEET[1]), height=share * REACH)
+    lifted[1] = PANEL.frame(
+        along, across, PANEL.heading(FEET[1]), height=FOOT_HEIGHT + share * REACH
+    )
     machine = switches().tick(2, clamps_command=UNCLAMPED)
     machine.tick(5, feet=lifted.ravel(), clamps_command=CLAMPED)
     assert machine["clamps_closed"][1] == float(closes)

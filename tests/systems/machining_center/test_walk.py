@@ -21,7 +21,7 @@ from parapod.systems.machining_center.panel import Panel
 from parapod.systems.machining_center.swing import lock_sets
 from parapod.systems.machining_center.walk import Footprint, plan_walk
 
-HEIGHT = 0.48
+HEIGHT = 0.52
 CYLINDER, PLANE = Panel(3.0), Panel(math.inf)
 # Way of each foot along and across [m], number of its swings, panel.
 WALKS = [
