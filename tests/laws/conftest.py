@@ -297,7 +297,7 @@ ENTRIES: dict[str, Entry] = {
             "target": lambda random, size: around(random.choice((HOME, FOOT)), 2e-3)(random, 6),
             "loose_limb": one_of(2, 2, 2, 2, 0),
             "locks_closed": lambda random, size: np.array(
-                [*(random.random(4) < 0.1), 1, 1, 1, 1, *(random.random(4) < 0.1)], dtype=float
+                [*(random.random(4) < 0.4), 1, 1, 1, 1, *(random.random(4) < 0.4)], dtype=float
             ),
             "locked_at": around(LOCKED_AT, 1e-3),
         },
@@ -334,7 +334,7 @@ ENTRIES: dict[str, Entry] = {
             **dict.fromkeys(("locks_command", "clamps_command", "brake", "done"), BINARY),
             **{"phase": (0.0, 12.0), "mode": (0.0, 2.0), "loose_limb": (0.0, 3.0)},
         },
-        passes={"as planned: NaN": "toward", "taken as they are": "target"},
+        passes={"as planned: NaN": "toward"},
     ),
     "CenterStatics": Entry(inputs=CENTER, passes={"forces that are none": "leg_force"}),
     "CenterTruth": Entry(
