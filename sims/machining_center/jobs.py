@@ -69,8 +69,6 @@ SIGNALS = (
     "truth.clamp_gap",
     "truth.tip_height",
 )
-# Up to this step of the plant its clamps yield by less than the bounds allow [s].
-FINE_STEP = 1e-3
 # By how much longer than expected a job may take [-, s].
 _LONGER, _MORE = 1.3, 5.0
 # Share of the clearance at which the tool counts as retracted.

@@ -14,7 +14,6 @@ from parapod.sims.lab.bench import Run
 from parapod.sims.lab.figures import COLOURS
 from parapod.sims.lab.results import Metric
 from parapod.sims.machining_center.jobs import (
-    FINE_STEP,
     CenterJob,
     rms,
     shade_phases,
@@ -61,19 +60,18 @@ def _errors(scenario: CenterScenario, run: Run) -> Iterator[Metric]:
     loaded = machining & (run["tool.force"][:, 0] > _FELT)
     tip, angle = tip_errors(scenario.plan.job.process, run)
     has_thrust = scenario.process.thrust_N > 0.0
-    is_fine = scenario.backend != "multibody" or scenario.plant.time_step <= FINE_STEP
     yield Metric(
         "position_error_mm",
         1e3 * rms(tip[machining]),
         "mm",
-        (_LOADED if has_thrust else _FREE) if is_fine else None,
+        _LOADED if has_thrust else _FREE,
         meaning="of the drill's tip, root mean square while machining",
     )
     yield Metric(
         "position_error_free_mm",
         1e3 * rms(tip[machining & ~loaded]),
         "mm",
-        _FREE if is_fine else None,
+        _FREE,
         meaning="the same outside the material",
     )
     yield Metric(
@@ -93,7 +91,7 @@ def _errors(scenario: CenterScenario, run: Run) -> Iterator[Metric]:
             "depth_error_mm",
             1e3 * (deepest - depth),
             "mm",
-            _DEPTH if is_fine else None,
+            _DEPTH,
             meaning="of the deepest hole, along the panel's normal",
         )
         holes = len(scenario.plan.job.operations)

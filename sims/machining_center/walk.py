@@ -14,7 +14,6 @@ from parapod.sims.lab.bench import Run
 from parapod.sims.lab.figures import COLOURS
 from parapod.sims.lab.results import Metric
 from parapod.sims.machining_center.jobs import (
-    FINE_STEP,
     CenterJob,
     rms,
     shade_phases,
@@ -59,7 +58,6 @@ class CenterWalk(CenterJob):
 
 
 def _walk_metrics(scenario: CenterScenario, run: Run) -> Iterator[Metric]:
-    is_fine = scenario.backend != "multibody" or scenario.plant.time_step <= FINE_STEP
     n = scenario.limbs
     plan, feet = scenario.plan, run["truth.feet"].reshape(len(run.time), n, 6)
     panel = plan.job.panel
@@ -78,7 +76,7 @@ def _walk_metrics(scenario: CenterScenario, run: Run) -> Iterator[Metric]:
         "foot_error_mm",
         1e3 * _foot_error(scenario, run, feet),
         "mm",
-        _FOOT if is_fine else None,
+        _FOOT,
         meaning="largest distance of a clamped foot from its foothold of the plan",
     )
     drift, jump, sink = _switched(run, feet)
@@ -93,7 +91,7 @@ def _walk_metrics(scenario: CenterScenario, run: Run) -> Iterator[Metric]:
         "clamp_jump_mm",
         1e3 * jump,
         "mm",
-        _JUMP if is_fine else None,
+        _JUMP,
         meaning=f"largest way of a foot in the {_AFTER:g} s after its clamp has closed",
     )
     yield Metric(
@@ -117,7 +115,7 @@ def _walk_metrics(scenario: CenterScenario, run: Run) -> Iterator[Metric]:
                 "position_error_mm",
                 1e3 * rms(tip[after]),
                 "mm",
-                _MACHINED if is_fine else None,
+                _MACHINED,
                 meaning="of the drill's tip after the walk, by the footholds that are known",
             )
         first = machining & ~after
@@ -125,7 +123,7 @@ def _walk_metrics(scenario: CenterScenario, run: Run) -> Iterator[Metric]:
             "position_error_before_mm",
             1e3 * rms(tip[first]),
             "mm",
-            _MACHINED if is_fine else None,
+            _MACHINED,
             meaning="of the drill's tip before the walk",
         )
 

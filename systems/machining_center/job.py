@@ -157,7 +157,7 @@ class Job:
     speeds: Speeds = field(default_factory=Speeds)
     lift: float = 0.03
     drift: float = 0.004
-    least_sigma: float = 0.02
+    least_sigma: float = 0.05
 
 
 class Carried(NamedTuple):

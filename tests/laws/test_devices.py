@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from contextlib import ExitStack, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import pytest
@@ -59,6 +59,8 @@ class Row:
         timeout: longest time of one call [s].
         is_opened_again: whether it must be configured again after it was unplugged.
         memory: file of its positions.
+        like: driver with the same program and other settings; what is commanded, fails and is
+            remembered is proved of that.
     """
 
     library: str
@@ -74,6 +76,7 @@ class Row:
     timeout: float = 1.0
     is_opened_again: bool = False
     memory: str = ""
+    like: str = ""
 
 
 CARD = {
@@ -126,7 +129,7 @@ TWO_LOCKS = {
 }
 
 
-def limbs(count):
+def limbs(count, **row):
     """A centre's legs, locks and clamps."""
     legs, locks = 2 * count, 4 * count
     return axes(
@@ -150,6 +153,7 @@ def limbs(count):
         },
         rest={"brake": (1.0,), "locks.command": (1.0,) * locks, "clamps.command": (1.0,) * count},
         is_held=True,
+        **row,
     )
 
 
@@ -193,7 +197,7 @@ ROWS = {
         )
     ),
     "Epos2TripodLegs": Row(**limbs(3)),
-    "Epos2QuadrupedLegs": Row(**limbs(4)),
+    "Epos2QuadrupedLegs": Row(**limbs(4, like="Epos2TripodLegs")),
     "Epos2Legs": Row(
         **axes(
             12,
@@ -222,11 +226,12 @@ ROWS = {
     "NotFittedPart": Row(library="", measures={"angle": 1}, commands={"position_command": 1}),
 }
 EMULATED = [name for name in ROWS if name != "NotFittedPart"]
-DRIVING = [name for name in EMULATED if ROWS[name].order]
+PROGRAMS = [name for name in EMULATED if not ROWS[name].like]
+DRIVING = [name for name in PROGRAMS if ROWS[name].order]
 MEASURING = [name for name in EMULATED if ROWS[name].truth]
 OBEYING = [name for name in DRIVING if "stop" not in ROWS[name].order or len(ROWS[name].order) > 1]
-FAULTS = [(name, kind) for name in EMULATED for kind in ROWS[name].faults]
-REMEMBERING = [name for name in EMULATED if ROWS[name].memory]
+FAULTS = [(name, kind) for name in PROGRAMS for kind in ROWS[name].faults]
+REMEMBERING = [name for name in PROGRAMS if ROWS[name].memory]
 
 
 def until(condition, timeout=PATIENCE):
@@ -400,6 +405,11 @@ def opened(device):
 
 def test_every_driver_has_its_row():
     assert set(ROWS) == set(DRIVERS)
+    for name, row in ROWS.items():
+        if row.like:
+            written = {key for key in vars(DRIVERS[name]) if not key.startswith("__")}
+            assert issubclass(DRIVERS[name], DRIVERS[row.like])
+            assert written <= {field.name for field in fields(DRIVERS[row.like])}
 
 
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.name)
@@ -587,7 +597,7 @@ def test_signals_are_those_announced_and_ports_of_the_part(rig, device):
     assert all(math.isfinite(value) for values in measured.values() for value in values)
 
 
-@each(EMULATED)
+@each(PROGRAMS)
 def test_device_can_be_configured_again(rig, device):
     for _ in range(2):
         reads(configured(device))
@@ -732,7 +742,7 @@ def test_fault_is_told_in_time(rig, device, kind, judge):
     judged.check(rig.row.timeout + 0.1)
 
 
-@each(EMULATED)
+@each(PROGRAMS)
 def test_device_is_not_configured_while_it_is_unplugged(rig, device):
     rig.begin("unplugged")
     time.sleep(0.05)  # until the emulator has seen it
@@ -745,7 +755,7 @@ def test_device_is_not_configured_while_it_is_unplugged(rig, device):
     reads(configured(device))
 
 
-@each(EMULATED)
+@each(PROGRAMS)
 def test_close_of_an_unplugged_device_is_quiet_and_in_time(rig, device, judge):
     configured(device)
     if rig.row.order:

@@ -88,6 +88,7 @@ _PARTS = (
         "outer inclination loop that the paper leaves as its next step.",
         "track-posture",
         quick=(
+            *_COARSE,
             "job.settled_after=5",
             "job.waypoints=[{time: 6, roll_deg: 3, pitch_deg: -2, height_mm: 30}, {time: 13}]",
             "job.end=22",

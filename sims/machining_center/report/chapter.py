@@ -104,7 +104,7 @@ _PARTS = (
         "plan is found, the bodies are rigid, the legs yield, and the feet are clamped where they "
         "have come to.",
         "center-walk",
-        quick=(*_QUICK, "walk.advance_mm=100"),
+        quick=(*_QUICK, "walk.advance_mm=60"),
     ),
     Part(
         "center-walk-quadruped",

@@ -302,7 +302,7 @@ def test_a_swing_past_a_singularity_names_the_locks():
     found = refused(TRIPOD, step_of(TRIPOD, lock_set=LockSet.printed(TRIPOD, 1)))
     assert re.search(
         r"limb 1 would swing past a singularity: the smallest singular value is 0\.00\d, and "
-        r"0\.02 are needed; lock other joints than q1 of 2, q1 of 3",
+        r"0\.05 are needed; lock other joints than q1 of 2, q1 of 3",
         found.words,
     )
 
