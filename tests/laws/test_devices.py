@@ -124,6 +124,9 @@ TWO_LOCKS = {
     "lock_nodes": [1, 2],
     "lock_outputs": [1, 4],
     "lock_inputs": [1, 6],
+    "clamp_nodes": [2, 1],
+    "clamp_outputs": [2, 3],
+    "clamp_inputs": [2, 3],
     # Nothing follows here.
     "following_error_mm": 1000.0,
 }
@@ -178,26 +181,29 @@ ROWS = {
     "Epos2Axes": Row(
         **axes(2, settings=PATIENT | {"part": "joints", "node_ids": [3, 7], "gear": 100.0})
     ),
-    "Epos2Wheels": Row(**axes(4, settings=PATIENT)),
+    "Epos2Wheels": Row(**axes(4, settings=PATIENT, like="Epos2Axes")),
     "Epos2Screws": Row(**axes(2, settings=PATIENT | TWO_SCREWS, memory="positions.json")),
     "Epos2PositionScrews": Row(
         **axes(
             2,
             settings=PATIENT | TWO_SCREWS | TWO_LOCKS,
             memory="positions.json",
-            measures=dict.fromkeys(("position", "velocity", "current", "locks.closed"), 2),
-            commands={"position_command": 2, "brake": 1, "locks.command": 2},
+            measures=dict.fromkeys(
+                ("position", "velocity", "current", "locks.closed", "clamps.closed"), 2
+            ),
+            commands={"position_command": 2, "brake": 1, "locks.command": 2, "clamps.command": 2},
             order={
                 "position_command": (0.72, 0.68),
                 "brake": (0.0,),
                 "locks.command": (0.0, 0.0),
+                "clamps.command": (1.0, 1.0),
             },
-            rest={"brake": (1.0,), "locks.command": (1.0, 1.0)},
+            rest={"brake": (1.0,), "locks.command": (1.0, 1.0), "clamps.command": (1.0, 1.0)},
             is_held=True,
         )
     ),
-    "Epos2TripodLegs": Row(**limbs(3)),
-    "Epos2QuadrupedLegs": Row(**limbs(4, like="Epos2TripodLegs")),
+    "Epos2TripodLegs": Row(**limbs(3, like="Epos2PositionScrews")),
+    "Epos2QuadrupedLegs": Row(**limbs(4, like="Epos2PositionScrews")),
     "Epos2Legs": Row(
         **axes(
             12,

@@ -64,7 +64,7 @@ BRIEF = {
         *("backend=kinematic", "holes.count=0", "walk.advance_mm=20", "walk.lift_mm=5"),
         *("motion.swing_mm_s=200", "motion.acceleration_mm_s2=4000", "control.settling=0.04"),
     ),
-    "center-locks": ("poses=10",),
+    "center-locks": ("poses=10", "time_step=0.002"),
     "chair-walk": ("backend=mock", "gait.way=forward", "gait.phase_duration=4.7"),
     "chair-circle": ("circle.laps=1",),
     "chair-payload": ("instants=1",),
