@@ -241,6 +241,8 @@ def check_footholds(panel: Panel, feet: Array) -> None:
         Refused: names the limbs.
     """
     for i, foot in enumerate(feet, start=1):
+        if not np.isfinite(foot).all():
+            raise Refused(f"the foothold of limb {i} is not finite")
         height, lean = float(panel.place(foot[:3])[2]) - FOOT_HEIGHT, panel.tilt(foot)
         if not abs(height) <= 1e-3:
             raise Refused(f"the foothold of limb {i} is {1e3 * height:.1f} mm off the panel")

@@ -271,6 +271,14 @@ def test_footholds_off_the_panel_are_refused_with_the_limb(geometry, height):
         check_footholds(PANEL, feet)
 
 
+@pytest.mark.parametrize("element", range(6))
+def test_footholds_that_are_not_finite_are_refused_with_the_limb(geometry, element):
+    feet = beginning_of(geometry).feet
+    feet[1, element] = math.nan
+    with pytest.raises(Refused, match="the foothold of limb 2 is not finite"):
+        check_footholds(PANEL, feet)
+
+
 def test_footholds_that_face_away_are_refused_with_their_lean(geometry):
     feet = beginning_of(geometry).feet
     for lean, is_refused in ((0.98 * LARGEST_LEAN, False), (1.02 * LARGEST_LEAN, True)):
