@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.geometry import AddContactMaterial, Box, Meshcat, ProximityProperties, SceneGraph
+from pydrake.geometry import Box, Meshcat, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import (
     LoadModelDirectives,
@@ -17,13 +17,13 @@ from pydrake.multibody.parsing import (
     Parser,
     ProcessModelDirectives,
 )
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction, MultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, RevoluteJoint, RigidBody
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from parapod.diagrams.drawing import View, add_renderer, draw, publish, take
 from parapod.diagrams.levelling_platform.scenario import ControlScenario, LevellingScenario
-from parapod.diagrams.multibody import add_adapted_model, add_ground
+from parapod.diagrams.multibody import add_adapted_model, add_ground, ground_contact
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.geometry import (
@@ -162,13 +162,7 @@ def _move_joints(origins: Mapping[str, Sequence[float]], robot: Element) -> None
 def _add_pads(plant: MultibodyPlant, ground: RigidBody, foot_offsets: Sequence[float]) -> None:
     """Pads around the places of the feet, on a plane that is as low as the lowest of them."""
     lowest = min(0.0, *foot_offsets)
-    properties = ProximityProperties()
-    AddContactMaterial(
-        dissipation=1.0,
-        point_stiffness=5e7,
-        friction=CoulombFriction(0.8, 0.8),
-        properties=properties,
-    )
+    properties = ground_contact()
     for i, (leg, offset) in enumerate(zip(MODEL_GEOMETRY.legs, foot_offsets, strict=True)):
         height = offset - lowest
         if height == 0.0:

@@ -98,7 +98,7 @@ def make_scene(scenario: LevellingScenario) -> Meshcat:
     """A scene in which the ground's slope shows against a horizontal floor."""
     meshcat = make_viewer(camera=(1.5, -5.4, 1.2), target=(0.25, 0.0, 1.0))
     R_WG = RollPitchYaw(*scenario.ground.inclination, 0.0).ToRotationMatrix()
-    # Under the slab of `ground.sdf`, which is 2.6 m by 2.2 m and 0.04 m thick.
+    # Under the slab of `ground.urdf`, which is 2.6 m by 2.2 m and 0.04 m thick.
     rim = np.array([(-1.3, -1.1), (1.3, -1.1), (1.3, 1.1), (-1.3, 1.1)])
     top = R_WG @ np.column_stack([rim, np.full(4, -0.04)]).T
     floor = top[2].min() - 0.05
