@@ -6,9 +6,10 @@ module's docstring. A package that cannot be read or loaded is named, and the ot
 
 import ast
 import importlib.util
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -145,6 +146,20 @@ def _parsed(source: Path, modified: int) -> ast.Module:
 
 def list_entries() -> tuple[Entry, ...]:
     """All experiments that are installed: parapod's own first, then by package and name."""
+    return _entries(tuple((folder, _modified(folder)) for folder in sys.path))
+
+
+def _modified(folder: str) -> int:
+    """When something was installed in a folder or taken from it; 0 if it is none."""
+    try:
+        return Path(folder or ".").stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+@lru_cache(maxsize=1)
+def _entries(_installed: tuple[tuple[str, int], ...]) -> tuple[Entry, ...]:
+    """The same, read again only where something else is installed."""
     found = {Entry(point.name, point) for point in entry_points(group=GROUP)}
     own = "parapod"
     return tuple(
