@@ -22,7 +22,7 @@ QUICK = {
     "gear": 26.0,
     "node_ids": [1, 2, 3, 4],
 }
-PATIENT = {"heartbeat_timeout": 2.0, "timeout": 0.5, "sdo_timeout": 0.5}
+PATIENT = {"heartbeat_timeout": 2.0, "timeout": 0.5, "sdo_timeout": 2.0}
 
 
 @pytest.fixture(scope="module", autouse=True)
