@@ -43,6 +43,7 @@ JOB = (
     "job.end=2",
 )
 COARSE = ("plant.leg_model=reduced", "plant.time_step=0.01")
+HASTE = ("motion.acceleration_mm_s2=4000",)
 # Briefer than quick, for experiments that are run twice; their bounds need not hold.
 BRIEF = {
     "level": JOB,
@@ -59,14 +60,20 @@ BRIEF = {
     "identify-actuators": COARSE,
     "slip": (*COARSE, "lift.duration=0.5", "arm.duration=0.2", "arm.rest=0", "creep.duration=0.1"),
     "workspace": ("resolution=16",),
-    "center-machining": ("backend=kinematic", "holes.count=1", "holes.depth_mm=1"),
+    "center-machining": (
+        *("backend=kinematic", "holes.count=1", "holes.depth_mm=1", *HASTE),
+        *("motion.rapid_mm_s=300", "motion.feed_mm_s=20"),
+    ),
     "center-walk": (
-        *("backend=kinematic", "holes.count=0", "walk.advance_mm=20", "walk.lift_mm=5"),
-        *("motion.swing_mm_s=200", "motion.acceleration_mm_s2=4000", "control.settling=0.04"),
+        *("backend=kinematic", "holes.count=0", "walk.steps=1", "walk.advance_mm=20"),
+        *("walk.lift_mm=5", "motion.swing_mm_s=200", "control.settling=0.04", *HASTE),
     ),
     "center-locks": ("poses=10", "time_step=0.002"),
-    "chair-walk": ("backend=mock", "gait.way=forward", "gait.phase_duration=4.7"),
-    "chair-circle": ("circle.laps=1",),
+    "chair-walk": (
+        *("backend=mock", "gait.way=forward", "gait.lift_mm=6", "gait.step_mm=10"),
+        *("gait.swing_height_mm=2", "gait.phase_duration=1", "begin=0.5", "end=0.5"),
+    ),
+    "chair-circle": ("circle.laps=1", "circle.radius_mm=5", "circle.lap_duration=2"),
     "chair-payload": ("instants=1",),
 }
 
