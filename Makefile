@@ -18,7 +18,7 @@ NONE := [ $$? = 5 ]
 PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3; do \
   if $$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' >/dev/null 2>&1; then command -v $$p; break; fi; done)
 
-.PHONY: setup demo check test test-all lint types pytest clocked whole-runs bench wheel clean
+.PHONY: setup demo check test test-all lint types together clocked whole-runs bench wheel clean
 .DEFAULT_GOAL := setup
 
 setup: $(VENV)/.installed
@@ -45,7 +45,11 @@ check: lint types
 	$(TOGETHER) -m "not real_time and not slow and not whole_run" tests/laws tests/systems \
 	  --ignore tests/laws/test_devices.py --ignore tests/systems/hardware
 
-test: lint types pytest
+# What can run beside each other does, on all cores; what is judged by the clock then runs alone, or
+# beside whole experiments where real-time programs may keep these away.
+test: lint
+	$(MAKE) --no-print-directory --jobs=2 types together
+	$(MAKE) --no-print-directory --jobs=2 --output-sync=target clocked $(if $(BESIDE),whole-runs)
 
 # With the tests that are left out of the everyday ones.
 test-all: test
@@ -62,11 +66,8 @@ types: setup
 	@ln -sfn ../../../sims/public/__init__.py build/types/parapod/__init__.py
 	MYPYPATH=build/types:. $(BIN)/mypy -p parapod -p benchmarks
 
-# What can run beside each other does, on all cores; what is judged by the clock then runs alone, or
-# beside whole experiments where real-time programs may keep these away.
-pytest: setup
+together: setup
 	$(TOGETHER) -m "not real_time and not slow $(if $(BESIDE),and not whole_run)" $(ARGS) || $(NONE)
-	$(MAKE) --no-print-directory --jobs=2 --output-sync=target clocked $(if $(BESIDE),whole-runs)
 
 clocked: setup
 	$(PYTEST) -m "real_time and not slow" $(or $(ARGS),$(REAL_TIME)) || $(NONE)

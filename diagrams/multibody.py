@@ -91,7 +91,7 @@ def add_ground(parser: Parser) -> ModelInstanceIndex:
 
 
 def ground_contact() -> ProximityProperties:
-    """How whatever belongs to the ground touches feet and wheels."""
+    """Stiffness, damping and friction with which the ground bears feet and wheels."""
     properties = ProximityProperties()
     AddContactMaterial(
         dissipation=1.0,

@@ -150,7 +150,7 @@ def list_entries() -> tuple[Entry, ...]:
 
 
 def _modified(folder: str) -> int:
-    """When something was installed in a folder or taken from it; 0 if it is none."""
+    """Time at which something came to a folder or left it [ns]; 0 if it is none."""
     try:
         return Path(folder or ".").stat().st_mtime_ns
     except OSError:
