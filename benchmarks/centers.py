@@ -3,7 +3,9 @@
 import io
 import time
 from collections.abc import Callable
-from itertools import combinations
+from concurrent.futures import ProcessPoolExecutor
+from itertools import combinations, repeat
+from multiprocessing import get_context
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,19 +77,29 @@ def _jobs(limbs: int, name: str, console: Console) -> list[Measurement]:
             Measurement(f"{what}, {name}", metrics["realtime_factor"], "x", _LOOP_BOUND),
             Measurement("  bounds broken", float(len(result.broken)), "", 0.0, at_most=True),
         ]
-    ended, until = 0, experiment.duration(scenario) / 1.3
-    with counted(console, f"stops, {name}", _STOPS) as tell:
-        for number in range(_STOPS):
-            scenario = parapod.scenario("center-walk", limbs=limbs, backend="kinematic")
-            scenario.stop_at = (number + 0.5) / _STOPS * until
-            result = experiment.execute(scenario, quiet)
-            keys = {metric.key for metric in result.broken}
-            ended += not keys & {"clamps_open", "tip_height_mm"}
+    until = experiment.duration(scenario) / 1.3
+    instants = [(number + 0.5) / _STOPS * until for number in range(_STOPS)]
+    ended, fresh = 0, get_context("spawn")
+    with (
+        counted(console, f"stops, {name}", _STOPS) as tell,
+        ProcessPoolExecutor(mp_context=fresh) as pool,
+    ):
+        for number, is_safe in enumerate(pool.map(_ends_safely, repeat(limbs), instants)):
+            ended += is_safe
             tell(number + 1)
     found.append(
         Measurement(f"stopped {_STOPS} times, {name}: clamped, retracted", ended, "", _STOPS)
     )
     return found
+
+
+def _ends_safely(limbs: int, instant: float) -> bool:
+    """Whether a walk that is stopped at an instant [s] ends clamped, with its drill retracted."""
+    scenario = parapod.scenario("center-walk", limbs=limbs, backend="kinematic")
+    scenario.stop_at = instant
+    quiet = RunOptions(console=Console(file=io.StringIO()))
+    result = CenterWalk("center-walk").execute(scenario, quiet)
+    return not {metric.key for metric in result.broken} & {"clamps_open", "tip_height_mm"}
 
 
 def _indices(geometry: CenterGeometry, name: str) -> list[Measurement]:

@@ -47,8 +47,9 @@ FOOT_DIAMETER, LARGEST_LEAN = 0.1, 0.05
 # Newton's method ends with a step that leaves some micrometres at most, and nothing at rest [m],
 # where locks were off by no more than that [rad].
 _LAST_STEP, _TOLERANCE = 2e-3, 0.05
-# Share of the clearance above the panel that the drill has at least where nothing is drilled.
-_FREE = 0.5
+# Shares of the clearance above the panel that the drill has at least on a way, which may be straight
+# over a panel that is not, and where the platform stays when everything is stopped.
+_FREE, _RETRACTED = 0.5, 0.95
 # Poses at which a way of the platform, and of a foot, is looked at.
 _LOOKS_OF_PLATFORM, LOOKS_OF_FOOT = 12, 24
 
@@ -334,6 +335,7 @@ def try_swing(
             found.lengths.min() - geometry.stroke_min, geometry.stroke_max - found.lengths.max()
         )
         margin = min(margin, float(near))
+    _check_tip(job, pose, _RETRACTED)
     _check_speeds(job, np.array(lengths), duration, "swing")
     return Swung(Posture(pose, now), sigma, margin, np.array(way))
 
@@ -434,13 +436,13 @@ def _check_speeds(job: Job, lengths: Array, duration: float, which: str) -> None
         )
 
 
-def _check_tip(job: Job, pose: Array) -> None:
-    """Refuses a drill that touches the panel where nothing is drilled."""
+def _check_tip(job: Job, pose: Array, share: float = _FREE) -> None:
+    """Refuses a drill that has less than a share of its clearance where nothing is drilled."""
     height = float(job.panel.place(job.process.tip(pose))[2])
-    if not height >= _FREE * job.process.clearance:
+    if not height >= share * job.process.clearance:
         raise Refused(
-            f"the drill's tip would be {1e3 * height:.0f} mm above the panel with the platform at "
-            f"{_place(pose)}: {1e3 * _FREE * job.process.clearance:.0f} mm are needed"
+            f"the drill's tip would be {1e3 * height:.1f} mm above the panel with the platform at "
+            f"{_place(pose)}: {1e3 * share * job.process.clearance:.1f} mm are needed"
         )
 
 
