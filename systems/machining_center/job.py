@@ -47,8 +47,8 @@ FOOT_DIAMETER, LARGEST_LEAN = 0.1, 0.05
 # Newton's method ends with a step that leaves some micrometres at most, and nothing at rest [m],
 # where locks were off by no more than that [rad].
 _LAST_STEP, _TOLERANCE = 2e-3, 0.05
-# Shares of the clearance above the panel that the drill has at least on a way, which may be straight
-# over a panel that is not, and where the platform stays when everything is stopped.
+# Shares of the clearance above the panel that the drill keeps on a way, which may be straight
+# where the panel is not, and where the platform stays when everything is stopped.
 _FREE, _RETRACTED = 0.5, 0.95
 # Poses at which a way of the platform, and of a foot, is looked at.
 _LOOKS_OF_PLATFORM, LOOKS_OF_FOOT = 12, 24
