@@ -109,7 +109,7 @@ def test_every_figure_of_the_paper_is_drawn_or_said_to_be_missing(quick):
 
 
 @each_chapter
-def test_the_page_holds_every_figure_once(quick, monkeypatch):
+def test_the_page_holds_every_figure_once_and_numbers_of_every_part(quick, monkeypatch):
     # Each has been drawn where its experiment is tested.
     monkeypatch.setattr(report_page, "render", lambda figure, suffix: b"<svg/>")
     page = report_page.make_page([quick], quick=True, date="2020-02-02")
@@ -120,3 +120,6 @@ def test_the_page_holds_every_figure_once(quick, monkeypatch):
         shown += sum(figure.name not in names for figure in run.result.figures)
     assert page.count("data:image/svg") == shown
     assert page.count("data:image/png") == len(quick.pictures)
+    tables = re.findall(r"<th>metric</th>.*?</table>", page, re.DOTALL)
+    assert len(tables) == len(quick.parts)
+    assert [table for table in tables if 'class="wide key"' not in table] == []

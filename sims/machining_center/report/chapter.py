@@ -94,7 +94,6 @@ _PARTS = (
         "center-machining",
         ("limbs=4",),
         quick=(_KINEMATIC, "holes.count=1"),
-        adds_to="center-machining",
     ),
     Part(
         "center-walk",
@@ -113,7 +112,6 @@ _PARTS = (
         "center-walk",
         ("limbs=4",),
         quick=(*_QUICK, "walk.advance_mm=60"),
-        adds_to="center-walk",
     ),
     Part(
         "center-locks",
