@@ -1,4 +1,4 @@
-"""Batched inverse kinematics beside scipy's Newton on the same postures."""
+"""Batched kinematics: the platform's beside scipy's Newton, and the bench's both ways."""
 
 import time
 
@@ -9,6 +9,7 @@ from scipy.optimize import root  # type: ignore[import-untyped]
 from benchmarks.report import Measurement
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
+from parapod.systems.terrain_simulator import kinematics as bench
 
 _POSTURES = 500_000
 _NEWTON_POSTURES = 300
@@ -46,6 +47,34 @@ def run() -> list[Measurement]:
         Measurement("inverse kinematics, one ground", one_ground / 1e6, "M/s", 1.0, 10.0),
         Measurement("  times scipy's Newton", closed_form / newton, "x", 100.0),
         Measurement("  largest difference to Newton", worst * 1e9, "nm", 1.0, at_most=True),
+        *_bench(),
+    ]
+
+
+def _bench() -> list[Measurement]:
+    geometry = bench.BenchGeometry.pedal()
+    random = np.random.default_rng(0)
+    # Within reach wherever they are.
+    pose = random.uniform((0.40, 0.25, -0.3), (0.58, 0.31, 0.3), (_POSTURES, 3))
+    rates, sliders = [], bench.inverse_kinematics(geometry, pose)
+    for function, given in (
+        (bench.inverse_kinematics, pose),
+        (bench.forward_kinematics, sliders),
+        (bench.jacobian, pose),
+    ):
+        seconds = []
+        for _ in range(7):
+            started = time.perf_counter()
+            found = function(geometry, given)
+            seconds.append(time.perf_counter() - started)
+        rates.append(_POSTURES / min(seconds) / 1e6)
+    worst = float(np.abs(bench.forward_kinematics(geometry, sliders) - pose).max())
+    assert found.shape == (_POSTURES, 3, 3)
+    return [
+        Measurement("terrain simulator, inverse with all limits", rates[0], "M/s", 2.0),
+        Measurement("  forward", rates[1], "M/s", 2.0),
+        Measurement("  Jacobian", rates[2], "M/s", 2.0),
+        Measurement("  pose there and back", worst * 1e15, "fm, frad", 1000.0, at_most=True),
     ]
 
 

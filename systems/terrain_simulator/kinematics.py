@@ -297,7 +297,7 @@ def singularity(geometry: BenchGeometry, pose: ArrayLike) -> Singularity:
 
 @nan_without_warning
 def margins(geometry: BenchGeometry, pose: ArrayLike) -> NDArray[np.float64]:
-    """What is left to each limit (..., 13) [m; sin mu for the line P T A_3]: negative beyond it.
+    """Distances to all limits (..., 13) [m; sin mu for the line P T A_3]: negative beyond them.
 
     Args:
         geometry: the bench.
@@ -334,7 +334,7 @@ def _sin_mu(geometry: BenchGeometry, now: _Shape) -> Elementwise:
 
 
 def _left(geometry: BenchGeometry, places: list[Elementwise], now: _Shape) -> list[Elementwise]:
-    """What is left to each limit, in the order of `LIMITS`."""
+    """Distances to all limits, in the order of `LIMITS`."""
     apart = np.inf if geometry.strut_gap is None else places[2] - places[1] - geometry.strut_gap
     return [
         now.height_p - geometry.floor,
