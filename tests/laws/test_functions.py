@@ -13,6 +13,8 @@ from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace
 from parapod.systems.levelling_platform.zero_moment_point import ArmMotion, Footing
+from parapod.systems.terrain_simulator.geometry import BenchGeometry
+from parapod.systems.terrain_simulator.kinematics import slider_places
 from parapod.systems.walking_chair.gait import TrotGait, Walk, gait_motion, starting_lengths
 from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.leg import leg_corners, up_of_lengths
@@ -25,6 +27,7 @@ LENGTHS = starting_lengths(CHAIR, Walk())
 UP = up_of_lengths(CHAIR.leg, LENGTHS[0])
 CORNER = leg_corners(CHAIR.leg, UP)[0]
 WORKSPACE = Workspace(PlatformGeometry(), ArmGeometry())
+BENCH, PLATE = BenchGeometry.pedal(), (0.5, 0.28, 0.05)
 BATCH = (2, 5)  # unlike any shape of what is in it
 
 
@@ -53,6 +56,14 @@ SAMPLED = {
         "motion": several(ArmMotion, *[near([0.0] * 2, 0.1)] * 3),
         "point": near(WORKSPACE.tip_position((0.0, 0.0, 0.477))),
         "posture": near([0.0, 0.0, 0.477]),
+    },
+    "terrain_simulator": {
+        "load": near([10.0, -300.0, 2.0]),
+        "phi": near(0.0, 0.1),
+        "pose": near(PLATE, 0.02),
+        "sliders": near(slider_places(BENCH, PLATE)),
+        "twist": near([0.5, 0.2, 1.0], 0.1),
+        "z": near(0.28, 0.01),
     },
     "walking_chair": {
         "body": several(
@@ -128,7 +139,9 @@ def arguments(room, function, random):
     """Arguments that have a batch, and those that have none, by their names."""
     samples, batched, fixed = SAMPLED[room] | OWN.get(function.__name__, {}), {}, {}
     for name, parameter in inspect.signature(function).parameters.items():
-        if name == "geometry":
+        if name == "geometry" and room == "terrain_simulator":
+            fixed[name] = BENCH
+        elif name == "geometry":
             whole = CHAIR if "ChairGeometry" in str(parameter.annotation) else CHAIR.leg
             fixed[name] = whole if room == "walking_chair" else PlatformGeometry()
         elif name in samples:
