@@ -29,10 +29,11 @@ SHARED_RUNS = (
     "tests/laws/test_experiments.py",
     "tests/sims/levelling_platform",
     "tests/sims/machining_center",
+    "tests/sims/terrain_simulator",
     "tests/sims/walking_chair",
 )
 # Machines beside the platform, by what the names of their tests hold.
-OTHERS = {"the chair": "chair", "the centres": "center|centres"}
+OTHERS = {"the chair": "chair", "the centres": "center|centres", "the bench": "bench-|terrain"}
 
 
 def pytest_itemcollected(item):

@@ -15,6 +15,7 @@ each_chapter = pytest.mark.parametrize("chapter", CHAPTERS, ids=lambda chapter: 
 FIGURES = {
     "The levelling platform": {*range(1, 24)} - {2},
     "The machining centres": {*range(1, 13)},
+    "The terrain simulator": {*range(1, 7)},
     "The walking chair": {*range(1, 20)},
 }
 
@@ -23,6 +24,7 @@ FIGURES = {
 MEASURED = {
     "The levelling platform": ("section 6.4, Figs. 20, 21", "Fig. 15"),
     "The machining centres": (),
+    "The terrain simulator": (),
     "The walking chair": ("Fig. 14", "Fig. 17"),
 }
 
@@ -103,7 +105,7 @@ def test_every_figure_of_the_paper_is_drawn_or_said_to_be_missing(quick):
     for listed in re.findall(r"Figs?\.((?:[ ,]|and|to|\d+[a-e]?)+)", " ".join(text)):
         numbers = [int(number) for number in re.findall(r"\d+", listed)]
         named.update(range(numbers[0], numbers[-1] + 1) if "to" in listed else numbers)
-    if not quick.pictures:
+    if quick.problem:
         pytest.skip(quick.problem)
     assert named >= FIGURES[chapter.title]
 

@@ -234,7 +234,7 @@ def test_metrics_have_keys_units_and_bounds_that_fit_together(part, finished):
     assert len(keys) == len(set(keys))
     suffixes = {"deg": "deg", "mm": "mm", "um": "um", "s": "s", "V": "V", "kg": "kg", "N": "N"}
     suffixes |= {"mg": "mg", "percent": "%", "dB": "dB", "m": "m", "m3": "m^3", "mm_s": "mm/s"}
-    suffixes |= {"rad_s": "rad/s"}
+    suffixes |= {"rad_s": "rad/s", "m_s": "m/s", "m2": "m^2"}
     for metric in metrics:
         assert re.fullmatch(r"[a-z][A-Za-z0-9_]*", metric.key)
         ends = [end for end in suffixes if metric.key.endswith(f"_{end}")]

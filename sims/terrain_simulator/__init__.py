@@ -1,0 +1,1 @@
+"""The terrain simulator: experiments, and their chapter of the report."""

@@ -1,0 +1,1 @@
+"""Claims, errata and drawings of the paper beside the results here."""
