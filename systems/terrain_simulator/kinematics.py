@@ -166,7 +166,8 @@ def forward_kinematics(
     if assembly not in ("upper", "lower"):
         raise ValueError(f"assembly must be 'upper' or 'lower', not {assembly!r}")
     ((a_1, a_2, a_3),), shape = columns((sliders, 3, "sliders"))
-    s_1 = 0.5 * (a_2 - a_1)
+    # NaN where A_2 is behind A_1: that pair of links is mirrored, and the plate has no pose.
+    s_1 = sqrt(0.5 * (a_2 - a_1)) ** 2
     x_P, z_P = 0.5 * (a_1 + a_2), sqrt(geometry.link**2 - s_1 * s_1)
     along = a_3 - x_P
     squared = along * along + z_P * z_P
@@ -179,10 +180,8 @@ def forward_kinematics(
     # O' in the frame of P T.
     x = geometry.lever - geometry.p_OT[0] * np.cos(geometry.offset)
     z = geometry.p_OT[0] * np.sin(geometry.offset)
-    # A mirrored pair of links has no pose either.
-    phi = theta + geometry.offset + 0.0 * sqrt(s_1)
-    pose = stack([x_P + c * x + s * z, z_P - s * x + c * z, phi], shape)
-    lost = ~np.isfinite(np.asarray(pose, dtype=float)).all(axis=-1)
+    pose = stack([x_P + c * x + s * z, z_P - s * x + c * z, theta + geometry.offset], shape)
+    lost = (pose != pose).astype(bool).any(axis=-1)
     if lost.any():
         index = tuple(int(i) for i in np.argwhere(lost)[0]) if shape else ()
         given = ", ".join(f"{1e3 * a:.1f}" for a in np.asarray(sliders, dtype=float)[index])

@@ -124,7 +124,7 @@ class Workspace:
             return None
         step = (self.z_max - self.z_min) / len(self.z)
         # Cells whose middles lie in a box of that height, however it lies among them.
-        cells = max(1, int(np.ceil(height / step)) + 1) if height > 0.0 else 1
+        cells = int(np.ceil(height / step)) + 1 if height > 0.0 else 1
         if cells > len(self.z):
             return None
         windows = np.lib.stride_tricks.sliding_window_view(self.ends, cells, axis=0)

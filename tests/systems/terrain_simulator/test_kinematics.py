@@ -141,6 +141,13 @@ def test_drake_differentiates_the_places(geometry, poses):
         np.testing.assert_allclose(exact, K, atol=1e-12 * np.abs(K).max())
 
 
+def test_drake_differentiates_the_pose(geometry, poses):
+    for pose in poses(5):
+        sliders = InitializeAutoDiff(slider_places(geometry, pose)).ravel()
+        exact, J = ExtractGradient(forward_kinematics(geometry, sliders)), jacobian(geometry, pose)
+        np.testing.assert_allclose(exact, J, atol=1e-11 * np.abs(J).max())
+
+
 def test_a_vertical_motion_is_fastest_where_the_sliders_are_at_their_stop():
     height = math.sqrt(PEDAL.link**2 - (0.5 * PEDAL.gap) ** 2)
     pose = (0.5, height - PEDAL.p_OP[1], 0.0)
@@ -284,6 +291,12 @@ def test_margins_tell_what_is_left_to_every_limit(geometry, poses):
     assert set(expected) == set(LIMITS)
     for name, value in expected.items():
         np.testing.assert_allclose(left[name], value, atol=1e-14, err_msg=name)
+
+
+def test_two_sliders_in_one_place_have_a_pose():
+    pose = forward_kinematics(PEDAL, (0.45, 0.45, 0.8))
+    P, _ = pivots(PEDAL, pose)
+    assert P == pytest.approx((0.45, PEDAL.link), abs=1e-15)
 
 
 @pytest.mark.parametrize("sliders", [(0.5, 0.4, 0.8), (0.3, 0.4, 1.8), (0.1, 0.9, 1.0)])

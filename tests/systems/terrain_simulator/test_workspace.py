@@ -30,6 +30,9 @@ def test_an_interval_is_where_no_limit_is_broken(geometry):
     inside = (ends[:, 0] <= pose[:, 0]) & (pose[:, 0] <= ends[:, 1])
     assert np.array_equal(inside, (left >= 0.0).all(axis=-1))
     assert 0.1 < inside.mean() < 0.5
+    # Without a distance from the singularity there is more.
+    up_to_it = rail_interval(geometry, pose[:, 1], pose[:, 2])
+    assert (~np.isnan(up_to_it[:, 0])).sum() > 1.02 * (~np.isnan(ends[:, 0])).sum()
 
 
 @pytest.mark.parametrize(
@@ -88,6 +91,14 @@ def test_boxes_that_hold_for_the_whole_range_of_angles(name, widths):
                     left = margins(geometry, (x, z, math.radians(degrees)))
                     left[4] -= GUARDED
                     assert left.min() > -1e-4
+
+
+def test_a_box_as_high_as_the_workspace_is_its_narrowest_part():
+    space = workspace(PEDAL, math.radians(-45.0))
+    tall = space.z_max - space.z_min
+    narrowest = space.ends[:, 1].min() - space.ends[:, 0].max()
+    assert space.widest_box(0.999 * tall).width == pytest.approx(narrowest, abs=1e-3)
+    assert space.widest_box(1.001 * tall) is None
 
 
 def test_the_tallest_box_of_half_a_metre_is_a_strip():
