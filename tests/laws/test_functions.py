@@ -101,6 +101,7 @@ FIXED = {
     "places": CHAIR.leg.corners[1],
     "reference": "E1",
     "references": START.references,
+    "sign": 1.0,
 }
 # Arguments that are of another size in one function.
 OWN = {

@@ -1,9 +1,35 @@
 """The terrain simulator's chapter: its kinematics, singularities and workspaces."""
 
-from parapod.sims.report.chapter import Chapter, Component, Part
+import math
+
+from parapod.diagrams.drawing import View
+from parapod.diagrams.terrain_simulator.model import photograph
+from parapod.sims.report.chapter import Chapter, Component, Part, Picture
+from parapod.sims.report.rendered import rendered
 from parapod.sims.terrain_simulator.report.claims import CLAIMS
 from parapod.sims.terrain_simulator.report.drawings import DRAWINGS
 from parapod.sims.terrain_simulator.report.errata import ERRATA
+
+_VIEW = View((1.5, -2.6, 1.15), (0.60, 0.0, 0.08), angle=0.37, size=(1280, 900))
+
+
+def pictures() -> tuple[Picture, ...]:
+    """Both benches.
+
+    Raises:
+        RuntimeError: there is no OpenGL to render with.
+    """
+    return rendered(_take)
+
+
+def _take() -> tuple[Picture, ...]:
+    (pedal,) = photograph([_VIEW], "pedal", (0.5, 0.29, math.radians(15.0)))
+    (treadmill,) = photograph([_VIEW], "treadmill", (0.8, 0.26, math.radians(-7.0)))
+    return (
+        Picture("The pedal", "Front end down by 15 deg (in the place of Fig. 1).", pedal),
+        Picture("The treadmill", "Front end up by 7 deg (in the place of Fig. 3).", treadmill),
+    )
+
 
 _PARTS = (
     Part(
@@ -22,12 +48,13 @@ _COMPONENTS = (
         "PRR mechanism", "forward_kinematics, inverse_kinematics", "closed form, both modes"
     ),
     Component("Mechanical stops", "margins", "every limit's distance; least heights are assumed"),
-    Component("Pedal, treadmill", "BenchGeometry", "Table 2, its l_5 of the treadmill mended"),
+    Component("Sliders, links, strut", "rail.urdf", "two loops closed by ball constraints"),
+    Component("Pedal, treadmill", "pedal.urdf, treadmill.urdf", "masses are assumed"),
+    Component("Structure parameters", "BenchGeometry", "Table 2, its l_5 of the treadmill mended"),
 )
 
 _MISSING = (
-    "Figs. 1 and 2: a picture of the bench, and ground reaction forces of a 120 kg quadruped, "
-    "whose curves are not in numbers.",
+    "Fig. 2: ground reaction forces of a 120 kg quadruped, whose curves are not in numbers.",
     "The least heights of the pivots P and T that section 4 asks for and does not name: 20 mm are "
     "assumed.",
     "Masses, actuators and their limits, which the paper does not print.",
@@ -50,5 +77,6 @@ CHAPTER = Chapter(
     errata=ERRATA,
     components=_COMPONENTS,
     drawings=DRAWINGS,
+    pictures=pictures,
     missing=_MISSING,
 )

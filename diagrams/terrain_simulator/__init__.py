@@ -1,0 +1,1 @@
+"""The terrain simulator as a Drake model."""

@@ -1,0 +1,1 @@
+"""Models of the terrain simulator: its rail with sliders and links, and two plates."""
