@@ -6,7 +6,7 @@ motions (Figure 2) without their equations: those here are assumed.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from parapod.systems.core.elementwise import nan_without_warning
 from parapod.systems.core.errors import ParapodError
-from parapod.systems.core.motion_laws import quintic, s_curve
 from parapod.systems.core.vectors import Array
+from parapod.systems.terrain_simulator.gait import Gait
 from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import LIMITS, margins, slider_rates
 from parapod.systems.terrain_simulator.terrain import Terrain
@@ -32,7 +32,7 @@ __all__ = [
 
 _LINE = LIMITS.index("line P T A_3")
 _STRIDES = 10  # that are checked if no duration is given
-_STANCE, _SWING = 48, 96  # least samples of each; even, so that the middle of a swing is one
+_STANCE, _SWING = 48, 192  # least samples of each; even, so that the middle of a swing is one
 _LONGEST = 0.004  # longest step between samples [s], for the ground's own motion
 _ROUNDING = 1e-9  # of a limit that is met exactly
 # Shares of the path's speed among which an admissible one is sought before bisection.
@@ -48,50 +48,6 @@ _RATES = (
     *((f"acceleration of slider {n}", "m/s^2") for n in (1, 2, 3)),
     ("length of the belt", "m"),
 )
-
-
-@dataclass(frozen=True)
-class Gait:
-    """Gait of one leg.
-
-    Attributes:
-        speed: speed of the body v [m/s]; 0 for a leg that treads on the spot.
-        frequency: strides a second f [Hz], the paper's "step frequency".
-        duty: share of the stride in which the foot stands, d [-].
-        ramp: share of the return in which its speed ramps up, and in which it ramps down (the law
-            `s_curve`) [-]; None for a quintic.
-    """
-
-    speed: float
-    frequency: float = 2.0
-    duty: float = 0.5
-    ramp: float | None = None
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.speed) and self.speed >= 0.0):
-            raise ValueError(f"speed must not be negative, but is {self.speed!r}")
-        if not (math.isfinite(self.frequency) and self.frequency > 0.0):
-            raise ValueError(f"frequency must be positive, not {self.frequency!r}")
-        if not 0.0 < self.duty < 1.0:
-            raise ValueError(f"duty must be between 0 and 1, not {self.duty!r}")
-        if self.ramp is not None and not 0.0 < self.ramp <= 0.5:
-            raise ValueError(f"ramp must be in (0, 0.5], not {self.ramp!r}")
-
-    @property
-    def stride(self) -> float:
-        """Way of the body in a stride [m]."""
-        return self.speed / self.frequency
-
-    @property
-    def stance(self) -> float:
-        """Way of the body while the foot stands, L [m]."""
-        return self.duty * self.stride
-
-    @property
-    def return_speed(self) -> float:
-        """Largest speed at which a pedal returns [m/s]."""
-        top = 1.875 if self.ramp is None else 1.0 / (1.0 - self.ramp)
-        return self.speed * (top / (1.0 - self.duty) - 1.0)
 
 
 class PlateMotion(NamedTuple):
@@ -177,22 +133,22 @@ class PlatePath:
         numbers, which = np.unique(stride, return_inverse=True)
         near = self.footholds(numbers[:, np.newaxis] + np.arange(-2.0, 3.0))
         heights = self.terrain.height(near)[which.reshape(times.shape)]
-        tangent = self.terrain.slope(near[:, 2:4])[which.reshape(times.shape)]
+        slopes = self.terrain.slope(near[:, 2:4])[which.reshape(times.shape)]
         this, rise = heights[..., 2], heights[..., 3] - heights[..., 2]
 
-        S = _return(gait, share)  # in swing from 0 to 1
+        S = gait.returned(share)  # in swing from 0 to 1
         # Way of the foothold along the rail from below the hip, and the plate's turn.
         along = gait.stride * (
             np.stack((0.5 * gait.duty - share, np.full_like(S[0], -f), np.zeros_like(S[0]))) + S
         )
-        phi = -np.diff(tangent, axis=-1)[..., 0] * S
-        phi[0] -= tangent[..., 0]
+        phi = -np.diff(slopes, axis=-1)[..., 0] * S
+        phi[0] -= slopes[..., 0]
         # Height of the foothold over that of the body.
         lift = np.stack(self.terrain.lift(times))
-        z = rise * S + lift - _body(heights, share - 0.5 * gait.duty, f)
+        z = rise * S + lift - gait.body(heights, share)
         z[0] += this + self.z_c
         if self.dip:
-            z -= self.dip * _dip(gait, share)
+            z -= self.dip * gait.dipped(share)
         belt = np.zeros_like(S[0])
         if self.treadmill:
             belt = gait.speed / np.cos(phi[0])
@@ -223,6 +179,13 @@ class PathLimits:
     horizontal: float = 2.75
     vertical: float = 2.5
     turn: float = math.radians(900.0)
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if not getattr(self, field.name) > 0.0:
+                raise ValueError(
+                    f"{field.name} must be positive, not {getattr(self, field.name)!r}"
+                )
 
 
 class PathRefused(ParapodError):
@@ -400,44 +363,6 @@ def _admissible(
             high = _ACCEPTED * low
         refused = min(refused, speed)
     return None
-
-
-def _return(gait: Gait, share: Array) -> Array:
-    """Share (3, ...) of the way to the next foothold that is done, and its derivatives by time."""
-    u = np.clip((share - gait.duty) / (1.0 - gait.duty), 0.0, 1.0)
-    done = quintic(u) if gait.ramp is None else s_curve(u, gait.ramp)
-    return _by_time(done, gait.frequency / (1.0 - gait.duty))
-
-
-def _dip(gait: Gait, share: Array) -> Array:
-    """Share (3, ...) of the dip, and its derivatives by time: a sixth power, 1 in the middle."""
-    u = np.clip((share - gait.duty) / (1.0 - gait.duty), 0.0, 1.0)
-    q, dq = u * (1.0 - u), 1.0 - 2.0 * u
-    dipped = 64.0 * q**3, 192.0 * q**2 * dq, 384.0 * q * (dq**2 - q)
-    return _by_time(dipped, gait.frequency / (1.0 - gait.duty))
-
-
-def _body(heights: Array, since: Array, frequency: float) -> Array:
-    """Height (3, ...) of the body, and its derivatives by time: a uniform cubic B-spline.
-
-    Args:
-        heights: (..., 5) of the footholds, from two before this one to two after it [m].
-        since: (...) strides since the body was over this one, in [-1, 1).
-        frequency: strides a second [Hz].
-    """
-    ahead = (since >= 0.0)[..., np.newaxis]
-    a, b, c, d = np.moveaxis(np.where(ahead, heights[..., 1:], heights[..., :-1]), -1, 0)
-    y = since - np.floor(since)
-    # A polynomial of b and of differences, which is exact on level ground.
-    linear, square, cubic = 0.5 * (c - a), 0.5 * (a - 2.0 * b + c), (d - a + 3.0 * (b - c)) / 6.0
-    place = b + square / 3.0 + y * (linear + y * (square + y * cubic))
-    rate = linear + y * (2.0 * square + 3.0 * y * cubic)
-    return _by_time((place, rate, 2.0 * square + 6.0 * y * cubic), frequency)
-
-
-def _by_time(value: tuple[Array, Array, Array], rate: float) -> Array:
-    """Derivatives by time (3, ...) of what is told by a share that has this rate [1/s]."""
-    return np.stack((value[0], rate * value[1], rate**2 * value[2]))
 
 
 def _tangent(angle: Array) -> Array:

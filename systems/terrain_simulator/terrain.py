@@ -6,7 +6,6 @@ those of rough ground, are the user's.
 
 import csv
 import math
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -51,19 +50,19 @@ class Lift(NamedTuple):
     acceleration: Array
 
 
-class Terrain(ABC):
-    """Ground under a walking robot."""
+class Terrain:
+    """Ground under a walking robot: level and at rest but for what a terrain says itself."""
 
-    @abstractmethod
     def height(self, distance: ArrayLike) -> Array:
         """Height of the ground (...) [m] at distances (...) along the way [m]."""
+        return np.zeros(np.shape(distance))
 
-    @abstractmethod
     def slope(self, distance: ArrayLike) -> Array:
         """Angle of the ground (...) [rad] at distances (...) [m]; positive is uphill."""
+        return np.zeros(np.shape(distance))
 
     def lift(self, time: ArrayLike) -> Lift:
-        """Motion of the whole ground at times (...) [s]; most terrains rest."""
+        """Motion of the whole ground at times (...) [s]."""
         zero = np.zeros(np.shape(time))
         return Lift(zero, zero, zero)
 
@@ -71,14 +70,6 @@ class Terrain(ABC):
 @dataclass(frozen=True)
 class Level(Terrain):
     """Level ground."""
-
-    def height(self, distance: ArrayLike) -> Array:
-        """Zero everywhere."""
-        return np.zeros(np.shape(distance))
-
-    def slope(self, distance: ArrayLike) -> Array:
-        """Zero everywhere."""
-        return np.zeros(np.shape(distance))
 
 
 @dataclass(frozen=True)
@@ -122,10 +113,6 @@ class Step(Terrain):
         """Zero before the edge, and the rise from there on [m]."""
         return np.where(np.asarray(distance) >= self.at, self.rise, 0.0)
 
-    def slope(self, distance: ArrayLike) -> Array:
-        """Zero: both sides are level."""
-        return np.zeros(np.shape(distance))
-
 
 @dataclass(frozen=True)
 class Stairs(Terrain):
@@ -161,10 +148,6 @@ class Stairs(Terrain):
         """Height of the tread [m]."""
         passed = np.floor((np.asarray(distance, dtype=np.float64) - self.at) / self.tread) + 1.0
         return self.rise * np.clip(passed, 0.0, math.inf if self.count is None else self.count)
-
-    def slope(self, distance: ArrayLike) -> Array:
-        """Zero: treads are level."""
-        return np.zeros(np.shape(distance))
 
 
 @dataclass(frozen=True)
@@ -208,14 +191,6 @@ class Heave(Terrain):
 
     def __post_init__(self) -> None:
         _check(self, "frequency")
-
-    def height(self, distance: ArrayLike) -> Array:
-        """Zero everywhere: `lift` has the motion."""
-        return np.zeros(np.shape(distance))
-
-    def slope(self, distance: ArrayLike) -> Array:
-        """Zero everywhere."""
-        return np.zeros(np.shape(distance))
 
     def lift(self, time: ArrayLike) -> Lift:
         """Sine of the time, from zero upwards."""
@@ -318,7 +293,7 @@ class RecordedProfile(Terrain):
 
     def height(self, distance: ArrayLike) -> Array:
         """Height on the straight lines between the records [m]."""
-        return np.asarray(np.interp(distance, *self._records))
+        return np.asarray(np.interp(np.asarray(distance, dtype=np.float64), *self._records))
 
     def slope(self, distance: ArrayLike) -> Array:
         """Angle of the chord under a foot [rad]."""
