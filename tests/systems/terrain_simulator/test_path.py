@@ -32,6 +32,7 @@ from parapod.systems.terrain_simulator.terrain import (
     Slope,
     Stairs,
     Step,
+    Terrain,
 )
 
 PEDAL, TREADMILL = BenchGeometry.pedal(), BenchGeometry.treadmill()
@@ -305,6 +306,14 @@ def largest(geometry, path, strides=10):
     return np.abs(speeds).max(), np.abs(slider_accelerations(geometry, motion)).max()
 
 
+def refusal(path):
+    try:
+        check_path(PEDAL, path)
+    except PathRefused as error:
+        return error
+    return None
+
+
 @SETS
 def test_sets_that_are_feasible_are_accepted_with_their_slider_speeds(name):
     check_path(PEDAL, FEASIBLE[name].path)
@@ -396,6 +405,27 @@ def test_the_belt_must_be_as_long_as_the_stance():
     check_path(TREADMILL, replace(path, gait=Gait(2.75, duty=0.436)))
 
 
+def test_on_a_slope_the_stance_takes_more_of_the_belt():
+    path = PlatePath(Slope(-0.2), Gait(2.4), 0.88, 0.2, treadmill=True)
+    with pytest.raises(PathRefused, match=r"^length of the belt") as refused:
+        check_path(TREADMILL, path)
+    assert refused.value.worst == pytest.approx(0.6 / math.cos(0.2))
+    assert refused.value.admissible == pytest.approx(2.4 * math.cos(0.2), rel=1e-3)
+
+
+class Hole(Terrain):
+    def height(self, distance):
+        return np.where(np.abs(np.asarray(distance) - 1.1135) < 0.0035, -5.0, 0.0)
+
+
+def test_a_speed_is_not_named_if_a_little_slower_a_foot_falls_into_a_hole():
+    """At 0.99 m/s the third foothold is at 0.99 * 1.125 m = 1.114 m; at 1 m/s it is not."""
+    path = PlatePath(Hole(), Gait(1.5), 0.513, 0.30)
+    check_path(PEDAL, path.at_speed(1.0))
+    assert refusal(path.at_speed(0.99)) is not None
+    assert refusal(path).admissible == pytest.approx(1.11 / 1.125, rel=1e-3)
+
+
 def test_a_step_ahead_is_refused_only_if_the_way_leads_there():
     path = PlatePath(Step(0.5, 3.0), Gait(0.6, 1.5), 0.513, 0.25)
     check_path(PEDAL, path, duration=2.0)
@@ -425,14 +455,6 @@ def random_paths(count=40):
             random.choice((None, 0.25)),
         )
         yield PlatePath(terrain, gait, random.uniform(0.49, 0.54), random.uniform(0.24, 0.28))
-
-
-def refusal(path):
-    try:
-        check_path(PEDAL, path)
-    except PathRefused as error:
-        return error
-    return None
 
 
 def test_paths_are_accepted_or_refused_with_a_speed_that_is_accepted(judge):

@@ -34,7 +34,8 @@ EACH = pytest.mark.parametrize("terrain", EXAMPLES, ids=lambda t: type(t).__name
 
 def test_every_terrain_has_a_name():
     assert set(TERRAINS.values()) == {type(example) for example in EXAMPLES}
-    assert set(TERRAINS.values()) == set(Terrain.__subclasses__())
+    ours = {kind for kind in Terrain.__subclasses__() if kind.__module__ == Terrain.__module__}
+    assert set(TERRAINS.values()) == ours
 
 
 @EACH
