@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from parapod.systems.core.elementwise import nan_without_warning
+from parapod.systems.core.batching import columns, stack
+from parapod.systems.core.elementwise import nan_without_warning, quotient, sin_cos, sqrt
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.gait import Gait
@@ -244,20 +245,23 @@ def check_path(
 
 
 @nan_without_warning
-def slider_accelerations(geometry: BenchGeometry, motion: PlateMotion) -> NDArray[np.float64]:
+def slider_accelerations(
+    geometry: BenchGeometry, pose: ArrayLike, twist: ArrayLike, twist_rate: ArrayLike
+) -> NDArray[np.float64]:
     """Accelerations of the sliders (..., 3) [m/s^2]: the rates of `slider_rates` on a path.
+
+    NaN or infinite where a link is too short or a leg stands upright.
 
     Args:
         geometry: the bench.
-        motion: motion of the plate at times (...).
-
-    Returns:
-        (..., 3); NaN or infinite where a link is too short or a leg stands upright.
+        pose: (..., 3) x, z, phi [m, m, rad].
+        twist: (..., 3) their rates [m/s, m/s, rad/s].
+        twist_rate: (..., 3) the rates of these [m/s^2, m/s^2, rad/s^2].
     """
-    _, z, phi = np.moveaxis(motion.pose, -1, 0)
-    _, dz, dphi = np.moveaxis(motion.velocity, -1, 0)
-    ddx, ddz, ddphi = np.moveaxis(motion.acceleration, -1, 0)
-    s, c = np.sin(phi), np.cos(phi)
+    ((_, z, phi), (_, dz, dphi), (ddx, ddz, ddphi)), shape = columns(
+        (pose, 3, "pose"), (twist, 3, "twist"), (twist_rate, 3, "twist_rate")
+    )
+    s, c = sin_cos(phi)
     sliders = (
         (geometry.p_OP, geometry.link, -1.0),
         (geometry.p_OP, geometry.link, 1.0),
@@ -268,12 +272,12 @@ def slider_accelerations(geometry: BenchGeometry, motion: PlateMotion) -> NDArra
         r_x, r_z = c * x_C + s * z_C, c * z_C - s * x_C
         height, up = z + r_z, dz - r_x * dphi
         ddheight = ddz - r_x * ddphi - r_z * dphi**2
-        # The link's length along the rail, sqrt(length^2 - height^2), and its rate.
-        reach = np.sqrt(length**2 - height**2)
-        rate = -height * up / reach
-        ddreach = -(up**2 + height * ddheight + rate**2) / reach
+        # The link's length along the rail, sqrt(length^2 - height^2), and its rates.
+        reach = sqrt(length**2 - height * height)
+        rate = quotient(-height * up, reach)
+        ddreach = quotient(-(up * up + height * ddheight + rate * rate), reach)
         found.append(ddx + r_z * ddphi - r_x * dphi**2 + ahead * ddreach)
-    return np.stack(found, axis=-1)
+    return stack(found, shape)
 
 
 def _instants(path: PlatePath, duration: float) -> Array:
@@ -309,7 +313,7 @@ def _first_broken(
             -left,
             np.abs(motion.velocity),
             np.abs(slider_rates(geometry, motion.pose, motion.velocity)),
-            np.abs(slider_accelerations(geometry, motion)),
+            np.abs(slider_accelerations(geometry, *motion[:3])),
             belt,
         ),
         axis=1,
