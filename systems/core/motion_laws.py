@@ -47,6 +47,24 @@ def quintic(x: Array) -> tuple[Array, Array, Array]:
     return x**3 * (10.0 - 15.0 * x + 6.0 * x**2), 30.0 * (x * y) ** 2, 60.0 * x * y * (y - x)
 
 
+def s_curve(x: Array, ramp: float) -> tuple[Array, Array, Array]:
+    """Constant speed 1 / (1 - ramp), which cubics lead up to and down from.
+
+    Its largest acceleration, 1.5 / (ramp (1 - ramp)), is less than that of `blended`.
+
+    Args:
+        x: (...) share of the duration, in [0, 1].
+        ramp: share of the duration of each cubic, in (0, 0.5].
+    """
+    top = 1.0 / (1.0 - ramp)
+    near = np.minimum(x, 1.0 - x)
+    y = np.minimum(near / ramp, 1.0)
+    lag = 0.5 * ramp * (1.0 - (1.0 - y) ** 3 * (1.0 + y))
+    done = top * (near - lag)
+    acceleration = np.where(x > 0.5, -6.0, 6.0) * top / ramp * y * (1.0 - y)
+    return np.where(x > 0.5, 1.0 - done, done), top * y**2 * (3.0 - 2.0 * y), acceleration
+
+
 # The speed of "linear" jumps at both ends; that of the others does not.
 MOTION_LAWS: dict[str, MotionLaw] = {
     "linear": partial(blended, blend=0.0),

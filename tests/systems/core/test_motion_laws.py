@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from parapod.systems.core.motion_laws import MOTION_LAWS, blended, quintic
+from parapod.systems.core.motion_laws import MOTION_LAWS, blended, quintic, s_curve
 
 LAWS = pytest.mark.parametrize("name", MOTION_LAWS)
 SMOOTH = pytest.mark.parametrize("name", sorted(set(MOTION_LAWS) - {"linear"}))
@@ -65,3 +65,16 @@ def test_longest_blend_has_no_constant_speed():
 
 def test_quintic_is_the_polynomial():
     np.testing.assert_allclose(quintic(X)[0], 10 * X**3 - 15 * X**4 + 6 * X**5, atol=1e-15)
+
+
+@pytest.mark.parametrize("ramp", [0.1, 0.3, 0.5])
+def test_s_curve_has_its_top_speed_its_top_acceleration_and_no_jumps(ramp):
+    way, speed, acceleration = s_curve(X, ramp)
+    assert speed.max() == pytest.approx(1.0 / (1.0 - ramp), abs=1e-12)
+    assert acceleration.max() == pytest.approx(1.5 / (ramp * (1.0 - ramp)), rel=1e-4)
+    np.testing.assert_allclose(np.gradient(way, X)[1:-1], speed[1:-1], rtol=0, atol=3e-5)
+    np.testing.assert_allclose(np.gradient(speed, X)[1:-1], acceleration[1:-1], rtol=0, atol=0.1)
+    np.testing.assert_allclose(way, 1.0 - way[::-1], rtol=0, atol=1e-14)
+    for values in (way[:1], 1.0 - way[-1:], speed[[0, -1]], acceleration[[0, -1]]):
+        np.testing.assert_allclose(values, 0.0, atol=1e-13)
+    assert np.abs(np.diff(acceleration)).max() < 6.0 / ramp**2 / (1.0 - ramp) * 5.1e-4
