@@ -38,6 +38,7 @@ __all__ = [
     "jacobian",
     "margins",
     "singularity",
+    "slider_accelerations",
     "slider_forces",
     "slider_places",
     "slider_rates",
@@ -248,6 +249,42 @@ def slider_rates(
         ],
         shape,
     )
+
+
+@nan_without_warning
+def slider_accelerations(
+    geometry: BenchGeometry, pose: ArrayLike, twist: ArrayLike, twist_rate: ArrayLike
+) -> NDArray[np.float64]:
+    """Accelerations of the sliders (..., 3) [m/s^2]: the rates of `slider_rates` on a path.
+
+    NaN or infinite where a link is too short or a leg stands upright.
+
+    Args:
+        geometry: the bench.
+        pose: (..., 3) x, z, phi [m, m, rad].
+        twist: (..., 3) their rates [m/s, m/s, rad/s].
+        twist_rate: (..., 3) the rates of these [m/s^2, m/s^2, rad/s^2].
+    """
+    ((_, z, phi), (_, dz, dphi), (ddx, ddz, ddphi)), shape = columns(
+        (pose, 3, "pose"), (twist, 3, "twist"), (twist_rate, 3, "twist_rate")
+    )
+    s, c = sin_cos(phi)
+    sliders = (
+        (geometry.p_OP, geometry.link, -1.0),
+        (geometry.p_OP, geometry.link, 1.0),
+        (geometry.p_OT, geometry.strut, geometry.branch),
+    )
+    found = []
+    for (x_C, z_C), length, ahead in sliders:
+        r_x, r_z = c * x_C + s * z_C, c * z_C - s * x_C
+        height, up = z + r_z, dz - r_x * dphi
+        ddheight = ddz - r_x * ddphi - r_z * dphi**2
+        # The link's length along the rail, sqrt(length^2 - height^2), and its rates.
+        reach = sqrt(length**2 - height * height)
+        rate = quotient(-height * up, reach)
+        ddreach = quotient(-(up * up + height * ddheight + rate * rate), reach)
+        found.append(ddx + r_z * ddphi - r_x * dphi**2 + ahead * ddreach)
+    return stack(found, shape)
 
 
 def slider_forces(

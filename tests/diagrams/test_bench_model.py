@@ -19,6 +19,8 @@ from parapod.systems.terrain_simulator.kinematics import (
     slider_places,
     slider_rates,
 )
+from parapod.systems.terrain_simulator.path import Gait, PlatePath, check_path
+from parapod.systems.terrain_simulator.terrain import Level
 
 # Pose in the middle, amplitudes and frequencies of a motion [m, rad, Hz].
 PEDAL = ((0.5, 0.28, 0.0), (0.06, 0.03, 0.2), (1.0, 3.0, 2.0))
@@ -143,6 +145,17 @@ def test_sliders_hold_a_load_as_statics_say(configuration, load):
 @BOTH
 def test_a_plate_led_one_step_ahead_is_where_it_is_to_be(configuration):
     (x, z, phi), gap = Bench(configuration).follow(0.5)
+    assert max(x, z) < 1e-4
+    assert math.degrees(phi) < 0.01
+    assert gap < 2e-5
+
+
+def test_the_pedal_follows_a_walking_trot():
+    path = PlatePath(Level(), Gait(1.5, ramp=0.28), x_c=0.513, z_c=0.30)
+    bench = Bench("pedal")
+    check_path(bench.geometry, path)
+    bench.motion = lambda time: path.at(time)[:2]
+    (x, z, phi), gap = bench.follow(1.0)
     assert max(x, z) < 1e-4
     assert math.degrees(phi) < 0.01
     assert gap < 2e-5

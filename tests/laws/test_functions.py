@@ -63,6 +63,7 @@ SAMPLED = {
         "pose": near(PLATE, 0.02),
         "sliders": near(slider_places(BENCH, PLATE)),
         "twist": near([0.5, 0.2, 1.0], 0.1),
+        "twist_rate": near([5.0, 2.0, 10.0], 1.0),
         "z": near(0.28, 0.01),
     },
     "walking_chair": {

@@ -12,6 +12,7 @@ from parapod.systems.terrain_simulator.kinematics import (
     inverse_kinematics,
     margins,
     singularity,
+    slider_accelerations,
     slider_places,
     slider_rates,
 )
@@ -21,7 +22,6 @@ from parapod.systems.terrain_simulator.path import (
     PathRefused,
     PlatePath,
     check_path,
-    slider_accelerations,
 )
 from parapod.systems.terrain_simulator.terrain import (
     AlternatingSlopes,
