@@ -40,6 +40,8 @@ BENCHES = {
 WAYS = {"up": -1.0, "level": 0.0, "down": 1.0}
 # Angles of a range that must all be possible, and points along the edges of a box.
 _ANGLES, _POINTS = 91, 9
+# Heights at which the distance of A_2 and A_3 is looked at.
+_ALONG = 1000
 # Largest relative change of an area when its cells are halved.
 _CONVERGED = 1e-3
 _GAP = LIMITS.index("gap of A_2 and A_3")
@@ -256,7 +258,7 @@ def _largest_offset() -> int:
     largest = 0
     for degrees in range(1, 60):
         bench = replace(pedal, offset=math.radians(degrees))
-        found = workspace(replace(bench, strut_gap=None), -most)
+        found = workspace(replace(bench, strut_gap=None), -most, cells=_ALONG)
         pose = np.stack((0.0 * found.z, found.z, np.full_like(found.z, -most)), axis=-1)
         if found.is_empty or margins(bench, pose)[:, _GAP].min() < 0.0:
             return largest

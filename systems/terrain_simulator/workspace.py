@@ -5,6 +5,7 @@ height and an angle the places along the rail are one interval, known exactly, a
 here is its ends, counted along z.
 """
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,8 +19,10 @@ from parapod.systems.terrain_simulator.kinematics import LIMITS, margins, slider
 # Limits of the mechanism's shape come first; those of the sliders' rails are the interval.
 _SHAPE = LIMITS.index("rear end of slider 1")
 _LINE = LIMITS.index("line P T A_3")
-# Heights at which the workspace is looked for, and halvings of the distance to its ends.
-_LOOKS, _HALVINGS = 2000, 40
+# Heights at which the workspace is looked for; its ends are then sought in parts of a step, of a
+# part, ...
+_LOOKS, _PARTS, _REFINEMENTS = 800, 64, 6
+_HALVINGS = 40  # in the search for the tallest box
 
 
 class Box(NamedTuple):
@@ -175,17 +178,17 @@ def workspace(
         common[~(common[:, 1] >= common[:, 0])] = np.nan
         return common
 
-    highest = geometry.link + geometry.lever + geometry.plate
+    highest = geometry.link + math.hypot(*geometry.p_OP)
     looks = np.linspace(0.0, highest, _LOOKS)
     found = np.flatnonzero(~np.isnan(ends(looks)[:, 0]))
     if not found.size:
         return Workspace(np.empty(0), np.empty((0, 2)), np.nan, np.nan)
 
     def edge(inside: float, outside: float) -> float:
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (inside + outside)
-            is_in = not np.isnan(ends(np.array((middle,)))[0, 0])
-            inside, outside = (middle, outside) if is_in else (inside, middle)
+        for _ in range(_REFINEMENTS):
+            z = np.linspace(inside, outside, _PARTS + 1)
+            first_out = int(np.argmax(np.isnan(ends(z)[:, 0])))
+            inside, outside = z[first_out - 1], z[first_out]
         return inside
 
     step = looks[1]
