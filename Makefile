@@ -48,7 +48,8 @@ check: lint types
 # What can run beside each other does, on all cores; what is judged by the clock then runs alone, or
 # beside whole experiments where real-time programs may keep these away.
 test: lint
-	$(MAKE) --no-print-directory --jobs=2 types together
+	$(MAKE) --no-print-directory --jobs=2 types build/compiled
+	$(MAKE) --no-print-directory together
 	$(MAKE) --no-print-directory --jobs=2 --output-sync=target clocked $(if $(BESIDE),whole-runs)
 
 # With the tests that are left out of the everyday ones.
@@ -65,6 +66,12 @@ types: setup
 	@for room in systems diagrams urdf sims; do ln -sfn ../../../$$room build/types/parapod/$$room; done
 	@ln -sfn ../../../sims/public/__init__.py build/types/parapod/__init__.py
 	MYPYPATH=build/types:. $(BIN)/mypy -p parapod -p benchmarks
+
+# Once, and not by each process of the tests while the others do it too.
+build/compiled: $(VENV)/.installed
+	@mkdir -p build
+	@$(PYTEST) --collect-only --quiet > $@.part || { cat $@.part; exit 1; }
+	@mv $@.part $@
 
 together: setup
 	$(TOGETHER) -m "not real_time and not slow $(if $(BESIDE),and not whole_run)" $(ARGS) || $(NONE)
