@@ -94,7 +94,7 @@ def _jobs(limbs: int, name: str, console: Console) -> list[Measurement]:
 
 
 def _ends_safely(limbs: int, instant: float) -> bool:
-    """Whether a walk that is stopped at an instant [s] ends clamped, with its drill retracted."""
+    """True if a walk that is stopped at an instant [s] ends clamped, its drill retracted."""
     scenario = parapod.scenario("center-walk", limbs=limbs, backend="kinematic")
     scenario.stop_at = instant
     quiet = RunOptions(console=Console(file=io.StringIO()))

@@ -436,6 +436,12 @@ def _check_speeds(job: Job, lengths: Array, duration: float, which: str) -> None
         )
 
 
+def is_clear(job: Job, poses: Array) -> bool:
+    """True if the drill is retracted at all of some poses (..., 6) of the platform [m, rad]."""
+    heights = job.panel.place(job.process.tip(poses))[..., 2]
+    return bool((heights >= _RETRACTED * job.process.clearance).all())
+
+
 def _check_tip(job: Job, pose: Array, share: float = _FREE) -> None:
     """Refuses a drill that has less than a share of its clearance where nothing is drilled."""
     height = float(job.panel.place(job.process.tip(pose))[2])

@@ -23,6 +23,8 @@ from parapod.systems.machining_center.job import (
     Refused,
     Swing,
     check_drill,
+    is_clear,
+    try_swing,
 )
 from parapod.systems.machining_center.paths import (
     duration_of,
@@ -273,6 +275,8 @@ _NUMBERS: dict[str, Callable[[float], Any]] = {
 
 # What is asked for counts from here on [m, rad].
 _ASKED = 5e-4
+# Poses at which a lift is looked at before it begins, between two ticks of a controller.
+_LOOKS_OF_LIFT = 8
 
 
 def _swinging(progress: Progress, phase: Phase, lock_set: LockSet) -> Progress:
@@ -489,16 +493,29 @@ class Sequence:
         if 1 <= limb <= self.geometry.limbs:
             least = self.job.least_sigma
             sets = best_sets(self.geometry, seen.pose, seen.feet, limb, least, 1)
-            return _swinging(progress, Phase.LOCK, sets[0]) if sets else progress
+            if not sets or not self._may_lift(sets[0], seen):
+                return progress
+            return _swinging(progress, Phase.LOCK, sets[0])
         by = displacement(seen.pose, pose)
         looks = np.array([platform_at(seen.pose, by, share) for share in (0.5, 1.0)])
         lengths = leg_lengths(self.geometry, looks, seen.feet)
-        if np.abs(by).max() < _ASKED or not within_stroke(self.geometry, lengths).all():
+        is_possible = within_stroke(self.geometry, lengths).all() and is_clear(self.job, looks)
+        if np.abs(by).max() < _ASKED or not is_possible:
             return progress
         speeds = self.job.speeds
         duration = duration_of(seen.pose, pose, speeds, speeds.rapid)
         phase = Phase.RECONFIGURATION
         return replace(progress, phase=phase, duration=duration, end=pose, by=by)
+
+    def _may_lift(self, lock_set: LockSet, seen: Seen) -> bool:
+        """True if a foot can be lifted and put down with the drill clear of the panel."""
+        foothold = self._foothold(None, seen.feet[lock_set.limb - 1])
+        swing = Swing(seen.pose, lock_set, foothold)
+        try:
+            try_swing(self.geometry, self.job, swing, seen.feet, _LOOKS_OF_LIFT)
+        except Refused:
+            return False
+        return True
 
     def _stopped(self, progress: Progress, seen: Seen) -> Progress | None:
         """The progress of a job that somebody stops; None where the phase goes on as it does."""

@@ -172,7 +172,7 @@ def best_sets(
 
 
 def turns(geometry: CenterGeometry) -> bool:
-    """Whether swinging feet may turn about their axes: a tripod has no freedom left otherwise."""
+    """True if swinging feet may turn about their axes: a tripod has no freedom left otherwise."""
     return geometry.limbs == 3
 
 

@@ -97,7 +97,7 @@ class Workspace:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no place can be reached."""
+        """True if no place can be reached."""
         return bool(np.isnan(self.z_min))
 
     @property

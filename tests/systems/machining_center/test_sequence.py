@@ -618,3 +618,66 @@ def test_a_quadruped_s_swing_turns_its_foot_and_a_tripod_s_keeps_its_heading():
         landed = panel.heading(plant.feet[0]) - panel.heading(foot)
         assert landed == pytest.approx(0.3 if limbs == 4 else 0.0, abs=1e-9)
         assert np.allclose(plant.feet[0, :3], turned[:3], atol=1e-12)
+
+
+# --- by hand
+
+
+class ByHand:
+    """A centre without a job, of which a person asks something at every instant."""
+
+    def __init__(self, limbs, leg=0.3):
+        speeds = replace(FASTER, leg=leg)
+        self.geometry, self.job = CenterGeometry(limbs), Job(panel=Panel(3.0), speeds=speeds)
+        self.home = standing(self.geometry, self.job.panel, 0.52)
+        self.sequence = Sequence(self.geometry, self.job, PERIOD, PARAMS)
+        self.plant, self.progress = Plant(self.sequence, self.home), Progress()
+
+    def ask(self, seconds, by=(0.0,) * 6, limb=0):
+        """Asks for a pose by its distance from the one at first, or a limb; phases on the way."""
+        asked, phases = np.array([*(self.home.pose + np.array(by)), limb]), []
+        for _ in range(round(seconds / PERIOD)):
+            seen = self.plant.seen(self.progress, asked=asked)
+            self.progress = self.sequence.advanced(self.progress, seen)
+            phases.append(self.progress.phase)
+        return phases
+
+
+@LIMBS
+def test_the_platform_goes_where_a_person_asks_it_to_and_stays(limbs):
+    center, by = ByHand(limbs), np.array((0.02, -0.01, -0.02, 0.03, 0.0, 0.05))
+    assert Phase.RECONFIGURATION in center.ask(8.0, by)
+    np.testing.assert_allclose(center.plant.pose, center.home.pose + by, atol=1e-9)
+    assert set(center.ask(1.0, by)) == {Phase.SETTLED}
+
+
+@LIMBS
+@pytest.mark.parametrize(
+    "by",
+    [(0.0, 0.0, -0.034, 0.0, 0.0, 0.0), (0.0, 0.0, 0.3, 0.0, 0.0, 0.0)],
+    ids=["into the panel", "out of the stroke"],
+)
+def test_the_platform_stays_where_it_is_rather_than_go_where_it_must_not(limbs, by):
+    center = ByHand(limbs)
+    assert Phase.RECONFIGURATION not in center.ask(4.0, by)
+    np.testing.assert_array_equal(center.plant.pose, center.home.pose)
+    assert Phase.RECONFIGURATION in center.ask(4.0, (0.0, 0.0, -0.028, 0.0, 0.0, 0.0))
+
+
+@LIMBS
+def test_a_foot_is_lifted_and_put_down_where_it_was(limbs):
+    center = ByHand(limbs)
+    phases = center.ask(6.0, limb=2)
+    assert [p for k, p in enumerate(phases) if k == 0 or p is not phases[k - 1]][1:6] == [
+        *(Phase.SETTLED, Phase.LOCK, Phase.UNCLAMP, Phase.SWING, Phase.CLAMP),
+    ]
+    center.ask(8.0)
+    off = center.plant.feet - center.home.feet
+    assert np.abs(off[:, :3]).max() < 1e-6
+    assert center.plant.clamps.all()
+
+
+@LIMBS
+def test_no_foot_is_lifted_that_a_job_could_not_swing(limbs):
+    center = ByHand(limbs, leg=1e-3)
+    assert set(center.ask(4.0, limb=1)) <= {Phase.WAITING, Phase.SETTLED}

@@ -15,7 +15,7 @@ BOTH = {"pedal": (PEDAL, 45.0), "treadmill": (TREADMILL, 14.0)}
 
 
 def common(name, least_sin_mu=GUARDED):
-    """What can be reached at all angles of a bench's range."""
+    """Places that can be reached at all angles of a bench's range."""
     geometry, most = BOTH[name]
     return workspace(geometry, np.radians(np.arange(-most, most + 0.25, 0.5)), least_sin_mu)
 
