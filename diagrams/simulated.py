@@ -8,18 +8,19 @@ from parapod.diagrams.wiring import add
 from parapod.systems.sensors.device_status import DeviceStatus
 
 
-def ports_of_legs(
-    drives: Diagram, command: str
+def ports_of_drives(
+    drives: Diagram, command: str, part: str = "legs"
 ) -> tuple[dict[str, InputPort], dict[str, OutputPort]]:
-    """Inputs and outputs of drives that stand behind the part `legs`, by the station's names.
+    """Inputs and outputs of drives that stand behind a part, by the station's names.
 
     Args:
         drives: with `brake`, `position_measured` and `velocity_measured`.
         command: name of what they follow.
+        part: the part.
     """
-    inputs = {f"legs.{name}": drives.GetInputPort(name) for name in (command, "brake")}
+    inputs = {f"{part}.{name}": drives.GetInputPort(name) for name in (command, "brake")}
     outputs = {
-        f"legs.{name}": drives.GetOutputPort(f"{name}_measured")
+        f"{part}.{name}": drives.GetOutputPort(f"{name}_measured")
         for name in ("position", "velocity")
     }
     return inputs, outputs

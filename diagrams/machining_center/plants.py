@@ -20,7 +20,7 @@ from parapod.diagrams.machining_center.model import add_center
 from parapod.diagrams.machining_center.ports import PARTS
 from parapod.diagrams.machining_center.scenario import CenterScenario, Plan
 from parapod.diagrams.multibody import add_discrete_plant, drive_joints
-from parapod.diagrams.simulated import add_status, ports_of_legs
+from parapod.diagrams.simulated import add_status, ports_of_drives
 from parapod.diagrams.station import Behind
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.position_servo import PositionServo
@@ -254,7 +254,7 @@ def _add_simulated(
     per_newton = 1.0 / scenario.legs.force_per_current_N_A
     current = add(builder, MatrixGain(per_newton * np.eye(geometry.legs)), "motor_current")
     connect(builder, plant.signals["leg_force"], current.get_input_port())
-    inputs, outputs = ports_of_legs(drives, "position_command")
+    inputs, outputs = ports_of_drives(drives, "position_command")
     inputs |= {
         f"{part}.command": plant.switches.GetInputPort(f"{part}_command")
         for part in ("locks", "clamps")
@@ -335,7 +335,7 @@ def add_mock(
     somewhere = add(builder, ConstantVectorSource(feet), "somewhere")
     connect(builder, somewhere.get_output_port(), switches.GetInputPort("feet"))
     current = add(builder, ConstantVectorSource(np.zeros(geometry.legs)), "motor_current")
-    inputs, outputs = ports_of_legs(drives, "position_command")
+    inputs, outputs = ports_of_drives(drives, "position_command")
     for part in ("locks", "clamps"):
         inputs[f"{part}.command"] = switches.GetInputPort(f"{part}_command")
         outputs[f"{part}.closed"] = switches.GetOutputPort(f"{part}_closed")

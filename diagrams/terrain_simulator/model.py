@@ -1,29 +1,69 @@
 """The terrain simulator's bodies, joints and loops in a MultibodyPlant; pictures."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, RevoluteJoint
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    ModelInstanceIndex,
+    PdControllerGains,
+    PrismaticJoint,
+    RevoluteJoint,
+)
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.drawing import View, add_renderer, take
-from parapod.systems.terrain_simulator.geometry import BenchGeometry
+from parapod.diagrams.multibody import add_adapted_model
+from parapod.diagrams.terrain_simulator.leg import (
+    AddedLeg,
+    LegDescription,
+    add_leg,
+    make_leg_model,
+)
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS
 from parapod.systems.terrain_simulator.model import SLIDERS, BenchModel
 from parapod.urdf import configure_parser
 
 # Stiffness of a slider's drive [N/m], and its damping [N s/m]: assumptions.
 STIFFNESS = PdControllerGains(p=1e7, d=2e4)
+# Of the drive that holds the column, or moves it: none of the bench's own.
+_COLUMN = PdControllerGains(p=1e9, d=2e6)
 _FOLDER = "package://parapod/terrain_simulator"
-_BENCHES = {"pedal": BenchGeometry.pedal(), "treadmill": BenchGeometry.treadmill()}
+
+
+# Ends of the slide [m].
+_LOWEST, _HIGHEST = 0.4, 1.4
+
+
+@dataclass(frozen=True)
+class LegOnSlide:
+    """A leg on the slide of the column, in a plant.
+
+    Attributes:
+        leg: the leg.
+        column: model instance of the column.
+        slide: model instance of the slide.
+    """
+
+    leg: AddedLeg
+    column: ModelInstanceIndex
+    slide: ModelInstanceIndex
 
 
 def add_bench(
-    plant: MultibodyPlant, configuration: str, stiffness: PdControllerGains = STIFFNESS
+    plant: MultibodyPlant,
+    configuration: str,
+    stiffness: PdControllerGains = STIFFNESS,
+    add_more: Callable[[], None] = lambda: None,
 ) -> BenchModel:
     """Adds a bench to a plant that is part of a diagram, and finalizes it.
 
@@ -31,32 +71,76 @@ def add_bench(
         plant: a plant with a registered scene graph and a time step above zero.
         configuration: "pedal" or "treadmill".
         stiffness: stiffness and damping of each slider's drive [N/m, N s/m].
+        add_more: adds what else is to be in the plant.
 
     Raises:
         ValueError: another configuration.
     """
-    if configuration not in _BENCHES:
-        raise ValueError(f"configuration must be one of {', '.join(_BENCHES)}: {configuration!r}")
-    geometry = _BENCHES[configuration]
+    if configuration not in CONFIGURATIONS:
+        known = ", ".join(CONFIGURATIONS)
+        raise ValueError(f"configuration must be one of {known}: {configuration!r}")
+    geometry = CONFIGURATIONS[configuration]
     parser = Parser(plant)
     configure_parser(parser)
-    parser.AddModels(url=f"{_FOLDER}/rail.urdf")
-    parser.AddModels(url=f"{_FOLDER}/{configuration}.urdf")
-    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("rail"))
-    link = plant.GetFrameByName("link_1")
+    (rail,) = parser.AddModels(url=f"{_FOLDER}/rail.urdf")
+    (carried,) = parser.AddModels(url=f"{_FOLDER}/{configuration}.urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("rail", rail))
+    link = plant.GetFrameByName("link_1", rail)
     X_LP = RigidTransform(np.array((geometry.link, 0.0, 0.0)))
     pivot: Any = plant.AddFrame(FixedOffsetFrame("P", link, X_LP))
     y = np.array((0.0, 1.0, 0.0))
-    plant.AddJoint(RevoluteJoint("plate", pivot, plant.GetFrameByName("plate"), y))
-    bodies = {name: plant.GetBodyByName(name) for name in ("link_2", "plate", "strut", "slider_3")}
+    plant.AddJoint(RevoluteJoint("plate", pivot, plant.GetFrameByName("plate", carried), y))
+    model = BenchModel(plant, geometry, rail, carried)
     here = np.zeros(3)
     tip, foot = np.array((geometry.link, 0.0, 0.0)), np.array((-geometry.strut, 0.0, 0.0))
-    plant.AddBallConstraint(bodies["link_2"], tip, bodies["plate"], here)
-    plant.AddBallConstraint(bodies["strut"], foot, bodies["slider_3"], here)
+    plant.AddBallConstraint(model.body("link_2"), tip, model.body("plate"), here)
+    plant.AddBallConstraint(model.body("strut"), foot, model.body("slider_3"), here)
     for name in SLIDERS:
-        plant.GetJointActuatorByName(name).set_controller_gains(stiffness)
+        plant.GetJointActuatorByName(name, rail).set_controller_gains(stiffness)
+    add_more()
     plant.Finalize()
-    return BenchModel(plant, geometry)
+    return model
+
+
+def add_leg_on_slide(
+    plant: MultibodyPlant,
+    leg: LegDescription,
+    mass: float,
+    scene_graph: SceneGraph | None = None,
+) -> LegOnSlide:
+    """Adds the column, the hip's slide and the leg on it to a plant that is not finalized.
+
+    Args:
+        plant: the plant.
+        leg: the leg.
+        mass: mass that the slide has with its leg [kg].
+        scene_graph: with which the plant is registered; None: nothing collides.
+
+    Raises:
+        ScenarioError: a leg that is none, or is heavier than that.
+    """
+    weight = mass - make_leg_model(leg).mass
+    if weight <= 0.0:
+        raise ScenarioError(
+            f"hip.mass_kg = {mass:g} must be more than the {mass - weight:.3g} kg of the leg",
+            "hip.mass_kg",
+        )
+
+    def adapt(robot: ElementTree.Element) -> None:
+        inertial = robot.find("link[@name='slide']/inertial/mass")
+        assert inertial is not None
+        inertial.set("value", repr(weight))
+
+    parser = Parser(plant)
+    configure_parser(parser)
+    (column,) = parser.AddModels(url=f"{_FOLDER}/column.urdf")
+    plant.GetJointActuatorByName("column", column).set_controller_gains(_COLUMN)
+    slide = add_adapted_model(parser, f"{_FOLDER}/slide.urdf", "slide", adapt)
+    body = plant.GetFrameByName("slide", slide)
+    frame, up = plant.GetFrameByName("column", column), np.array((0.0, 0.0, 1.0))
+    joint = plant.AddJoint(PrismaticJoint("slide", frame, body, up, _LOWEST, _HIGHEST))
+    plant.AddJointActuator("slide", joint)
+    return LegOnSlide(add_leg(plant, leg, body, scene_graph), column, slide)
 
 
 def photograph(

@@ -13,7 +13,7 @@ from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from parapod.diagrams.drawing import draw, publish, remove_visuals
 from parapod.diagrams.multibody import add_discrete_plant, drive_joints
-from parapod.diagrams.simulated import add_status, ports_of_legs
+from parapod.diagrams.simulated import add_status, ports_of_drives
 from parapod.diagrams.station import Behind
 from parapod.diagrams.walking_chair.model import add_chair, add_passenger
 from parapod.diagrams.walking_chair.ports import PARTS
@@ -242,7 +242,7 @@ def _add_simulated(
     per_newton = 1.0 / PayloadEstimatorParams().force_per_current
     current = add(builder, MatrixGain(per_newton * np.eye(len(BRANCHES))), "motor_current")
     connect(builder, plant.signals["force"], current.get_input_port())
-    inputs, outputs = ports_of_legs(drives, "velocity_command")
+    inputs, outputs = ports_of_drives(drives, "velocity_command")
     outputs |= {"legs.current": current.get_output_port()} | add_status(builder, PARTS)
     outputs |= {f"truth.{name}": port for name, port in plant.signals.items()}
     outputs["truth.position"] = drives.GetOutputPort("position")
@@ -298,6 +298,6 @@ def add_mock(
     servo = VelocityServo(exact, len(BRANCHES), scenario.control.period, position=start)
     drives = add(builder, servo, "drives")
     current = add(builder, ConstantVectorSource(np.zeros(len(BRANCHES))), "motor_current")
-    inputs, outputs = ports_of_legs(drives, "velocity_command")
+    inputs, outputs = ports_of_drives(drives, "velocity_command")
     outputs |= {"legs.current": current.get_output_port()} | add_status(builder, PARTS)
     return Behind(inputs, outputs)

@@ -94,3 +94,7 @@ class BenchGeometry:
     def branch(self) -> float:
         """Sign of the root with which A_3 is found: 1.0 ahead of T, -1.0 behind."""
         return 1.0 if self.strut_ahead else -1.0
+
+
+# Benches by the names of their configurations.
+CONFIGURATIONS = {"pedal": BenchGeometry.pedal(), "treadmill": BenchGeometry.treadmill()}

@@ -1,21 +1,31 @@
 """The terrain simulator's bench as bodies and joints: names, closed-form pose, loops."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context
+from pydrake.multibody.tree import Joint, ModelInstanceIndex, RigidBody
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.core.batching import columns
 from parapod.systems.core.elementwise import atan2, sin_cos
-from parapod.systems.terrain_simulator.geometry import BenchGeometry
-from parapod.systems.terrain_simulator.kinematics import slider_places
+from parapod.systems.core.ports import read_array
+from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS, BenchGeometry
+from parapod.systems.terrain_simulator.kinematics import (
+    UnreachablePlate,
+    forward_kinematics,
+    slider_places,
+)
 
 SLIDERS = ("slider_1", "slider_2", "slider_3")
-_JOINTS = (*SLIDERS, "link_1", "link_2", "plate", "strut")
+_ON_RAIL, _CARRIED = (*SLIDERS, "link_1", "link_2"), ("plate", "strut")
 
 
 @dataclass(frozen=True)
@@ -28,10 +38,14 @@ class BenchModel:
     Attributes:
         plant: the plant.
         geometry: geometry to which the files are drawn.
+        rail: model instance of the rail, its sliders and two links.
+        carried: model instance of the plate and the strut.
     """
 
     plant: MultibodyPlant
     geometry: BenchGeometry
+    rail: ModelInstanceIndex
+    carried: ModelInstanceIndex
 
     def stand(self, context: Context, pose: ArrayLike, twist: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Puts the bench into a pose with a motion, loops closed.
@@ -43,8 +57,7 @@ class BenchModel:
         """
         q, v = self.motion(pose, twist)
         positions, velocities = self.plant.GetPositions(context), self.plant.GetVelocities(context)
-        for name, value, rate in zip(_JOINTS, q, v, strict=True):
-            joint = self.plant.GetJointByName(name)
+        for joint, value, rate in zip(self._joints, q, v, strict=True):
             positions[joint.position_start()], velocities[joint.velocity_start()] = value, rate
         self.plant.SetPositions(context, positions)
         self.plant.SetVelocities(context, velocities)
@@ -61,7 +74,7 @@ class BenchModel:
         Returns:
             Three sliders [m, m/s], link 1, link 2, plate and strut [rad, rad/s].
         """
-        q = np.array(self._positions(np.asarray(pose, dtype=float)), dtype=float)
+        q = self.positions(pose)
         moving = self._positions(InitializeAutoDiff(np.asarray(pose, dtype=float)).ravel())
         v = ExtractGradient(np.array(moving)) @ np.asarray(twist, dtype=float)
         return q, v
@@ -72,7 +85,10 @@ class BenchModel:
         Args:
             context: the plant's context.
         """
-        X_WP = self.plant.EvalBodyPoseInWorld(context, self.plant.GetBodyByName("plate"))
+        return self.pose_of(self.plant.EvalBodyPoseInWorld(context, self.body("plate")))
+
+    def pose_of(self, X_WP: RigidTransform) -> NDArray[np.float64]:
+        """Pose (3) x, z, phi of the plate's middle [m, m, rad], from that of its body."""
         x, z = self.geometry.p_OP
         x, _, z = X_WP @ np.array((-x, 0.0, -z))
         R = X_WP.rotation().matrix()
@@ -84,10 +100,14 @@ class BenchModel:
         Args:
             context: the plant's context.
         """
+        plant = self.plant
+        return self.loop_error_of(lambda name: plant.EvalBodyPoseInWorld(context, self.body(name)))
+
+    def loop_error_of(self, pose: Callable[[str], RigidTransform]) -> NDArray[np.float64]:
+        """The same from the poses of the bodies, by their names."""
 
         def place(name: str, point: tuple[float, float, float]) -> NDArray[np.float64]:
-            pose = self.plant.EvalBodyPoseInWorld(context, self.plant.GetBodyByName(name))
-            return np.asarray(pose @ np.array(point))
+            return np.asarray(pose(name) @ np.array(point))
 
         here = (0.0, 0.0, 0.0)
         ends = (
@@ -95,6 +115,27 @@ class BenchModel:
             (place("strut", (-self.geometry.strut, 0.0, 0.0)), place("slider_3", here)),
         )
         return np.array([np.linalg.norm(one - other) for one, other in ends])
+
+    def body(self, name: str) -> RigidBody:
+        """Body of the bench by its name; a leg may have one of the same."""
+        plant, carried = self.plant, self.carried
+        is_carried = plant.HasBodyNamed(name, carried)
+        return plant.GetBodyByName(name, carried if is_carried else self.rail)
+
+    def positions(self, pose: ArrayLike) -> NDArray[np.float64]:
+        """Positions (7) of the joints for a pose of the plate, in the order of `motion`."""
+        return np.array(self._positions(np.asarray(pose, dtype=float)), dtype=float)
+
+    @cached_property
+    def order(self) -> list[int]:
+        """Indices (7) of these joints among the plant's positions."""
+        return [joint.position_start() for joint in self._joints]
+
+    @property
+    def _joints(self) -> list[Joint]:
+        plant = self.plant
+        groups = ((_ON_RAIL, self.rail), (_CARRIED, self.carried))
+        return [plant.GetJointByName(name, of) for names, of in groups for name in names]
 
     def _positions(self, pose: NDArray[Any]) -> list[Any]:
         ((x, z, phi),), _ = columns((pose, 3, "pose"))
@@ -105,3 +146,108 @@ class BenchModel:
         first, second = -atan2(z_P, s_1), -atan2(z_P, -s_1)
         strut = -atan2(z - s * t_x + c * t_z, x + c * t_x + s * t_z - a_3)
         return [a_1, a_2, a_3, first, second, phi - first, strut - phi]
+
+
+class BenchTruth(LeafSystem):
+    """True pose of the plate, and how well the bench's loops are closed.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `body_poses` | abstract | - | poses of the plant's bodies |
+    | out `pose` | 3 | m, m, rad | x, z, phi of the plate's middle |
+    | out `loop_error` | 2 | m | gaps of link 2 and P, and of the strut and slider 3 |
+
+    State: none.
+    """
+
+    def __init__(self, model: BenchModel):
+        super().__init__()
+        self.set_name("bench_truth")
+        self._model = model
+        self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]([]))
+        here = {self._poses.ticket()}
+        self.DeclareVectorOutputPort("pose", 3, self._calc_pose, here)
+        self.DeclareVectorOutputPort("loop_error", 2, self._calc_loop_error, here)
+
+    def _calc_pose(self, context: Context, output: BasicVector) -> None:
+        poses: Any = self._poses.Eval(context)
+        model = self._model
+        output.SetFromVector(model.pose_of(poses[model.body("plate").index()]))
+
+    def _calc_loop_error(self, context: Context, output: BasicVector) -> None:
+        poses: Any = self._poses.Eval(context)
+        model = self._model
+        output.SetFromVector(model.loop_error_of(lambda name: poses[model.body(name).index()]))
+
+
+class BenchPositions(LeafSystem):
+    """Positions of the model's joints for a pose of the plate, all loops closed.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `pose` | 3 | m, m, rad | x, z, phi of the plate's middle |
+    | in `hip` | 2 | m | place of the column along the rail, height of the hip |
+    | in `leg` | n | rad or m | joints of the leg |
+    | out `positions` | n | - | positions of all joints of the model's plant |
+
+    State: none.
+
+    Bad input: a pose that no sliders lead to gives positions that are none.
+
+    Args:
+        model: the bench, with a leg on the slide.
+        order: indices of column, slide and the leg's joints among the plant's positions.
+    """
+
+    def __init__(self, model: BenchModel, order: tuple[int, ...]):
+        super().__init__()
+        self.set_name("bench_positions")
+        self._model, self._order = model, list(order)
+        self._pose = self.DeclareVectorInputPort("pose", 3)
+        self._hip = self.DeclareVectorInputPort("hip", 2)
+        self._leg = self.DeclareVectorInputPort("leg", len(order) - 2)
+        self.DeclareVectorOutputPort(
+            "positions",
+            model.plant.num_positions(),
+            self._calc_positions,
+            {self.all_input_ports_ticket()},
+        )
+
+    def _calc_positions(self, context: Context, output: BasicVector) -> None:
+        positions = np.zeros(self._model.plant.num_positions())
+        joints = self._model.positions(read_array(self._pose, context))
+        positions[self._model.order] = joints
+        hip, leg = read_array(self._hip, context), read_array(self._leg, context)
+        positions[self._order] = np.concatenate((hip, leg))
+        output.SetFromVector(positions)
+
+
+class PlatePose(LeafSystem):
+    """Pose of the plate where the sliders are: a bench without dynamics.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `position` | 3 | m | places of the sliders |
+    | out `pose` | 3 | m, m, rad | x, z, phi of the plate's middle |
+
+    State: none.
+
+    Bad input: NaN where no pose belongs to the sliders.
+
+    Args:
+        geometry: the bench.
+    """
+
+    def __init__(self, geometry: BenchGeometry = CONFIGURATIONS["pedal"]):
+        super().__init__()
+        self.set_name("plate_pose")
+        self._geometry = geometry
+        self._position = self.DeclareVectorInputPort("position", 3)
+        self.DeclareVectorOutputPort("pose", 3, self._calc_pose, {self._position.ticket()})
+
+    def _calc_pose(self, context: Context, output: BasicVector) -> None:
+        try:
+            pose = forward_kinematics(self._geometry, read_array(self._position, context))
+        except UnreachablePlate:
+            pose = np.full(3, np.nan)
+        output.SetFromVector(pose)

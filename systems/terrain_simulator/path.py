@@ -62,6 +62,10 @@ class PlateMotion(NamedTuple):
         acceleration: (..., 3) the rates of these [m/s^2, m/s^2, rad/s^2].
         belt: (...) speed of a treadmill's belt, positive to the rear [m/s]; 0 for a pedal.
         stance: (...) whether the foot stands on the plate.
+        foothold: (3, ..., 2) x, z of the ground under the foot, and their derivatives: the plate's
+            middle, without the dip, or a place on the belt [m, m/s, m/s^2].
+        rise: (3, ...) height of the body above that of the distance zero, and its derivatives
+            [m, m/s, m/s^2].
     """
 
     pose: Array
@@ -69,6 +73,8 @@ class PlateMotion(NamedTuple):
     acceleration: Array
     belt: Array
     stance: NDArray[np.bool_]
+    foothold: Array
+    rise: Array
 
 
 @dataclass(frozen=True)
@@ -148,8 +154,11 @@ class PlatePath:
         phi[0] -= slopes[..., 0]
         # Height of the foothold over that of the body.
         lift = np.stack(self.terrain.lift(times))
-        z = rise * S + lift - gait.body(heights, share)
+        body = gait.body(heights, share)
+        z = rise * S + lift - body
         z[0] += this + self.z_c
+        foothold = np.stack((along, z), axis=-1)
+        foothold[0, ..., 0] += self.x_c
         if self.dip:
             z -= self.dip * gait.dipped(share)
         belt = np.zeros_like(S[0])
@@ -159,7 +168,7 @@ class PlatePath:
             along = np.zeros_like(along)
         along[0] += self.x_c
         pose, velocity, acceleration = np.stack((along, z, phi), axis=-1)
-        return PlateMotion(pose, velocity, acceleration, belt, stance)
+        return PlateMotion(pose, velocity, acceleration, belt, stance, foothold, body)
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from parapod.systems.terrain_simulator.terrain import Level
 # Pose in the middle, amplitudes and frequencies of a motion [m, rad, Hz].
 PEDAL = ((0.5, 0.28, 0.0), (0.06, 0.03, 0.2), (1.0, 3.0, 2.0))
 TREADMILL = ((0.85, 0.19, 0.0), (0.05, 0.02, 0.1), (1.0, 3.0, 2.0))
-NAMES = ("rail", "slider_1", "slider_2", "slider_3", "link_1", "link_2", "plate", "strut")
+NAMES = ("rail", "slider_1", "slider_2", "slider_3", "link_1", "link_2", "plate", "tread", "strut")
 MOTIONS = {"pedal": PEDAL, "treadmill": TREADMILL}
 BOTH = pytest.mark.parametrize("configuration", MOTIONS)
 
@@ -187,8 +187,8 @@ def test_the_plate_alone_can_be_touched_and_its_middle_is_on_its_surface(configu
     touched = {
         name: plant.GetCollisionGeometriesForBody(plant.GetBodyByName(name)) for name in NAMES
     }
-    assert [name for name, found in touched.items() if found] == ["plate"]
-    (surface,) = touched["plate"]
+    assert [name for name, found in touched.items() if found] == ["tread"]
+    (surface,) = touched["tread"]
     inspector = bench.scene_graph.model_inspector()
     box, X_PB = inspector.GetShape(surface), inspector.GetPoseInFrame(surface)
     x, z = bench.geometry.p_OP

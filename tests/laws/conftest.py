@@ -20,13 +20,22 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, PortDataType
+from pydrake.systems.framework import (
+    BusValue,
+    Diagram,
+    DiagramBuilder,
+    LeafSystem,
+    PortDataType,
+)
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 import parapod.systems
 from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.machining_center.model import add_center
+from parapod.diagrams.terrain_simulator.leg import LegDescription, make_leg_model
+from parapod.diagrams.terrain_simulator.model import add_bench, add_leg_on_slide
 from parapod.diagrams.walking_chair.model import add_chair
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.actuators.pi_controller import PiControllerParams
@@ -45,6 +54,8 @@ from parapod.systems.machining_center.posture import Posture, lockable_joints
 from parapod.systems.machining_center.sequence import SequenceParams
 from parapod.systems.safety.faults import Fault
 from parapod.systems.sensors.imu import ImuParams, sample_period
+from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS
+from parapod.systems.terrain_simulator.kinematics import slider_places
 from parapod.systems.walking_chair.feedforward import NotAtStart
 from parapod.systems.walking_chair.gait import Walk, gait_motion, starting_lengths
 from parapod.systems.walking_chair.geometry import ChairGeometry
@@ -161,6 +172,17 @@ def add_tripod(plant):
     return add_center(plant, TRIPOD)
 
 
+def add_pedal(plant):
+    return add_bench(plant, "pedal")
+
+
+def add_pedal_and_leg(plant):
+    def add_leg():
+        add_leg_on_slide(plant, LegDescription(), 30.0)
+
+    return add_bench(plant, "pedal", add_more=add_leg)
+
+
 PARTS = ("position", "velocity", "acceleration")
 TRIPOD, HOME = CenterGeometry(), np.array((0.0, 0.0, 0.48, 0.0, 0.0, 0.0))
 FOOTHOLDS, FOOT = TRIPOD.footholds.ravel(), TRIPOD.footholds[1]
@@ -174,6 +196,35 @@ CENTER = {
     "position_measured": around(leg_lengths(TRIPOD, HOME), 1e-3),
 }
 START = gait_motion(CHAIR, WALK.gaits[0], 0.0)
+PLATE = np.array((0.5, 0.28, 0.0))
+SLIDERS = around(slider_places(CONFIGURATIONS["pedal"], PLATE), 2e-3)
+BENCH = {
+    **dict.fromkeys(("pose_asked", "pose"), around(PLATE, 2e-3)),
+    "position_measured": SLIDERS,
+    "position": SLIDERS,
+    "plate_motion": around((*PLATE, *(0.0,) * 6), *(2e-3,) * 3, *(0.5,) * 3, *(5.0,) * 3),
+    "current": around(0.0, 5.0),
+    "force": around((150.0, 150.0, 0.0), 50.0),
+}
+LEG = {
+    "position": around((0.6, -1.2), 0.1),
+    "velocity": around(0.0, 1.0),
+    "foot_desired": around((0.0, -0.57, 0.0, 0.0, 0.0, 0.0), 0.01),
+    "foot_force_desired": around(300.0, 200.0),
+    "stance": one_of(0.0, 1.0),
+}
+HIP = {
+    "hip_force": around(0.0, 300.0),
+    "hip_desired": around((0.9, 0.0), 5e-3, 0.1),
+    "hip_measured": around(0.9, 5e-3),
+    "hip_rate": around(0.0, 0.1),
+}
+
+
+def reactions(random, size):
+    """Forces at the joints of a plant that has one."""
+    return [SpatialForce(random.uniform(-9.0, 9.0, 3), random.uniform(-300.0, 300.0, 3))]
+
 
 # --- What the laws must be told
 
@@ -213,12 +264,16 @@ def of_model(add, **arguments):
     return lambda: {"model": model_of(add)[0]} | {name: f() for name, f in arguments.items()}
 
 
-def of_bodies(port):
-    """Value of an output of a centre's plant, somewhere about its beginning."""
+def of_bodies(port, add=add_tripod):
+    """Value of an output of the plant of a centre or a bench, somewhere about its beginning."""
 
     def sample(random, size):
-        model, context, *_ = model_of(add_tripod)
-        q = model.positions(HOME + random.uniform(-0.02, 0.02, 6))
+        model, context, *_ = model_of(add)
+        if add is add_tripod:
+            q = model.positions(HOME + random.uniform(-0.02, 0.02, 6))
+        else:
+            q = np.zeros(model.plant.num_positions())
+            q[model.order] = model.positions(PLATE + random.uniform(-0.02, 0.02, 3))
         model.plant.SetPositions(context, q + random.uniform(-2e-3, 2e-3, q.size))
         value = model.plant.GetOutputPort(port).EvalAbstract(context)
         return value.Clone() if size is None else value.get_value().value()[:size]
@@ -336,6 +391,36 @@ ENTRIES: dict[str, Entry] = {
         },
         passes={"as planned: NaN": "toward"},
     ),
+    "BeltSurface": Entry(inputs={"velocity": around(0.0, 2.0)}),
+    "BenchPositions": Entry(
+        of_model(add_pedal_and_leg, order=lambda: (7, 8, 9, 10)),
+        inputs={**BENCH, "hip": around((0.5, 0.9), 0.01), "leg": around((0.6, -1.2), 0.1)},
+        passes={"positions that are none": "positions"},
+    ),
+    "BenchTruth": Entry(
+        of_model(add_pedal),
+        inputs={"body_poses": of_bodies("body_poses", add_pedal)},
+    ),
+    "FootForce": Entry(inputs=BENCH),
+    "FootImpedance": Entry(
+        lambda: {"model": make_leg_model(LegDescription())},
+        inputs=LEG,
+        limits={"torque_command": 250.0},
+    ),
+    "ForceCells": Entry(
+        variants=({"deviation": 1.0},),
+        inputs={"reaction_forces": reactions},
+        passes={"shown as it is": "force"},
+    ),
+    "HipSupport": Entry(inputs=HIP, limits={"force_command": 2000.0}),
+    "LoadEstimator": Entry(inputs=BENCH, shares=True),
+    "PlatePose": Entry(inputs=BENCH, passes={"NaN where no pose": "pose"}),
+    "SingularityGuard": Entry(
+        inputs={**BENCH, "emergency_stop": one_of(0.0, 0.0, 0.0, 1.0)},
+        limits={"share": BINARY, "brake": BINARY},
+        shares=True,
+    ),
+    "TerrainReference": Entry(limits={"stance": BINARY, "done": BINARY}),
     "CenterStatics": Entry(inputs=CENTER, passes={"forces that are none": "leg_force"}),
     "CenterTruth": Entry(
         of_model(add_tripod),
@@ -604,6 +689,14 @@ class Kind:
             pytest.fail(f"{self.name} needs arguments: add it to ENTRIES ({error})")
 
 
+def numbers_of(value):
+    """Numbers of an output that is no vector: signals of a bus, or poses of frames."""
+    if isinstance(value, BusValue):
+        return [value.Find(name) for name in value]
+    frames = sorted(value.ids(), key=lambda frame: frame.get_value())
+    return [value.value(frame).GetAsMatrix34() for frame in frames]
+
+
 class Specimen:
     """A class of systems with some arguments, and what can be done to its system."""
 
@@ -649,8 +742,7 @@ class Specimen:
         for name in list(self.outputs)[::order]:
             value = self.outputs[name].Eval(context)
             if not is_vector(self.outputs[name]):  # poses of a SceneGraph's frames
-                frames = sorted(value.ids(), key=lambda frame: frame.get_value())
-                value = [value.value(frame).GetAsMatrix34() for frame in frames]
+                value = numbers_of(value)
             values[name] = np.array(value)
         return values
 

@@ -1,0 +1,247 @@
+"""The leg under test: from a URDF, whatever it is called there, to a leg on the bench's slide."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import AddContactMaterial, ProximityProperties, Role, SceneGraph, Sphere
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
+from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex
+
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import quoted
+from parapod.systems.terrain_simulator.leg import LegModel
+from parapod.urdf import configure_parser
+
+DEFAULT_URDF = "package://parapod/terrain_simulator/leg.urdf"
+# A joint without a limit is taken as one that turns or slides so far [rad or m].
+_FREE = 100.0
+
+
+@dataclass(frozen=True)
+class LegDescription:
+    """Where a leg is described, and what the bench must know of it besides.
+
+    Attributes:
+        urdf: URDF or SDFormat file, or a `package://` URL.
+        hip_frame: link or frame that is fixed to the slide, x to the front and z up.
+        foot_frame: link or frame in the middle of the round foot.
+        joints: actuated joints, in the order of the ports of the leg.
+        posture: (n) positions in which it stands, about [rad or m].
+        foot_radius: radius of the round foot [m].
+        max_torque: (n) largest torques of the joints' drives; None: those of the file [N m or N].
+        friction: coefficient of friction of the foot on the plate [-].
+    """
+
+    urdf: str = DEFAULT_URDF
+    hip_frame: str = "hip"
+    foot_frame: str = "foot"
+    joints: tuple[str, ...] = ("hip", "knee")
+    posture: tuple[float, ...] = (0.6, -1.2)
+    foot_radius: float = 0.02
+    max_torque: tuple[float, ...] | None = None
+    friction: float = 0.8
+
+
+@dataclass(frozen=True)
+class AddedLeg:
+    """A leg in a plant that is not finalized.
+
+    Attributes:
+        instance: its model instance.
+        foot: frame in the middle of its foot.
+        joints: its actuated joints, in the description's order.
+        max_torque: (n) largest torques [N m or N].
+    """
+
+    instance: ModelInstanceIndex
+    foot: Frame
+    joints: tuple[Joint, ...]
+    max_torque: tuple[float, ...]
+
+
+def add_leg(
+    plant: MultibodyPlant,
+    leg: LegDescription,
+    hip: Frame,
+    scene_graph: SceneGraph | None = None,
+) -> AddedLeg:
+    """Adds a leg to a plant, its hip fixed to a frame; only its foot collides.
+
+    Args:
+        plant: not finalized.
+        leg: its description.
+        hip: the frame.
+        scene_graph: with which the plant is registered; None: nothing collides.
+
+    Raises:
+        ScenarioError: the file cannot be read, or has no link or joint of a name; names those that
+            it has.
+    """
+    instance = _parse(plant, leg.urdf)
+    plant.RenameModelInstance(instance, "leg")
+    frames = {name: _frame(plant, instance, leg, name) for name in ("hip_frame", "foot_frame")}
+    joints = _joints(plant, instance, leg)
+    plant.WeldFrames(hip, frames["hip_frame"])
+    largest = _add_drives(plant, instance, leg, joints)
+    foot = frames["foot_frame"]
+    if scene_graph is not None:
+        _round_foot(plant, scene_graph, instance, leg, foot)
+    return AddedLeg(instance, foot, joints, largest)
+
+
+def make_leg_model(leg: LegDescription) -> LegModel:
+    """The leg alone, its hip fixed to the world.
+
+    Raises:
+        ScenarioError: see `add_leg`; or it is no leg that stands.
+    """
+    plant = MultibodyPlant(time_step=0.0)
+    added = add_leg(plant, leg, plant.world_frame())
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    return LegModel(
+        plant,
+        added.foot,
+        tuple(joint.position_start() for joint in added.joints),
+        leg.posture,
+        leg.joints,
+        added.max_torque,
+        plant.CalcTotalMass(context, [added.instance]),
+    )
+
+
+def _parse(plant: MultibodyPlant, urdf: str) -> ModelInstanceIndex:
+    parser = Parser(plant)
+    configure_parser(parser)
+    parser.SetAutoRenaming(True)
+    try:
+        if urdf.startswith("package://"):
+            found = parser.AddModels(url=urdf)
+        else:
+            path = Path(urdf)
+            if not path.is_file():
+                raise ScenarioError(
+                    f"leg.urdf = {quoted(urdf)}: there is no such file", "leg.urdf"
+                )
+            found = parser.AddModels(path)
+    except RuntimeError as error:
+        words = " ".join(str(error).split())
+        raise ScenarioError(
+            f"leg.urdf = {quoted(urdf)} cannot be read: {words}", "leg.urdf"
+        ) from None
+    if len(found) != 1:
+        raise ScenarioError(
+            f"leg.urdf = {quoted(urdf)} must have one model, not {len(found)}", "leg.urdf"
+        )
+    return found[0]
+
+
+def _frame(
+    plant: MultibodyPlant, instance: ModelInstanceIndex, leg: LegDescription, key: str
+) -> Frame:
+    name = getattr(leg, key)
+    if not plant.HasFrameNamed(name, instance):
+        known = ", ".join(
+            sorted(plant.get_frame(i).name() for i in plant.GetFrameIndices(instance))
+        )
+        raise ScenarioError(
+            f"leg.{key} = {quoted(name)} is no link of {quoted(leg.urdf)}; there are: {known}",
+            f"leg.{key}",
+        )
+    return plant.GetFrameByName(name, instance)
+
+
+def _joints(
+    plant: MultibodyPlant, instance: ModelInstanceIndex, leg: LegDescription
+) -> tuple[Joint, ...]:
+    there = {
+        joint.name(): joint
+        for joint in map(plant.get_joint, plant.GetJointIndices(instance))
+        if joint.num_velocities() > 0
+    }
+    key = "leg.joints"
+    for name in leg.joints:
+        if name not in there:
+            known = ", ".join(there) or "none"
+            raise ScenarioError(
+                f"{key}: {quoted(name)} is no moving joint of {quoted(leg.urdf)}; "
+                f"there are: {known}",
+                key,
+            )
+        if there[name].num_velocities() != 1:
+            raise ScenarioError(
+                f"{key}: {quoted(name)} must turn about or slide along one axis", key
+            )
+    for name in there:
+        if name not in leg.joints:
+            raise ScenarioError(
+                f"{key}: {quoted(name)} moves, so it must be among them, or be fixed in "
+                f"{quoted(leg.urdf)}",
+                key,
+            )
+    if len(set(leg.joints)) != len(leg.joints):
+        raise ScenarioError(f"{key} names a joint twice", key)
+    if len(leg.posture) != len(leg.joints):
+        raise ScenarioError(
+            f"leg.posture must have {len(leg.joints)} numbers, as leg.joints, "
+            f"not {len(leg.posture)}",
+            "leg.posture",
+        )
+    return tuple(there[name] for name in leg.joints)
+
+
+def _add_drives(
+    plant: MultibodyPlant,
+    instance: ModelInstanceIndex,
+    leg: LegDescription,
+    joints: Sequence[Joint],
+) -> tuple[float, ...]:
+    """Actuators of the joints that have none in the file; the largest torques of all."""
+    actuators = {
+        int(actuator.joint().index()): actuator
+        for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+    }
+    if leg.max_torque is not None and len(leg.max_torque) != len(joints):
+        raise ScenarioError(
+            f"leg.max_torque must have {len(joints)} numbers, as leg.joints, "
+            f"not {len(leg.max_torque)}",
+            "leg.max_torque",
+        )
+    found = []
+    for i, joint in enumerate(joints):
+        actuator = actuators.get(int(joint.index()))
+        if actuator is None:
+            actuator = plant.AddJointActuator(joint.name(), joint)
+        limit = actuator.effort_limit() if leg.max_torque is None else leg.max_torque[i]
+        found.append(float(limit))
+    return tuple(found)
+
+
+def _round_foot(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    instance: ModelInstanceIndex,
+    leg: LegDescription,
+    foot: Frame,
+) -> None:
+    """Has the foot alone collide, as a ball."""
+    source = plant.get_source_id()
+    assert source is not None
+    for index in plant.GetBodyIndices(instance):
+        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
+            scene_graph.RemoveRole(source, geometry, Role.kProximity)
+    properties = ProximityProperties()
+    AddContactMaterial(
+        dissipation=10.0,
+        point_stiffness=1e6,
+        friction=CoulombFriction(leg.friction, leg.friction),
+        properties=properties,
+    )
+    place = foot.GetFixedPoseInBodyFrame() @ RigidTransform(np.zeros(3))
+    plant.RegisterCollisionGeometry(
+        foot.body(), place, Sphere(leg.foot_radius), "foot", properties
+    )

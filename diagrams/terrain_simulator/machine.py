@@ -1,0 +1,52 @@
+"""The terrain simulator, with a pedal or a treadmill: one declaration."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
+
+from parapod.diagrams.machine import Machine
+from parapod.diagrams.terrain_simulator.controller import make_controller
+from parapod.diagrams.terrain_simulator.plants import add_bodies, add_kinematics, add_mock
+from parapod.diagrams.terrain_simulator.ports import PARTS, ports_of_joints
+from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
+from parapod.diagrams.wiring import add, outputs_of
+from parapod.systems.terrain_simulator.reference import TerrainReference
+
+# Outputs of the reference that drive the station itself, by the station's names.
+_DRIVEN = {"belt_velocity": "belt.velocity_command"}
+
+
+def make_terrain(scenario: TerrainBenchScenario) -> Diagram:
+    """The source of what the terrain asks, by the machine's names of the signals."""
+    builder = DiagramBuilder()
+    reference = add(builder, TerrainReference(scenario.walk, scenario.control.period))
+    for name, port in outputs_of(reference).items():
+        builder.ExportOutput(port, _DRIVEN.get(name, name))
+    diagram = builder.Build()
+    diagram.set_name("terrain")
+    return diagram
+
+
+def _sources(scenario: TerrainBenchScenario) -> Sequence[System]:
+    return (make_terrain(scenario),)
+
+
+def _variant(scenario: TerrainBenchScenario) -> Mapping[str, Any]:
+    """Sizes of the ports of the leg."""
+    return {"ports": ports_of_joints(len(scenario.leg.joints))}
+
+
+TERRAIN_BENCH = Machine(
+    name="terrain_simulator",
+    title="the terrain simulator",
+    experiment="bench-walk",
+    scenario=TerrainBenchScenario,
+    ports=ports_of_joints(len(TerrainBenchScenario().leg.joints)),
+    parts=PARTS,
+    plants={"multibody": add_bodies, "kinematic": add_kinematics},
+    mock=add_mock,
+    controller=make_controller,
+    sources=_sources,
+    variant=_variant,
+)

@@ -1,0 +1,295 @@
+"""Typed scenario of the terrain simulator; `parapod scenario bench-walk` explains it."""
+
+import math
+from dataclasses import dataclass, field
+
+from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.terrain_simulator.leg import DEFAULT_URDF, LegDescription
+from parapod.diagrams.terrain_simulator.terrains import Level, TerrainChoice
+from parapod.systems.core.schema import Schema, choice, quantity
+from parapod.systems.terrain_simulator.gait import Gait
+from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS, BenchGeometry
+from parapod.systems.terrain_simulator.hip_support import HipSupportParams
+from parapod.systems.terrain_simulator.impedance import ImpedanceParams
+from parapod.systems.terrain_simulator.path import PathLimits, PlatePath
+from parapod.systems.terrain_simulator.walk import BenchWalk
+
+SIMULATED = ("multibody", "kinematic")
+BACKENDS = (*SIMULATED, "mock", "hardware")
+
+
+@dataclass
+class GaitScenario(Schema):
+    """Gait of the leg.
+
+    Attributes:
+        speed_m_s: speed of the body [m/s].
+        frequency_Hz: strides a second [Hz].
+        duty: share of the stride in which the foot stands [-].
+        ramp: share of the plate's return in which its speed ramps up, and down [-]; null: a
+            quintic, which needs less acceleration and more speed.
+        strides: number of strides between standing and standing.
+        clearance_mm: height of the foot above the plate in the middle of the swing [mm].
+        dip_mm: depth by which the plate keeps clear of the foot then [mm].
+    """
+
+    speed_m_s: float = quantity(1.5, 0.0, 5.0)
+    frequency_Hz: float = quantity(2.0, 0.1, 10.0)  # noqa: N815 (the unit's symbol)
+    duty: float = quantity(0.5, 0.05, 0.95)
+    ramp: float | None = quantity(0.28, 0.01, 0.5)
+    strides: int = quantity(8, 1, 1000)
+    clearance_mm: float = quantity(30.0, 0.0, 200.0)
+    dip_mm: float = quantity(0.0, 0.0, 100.0)
+
+
+@dataclass
+class PlaceScenario(Schema):
+    """Place of the leg over the bench.
+
+    Attributes:
+        x_mm: place of the hip along the rail, and of the plate's middle under it [mm].
+        z_mm: height of the plate's middle with the body at the height of the foothold [mm].
+        hip_mm: height of the hip above it [mm].
+    """
+
+    x_mm: float = quantity(513.0, 0.0, 1500.0)
+    z_mm: float = quantity(300.0, 20.0, 600.0)
+    hip_mm: float = quantity(580.0, 50.0, 1200.0)
+
+
+@dataclass
+class SliderScenario(Schema):
+    """The sliders' position-controlled drives; all values are assumptions.
+
+    Attributes:
+        max_velocity_m_s: largest velocity of a slider [m/s].
+        max_acceleration_m_s2: largest acceleration of a slider [m/s^2].
+        max_force_N: largest force of a slider, both ways [N].
+        force_per_current_N_A: force of a slider by the current of its motor [N/A].
+        stiffness_N_um: stiffness of a slider with its screw or belt and drive [N/um].
+        time_constant_ms: time constant of the drives' velocity loop [ms].
+        encoder_resolution_mm: one count of the encoders [mm]; 0 for perfect ones.
+        least_sin_mu: least sine of the transmission angle between plate and strut [-].
+    """
+
+    max_velocity_m_s: float = quantity(3.5, 0.01, 20.0)
+    max_acceleration_m_s2: float = quantity(110.0, 0.1, 2000.0)
+    max_force_N: float = quantity(4000.0, 10.0, 1e5)  # noqa: N815
+    force_per_current_N_A: float = quantity(100.0, 1.0, 1e5)  # noqa: N815
+    stiffness_N_um: float = quantity(50.0, 0.1, 1000.0)  # noqa: N815
+    time_constant_ms: float = quantity(0.5, 0.05, 100.0)
+    encoder_resolution_mm: float = quantity(0.001, 0.0, 0.1)
+    least_sin_mu: float = quantity(0.25, 0.0, 0.9)
+
+    @property
+    def limits(self) -> PathLimits:
+        """Limits of a path; its other ones are those of Table 1."""
+        return PathLimits(
+            sin_mu=max(self.least_sin_mu, 1e-6),
+            slider_speed=self.max_velocity_m_s,
+            slider_acceleration=self.max_acceleration_m_s2,
+        )
+
+
+@dataclass
+class HipScenario(Schema):
+    """The hip's slide and its drive.
+
+    Attributes:
+        mass_kg: mass that the slide has with the leg [kg]: a quarter of a robot of 120 kg.
+        max_force_N: largest force of its drive, both ways [N] (assumption).
+        stiffness_N_m: stiffness of the other legs, which the drive plays [N/m] (assumption).
+        damping_Ns_m: damping of these [N s/m] (assumption).
+        washout_s: time constant with which a lasting force of these fades [s].
+        adds_inertia: whether the drive adds the force with which the body resists the acceleration
+            of its rise over the terrain: on the bench it does not rise, the plate falls.
+    """
+
+    mass_kg: float = quantity(30.0, 0.1, 1000.0)
+    max_force_N: float = quantity(2000.0, 0.0, 1e5)  # noqa: N815
+    stiffness_N_m: float = quantity(2e4, 0.0, 1e6)  # noqa: N815
+    damping_Ns_m: float = quantity(1100.0, 0.0, 1e5)  # noqa: N815
+    washout_s: float = quantity(0.2, 0.01, 100.0)
+    adds_inertia: bool = True
+
+    @property
+    def support(self) -> HipSupportParams:
+        """Stiffness and limit of the drive."""
+        return HipSupportParams(
+            self.stiffness_N_m, self.damping_Ns_m, self.washout_s, self.max_force_N
+        )
+
+
+@dataclass
+class LegScenario(Schema):
+    """The leg under test, and its controller.
+
+    Attributes:
+        urdf: URDF or SDFormat file of the leg, or a `package://` URL.
+        hip_frame: its link or frame that is fixed to the slide, x to the front and z up.
+        foot_frame: its link or frame in the middle of the round foot.
+        foot_radius_mm: radius of the foot [mm].
+        joints: its actuated joints, in the order of the ports of the leg.
+        posture_deg: positions of the joints in which it stands, about [deg; mm for a slide].
+        max_torque: largest torques of the joints' drives [N m; N]; null: those of the file.
+        friction: coefficient of friction of the foot on the plate [-].
+        stance_stiffness_N_m: springs of the standing foot along x and z [N/m].
+        stance_damping_Ns_m: dampers then [N s/m].
+        swing_stiffness_N_m: springs of the swinging foot [N/m].
+        swing_damping_Ns_m: dampers then [N s/m].
+    """
+
+    urdf: str = DEFAULT_URDF
+    hip_frame: str = "hip"
+    foot_frame: str = "foot"
+    foot_radius_mm: float = quantity(20.0, 1.0, 200.0)
+    joints: list[str] = field(default_factory=lambda: ["hip", "knee"])
+    posture_deg: list[float] = quantity([35.0, -70.0], -1000.0, 1000.0)
+    max_torque: list[float] | None = quantity(None, 0.0, 1e6)
+    friction: float = quantity(0.8, 0.0, 2.0)
+    stance_stiffness_N_m: list[float] = quantity([4e3, 8e3], 0.0, 1e6, length=2)  # noqa: N815
+    stance_damping_Ns_m: list[float] = quantity([150.0, 300.0], 0.0, 1e5, length=2)  # noqa: N815
+    swing_stiffness_N_m: list[float] = quantity([1.5e4, 1.5e4], 0.0, 1e6, length=2)  # noqa: N815
+    swing_damping_Ns_m: list[float] = quantity([250.0, 250.0], 0.0, 1e5, length=2)  # noqa: N815
+
+    @property
+    def description(self) -> LegDescription:
+        """The leg in SI units."""
+        return LegDescription(
+            urdf=self.urdf,
+            hip_frame=self.hip_frame,
+            foot_frame=self.foot_frame,
+            joints=tuple(self.joints),
+            posture=tuple(math.radians(angle) for angle in self.posture_deg),
+            foot_radius=1e-3 * self.foot_radius_mm,
+            max_torque=None if self.max_torque is None else tuple(self.max_torque),
+            friction=self.friction,
+        )
+
+    @property
+    def impedance(self) -> ImpedanceParams:
+        """Impedance of the foot."""
+
+        def both(values: list[float]) -> tuple[float, float]:
+            return values[0], values[1]
+
+        return ImpedanceParams(
+            both(self.stance_stiffness_N_m),
+            both(self.stance_damping_Ns_m),
+            both(self.swing_stiffness_N_m),
+            both(self.swing_damping_Ns_m),
+        )
+
+
+@dataclass
+class CellsScenario(Schema):
+    """The force cells under the plate.
+
+    Attributes:
+        noise_N: standard deviation of a reading [N] (assumption).
+    """
+
+    noise_N: float = quantity(1.0, 0.0, 1000.0)  # noqa: N815
+
+
+@dataclass
+class BenchPlantScenario(Schema):
+    """The simulated machine.
+
+    Attributes:
+        time_step: step of the rigid bodies and of the drives [s].
+    """
+
+    time_step: float = quantity(1e-3, 1e-4, 5e-3)
+
+
+@dataclass
+class BenchControlScenario(Schema):
+    """The controllers of bench and leg.
+
+    Attributes:
+        period: their period [s].
+    """
+
+    period: float = quantity(0.001, 0.0005, 0.02)
+
+
+def emulated_hardware() -> HardwareScenario:
+    """The devices of `parapod emulate bench-walk`."""
+    return HardwareScenario([])
+
+
+@dataclass
+class TerrainBenchScenario(Schema):
+    """A walk of one leg over a terrain that the bench plays under it.
+
+    Attributes:
+        backend: plant behind the station's ports: "multibody" (rigid bodies, contact),
+            "kinematic" (the plate without a leg on it), "mock" (commands are mirrored) or
+            "hardware".
+        seed: seed of everything random: the noise of the force cells.
+        configuration: "pedal" or "treadmill".
+        begin: time for which the leg stands first [s].
+        end: time for which it stands at last [s].
+        shift: time in which it unloads before the first swing, and loads after the last [s].
+        terrain: ground that the leg walks over; see `TerrainChoice`.
+        gait: see `GaitScenario`.
+        place: see `PlaceScenario`.
+        leg: see `LegScenario`.
+        hip: see `HipScenario`.
+        sliders: see `SliderScenario`.
+        cells: see `CellsScenario`.
+        plant: see `BenchPlantScenario`.
+        control: see `BenchControlScenario`.
+        hardware: see `HardwareScenario`; the defaults are the emulated devices of a pedal.
+    """
+
+    backend: str = choice("multibody", BACKENDS)
+    seed: int = quantity(0, 0, 2**31 - 1)
+    configuration: str = choice("pedal", tuple(CONFIGURATIONS))
+    begin: float = quantity(0.4, 0.0, 60.0)
+    end: float = quantity(0.3, 0.0, 60.0)
+    shift: float = quantity(0.3, 0.05, 10.0)
+    terrain: TerrainChoice = field(default_factory=Level)
+    gait: GaitScenario = field(default_factory=GaitScenario)
+    place: PlaceScenario = field(default_factory=PlaceScenario)
+    leg: LegScenario = field(default_factory=LegScenario)
+    hip: HipScenario = field(default_factory=HipScenario)
+    sliders: SliderScenario = field(default_factory=SliderScenario)
+    cells: CellsScenario = field(default_factory=CellsScenario)
+    plant: BenchPlantScenario = field(default_factory=BenchPlantScenario)
+    control: BenchControlScenario = field(default_factory=BenchControlScenario)
+    hardware: HardwareScenario = field(default_factory=emulated_hardware)
+
+    @property
+    def geometry(self) -> BenchGeometry:
+        """Dimensions of the bench."""
+        return CONFIGURATIONS[self.configuration]
+
+    @property
+    def walk(self) -> BenchWalk:
+        """The walk.
+
+        Raises:
+            ScenarioError: a terrain whose file cannot be read.
+        """
+        gait, place = self.gait, self.place
+        path = PlatePath(
+            self.terrain.make(),
+            Gait(gait.speed_m_s, gait.frequency_Hz, gait.duty, gait.ramp),
+            x_c=1e-3 * place.x_mm,
+            z_c=1e-3 * place.z_mm,
+            dip=1e-3 * gait.dip_mm,
+            treadmill=self.configuration == "treadmill",
+        )
+        return BenchWalk(
+            path,
+            mass=self.hip.mass_kg,
+            hip_height=1e-3 * place.hip_mm,
+            foot_radius=1e-3 * self.leg.foot_radius_mm,
+            clearance=1e-3 * gait.clearance_mm,
+            begin=self.begin,
+            shift=self.shift,
+            strides=gait.strides,
+            is_inertial=self.hip.adds_inertia,
+        )

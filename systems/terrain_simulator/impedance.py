@@ -1,0 +1,99 @@
+"""Controller of a leg: its foot is a spring towards where it is to be, and pushes in stance."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from parapod.systems.core.ports import is_on, read, read_array
+from parapod.systems.terrain_simulator.leg import LegModel
+
+
+@dataclass(frozen=True)
+class ImpedanceParams:
+    """Impedance of the foot along x and z, in stance and in swing: assumptions.
+
+    Attributes:
+        stance_stiffness: springs while the foot stands [N/m]; along x soft enough that a round
+            foot rolls, and does not slip.
+        stance_damping: dampers then [N s/m].
+        swing_stiffness: springs while it swings [N/m].
+        swing_damping: dampers then [N s/m].
+    """
+
+    stance_stiffness: tuple[float, float] = (4e3, 8e3)
+    stance_damping: tuple[float, float] = (150.0, 300.0)
+    swing_stiffness: tuple[float, float] = (1.5e4, 1.5e4)
+    swing_damping: tuple[float, float] = (250.0, 250.0)
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            for value in getattr(self, field.name):
+                if not value >= 0.0:
+                    raise ValueError(f"{field.name} must not be negative, but is {value!r}")
+
+
+class FootImpedance(LeafSystem):
+    """Torques with which a leg stands, swings and pushes.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `position` | n | rad or m | of the actuated joints |
+    | in `velocity` | n | rad/s or m/s | of the actuated joints |
+    | in `foot_desired` | 6 | m, s | x, z of the foot from the hip, rates, accelerations |
+    | in `foot_force_desired` | 1 | N | force of the ground on the foot, upwards |
+    | in `stance` | 1 | 0/1 | whether the foot stands |
+    | out `torque_command` | n | N m or N | of the joints, within what the drives can give |
+
+    Impedance control about a computed torque: with J the foot's Jacobian and L the mass that the
+    foot shows to a force,
+
+        torque = J^T (L (a_d - dJ/dt v) + K (p_d - p) + D (v_d - v) - F_d) + bias - gravity
+
+    with other K and D in stance and in swing (Hogan 1985; as a law of quadrupeds' legs: Focchi et
+    al. 2017). The hip counts as fixed.
+
+    State: none.
+
+    Bad input: with a number that is not finite the torques are zero.
+
+    Args:
+        model: the leg.
+        params: the impedance.
+    """
+
+    def __init__(self, model: LegModel, params: ImpedanceParams = ImpedanceParams()):
+        super().__init__()
+        self.set_name("foot_impedance")
+        self._model, self._work = model, model.make_context()
+        self._gains = tuple(
+            (np.array(stiffness), np.array(damping))
+            for stiffness, damping in (
+                (params.swing_stiffness, params.swing_damping),
+                (params.stance_stiffness, params.stance_damping),
+            )
+        )
+        self._largest = np.array(model.max_torque)
+        self._position = self.DeclareVectorInputPort("position", model.joints)
+        self._velocity = self.DeclareVectorInputPort("velocity", model.joints)
+        self._foot = self.DeclareVectorInputPort("foot_desired", 6)
+        self._force = self.DeclareVectorInputPort("foot_force_desired", 1)
+        self._stance = self.DeclareVectorInputPort("stance", 1)
+        self.DeclareVectorOutputPort(
+            "torque_command", model.joints, self._calc_torque, {self.all_input_ports_ticket()}
+        )
+
+    def _calc_torque(self, context: Context, output: BasicVector) -> None:
+        q, v = read_array(self._position, context), read_array(self._velocity, context)
+        wanted, (push,) = read_array(self._foot, context), read(self._force, context)
+        if not np.isfinite((*q, *v, *wanted, push)).all():
+            output.SetZero()
+            return
+        now = self._model.foot_state(self._work, q, v)
+        stiffness, damping = self._gains[is_on(self._stance, context)]
+        force = now.inertia @ (wanted[4:] - now.bias)
+        force += stiffness * (wanted[:2] - now.place) + damping * (wanted[2:4] - now.velocity)
+        force[1] -= push
+        torque = now.jacobian.T @ force + now.holding
+        torque = np.minimum(np.maximum(torque, -self._largest), self._largest)
+        output.SetFromVector(np.where(np.isfinite(torque), torque, 0.0))

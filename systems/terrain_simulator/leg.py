@@ -1,0 +1,179 @@
+"""A leg under test: its hip is fixed, its foot moves in the bench's plane.
+
+Only its own joints are in the plant: the hip's frame is at the world's origin, x to the front and
+z up. So it serves any leg that a URDF describes, whatever the number of its joints.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, JacobianWrtVariable
+from pydrake.systems.framework import Context
+
+from parapod.systems.core.errors import ParapodError, UnreachablePosture
+
+# Newton steps with which a posture is sought, and the error that ends them [m].
+_STEPS, _CLOSE = 60, 1e-10
+# Largest change of a joint in one of them [rad or m], and what damps them near singularities.
+_LARGEST, _DAMPING = 0.3, 1e-6
+_PLANE = (0, 2)  # x and z
+
+
+class UnreachableFoot(UnreachablePosture):
+    """A place of the foot that no admissible joint positions lead to.
+
+    Attributes:
+        place: (2) x, z of the foot from the hip [m].
+        missing: distance by which it is missed [m].
+    """
+
+    def __init__(self, place: NDArray[np.float64], missing: float):
+        self.place, self.missing = place, missing
+        where = ", ".join(f"{1e3 * number:.0f}" for number in place)
+        ParapodError.__init__(
+            self,
+            f"the foot cannot come to x, z = {where} mm from the hip: {1e3 * missing:.1f} mm are "
+            "missing",
+        )
+
+
+class FootState(NamedTuple):
+    """State of the foot in the hip's frame, and what moves it.
+
+    Attributes:
+        place: (2) x, z of its middle [m].
+        velocity: (2) their rates [m/s].
+        jacobian: (2, n) derivative of the place by the joints.
+        inertia: (2, 2) mass that the foot shows to a force on it [kg].
+        bias: (2) its acceleration while no joint is accelerated [m/s^2].
+        holding: (n) torques for the joints' own motion and the leg's weight [N m or N].
+    """
+
+    place: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    jacobian: NDArray[np.float64]
+    inertia: NDArray[np.float64]
+    bias: NDArray[np.float64]
+    holding: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LegModel:
+    """A finalized plant that holds a leg alone, the hip fixed.
+
+    Attributes:
+        plant: the plant; all its positions are those of actuated joints.
+        foot: frame whose origin is the middle of the round foot.
+        order: (n) index of each actuated joint among the plant's positions.
+        posture: (n) joint angles from which postures are sought: about those in which it stands.
+        names: names of the actuated joints.
+        max_torque: (n) largest torques of the drives [N m or N].
+        mass: mass of the leg [kg].
+    """
+
+    plant: MultibodyPlant
+    foot: Frame
+    order: tuple[int, ...]
+    posture: tuple[float, ...]
+    names: tuple[str, ...]
+    max_torque: tuple[float, ...]
+    mass: float
+
+    @property
+    def joints(self) -> int:
+        """Number of actuated joints n."""
+        return len(self.names)
+
+    @cached_property
+    def limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper limits (n), (n) of the joints [rad or m]."""
+        plant, order = self.plant, list(self.order)
+        return plant.GetPositionLowerLimits()[order], plant.GetPositionUpperLimits()[order]
+
+    def make_context(self) -> Context:
+        """A context to work in; the methods below change it."""
+        context: Context = self.plant.CreateDefaultContext()
+        return context
+
+    def foot_state(self, context: Context, position: ArrayLike, velocity: ArrayLike) -> FootState:
+        """State of the foot at joint positions (n) and velocities (n).
+
+        Args:
+            context: of `make_context`.
+            position: [rad or m].
+            velocity: [rad/s or m/s].
+        """
+        plant, world, order = self.plant, self.plant.world_frame(), list(self.order)
+        v = np.asarray(velocity, dtype=float)
+        state = np.empty(2 * len(order))
+        state[order], state[len(order) :][order] = position, v
+        plant.SetPositionsAndVelocities(context, state)
+        J = self._jacobian(context)
+        bias = plant.CalcBiasTranslationalAcceleration(
+            context, JacobianWrtVariable.kV, self.foot, np.zeros(3), world, world
+        )
+        M = plant.CalcMassMatrix(context)[np.ix_(order, order)]
+        holding = plant.CalcBiasTerm(context) - plant.CalcGravityGeneralizedForces(context)
+        mobility = J @ np.linalg.solve(M, J.T)
+        # A leg that is stretched shows no end of mass along itself.
+        mobility[0, 0] += _DAMPING
+        mobility[1, 1] += _DAMPING
+        return FootState(
+            self._place(context),
+            J @ v,
+            J,
+            np.linalg.inv(mobility),
+            np.ravel(bias)[list(_PLANE)],
+            holding[order],
+        )
+
+    def place(self, context: Context, position: ArrayLike) -> NDArray[np.float64]:
+        """x, z of the foot (2) at joint positions (n) [m]."""
+        self._set(context, position)
+        return self._place(context)
+
+    def reach(self, foot: ArrayLike) -> NDArray[np.float64]:
+        """Joint positions (n) that put the foot at a place, near those of `posture`.
+
+        Args:
+            foot: (2) x, z from the hip [m].
+
+        Raises:
+            UnreachableFoot: there are none within the joints' limits; tells what is missing.
+        """
+        context, wanted = self.make_context(), np.asarray(foot, dtype=float)
+        low, high = self.limits
+        q = np.clip(np.array(self.posture), low, high)
+        missing = wanted - self.place(context, q)
+        for _ in range(_STEPS):
+            if np.abs(missing).max() < _CLOSE:
+                break
+            J = self._jacobian(context)
+            step = J.T @ np.linalg.solve(J @ J.T + _DAMPING * np.eye(2), missing)
+            step *= min(1.0, _LARGEST / max(float(np.abs(step).max()), 1e-12))
+            q = np.clip(q + step, low, high)
+            missing = wanted - self.place(context, q)
+        if np.abs(missing).max() > 1e3 * _CLOSE:
+            raise UnreachableFoot(wanted, float(np.linalg.norm(missing)))
+        return q
+
+    def _set(self, context: Context, position: ArrayLike) -> None:
+        positions = np.empty(self.joints)
+        positions[list(self.order)] = position
+        self.plant.SetPositions(context, positions)
+
+    def _place(self, context: Context) -> NDArray[np.float64]:
+        world = self.plant.world_frame()
+        point = self.plant.CalcPointsPositions(context, self.foot, np.zeros(3), world)
+        return np.ravel(point)[list(_PLANE)]
+
+    def _jacobian(self, context: Context) -> NDArray[np.float64]:
+        world = self.plant.world_frame()
+        J = self.plant.CalcJacobianTranslationalVelocity(
+            context, JacobianWrtVariable.kV, self.foot, np.zeros(3), world, world
+        )
+        return np.asarray(J)[np.ix_(_PLANE, self.order)]
