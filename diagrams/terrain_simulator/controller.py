@@ -47,7 +47,8 @@ def make_controller(scenario: TerrainBenchScenario) -> Diagram:
     """Wires the guard and the controllers of leg and hip, by the names of their ports.
 
     Inputs: the measurements of the table above; of the source `pose_asked` (3), `plate_motion`
-    (9), `foot_desired` (6), `foot_force_desired` (1), `stance` (1), `hip_force` (1), `hip_desired` (2).
+    (9), `foot_desired` (6), `foot_force_desired` (1), `stance` (1), `hip_force` (1),
+    `hip_desired` (2).
     Outputs: those of the other table.
 
     Args:

@@ -355,7 +355,6 @@ def _add_resting(
         "hip.velocity": [0.0],
         "leg.position": leg.reach(walk.at(0.0).foot[0]),
         "leg.velocity": np.zeros(leg.joints),
-        "cells.force": np.zeros(_SOURCES),
     }
     for name, value in resting.items():
         source = add(
@@ -374,7 +373,12 @@ def add_kinematics(
     period = scenario.control.period
     step = min(scenario.plant.time_step, period)
     servo = PositionServo(slider_params(scenario), 3, period, step, beginning(scenario))
-    return _add_led(builder, scenario, servo, meshcat)
+    noise = add(builder, NoiseSource(_SOURCES, period, scenario.seed), "cell_noise")
+    shown = add(builder, MatrixGain(scenario.cells.noise_N * np.eye(_SOURCES)), "cells")
+    connect(builder, noise.get_output_port(), shown.get_input_port())
+    behind = _add_led(builder, scenario, servo, shown.get_output_port(), meshcat)
+    simulation = replace(behind.handle, noise=noise)
+    return replace(behind, reset=simulation.reset, handle=simulation)
 
 
 def add_mock(
@@ -392,7 +396,8 @@ def add_mock(
     """
     exact = replace(slider_params(scenario), resolution=0.0, time_constant=1e-9)
     servo = PositionServo(exact, 3, scenario.control.period, position=beginning(scenario))
-    behind = _add_led(builder, scenario, servo, None)
+    none = add(builder, ConstantVectorSource(np.zeros(_SOURCES)), "cells")
+    behind = _add_led(builder, scenario, servo, none.get_output_port(), None)
     outputs = {n: p for n, p in behind.outputs.items() if not n.startswith("truth.")}
     return replace(behind, outputs=outputs)
 
@@ -401,6 +406,7 @@ def _add_led(
     builder: DiagramBuilder,
     scenario: TerrainBenchScenario,
     servo: PositionServo,
+    cells: OutputPort,
     meshcat: Meshcat | None,
 ) -> Behind:
     """A bench without dynamics behind its drives."""
@@ -412,6 +418,7 @@ def _add_led(
     none = add(builder, ConstantVectorSource(np.zeros(3)), "no_force")
     outputs |= _current(builder, scenario, none.get_output_port())
     _add_resting(builder, scenario, inputs, outputs)
+    outputs["cells.force"] = cells
     pose = add(builder, PlatePose(scenario.geometry))
     connect(builder, sliders.GetOutputPort("position"), pose.GetInputPort("position"))
     pair = add(builder, ConstantVectorSource(np.zeros(2)), "no_gaps")

@@ -16,6 +16,8 @@ from parapod.systems.terrain_simulator.walk import BenchWalk
 
 SIMULATED = ("multibody", "kinematic")
 BACKENDS = (*SIMULATED, "mock", "hardware")
+# Places of the plate's middle on which each bench walks over level ground [mm].
+_PLACES = {"pedal": (513.0, 300.0), "treadmill": (880.0, 190.0)}
 
 
 @dataclass
@@ -28,7 +30,8 @@ class GaitScenario(Schema):
         duty: share of the stride in which the foot stands [-].
         ramp: share of the plate's return in which its speed ramps up, and down [-]; null: a
             quintic, which needs less acceleration and more speed.
-        strides: number of strides between standing and standing.
+        strides: number of strides at that speed.
+        run_up: number of strides in which it speeds up before them, and slows down after them.
         clearance_mm: height of the foot above the plate in the middle of the swing [mm].
         dip_mm: depth by which the plate keeps clear of the foot then [mm].
     """
@@ -38,6 +41,7 @@ class GaitScenario(Schema):
     duty: float = quantity(0.5, 0.05, 0.95)
     ramp: float | None = quantity(0.28, 0.01, 0.5)
     strides: int = quantity(8, 1, 1000)
+    run_up: int = quantity(1, 0, 20)
     clearance_mm: float = quantity(30.0, 0.0, 200.0)
     dip_mm: float = quantity(0.0, 0.0, 100.0)
 
@@ -47,13 +51,15 @@ class PlaceScenario(Schema):
     """Place of the leg over the bench.
 
     Attributes:
-        x_mm: place of the hip along the rail, and of the plate's middle under it [mm].
-        z_mm: height of the plate's middle with the body at the height of the foothold [mm].
+        x_mm: place of the hip along the rail, and of the plate's middle under it [mm]; null: the
+            middle of the workspace of pedal or treadmill.
+        z_mm: height of the plate's middle with the body at the height of the foothold [mm]; null:
+            one at which either works well.
         hip_mm: height of the hip above it [mm].
     """
 
-    x_mm: float = quantity(513.0, 0.0, 1500.0)
-    z_mm: float = quantity(300.0, 20.0, 600.0)
+    x_mm: float | None = quantity(None, 0.0, 1500.0)
+    z_mm: float | None = quantity(None, 20.0, 600.0)
     hip_mm: float = quantity(580.0, 50.0, 1200.0)
 
 
@@ -274,11 +280,12 @@ class TerrainBenchScenario(Schema):
             ScenarioError: a terrain whose file cannot be read.
         """
         gait, place = self.gait, self.place
+        x, z = _PLACES[self.configuration]
         path = PlatePath(
             self.terrain.make(),
             Gait(gait.speed_m_s, gait.frequency_Hz, gait.duty, gait.ramp),
-            x_c=1e-3 * place.x_mm,
-            z_c=1e-3 * place.z_mm,
+            x_c=1e-3 * (x if place.x_mm is None else place.x_mm),
+            z_c=1e-3 * (z if place.z_mm is None else place.z_mm),
             dip=1e-3 * gait.dip_mm,
             treadmill=self.configuration == "treadmill",
         )
@@ -291,5 +298,6 @@ class TerrainBenchScenario(Schema):
             begin=self.begin,
             shift=self.shift,
             strides=gait.strides,
+            run_up=gait.run_up,
             is_inertial=self.hip.adds_inertia,
         )

@@ -65,6 +65,40 @@ def s_curve(x: Array, ramp: float) -> tuple[Array, Array, Array]:
     return np.where(x > 0.5, 1.0 - done, done), top * y**2 * (3.0 - 2.0 * y), acceleration
 
 
+def joined(x: Array, duration: float, begin: Array, end: Array) -> Array:
+    """Polynomial of degree five from one state of motion to another.
+
+    Args:
+        x: (...) share of the duration, in [0, 1].
+        duration: [s].
+        begin: (n, 3) values, rates and accelerations at the beginning.
+        end: (n, 3) the same at the end.
+
+    Returns:
+        (n, 3, ...) values, rates and accelerations.
+    """
+    unit = duration ** np.arange(3)
+    (p, v, a), (q, w, b) = (begin * unit).T, (end * unit).T
+    a, b = 0.5 * a, 0.5 * b
+    away, faster, change = q - p - v - a, w - v - 2.0 * a, b - a
+    powers = np.stack(
+        (
+            p,
+            v,
+            a,
+            10.0 * away - 4.0 * faster + change,
+            -15.0 * away + 7.0 * faster - 2.0 * change,
+            6.0 * away - 3.0 * faster + change,
+        )
+    )
+    found = []
+    for order in range(3):
+        each = [np.multiply.outer(c, x**i) for i, c in enumerate(powers)]
+        found.append(sum(each) / duration**order)
+        powers = powers[1:] * np.arange(1, len(powers))[:, np.newaxis]
+    return np.stack(found, axis=1)
+
+
 # The speed of "linear" jumps at both ends; that of the others does not.
 MOTION_LAWS: dict[str, MotionLaw] = {
     "linear": partial(blended, blend=0.0),

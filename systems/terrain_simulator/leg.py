@@ -136,18 +136,19 @@ class LegModel:
         self._set(context, position)
         return self._place(context)
 
-    def reach(self, foot: ArrayLike) -> NDArray[np.float64]:
-        """Joint positions (n) that put the foot at a place, near those of `posture`.
+    def reach(self, foot: ArrayLike, near: ArrayLike | None = None) -> NDArray[np.float64]:
+        """Joint positions (n) that put the foot at a place.
 
         Args:
             foot: (2) x, z from the hip [m].
+            near: (n) positions from which they are sought; None: `posture` [rad or m].
 
         Raises:
             UnreachableFoot: there are none within the joints' limits; tells what is missing.
         """
         context, wanted = self.make_context(), np.asarray(foot, dtype=float)
         low, high = self.limits
-        q = np.clip(np.array(self.posture), low, high)
+        q = np.clip(np.asarray(self.posture if near is None else near, dtype=float), low, high)
         missing = wanted - self.place(context, q)
         for _ in range(_STEPS):
             if np.abs(missing).max() < _CLOSE:
@@ -160,6 +161,17 @@ class LegModel:
         if np.abs(missing).max() > 1e3 * _CLOSE:
             raise UnreachableFoot(wanted, float(np.linalg.norm(missing)))
         return q
+
+    def follow(self, feet: ArrayLike) -> NDArray[np.float64]:
+        """Joint positions (k, n) on a way of the foot (k, 2), each near those before.
+
+        Raises:
+            UnreachableFoot: the first place that cannot be reached.
+        """
+        found: list[NDArray[np.float64]] = []
+        for foot in np.asarray(feet, dtype=float):
+            found.append(self.reach(foot, found[-1] if found else None))
+        return np.array(found)
 
     def _set(self, context: Context, position: ArrayLike) -> None:
         positions = np.empty(self.joints)

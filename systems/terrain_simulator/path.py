@@ -6,6 +6,7 @@ motions (Figure 2) without their equations: those here are assumed.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
@@ -25,12 +26,15 @@ from parapod.systems.terrain_simulator.kinematics import (
 from parapod.systems.terrain_simulator.terrain import Terrain
 
 __all__ = [
+    "Broken",
     "Gait",
     "PathLimits",
     "PathRefused",
     "PlateMotion",
     "PlatePath",
     "check_path",
+    "first_broken",
+    "refuse_broken",
 ]
 
 _LINE = LIMITS.index("line P T A_3")
@@ -62,9 +66,9 @@ class PlateMotion(NamedTuple):
         acceleration: (..., 3) the rates of these [m/s^2, m/s^2, rad/s^2].
         belt: (...) speed of a treadmill's belt, positive to the rear [m/s]; 0 for a pedal.
         stance: (...) whether the foot stands on the plate.
-        foothold: (3, ..., 2) x, z of the ground under the foot, and their derivatives: the plate's
+        foothold: (..., 3, 2) x, z of the ground under the foot, and their derivatives: the plate's
             middle, without the dip, or a place on the belt [m, m/s, m/s^2].
-        rise: (3, ...) height of the body above that of the distance zero, and its derivatives
+        rise: (..., 3) height of the body above that of the distance zero, and its derivatives
             [m, m/s, m/s^2].
     """
 
@@ -94,6 +98,7 @@ class PlatePath:
         dip: depth by which the plate keeps clear of the foot in the middle of the swing [m].
         phase: share of a stride that has passed at the time 0; 0 is touchdown [-].
         start: distance of the body at the time 0 [m].
+        clock: time of a ground that moves, at the time 0 [s].
         treadmill: whether a belt carries the foot back, and the plate stays at x_c.
     """
 
@@ -104,10 +109,11 @@ class PlatePath:
     dip: float = 0.0
     phase: float = 0.0
     start: float = 0.0
+    clock: float = 0.0
     treadmill: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("x_c", "z_c", "dip", "phase", "start"):
+        for name in ("x_c", "z_c", "dip", "phase", "start", "clock"):
             if not math.isfinite(getattr(self, name)):
                 raise ValueError(f"{name} must be finite, not {getattr(self, name)!r}")
         if not self.dip >= 0.0:
@@ -153,7 +159,7 @@ class PlatePath:
         phi = -np.diff(slopes, axis=-1)[..., 0] * S
         phi[0] -= slopes[..., 0]
         # Height of the foothold over that of the body.
-        lift = np.stack(self.terrain.lift(times))
+        lift = np.stack(self.terrain.lift(times + self.clock))
         body = gait.body(heights, share)
         z = rise * S + lift - body
         z[0] += this + self.z_c
@@ -168,7 +174,9 @@ class PlatePath:
             along = np.zeros_like(along)
         along[0] += self.x_c
         pose, velocity, acceleration = np.stack((along, z, phi), axis=-1)
-        return PlateMotion(pose, velocity, acceleration, belt, stance, foothold, body)
+        along_and_up = np.moveaxis(foothold, 0, -2)
+        risen = np.moveaxis(body, 0, -1)
+        return PlateMotion(pose, velocity, acceleration, belt, stance, along_and_up, risen)
 
 
 @dataclass(frozen=True)
@@ -250,9 +258,16 @@ def check_path(
     lasting = _STRIDES / path.gait.frequency if duration is None else duration
     if not (math.isfinite(lasting) and lasting > 0.0):
         raise ValueError(f"duration must be positive, not {lasting!r}")
-    refusal = _first_broken(geometry, path, kept, lasting)
-    if refusal is not None:
-        raise PathRefused(*refusal[:3], _admissible(geometry, path, kept, lasting), refusal[3])
+    way = path.gait.speed * lasting
+
+    def broken(speed: float) -> Broken | None:
+        slower = path.at_speed(speed)
+        times = _instants(slower, way / speed if way else lasting)
+        motion = slower.at(times)
+        belt = _belt_length(slower, motion.pose)
+        return first_broken(geometry, times, np.stack(motion[:3]), kept, belt)
+
+    refuse_broken(broken, path.gait.speed)
 
 
 def _instants(path: PlatePath, duration: float) -> Array:
@@ -274,22 +289,54 @@ def _instants(path: PlatePath, duration: float) -> Array:
     return np.concatenate(([0.0], times[(times > 0.0) & (times < duration)], [duration]))
 
 
-def _first_broken(
-    geometry: BenchGeometry, path: PlatePath, limits: PathLimits, duration: float
-) -> tuple[str, float, float, str] | None:
-    """Limit that is broken first, when [s], what it comes to at worst, and words; or None."""
-    times = _instants(path, duration)
-    motion = path.at(times)
-    left = margins(geometry, motion.pose)
+def _belt_length(path: PlatePath, pose: Array) -> Array:
+    """Length (...) of the belt that a stance needs [m]; 0 of a pedal."""
+    needed = path.gait.stance / np.cos(pose[..., 2])
+    return np.asarray(needed if path.treadmill else 0.0 * needed)
+
+
+class Broken(NamedTuple):
+    """A limit that a motion breaks first.
+
+    Attributes:
+        limit: see `PathRefused`.
+        instant: see there [s].
+        worst: see there.
+        words: a sentence about it.
+    """
+
+    limit: str
+    instant: float
+    worst: float
+    words: str
+
+
+def first_broken(
+    geometry: BenchGeometry,
+    times: Array,
+    motion: Array,
+    limits: PathLimits,
+    belt: Array | None = None,
+) -> Broken | None:
+    """Limit that a motion of the plate breaks first; None if it keeps all.
+
+    Args:
+        geometry: the bench.
+        times: instants (k) [s].
+        motion: (3, k, 3) poses, their rates and the rates of these [m, rad, s].
+        limits: what it must keep besides `margins`.
+        belt: length (k) of the belt that is needed [m]; None: none.
+    """
+    pose, velocity, acceleration = motion
+    left = margins(geometry, pose)
     left[:, _LINE] -= limits.sin_mu
-    belt = path.gait.stance / np.cos(motion.pose[:, 2:]) if path.treadmill else 0.0 * left[:, :1]
     values = np.concatenate(
         (
             -left,
-            np.abs(motion.velocity),
-            np.abs(slider_rates(geometry, motion.pose, motion.velocity)),
-            np.abs(slider_accelerations(geometry, *motion[:3])),
-            belt,
+            np.abs(velocity),
+            np.abs(slider_rates(geometry, pose, velocity)),
+            np.abs(slider_accelerations(geometry, pose, velocity, acceleration)),
+            0.0 * left[:, :1] if belt is None else belt[:, np.newaxis],
         ),
         axis=1,
     )
@@ -316,22 +363,30 @@ def _first_broken(
     else:
         name, unit = _RATES[which - len(LIMITS)]
         words = f"{worst:.4g} {unit} is more than {most[which]:.4g} {unit}"
-    return name, instant, worst, f"{name}: {words}, first at {instant:.3f} s"
+    return Broken(name, instant, worst, f"{name}: {words}, first at {instant:.3f} s")
 
 
-def _admissible(
-    geometry: BenchGeometry, path: PlatePath, limits: PathLimits, duration: float
-) -> float | None:
-    """Largest speed [m/s] that keeps the limits over the same way, and 99 % of which does."""
-    refused = path.gait.speed
-    way = refused * duration
+def refuse_broken(broken: Callable[[float], Broken | None], speed: float) -> None:
+    """Refuses a motion that breaks a limit, with the largest speed that does not.
 
-    def passes(speed: float) -> bool:
-        slower = path.at_speed(speed)
-        return _first_broken(geometry, slower, limits, way / speed) is None
+    Args:
+        broken: limit that is broken at a speed [m/s] over the same way; None: none.
+        speed: the speed that is asked for [m/s].
 
+    Raises:
+        PathRefused: a limit is broken at that speed.
+    """
+    found = broken(speed)
+    if found is not None:
+        slower = _admissible(lambda other: broken(other) is None, speed)
+        raise PathRefused(found.limit, found.instant, found.worst, slower, found.words)
+
+
+def _admissible(passes: Callable[[float], bool], asked: float) -> float | None:
+    """Largest speed [m/s] that passes, and 99 % of which does."""
+    refused = asked
     for share in _SCANNED:
-        speed, high = share * path.gait.speed, refused
+        speed, high = share * asked, refused
         while speed < high and passes(speed):
             low = speed
             for _ in range(_BISECTIONS):

@@ -12,10 +12,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from parapod.systems.core.motion_laws import quintic
+from parapod.systems.core.motion_laws import joined, quintic
 from parapod.systems.core.vectors import Array
-from parapod.systems.terrain_simulator.path import PlateMotion, PlatePath
+from parapod.systems.terrain_simulator.geometry import BenchGeometry
+from parapod.systems.terrain_simulator.path import (
+    Broken,
+    PathLimits,
+    PlatePath,
+    check_path,
+    first_broken,
+    refuse_broken,
+)
 from parapod.systems.terrain_simulator.support import GRAVITY, Support
+
+_SAMPLES = 193  # of each swing between two speeds
 
 
 class WalkMotion(NamedTuple):
@@ -44,6 +54,20 @@ class WalkMotion(NamedTuple):
     bounce: Array
 
 
+class _Piece(NamedTuple):
+    """Strides of one speed.
+
+    Attributes:
+        begin: time at which the swing before them begins [s].
+        path: path of the plate; its time is counted from there.
+        strides: number of them.
+    """
+
+    begin: float
+    path: PlatePath
+    strides: int
+
+
 @dataclass(frozen=True)
 class BenchWalk:
     """A walk: a path of the plate between two times at which all stands.
@@ -57,7 +81,8 @@ class BenchWalk:
         clearance: height of the foot above the plate in the middle of the swing [m].
         begin: time for which the leg stands first [s].
         shift: time in which it unloads, and in which it loads [s].
-        strides: number of strides between the two swings [-].
+        strides: number of strides at the gait's speed [-].
+        run_up: number of strides in which it speeds up before them, and slows down after them [-].
         is_inertial: whether the hip's drive adds the force with which a body resists the
             acceleration of its rise: the bench's body does not rise, the ground falls.
     """
@@ -70,13 +95,14 @@ class BenchWalk:
     begin: float = 0.5
     shift: float = 0.3
     strides: int = 4
+    run_up: int = 1
     is_inertial: bool = True
 
     def __post_init__(self) -> None:
         for name in ("mass", "hip_height", "shift"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)!r}")
-        for name in ("foot_radius", "clearance", "begin"):
+        for name in ("foot_radius", "clearance", "begin", "run_up"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
                 raise ValueError(f"{name} must not be negative, but is {getattr(self, name)!r}")
         if not self.strides >= 1:
@@ -89,9 +115,14 @@ class BenchWalk:
         return Support(self.path.gait, self.mass)
 
     @property
+    def period(self) -> float:
+        """Duration of a stride [s]."""
+        return 1.0 / self.path.gait.frequency
+
+    @property
     def swing(self) -> float:
         """Duration of a swing [s]."""
-        return (1.0 - self.path.gait.duty) / self.path.gait.frequency
+        return (1.0 - self.path.gait.duty) * self.period
 
     @property
     def lift_off(self) -> float:
@@ -101,7 +132,7 @@ class BenchWalk:
     @property
     def landing(self) -> float:
         """Time at which it lands for the last time [s]."""
-        return self.lift_off + self.strides / self.path.gait.frequency + self.swing
+        return self.lift_off + (self.strides + 2 * self.run_up) * self.period + self.swing
 
     @property
     def duration(self) -> float:
@@ -110,14 +141,32 @@ class BenchWalk:
 
     @property
     def steady(self) -> tuple[float, float]:
-        """Times between which the strides are whole, and each begins with a touchdown [s]."""
-        first = self.lift_off + self.swing
-        return first, first + (self.strides - 1) / self.path.gait.frequency
+        """Touchdowns between which all strides have the gait's speed [s]."""
+        first = self.lift_off + self.run_up * self.period + self.swing
+        return first, first + (self.strides - 1) * self.period
 
     @property
     def hip(self) -> tuple[float, float]:
         """x, z of the hip while the body does not bounce [m]."""
         return self.path.x_c, self.path.z_c + self.hip_height
+
+    @cached_property
+    def pieces(self) -> tuple[_Piece, ...]:
+        """Strides that speed up, those of the gait's speed, and those that slow down."""
+        full, n = self.path.gait.speed, self.run_up
+        parts = [full * k / (n + 1) for k in range(1, n + 1)]
+        plan = [*((speed, 1) for speed in parts), (full, self.strides)]
+        plan += [(speed, 1) for speed in reversed(parts)]
+        found: list[_Piece] = []
+        time, gone, before = self.lift_off, self.path.start, 0.0
+        for speed, strides in plan:
+            # In the swing the body changes its speed; the path is told back to the lift-off.
+            start = gone + 0.5 * (before - speed) * self.swing
+            path = replace(self.path.at_speed(speed), start=start, clock=time - self.lift_off)
+            found.append(_Piece(time, path, strides))
+            time += strides * self.period
+            gone, before = start + speed * strides * self.period, speed
+        return tuple(found)
 
     def at(self, time: ArrayLike) -> WalkMotion:
         """Motion at times (...) [s].
@@ -126,89 +175,135 @@ class BenchWalk:
             ValueError: a time that is not finite.
         """
         t = np.asarray(time, dtype=np.float64)
-        f, duty = self.path.gait.frequency, self.path.gait.duty
-        since = np.clip(t - self.lift_off, 0.0, self.landing - self.lift_off)
-        share = np.mod(f * since + duty, 1.0)
-        walking = self.path.at(since)
-        values = self._values(since, walking)
-        # Share of the walk in what is done, from rest and back to rest.
-        leads = np.minimum(since / self.swing, 1.0)
-        ends = np.clip((since - self.strides / f) / self.swing, 0.0, 1.0)
-        is_last = ends > 0.0
-        weight = np.stack(quintic(np.where(is_last, 1.0 - ends, leads)))
-        weight *= np.stack((np.ones_like(t), *(self._by(is_last, n) for n in (1, 2))))
-        first, last = (self._rest(n).reshape(8, 3, *[1] * t.ndim) for n in (0, 1))
-        rest = np.where(is_last, last, first)
-        away = values - rest
-        value, rate, acceleration = away[:, 0], away[:, 1], away[:, 2]
-        w, dw, ddw = weight
-        blended = (
-            np.stack(
-                (
-                    w * value,
-                    w * rate + dw * value,
-                    w * acceleration + 2.0 * dw * rate + ddw * value,
-                ),
-                axis=1,
-            )
-            + rest
-        )
-        *pose, x, z, rise, distance, bounce = blended
-        phi = pose[2]
-        foot = np.stack((x, z - bounce)) + self.foot_radius * _normal(phi)
+        moving = np.clip(t, self.lift_off, self.landing)
+        since = moving - self.lift_off
+        share = np.mod(since / self.period + self.path.gait.duty, 1.0)
+        values, belt = self._values(moving)
+        *pose, x, z, rise, distance, bounce = values
+        foot = np.stack((x, z - bounce)) + self.foot_radius * _normal(pose[2])
         foot[0, 0] -= self.hip[0]
         foot[1, 0] -= self.hip[1]
         foot[1] += self.clearance * self.path.gait.dipped(share)
         swings = (t > self.lift_off) & (t < self.landing)
-        stance = ~swings | (walking.stance & ~is_last)
+        lands = moving > self.landing - self.swing
+        stance = ~swings | ((share < self.path.gait.duty) & ~lands)
         unloaded = np.clip((t - self.begin) / self.shift, 0.0, 1.0)
         loaded = np.clip((t - self.landing) / self.shift, 0.0, 1.0)
         standing = self.support.weight * (1.0 - quintic(unloaded)[0] + quintic(loaded)[0])
-        walked = np.where(is_last, 0.0, self.support.force(share))
+        walked = np.where(lands, 0.0, self.support.force(share))
         force = np.where(swings, walked, standing)
         inertial = rise[2] if self.is_inertial else 0.0
-        hip_force = self.mass * (GRAVITY + bounce[2] - inertial) - force
         return WalkMotion(
             pose=np.moveaxis(np.stack(pose), 0, -1),
-            belt=w * walking.belt,
+            belt=belt,
             foot=np.moveaxis(foot, 0, -1),
             force=force,
-            hip_force=hip_force,
+            hip_force=self.mass * (GRAVITY + bounce[2] - inertial) - force,
             stance=stance,
             distance=distance[0],
             rise=rise,
             bounce=bounce,
         )
 
-    def _by(self, is_last: NDArray[np.bool_], order: int) -> Array:
-        """Derivative of a swing's share by time, to a power; the last one runs backwards."""
-        return np.where(is_last, -1.0, 1.0) ** order / self.swing**order
+    def _values(self, t: Array) -> tuple[Array, Array]:
+        """Pose, foothold, rise, distance and bounce (8, 3, ...), and the belt (...)."""
+        values, belt = np.zeros((8, 3, *t.shape)), np.zeros(t.shape)
+        before, ran = self._rest(self.path.start, self.lift_off), 0.0
+        for piece in self.pieces:
+            end = piece.begin + piece.strides * self.period
+            touchdown = piece.begin + self.swing
+            after, runs = _state(piece, self.support, np.array(touchdown))
+            self._join(t, piece.begin, (before, after), (ran, float(runs)), values, belt)
+            inside = (t >= touchdown) & (t < end)
+            values[:, :, inside], belt[inside] = _state(piece, self.support, t[inside])
+            before, last = _state(piece, self.support, np.array(end))
+            ran = float(last)
+        slowing = 0.5 * self.pieces[-1].path.gait.speed * self.swing
+        rest = self._rest(float(before[6, 0]) + slowing, self.landing)
+        self._join(t, self.landing - self.swing, (before, rest), (ran, 0.0), values, belt)
+        return values, belt
 
-    def _values(self, since: Array, walking: PlateMotion) -> Array:
-        """Pose, foothold, rise, distance and bounce (8, 3, ...) while walking."""
-        pose = np.stack((walking.pose, walking.velocity, walking.acceleration))
-        gait = self.path.gait
-        zero = np.zeros_like(since)
-        distance = np.stack((self.path.start + gait.speed * since, zero + gait.speed, zero))
-        bounce = self.support.bounce(gait.frequency * since + gait.duty)
-        return np.stack(
-            (
-                *np.moveaxis(pose, -1, 0),
-                *np.moveaxis(walking.foothold, -1, 0),
-                walking.rise,
-                distance,
-                bounce,
-            )
-        )
+    def _join(
+        self,
+        t: Array,
+        begin: float,
+        states: tuple[Array, Array],
+        belts: tuple[float, float],
+        values: Array,
+        belt: Array,
+    ) -> None:
+        """Fills in a swing that leads from one state to another.
 
-    def _rest(self, which: int) -> Array:
-        """The same (8, 3) where the leg stands before and after: hip above the foot."""
+        Rates and accelerations go over by a polynomial, and what is missing of the way then is
+        done by the law of the gait's return, as in any other swing.
+        """
+        inside = (t >= begin) & (t <= begin + self.swing)
+        done, duration = (t[inside] - begin) / self.swing, self.swing
+        (p, v, a), (q, w, b) = states[0].T, states[1].T
+        by_itself = p + 0.5 * duration * (v + w) + duration**2 / 12.0 * (a - b)
+        led = joined(done, duration, states[0], np.stack((by_itself, w, b), axis=-1))
         gait = self.path.gait
-        middle = 0.5 * gait.duty / gait.frequency
-        time = np.array(-middle if which == 0 else self.landing - self.lift_off + middle)
-        rest = self._values(time, self.path.at(time))
-        rest[:, 1:], rest[-1] = 0.0, 0.0
+        returned = gait.returned(gait.duty + (1.0 - gait.duty) * done)
+        values[:, :, inside] = led + np.multiply.outer(q - by_itself, returned)
+        belt[inside] = belts[0] + (belts[1] - belts[0]) * quintic(done)[0]
+
+    def _rest(self, distance: float, time: float) -> Array:
+        """State (8, 3) of a leg that stands, its hip above the foot.
+
+        Args:
+            distance: way of the body [m].
+            time: at which it begins or ends to stand [s].
+        """
+        path, terrain = self.path, self.path.terrain
+        z = path.z_c + float(terrain.lift(time - self.lift_off).height)
+        phi, height = -float(terrain.slope(distance)), float(terrain.height(distance))
+        rest = np.zeros((8, 3))
+        rest[:, 0] = (path.x_c, z, phi, path.x_c, z, height, distance, 0.0)
         return rest
+
+
+def _state(piece: _Piece, support: Support, t: Array) -> tuple[Array, Array]:
+    """Pose, foothold, rise, distance and bounce (8, 3, ...), and the belt (...), as it walks."""
+    gait, since = piece.path.gait, t - piece.begin
+    walking = piece.path.at(since)
+    pose = np.stack((walking.pose, walking.velocity, walking.acceleration))
+    zero = np.zeros_like(since)
+    distance = np.stack((piece.path.start + gait.speed * since, zero + gait.speed, zero))
+    values = np.stack(
+        (
+            *np.moveaxis(pose, -1, 0),
+            *np.moveaxis(walking.foothold, (-1, -2), (0, 1)),
+            np.moveaxis(walking.rise, -1, 0),
+            distance,
+            support.bounce(gait.frequency * since + gait.duty),
+        )
+    )
+    return values, walking.belt
+
+
+def check_walk(geometry: BenchGeometry, walk: BenchWalk, limits: PathLimits | None = None) -> None:
+    """Refuses a walk on which the bench would break a limit, its run-up included.
+
+    Args:
+        geometry: the bench.
+        walk: the walk.
+        limits: what it must keep besides the mechanism's; None for the defaults.
+
+    Raises:
+        PathRefused: names the limit that is broken first, when, and the admissible speed.
+    """
+    kept = PathLimits() if limits is None else limits
+    for piece in walk.pieces:
+        check_path(geometry, piece.path, kept, piece.strides * walk.period)
+    # Swings between speeds.
+    swings = [*(piece.begin for piece in walk.pieces), walk.landing - walk.swing]
+    times = np.concatenate([np.linspace(one, one + walk.swing, _SAMPLES) for one in swings])
+
+    def broken(speed: float) -> Broken | None:
+        slower = replace(walk, path=walk.path.at_speed(speed))
+        return first_broken(geometry, times, slower.at(times).pose, kept)
+
+    refuse_broken(broken, walk.path.gait.speed)
 
 
 def _normal(phi: Array) -> Array:

@@ -1,0 +1,330 @@
+"""Walk one leg on the bench: a walking trot on the pedal, a flying trot on the treadmill.
+
+The plate gives the foot its footholds, the slide carries a quarter of the body, and the drive of
+the slide plays the other legs. Ground reaction forces stand beside the laws that bind them: over
+whole strides their mean is the weight, within a stance their impulse is that of the gait's force.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.terrain_simulator.drawing import TerrainRibbon
+from parapod.diagrams.terrain_simulator.leg import make_leg_model
+from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH, make_terrain
+from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
+from parapod.sims.lab.bench import Run, make_viewer
+from parapod.sims.lab.experiment import LoopExperiment
+from parapod.sims.lab.figures import COLOURS, Figure
+from parapod.sims.lab.panel import Readout, Row
+from parapod.sims.lab.results import Metric
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.ports import value_of
+from parapod.systems.core.vectors import Array
+from parapod.systems.terrain_simulator.kinematics import slider_rates
+from parapod.systems.terrain_simulator.walk import BenchWalk, WalkMotion, check_walk
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+_PLATE_MM, _MEAN = 0.1, 1e-3
+_CLOSED_UM = 20.0
+# Strides that pass before a walk counts as steady, where it has more than as many again.
+_SETTLING = 3
+# Places of the foot at which the leg's reach is looked at.
+_LOOKED_AT = 120
+# Share of the largest force from which on friction is told: at touchdown next to none presses.
+_PRESSED = 0.2
+_SIGNALS = (
+    "pose_desired",
+    "share",
+    "plate_motion",
+    "foot_load",
+    "load_estimated",
+    "sliders.position",
+    "sliders.velocity",
+    "hip.position",
+    "hip.force_command",
+    "leg.position",
+    "leg.torque_command",
+    "truth.pose",
+    "truth.foot_force",
+    "truth.slider_force",
+    "truth.loop_error",
+)
+
+
+class BenchWalking(LoopExperiment[TerrainBenchScenario, Run]):
+    """Walks over the terrain of a scenario."""
+
+    machine = TERRAIN_BENCH
+    schema = TerrainBenchScenario
+    backends = TERRAIN_BENCH.backends
+    signals = _SIGNALS
+    takes = "10 s"
+
+    def check(self, scenario: TerrainBenchScenario) -> None:
+        """Refuses a walk before anything moves.
+
+        Raises:
+            ScenarioError: settings that do not fit together, or a leg that is none.
+            PathRefused: a limit of the bench, when, and the largest admissible speed.
+            UnreachableFoot: the leg does not reach.
+        """
+        check_bench(scenario)
+
+    def duration(self, scenario: TerrainBenchScenario) -> float:
+        """Until the leg has stood a while [s]."""
+        return scenario.walk.duration + scenario.end
+
+    def loop(self, scenario: TerrainBenchScenario, **options: Any) -> ClosedLoop[Any]:
+        """Builds the closed loop, in a scene with the terrain beside the bench."""
+        return walking_loop(scenario, **options)
+
+    def scene(self, scenario: TerrainBenchScenario) -> Meshcat:
+        """A scene around the bench."""
+        return make_scene(scenario)
+
+    def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
+        """Pose, force and distance."""
+        return read_out(loop, root_context)
+
+    def measure(self, scenario: TerrainBenchScenario, run: Run) -> Iterator[Metric]:
+        """Errors of the plate, forces on the foot and what binds them."""
+        walk = scenario.walk
+        asked = walk.at(run.time)
+        if "truth.pose" in run:
+            yield from plate_metrics(run, asked)
+        speeds = slider_rates(scenario.geometry, asked.pose[0], asked.pose[1])
+        yield Metric(
+            "peak_slider_speed_m_s",
+            float(np.abs(speeds).max()),
+            "m/s",
+            scenario.sliders.max_velocity_m_s,
+            meaning="largest that the walk asks of a slider",
+        )
+        yield Metric(
+            "least_share",
+            float(run["share"][1:].min()),
+            at_least=1.0,
+            meaning="of the speed that is asked for, which the guard has let pass",
+        )
+        if scenario.backend == "multibody":
+            yield from force_metrics(walk, run, asked)
+            yield from leg_metrics(scenario, run, asked)
+        yield Metric(
+            "realtime_factor", run.realtime_factor, meaning="simulated time by wall-clock time"
+        )
+
+    def draw(self, scenario: TerrainBenchScenario, run: Run) -> Iterator[Figure]:
+        """Forces, plate and leg over some strides."""
+        if scenario.backend == "multibody":
+            yield Figure(
+                "bench_walk",
+                "A leg walks on the bench",
+                "Above the ground's force on the foot with what the gait asks of it, dashed, and "
+                "the plate's way; below the torques of the leg, and the forces of the sliders. "
+                "Grey: the foot stands. Fig. 2 shows such forces without numbers.",
+                partial(_draw, scenario, run),
+                (8.0, 5.0),
+            )
+
+
+def check_bench(scenario: TerrainBenchScenario) -> None:
+    """Refuses a walk that bench or leg cannot do; see `BenchWalking.check`."""
+    period, step = scenario.control.period, scenario.plant.time_step
+    if scenario.backend == "multibody" and period < step:
+        raise ScenarioError(
+            f"control.period = {period:g} s is below plant.time_step = {step:g} s",
+            "control.period",
+        )
+    walk = scenario.walk
+    check_walk(scenario.geometry, walk, scenario.sliders.limits)
+    stride = np.linspace(*walk.steady, _LOOKED_AT)
+    times = np.concatenate(([0.0], stride, [walk.duration]))
+    make_leg_model(scenario.leg.description).follow(walk.at(times).foot[0])
+
+
+def walking_loop(
+    scenario: TerrainBenchScenario, meshcat: Meshcat | None = None, **options: Any
+) -> ClosedLoop[Any]:
+    """Closed loop of a bench; in a scene the terrain goes by beside it."""
+    if meshcat is not None and "sources" not in options:
+        ribbon = TerrainRibbon(meshcat, scenario.walk)
+        options["sources"] = (make_terrain(scenario), ribbon)
+    return ClosedLoop(TERRAIN_BENCH, scenario, meshcat=meshcat, **options)
+
+
+def make_scene(scenario: TerrainBenchScenario) -> Meshcat:
+    """A scene around the bench, seen from its near side."""
+    x, z = scenario.walk.hip
+    return make_viewer(camera=(x + 1.1, -2.9, z + 0.35), target=(x, 0.0, 0.55 * z))
+
+
+def plate_metrics(run: Run, asked: WalkMotion) -> Iterator[Metric]:
+    """Errors of the plate, and how well the bench's loops are closed."""
+    error = run["truth.pose"] - asked.pose[0]
+    yield Metric(
+        "plate_error_mm",
+        1e3 * float(np.hypot(error[:, 0], error[:, 1]).max()),
+        "mm",
+        _PLATE_MM,
+        meaning="largest of the plate's middle",
+    )
+    yield Metric(
+        "plate_angle_error_deg",
+        float(np.degrees(np.abs(error[:, 2]).max())),
+        "deg",
+        meaning="largest of its angle",
+    )
+    yield Metric(
+        "loop_error_um",
+        1e6 * float(run["truth.loop_error"].max()),
+        "um",
+        _CLOSED_UM,
+        meaning="largest gap in the bench's closed loops",
+    )
+
+
+def force_metrics(walk: BenchWalk, run: Run, asked: WalkMotion) -> Iterator[Metric]:
+    """Forces of the ground on the foot, beside the laws that bind them."""
+    along, upwards = run["truth.foot_force"].T
+    steady = steady_part(walk, run.time)
+    if steady.any():
+        yield Metric(
+            "mean_force_ratio",
+            float(upwards[steady].mean()) / walk.support.weight,
+            bound=1.0 + _MEAN,
+            at_least=1.0 - _MEAN,
+            meaning="mean of the force upwards by the weight, over whole strides",
+        )
+        meant = asked.force[steady]
+        yield Metric(
+            "impulse_ratio",
+            float(upwards[steady & asked.stance].sum() / meant.sum()),
+            meaning="impulse of the stances by that of the gait's force",
+        )
+    yield Metric(
+        "peak_force_N", float(upwards.max()), "N", meaning="largest of the ground upwards"
+    )
+    pressed = upwards > _PRESSED * walk.support.peak
+    yield Metric(
+        "friction_ratio",
+        float(np.abs(along[pressed] / upwards[pressed]).max()),
+        meaning="largest force along by the force upwards, where the foot presses",
+    )
+    told = run["foot_load"][:, 1] + upwards
+    yield Metric(
+        "cell_error_N",
+        float(np.sqrt(np.mean(told[asked.stance] ** 2))),
+        "N",
+        meaning="root mean square of the force cells in stance, their delay included",
+    )
+    guessed = run["load_estimated"][:, 1] + upwards
+    yield Metric(
+        "current_error_N",
+        float(np.sqrt(np.mean(guessed[asked.stance] ** 2))),
+        "N",
+        meaning="the same of the estimate by the sliders' currents",
+    )
+
+
+def leg_metrics(scenario: TerrainBenchScenario, run: Run, asked: WalkMotion) -> Iterator[Metric]:
+    """Errors of hip and foot, and the largest torque of the leg."""
+    walk, leg = scenario.walk, make_leg_model(scenario.leg.description)
+    height = run["hip.position"][:, 0] - walk.hip[1] - asked.bounce[0]
+    yield Metric(
+        "hip_error_mm",
+        1e3 * float(np.abs(height).max()),
+        "mm",
+        meaning="largest of the hip's height from that of the gait",
+    )
+    context = leg.make_context()
+    places = np.array([leg.place(context, q) for q in run["leg.position"]])
+    swings = ~asked.stance
+    off = np.linalg.norm(places - asked.foot[0], axis=-1)
+    for name, which in (("swing", swings), ("stance", asked.stance)):
+        yield Metric(
+            f"foot_{name}_error_mm",
+            1e3 * float(off[which].max()),
+            "mm",
+            meaning=f"largest of the foot from where it is to be in {name}",
+        )
+    torque = np.abs(run["leg.torque_command"]).max(axis=0)
+    yield Metric(
+        "torque_share",
+        float((torque / np.array(leg.max_torque)).max()),
+        meaning="largest torque of a joint by what its drive can give",
+    )
+
+
+def steady_part(walk: BenchWalk, time: Array) -> Array:
+    """Which times belong to whole strides of a walk that is steady."""
+    first, last = walk.steady
+    stride = 1.0 / walk.path.gait.frequency
+    skipped = _SETTLING if last - first > 2 * _SETTLING * stride else 0
+    half = 0.5 * float(np.median(np.diff(time)))
+    return (time >= first + skipped * stride - half) & (time < last - half)
+
+
+def read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
+    """Pose of the plate, force on the foot, distance and share of a walk that goes on."""
+    now = loop.readings(root_context, ("truth.pose", "truth.foot_force", "hip.position"))
+    pose = value_of(loop.controller, "pose_desired", root_context)
+    true = now["truth.pose"]() if "truth.pose" in now else np.full(3, np.nan)
+    rows = [
+        Row("x", 1e3 * pose[0], true=1e3 * float(true[0]), unit="mm", decimals=1),
+        Row("z", 1e3 * pose[1], true=1e3 * float(true[1]), unit="mm", decimals=1),
+        Row(
+            "phi", float(np.degrees(pose[2])), true=float(np.degrees(true[2])), unit="deg",
+            decimals=2,
+        ),
+        Row("hip", measured=1e3 * float(now["hip.position"]()[0]), unit="mm", decimals=1),
+    ]  # fmt: skip
+    if "truth.foot_force" in now:
+        force = float(now["truth.foot_force"]()[1])
+        rows.append(Row("ground on the foot", measured=force, unit="N", decimals=0))
+    distances = [source for source in loop.sources if source.HasOutputPort("distance")]
+    if distances:
+        gone = float(value_of(distances[0], "distance", root_context)[0])
+        rows.append(Row("way of the body", measured=gone, unit="m", decimals=2))
+    share = float(value_of(loop.controller, "share", root_context)[0])
+    return Readout("" if share > 0.99 else f"slowed down to {100.0 * share:.0f} %", rows)
+
+
+def _draw(scenario: TerrainBenchScenario, run: Run, canvas: "Canvas") -> None:
+    axes: Any = canvas.subplots(2, 2, sharex=True)
+    asked = scenario.walk.at(run.time)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], asked.stance, [0]))))
+    for begin, end in edges.reshape(-1, 2):
+        for plot in axes.ravel():
+            until = run.time[min(end, len(run.time) - 1)]
+            plot.axvspan(run.time[begin], until, color="0.5", alpha=0.12, lw=0, zorder=0)
+    for i, name in enumerate(("along", "upwards")):
+        force = run["truth.foot_force"][:, i]
+        axes[0, 0].plot(run.time, force, color=COLOURS[1 - i], lw=0.9, label=name)
+    axes[0, 0].plot(run.time, asked.force, "--", color="0.3", lw=0.8)
+    axes[0, 0].set(
+        ylabel="ground on the foot [N]", ylim=(-300.0, 1.35 * scenario.walk.support.peak)
+    )
+    x, z, phi = run["truth.pose"].T
+    axes[0, 1].plot(run.time, 1e3 * (x - x[0]), color=COLOURS[0], label="x [mm]")
+    axes[0, 1].plot(run.time, 1e3 * (z - z[0]), color=COLOURS[1], label="z [mm]")
+    axes[0, 1].plot(run.time, 10.0 * np.degrees(phi), color=COLOURS[2], label="phi [0.1 deg]")
+    axes[0, 1].set(ylabel="the plate, from its beginning")
+    for i, name in enumerate(scenario.leg.joints):
+        torque = run["leg.torque_command"][:, i]
+        axes[1, 0].plot(run.time, torque, color=COLOURS[i % 7], lw=0.9, label=name)
+    axes[1, 0].set(ylabel="torques of the leg [N m]")
+    for i, force in enumerate(run["truth.slider_force"].T):
+        axes[1, 1].plot(run.time, force, color=COLOURS[i], lw=0.9, label=f"slider {i + 1}")
+    axes[1, 1].set(ylabel="forces of the drives [N]")
+    for plot in axes.ravel():
+        plot.legend(ncols=3, fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    for plot in axes[1]:
+        plot.set_xlabel("time [s]")
