@@ -234,14 +234,20 @@ def _round_foot(
     for index in plant.GetBodyIndices(instance):
         for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
             scene_graph.RemoveRole(source, geometry, Role.kProximity)
-    properties = ProximityProperties()
-    AddContactMaterial(
-        dissipation=10.0,
-        point_stiffness=1e6,
-        friction=CoulombFriction(leg.friction, leg.friction),
-        properties=properties,
-    )
+    properties = foot_contact(leg.friction)
     place = foot.GetFixedPoseInBodyFrame() @ RigidTransform(np.zeros(3))
     plant.RegisterCollisionGeometry(
         foot.body(), place, Sphere(leg.foot_radius), "foot", properties
     )
+
+
+def foot_contact(friction: float = 0.8) -> ProximityProperties:
+    """Stiffness, damping and friction of a foot, and of ground as the plate is."""
+    properties = ProximityProperties()
+    AddContactMaterial(
+        dissipation=10.0,
+        point_stiffness=1e6,
+        friction=CoulombFriction(friction, friction),
+        properties=properties,
+    )
+    return properties

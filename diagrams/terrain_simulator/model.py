@@ -107,6 +107,7 @@ def add_leg_on_slide(
     leg: LegDescription,
     mass: float,
     scene_graph: SceneGraph | None = None,
+    ends: tuple[float, float] = (_LOWEST, _HIGHEST),
 ) -> LegOnSlide:
     """Adds the column, the hip's slide and the leg on it to a plant that is not finalized.
 
@@ -115,6 +116,7 @@ def add_leg_on_slide(
         leg: the leg.
         mass: mass that the slide has with its leg [kg].
         scene_graph: with which the plant is registered; None: nothing collides.
+        ends: of the slide's way [m].
 
     Raises:
         ScenarioError: a leg that is none, or is heavier than that.
@@ -138,7 +140,7 @@ def add_leg_on_slide(
     slide = add_adapted_model(parser, f"{_FOLDER}/slide.urdf", "slide", adapt)
     body = plant.GetFrameByName("slide", slide)
     frame, up = plant.GetFrameByName("column", column), np.array((0.0, 0.0, 1.0))
-    joint = plant.AddJoint(PrismaticJoint("slide", frame, body, up, _LOWEST, _HIGHEST))
+    joint = plant.AddJoint(PrismaticJoint("slide", frame, body, up, *ends))
     plant.AddJointActuator("slide", joint)
     return LegOnSlide(add_leg(plant, leg, body, scene_graph), column, slide)
 

@@ -143,7 +143,7 @@ def add_bodies(
     belt_inputs, belt_outputs = _add_belt(builder, scenario, plant, model)
     inputs |= belt_inputs
     outputs |= belt_outputs
-    brake = _add_leg_ports(builder, scenario, plant, on_slide, leg_model, inputs, outputs)
+    brake = add_leg_ports(builder, scenario, plant, on_slide, leg_model, inputs, outputs)
     noise = _add_cells(builder, scenario, plant, model, outputs)
     truth = add(builder, BenchTruth(model))
     connect(builder, plant.get_body_poses_output_port(), truth.GetInputPort("body_poses"))
@@ -238,7 +238,7 @@ def _add_belt(
     return inputs, {"belt.velocity": outputs["belt.velocity"]}
 
 
-def _add_leg_ports(
+def add_leg_ports(
     builder: DiagramBuilder,
     scenario: TerrainBenchScenario,
     plant: MultibodyPlant,
@@ -247,7 +247,20 @@ def _add_leg_ports(
     inputs: dict[str, InputPort],
     outputs: dict[str, OutputPort],
 ) -> System:
-    """Ports of slide and leg; returns what shows the slide's brake."""
+    """Adds the drives of slide and leg in a plant of bodies, and the ground's force on the foot.
+
+    Args:
+        builder: builder of the station.
+        scenario: its `control.period` and `hip` are taken.
+        plant: finalized; holds the leg on its slide.
+        on_slide: the leg there.
+        leg: the leg alone.
+        inputs: ports of the station, to which those of slide and leg are added.
+        outputs: the same for outputs.
+
+    Returns:
+        What shows the slide's brake.
+    """
     period, largest = scenario.control.period, np.array([scenario.hip.max_force_N])
     force = add(builder, Saturation(-largest, largest), "hip_force")
     hold = add(builder, ZeroOrderHold(period, 1), "hip_force_held")
@@ -409,32 +422,47 @@ def _add_led(
     cells: OutputPort,
     meshcat: Meshcat | None,
 ) -> Behind:
-    """A bench without dynamics behind its drives."""
+    """A bench without dynamics behind its drives, and a leg that rests."""
+    inputs, outputs = add_plate(builder, scenario, servo, cells)
+    _add_resting(builder, scenario, inputs, outputs)
+    if meshcat is not None:
+        hip = add(builder, ConstantVectorSource(np.array(scenario.walk.hip)), "hip_drawn")
+        shown = (outputs["truth.pose"], hip.get_output_port(), outputs["leg.position"])
+        add_drawing(builder, scenario, shown, meshcat)
+    simulation = Simulation(servo)
+    return Behind(inputs, outputs, simulation.reset, handle=simulation)
+
+
+def add_plate(
+    builder: DiagramBuilder,
+    scenario: TerrainBenchScenario,
+    servo: PositionServo,
+    cells: OutputPort,
+) -> tuple[dict[str, InputPort], dict[str, OutputPort]]:
+    """Adds a bench without dynamics; returns the ports of all but slide and leg.
+
+    Args:
+        builder: builder of the station.
+        scenario: its bench is added.
+        servo: drives of the sliders.
+        cells: what the force cells show (3).
+    """
     sliders = add(builder, servo, "sliders")
     inputs, outputs = ports_of_drives(sliders, "position_command", "sliders")
     belt_inputs, belt_outputs = _add_belt(builder, scenario)
-    inputs |= belt_inputs
-    outputs |= belt_outputs
     none = add(builder, ConstantVectorSource(np.zeros(3)), "no_force")
-    outputs |= _current(builder, scenario, none.get_output_port())
-    _add_resting(builder, scenario, inputs, outputs)
-    outputs["cells.force"] = cells
+    pair = add(builder, ConstantVectorSource(np.zeros(2)), "no_gaps")
     pose = add(builder, PlatePose(scenario.geometry))
     connect(builder, sliders.GetOutputPort("position"), pose.GetInputPort("position"))
-    pair = add(builder, ConstantVectorSource(np.zeros(2)), "no_gaps")
+    outputs |= belt_outputs | _current(builder, scenario, none.get_output_port())
     outputs |= {
+        "cells.force": cells,
         "truth.pose": pose.get_output_port(),
         "truth.slider_force": none.get_output_port(),
         "truth.foot_force": pair.get_output_port(),
         "truth.loop_error": pair.get_output_port(),
     }
-    outputs |= add_status(builder, PARTS)
-    if meshcat is not None:
-        hip = add(builder, ConstantVectorSource(np.array(scenario.walk.hip)), "hip_drawn")
-        shown = (pose.get_output_port(), hip.get_output_port(), outputs["leg.position"])
-        add_drawing(builder, scenario, shown, meshcat)
-    simulation = Simulation(sliders)
-    return Behind(inputs, outputs, simulation.reset, handle=simulation)
+    return inputs | belt_inputs, outputs | add_status(builder, PARTS)
 
 
 def add_drawing(

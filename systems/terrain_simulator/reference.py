@@ -112,7 +112,7 @@ def _rows_at(walk: BenchWalk, period: float, times: Array) -> Array:
         np.stack((walk.hip[1] + now.bounce[0], now.bounce[1]), axis=-1),
         now.belt,
         now.stance,
-        now.distance,
+        now.distance[0],
         now.rise[0],
         times >= walk.duration,
     )

@@ -38,7 +38,7 @@ class WalkMotion(NamedTuple):
         force: (...) force of the ground on the foot, upwards [N].
         hip_force: (...) force on the hip's slide, upwards: what the other legs carry [N].
         stance: (...) whether the foot stands on the plate.
-        distance: (...) way of the body [m].
+        distance: (3, ...) way of the body, and its derivatives [m, s].
         rise: (3, ...) height of the body over that of the distance zero, and its derivatives.
         bounce: (3, ...) height of the hip above its mean over the body, and its derivatives.
     """
@@ -200,7 +200,7 @@ class BenchWalk:
             force=force,
             hip_force=self.mass * (GRAVITY + bounce[2] - inertial) - force,
             stance=stance,
-            distance=distance[0],
+            distance=distance,
             rise=rise,
             bounce=bounce,
         )

@@ -1,0 +1,138 @@
+"""The same leg in the world: it walks over the terrain itself, and no bench is there.
+
+The hip's slide hangs on a column that goes along with the body, and the terrain stands still. What the leg does and feels must be what it does and feels on the bench.
+"""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from pydrake.geometry import Box, Meshcat
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+
+from parapod.diagrams.drawing import publish, remove_visuals
+from parapod.diagrams.machine import Machine
+from parapod.diagrams.multibody import add_discrete_plant
+from parapod.diagrams.station import Behind
+from parapod.diagrams.terrain_simulator.drawing import profile
+from parapod.diagrams.terrain_simulator.leg import foot_contact, make_leg_model
+from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
+from parapod.diagrams.terrain_simulator.model import add_leg_on_slide
+from parapod.diagrams.terrain_simulator.plants import (
+    add_leg_ports,
+    add_plate,
+    beginning,
+    slider_params,
+)
+from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
+from parapod.diagrams.wiring import add, connect
+from parapod.systems.actuators.position_servo import PositionServo
+from parapod.systems.core.vectors import Array
+from parapod.systems.terrain_simulator.walk import BenchWalk
+
+_THICK, _WIDE = 0.1, 0.3  # of the ground's pieces [m]
+_BEYOND = 0.5  # ground behind and ahead of the body's way [m]
+_ENDS = (-100.0, 100.0)  # of the slide [m]
+_GREEN = np.array((0.55, 0.62, 0.50, 1.0))
+
+
+def walking_in_the_world() -> Machine[TerrainBenchScenario]:
+    """The machine with the world in the place of its bench of bodies."""
+    return replace(TERRAIN_BENCH, plants={"multibody": add_world})
+
+
+def add_world(
+    builder: DiagramBuilder, scenario: TerrainBenchScenario, meshcat: Meshcat | None
+) -> Behind:
+    """Adds the leg on its slide, the column that goes along, and the terrain.
+
+    The sliders are where they are told; nothing stands on them.
+    """
+    walk, step = scenario.walk, scenario.plant.time_step
+    plant, scene_graph = add_discrete_plant(builder, step, "lagged")
+    on_slide = add_leg_on_slide(
+        plant, scenario.leg.description, scenario.hip.mass_kg, scene_graph, _ENDS
+    )
+    _lay_out(plant, walk)
+    plant.Finalize()
+    leg = make_leg_model(scenario.leg.description)
+    times = np.arange(-step, walk.duration + scenario.end + 2.0 * step, step)
+    motion = walk.at(times)
+    x, z = walk.hip
+    # A step ahead, as the drive wants it.
+    way = (x + motion.distance[0], motion.distance[1])
+    gone = _source(builder, "column", times - step, way, is_state=True)
+    connect(builder, gone, plant.get_desired_state_input_port(on_slide.column))
+    servo = PositionServo(
+        slider_params(scenario), 3, scenario.control.period, step, beginning(scenario)
+    )
+    none = add(builder, ConstantVectorSource(np.zeros(3)), "cells")
+    inputs, outputs = add_plate(builder, scenario, servo, none.get_output_port())
+    add_leg_ports(builder, scenario, plant, on_slide, leg, inputs, outputs)
+    # Heights over the body's rise, as on the bench.
+    for name, order in (("position", 0), ("velocity", 1)):
+        pair = (motion.rise[order], motion.rise[order + 1])
+        risen = _source(builder, f"rise_{name}", times, pair, is_state=False)
+        outputs[f"hip.{name}"] = _less(builder, name, outputs[f"hip.{name}"], risen)
+    if meshcat is None:
+        remove_visuals(plant, scene_graph)
+    else:
+        publish(builder, scene_graph, meshcat, "world")
+    carriers = (("column", on_slide.column), ("slide", on_slide.slide))
+    joints = [*(plant.GetJointByName(*name) for name in carriers), *on_slide.leg.joints]
+    start = walk.at(0.0)
+    positions = np.zeros(plant.num_positions())
+    positions[[joint.position_start() for joint in joints]] = (
+        x + start.distance[0], z + start.rise[0], *leg.reach(start.foot[0])
+    )  # fmt: skip
+    plant.SetDefaultPositions(positions)
+    return Behind(inputs, outputs)
+
+
+def _source(
+    builder: DiagramBuilder,
+    name: str,
+    times: Array,
+    motion: tuple[Array, Array],
+    *,
+    is_state: bool,
+) -> OutputPort:
+    """Source of values with rates that are known; with `is_state` it shows the rates too."""
+    values, rates = (each[np.newaxis] for each in motion)
+    course = PiecewisePolynomial.CubicHermite(times, values, rates)
+    return add(builder, TrajectorySource(course, int(is_state)), name).get_output_port()
+
+
+def _less(builder: DiagramBuilder, name: str, whole: OutputPort, part: OutputPort) -> OutputPort:
+    """Difference of two numbers."""
+    taken = add(builder, Gain(-1.0, 1), f"less_{name}")
+    total = add(builder, Adder(2, 1), f"{name}_over_body")
+    for source, sink in (
+        (part, taken.get_input_port()),
+        (whole, total.get_input_port(0)),
+        (taken.get_output_port(), total.get_input_port(1)),
+    ):
+        connect(builder, source, sink)
+    return total.get_output_port()
+
+
+def _lay_out(plant: MultibodyPlant, walk: BenchWalk) -> None:
+    """Lays out the terrain under the way of the body, in pieces that are plane."""
+    last = float(walk.at(walk.duration).distance[0])
+    points = profile(walk.path.terrain, walk.path.start - _BEYOND, last + _BEYOND)
+    origin = np.array((walk.path.x_c, 0.0, walk.path.z_c))
+    body, properties = plant.world_body(), foot_contact()
+    for number, (one, other) in enumerate(pairwise(points)):
+        along = other - one
+        length, angle = float(np.hypot(*along)), float(np.arctan2(along[1], along[0]))
+        turned = RotationMatrix.MakeYRotation(-angle)
+        middle = 0.5 * (one + other)
+        below = turned @ np.array((0.0, 0.0, -0.5 * _THICK))
+        place = origin + np.array((middle[0], 0.0, middle[1])) + below
+        shape, pose = Box(length, _WIDE, _THICK), RigidTransform(turned, place)
+        plant.RegisterCollisionGeometry(body, pose, shape, f"ground_{number}", properties)
+        plant.RegisterVisualGeometry(body, pose, shape, f"ground_{number}", _GREEN)
