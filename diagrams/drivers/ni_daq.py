@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
 from parapod.systems.hardware.addresses import resolved
-from parapod.systems.hardware.ni.settings import NiDaqSettings
+from parapod.systems.hardware.ni.settings import NiDaqSettings, NiForceCellSettings
 
 if TYPE_CHECKING:
     from parapod.systems.hardware.device import Device
@@ -77,7 +77,38 @@ class NiDaqEncoders(NiDaqLegs):
         return super().emulate(MutedHarness(harness, [f"{self.part}.voltage"]), misbehaviour)
 
 
-def _socket(driver: NiDaqLegs) -> str:
+@dataclass
+class NiDaqForceCells(NiForceCellSettings, Driver):
+    """Force cells whose amplifiers are at analog inputs of an NI PXIe-6363: `NiForceCells`."""
+
+    def make(self, ports: PartPorts) -> "Device":
+        """See `Driver`."""
+        from parapod.systems.hardware.ni.cells import NiForceCells
+
+        with named(self):
+            return NiForceCells(self)
+
+    def emulate(
+        self, harness: "Harness", misbehaviour: "Misbehaviour"
+    ) -> AbstractContextManager[object]:
+        """See `Driver`: an NI gRPC Device Server with a card of its own."""
+        from parapod.systems.hardware.ni.emulator import NiServer
+        from parapod.systems.hardware.ni.terminals import CellWiring
+
+        path = _socket(self)
+        with named(self):
+            device, cells = self.device, self.cells
+        wiring = CellWiring(
+            harness,
+            misbehaviour,
+            {_terminal(cell.channel): cell.newton_per_volt for cell in cells},
+            {_terminal(cell.channel): cell.zero for cell in cells},
+            self.part,
+        )
+        return NiServer(path, wiring, device, self.product)
+
+
+def _socket(driver: NiDaqLegs | NiDaqForceCells) -> str:
     """Path of the socket of a card's emulated server."""
     address = emulated(driver.target, f"!{type(driver).__name__}.target")
     return address.removeprefix("unix:")

@@ -169,6 +169,16 @@ ROWS = {
         rest={"voltage": (0.0,) * 4, "stop": (1.0,)},
     ),
     "NiDaqEncoders": Row(**CARD, order={"stop": (0.0,)}, rest={"stop": (1.0,)}),
+    "NiDaqForceCells": Row(
+        library="nidaqmx",
+        # A step of the converter is 30 uN.
+        settings={"newton_per_volt": [0.1, -0.1, 0.1]},
+        real={"target": "unix:/nowhere/socket"},
+        measures={"force": 3},
+        truth=("force", (0.1, -0.25, 0.4), 1e-3),
+        faults={"off": {SILENT}, "unplugged": {UNPLUGGED}},
+        timeout=0.2,
+    ),
     "SabertoothLegs": Row(
         library="serial",
         real={"port": "/dev/not-there"},
@@ -514,6 +524,10 @@ def test_number_outside_its_range_is_refused_with_its_key(name):
         ("NiDaqLegs", {"stop_input": "PXI1Slot2/port0/line13:14"}, "must be one line, not PXI1"),
         ("NiDaqLegs", {"watchdog_ms": 10.0}, "watchdog_ms must be 0 or at least 20, not 10"),
         ("NiDaqLegs", {"extension_file": ""}, "it needs extension_at_start_mm"),
+        ("NiDaqForceCells", {"channels": "ai0:2"}, "does not name channels"),
+        ("NiDaqForceCells", {"channels": "PXI1Slot2/ai0:1,A/ai2"}, "channels are of 2 cards"),
+        ("NiDaqForceCells", {"zero_V": [0.0]}, "zero_V must be 3 values, not 1"),
+        ("NiDaqForceCells", {"newton_per_volt": [1.0, 0.0, 1.0]}, "newton_per_volt must not be 0"),
         ("SabertoothLegs", {"addresses": [128, 128]}, "different ones of 128..135, not"),
         ("SabertoothLegs", {"addresses": [127, 128]}, "different ones of 128..135, not"),
         ("SabertoothLegs", {"serial_timeout_ms": 150.0}, "multiple of 0.1 s"),
