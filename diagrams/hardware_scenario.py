@@ -4,7 +4,12 @@ from dataclasses import dataclass, field
 
 from parapod.diagrams.drivers.adis16448 import Adis16448IioImu, Adis16448SpiImu
 from parapod.diagrams.drivers.driver import Driver
-from parapod.diagrams.drivers.epos2 import Epos2Axes, Epos2Screws
+from parapod.diagrams.drivers.epos2 import (
+    Epos2Axes,
+    Epos2ForceSlides,
+    Epos2Screws,
+    Epos2TorqueAxes,
+)
 from parapod.diagrams.drivers.ni_daq import NiDaqEncoders, NiDaqForceCells, NiDaqLegs
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.drivers.sabertooth import SabertoothLegs
@@ -18,6 +23,8 @@ DRIVERS = (
     SabertoothLegs,
     Epos2Axes,
     Epos2Screws,
+    Epos2ForceSlides,
+    Epos2TorqueAxes,
     Adis16448SpiImu,
     Adis16448IioImu,
     NotFittedPart,

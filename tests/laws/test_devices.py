@@ -212,6 +212,25 @@ ROWS = {
             is_held=True,
         )
     ),
+    "Epos2ForceSlides": Row(
+        **axes(
+            2,
+            settings=PATIENT | TWO_SCREWS,
+            memory="positions.json",
+            commands={"force_command": 2, "brake": 1},
+            order={"force_command": (20.0, -50.0), "brake": (0.0,)},
+            rest={"force_command": (0.0, 0.0), "brake": (1.0,)},
+        )
+    ),
+    "Epos2TorqueAxes": Row(
+        **axes(
+            2,
+            settings=PATIENT | TWO_JOINTS | {"signs": [1, -1]},
+            commands={"torque_command": 2, "brake": 1},
+            order={"torque_command": (2.0, -5.0), "brake": (0.0,)},
+            rest={"torque_command": (0.0, 0.0), "brake": (1.0,)},
+        )
+    ),
     "Epos2TripodLegs": Row(**limbs(3, like="Epos2PositionScrews")),
     "Epos2QuadrupedLegs": Row(**limbs(4, like="Epos2PositionScrews")),
     "Epos2Legs": Row(
@@ -552,6 +571,9 @@ def test_number_outside_its_range_is_refused_with_its_key(name):
             "must be of the same length, not 2, 2 and 1",
         ),
         ("Epos2PositionScrews", {"lock_nodes": [1, 3]}, "lock_nodes must be of the node_ids, no"),
+        ("Epos2ForceSlides", {"current_limit_a": 1.0}, "force or torque is 400, but current_lim"),
+        ("Epos2ForceSlides", {"position_file": ""}, "it needs a position_file"),
+        ("Epos2TorqueAxes", {"position_min_deg": [0.0] * 2}, "must be given both, or neither"),
         ("Adis16448SpiImu", {"address": "spidev"}, "address must be as"),
         ("Adis16448IioImu", {"uri": "localhost"}, "uri must be as"),
     ],
