@@ -63,6 +63,7 @@ class _Epos2(Epos2Settings, Driver):
         return Epos2Nodes(
             harness,
             self.node_ids,
+            channel=link,  # drivers in one process have buses of their own, too
             link=link,
             misbehaviour=misbehaviour,
             motor=motor,
