@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from parapod.systems.core.elementwise import clamp
-from parapod.systems.hardware.epos2.controller import Sample, Timing
+from parapod.systems.hardware.device import DeviceError
+from parapod.systems.hardware.epos2.controller import STANDSTILL, Sample, Timing
 from parapod.systems.hardware.epos2.settings import ForceSettings
 from parapod.systems.hardware.epos2.steered import Epos2Steered
 
@@ -97,7 +98,8 @@ class Epos2Forces(Epos2Steered):
     node is silent.
 
     **Memory.** A file that keeps the positions of slides is right only where a brake holds them
-    without power.
+    without power. One that moves on without it is an error of `deactivate`, and the file knows
+    nothing, until it stands and `deactivate` is called again.
     """
 
     def __init__(
@@ -140,6 +142,14 @@ class Epos2Forces(Epos2Steered):
 
     def _come_to_rest(self) -> None:
         """Nothing would slow the axes, and a brake closes only when the power is gone."""
+
+    def _at_rest(self) -> Sequence[float]:
+        positions = super()._at_rest()
+        for controller, velocity in zip(self._controllers, self._velocity, strict=True):
+            if abs(self._forces.rpm(velocity)) > STANDSTILL:
+                words = "moves without power, so its position is not remembered: what holds it?"
+                raise DeviceError(self.name, f"{controller.name} {words}")
+        return positions
 
     def _targets(self) -> list[int]:
         """Currents of the motors [mA] for the forces that are wanted of the axes."""

@@ -1,5 +1,6 @@
 """Axes whose forces are commanded: what pushes them, and above all what no longer does."""
 
+import json
 import math
 import random
 import time
@@ -416,6 +417,19 @@ def test_power_is_taken_from_axes_that_move_without_waiting_for_them(axes, monke
     assert axes.drives._word is Controlword.DISABLE_VOLTAGE
     assert set(axes.rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
     assert axes.rig.command == (0.0, 0.0)
+
+
+def test_slide_that_nothing_holds_is_told_and_not_remembered(make, tmp_path):
+    file = tmp_path / "p.json"
+    axes = make(position_file=str(file))
+    axes.set("velocity", 0.0, -0.1)  # it falls
+    words = "node 2 moves without power, so its position is not remembered"
+    assert words in str(fault_of(axes.drives.deactivate))
+    assert set(axes.rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
+    assert json.loads(file.read_text())["position_m"] is None
+    axes.set("velocity", 0.0, 0.0)
+    axes.drives.deactivate()
+    assert json.loads(file.read_text())["position_m"] == pytest.approx([MIDDLE] * 2, abs=1e-5)
 
 
 def test_drives_begin_without_a_force(axes):
