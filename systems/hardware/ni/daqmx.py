@@ -69,7 +69,7 @@ _LINES = (32, 8, 8)
 # the smallest range that holds what is asked for [V, bit].
 _RANGE = 10.0
 _INPUT_RANGES, _INPUT_BITS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0), 16
-# Random noise of an input, in steps of its converter: 315 uV in the range of 10 V.
+# Random noise of an input, in steps of its converter (assumption): 0.3 mV in the range of 10 V.
 _NOISE = 1.0
 _BY_CHANNEL = 0  # nidaqmx.constants.FillMode
 
