@@ -4,8 +4,13 @@ from dataclasses import dataclass, field
 
 from parapod.diagrams.drivers.adis16448 import Adis16448IioImu, Adis16448SpiImu
 from parapod.diagrams.drivers.driver import Driver
-from parapod.diagrams.drivers.epos2 import Epos2Axes, Epos2Screws
-from parapod.diagrams.drivers.ni_daq import NiDaqEncoders, NiDaqLegs
+from parapod.diagrams.drivers.epos2 import (
+    Epos2Axes,
+    Epos2ForceSlides,
+    Epos2Screws,
+    Epos2TorqueAxes,
+)
+from parapod.diagrams.drivers.ni_daq import NiDaqEncoders, NiDaqForceCells, NiDaqLegs
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.drivers.sabertooth import SabertoothLegs
 from parapod.systems.core.schema import Schema
@@ -14,9 +19,12 @@ from parapod.systems.core.schema import Schema
 DRIVERS = (
     NiDaqLegs,
     NiDaqEncoders,
+    NiDaqForceCells,
     SabertoothLegs,
     Epos2Axes,
     Epos2Screws,
+    Epos2ForceSlides,
+    Epos2TorqueAxes,
     Adis16448SpiImu,
     Adis16448IioImu,
     NotFittedPart,

@@ -14,8 +14,13 @@ from pathlib import Path
 import pytest
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts
-from parapod.diagrams.drivers.epos2 import Epos2PositionScrews
+from parapod.diagrams.drivers.epos2 import (
+    Epos2ForceSlides,
+    Epos2PositionScrews,
+    Epos2TorqueAxes,
+)
 from parapod.diagrams.drivers.external import load_drivers
+from parapod.diagrams.drivers.ni_daq import NiDaqForceCells
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.walking_chair.drivers import Epos2Legs
 from parapod.sims.lab.discovery import find_entry
@@ -183,9 +188,34 @@ def test_the_screws_with_locks_and_clamps_are_those_of_three_limbs(tmp_path):
     assert device.measures["locks.closed"] == 12
 
 
-def test_every_setting_of_position_controlled_screws_is_told_of():
+def test_forces_are_measured_and_commanded_as_the_examples_say(tmp_path):
+    text, drivers = _HARDWARE.read_text(), []
+    for tag in ("NiDaqForceCells", "Epos2ForceSlides"):
+        (example,) = re.findall(
+            rf"```yaml\n(hardware:\n  drivers:\n    - !{tag}\n.*?)```", text, re.DOTALL
+        )
+        file = tmp_path / f"{tag}.yaml"
+        file.write_text(example)
+        drivers += load_scenario(LevellingScenario, file).hardware.drivers
+    devices = [driver.make(PartPorts({}, {})) for driver in drivers]
+    assert [device.commands for device in devices] == [
+        {},
+        {"force_command": 1, "brake": 1},
+        {"torque_command": 2, "brake": 1},
+    ]
+    assert devices[0].measures == {"force": 3}
+    assert drivers[1].max_velocity == pytest.approx(1.0)
+    step = 20.0 / 2**16
+    assert f"converter is {1e3 * step:.2f} mV" in " ".join(text.split())
+    assert f"or {200.0 * step:.2f} N with 200 N/V" in " ".join(text.split())
+
+
+@pytest.mark.parametrize(
+    "kind", [Epos2PositionScrews, Epos2ForceSlides, Epos2TorqueAxes, NiDaqForceCells]
+)
+def test_every_setting_of_drivers_for_any_machine_is_told_of(kind):
     text = _HARDWARE.read_text()
-    for field in fields(Epos2PositionScrews):
+    for field in fields(kind):
         name = field.name
         assert f"`{name}`" in text or re.search(rf"^ +{name}: ", text, re.MULTILINE), name
 

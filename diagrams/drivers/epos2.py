@@ -1,4 +1,4 @@
-"""Drivers of axes on EPOS2 controllers: axes that turn behind gears, screws that push.
+"""Drivers of axes on EPOS2 controllers: axes that turn behind gears, screws and slides that push.
 
 A machine derives its own from them, with its own defaults.
 """
@@ -11,16 +11,21 @@ from typing import TYPE_CHECKING
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
 from parapod.systems.hardware.addresses import resolved
 from parapod.systems.hardware.epos2.settings import (
+    Control,
     Epos2Settings,
+    ForceSettings,
+    ForceSlideSettings,
     GearSettings,
     PositionScrewSettings,
     ScrewSettings,
     StrokeSettings,
+    TorqueSettings,
 )
 
 if TYPE_CHECKING:
     from parapod.systems.hardware.device import Device
     from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+    from parapod.systems.hardware.epos2.device import Epos2Device
 
 
 @dataclass
@@ -29,14 +34,21 @@ class _Epos2(Epos2Settings, Driver):
 
     def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
-        from parapod.systems.hardware.epos2.drives import Epos2
-        from parapod.systems.hardware.epos2.positions import Epos2Positions
-
         with named(self):
-            device = Epos2Positions(self) if self.is_position_controlled else Epos2(self)
+            device = self._device()
             if "emergency_stop" in device.measures and "emergency_stop" not in ports.measures:
                 raise ValueError(f"with stop_node there must be a port {self.part}.emergency_stop")
             return device
+
+    def _device(self) -> "Epos2Device":
+        """The device of what is commanded."""
+        from parapod.systems.hardware.epos2.drives import Epos2
+        from parapod.systems.hardware.epos2.forces import Epos2Forces
+        from parapod.systems.hardware.epos2.positions import Epos2Positions
+
+        if isinstance(self, ForceSettings):
+            return Epos2Forces(self)
+        return Epos2Positions(self) if self.control is Control.POSITION else Epos2(self)
 
     def emulate(
         self, harness: "Harness", misbehaviour: "Misbehaviour"
@@ -45,16 +57,19 @@ class _Epos2(Epos2Settings, Driver):
         from parapod.systems.hardware.epos2.emulator import EmulatedMotor, Epos2Nodes
 
         link = emulated(self.channel, f"!{type(self).__name__}.channel")
-        pulses = self.counts_per_turn // 4
+        motor = EmulatedMotor(gear=self.motor_per_unit, pulses=self.counts_per_turn // 4)
+        if isinstance(self, ForceSettings):
+            motor = motor._replace(force_per_current=self.force_per_current)
         return Epos2Nodes(
             harness,
             self.node_ids,
+            channel=link,  # drivers in one process have buses of their own, too
             link=link,
             misbehaviour=misbehaviour,
-            motor=EmulatedMotor(gear=self.motor_per_unit, pulses=pulses),
+            motor=motor,
             part=self.part,
             signs=self.directions,
-            measures_current=self.measures_current,
+            measures_current=self.measures_current and f"{self.part}.current" in harness,
             stop_contact=None if self.stop_node is None else (self.stop_node, self.stop_input),
             switches=self.switches,
         )
@@ -63,6 +78,14 @@ class _Epos2(Epos2Settings, Driver):
 @dataclass
 class Epos2Axes(GearSettings, _Epos2):
     """Axes that turn behind gears, on EPOS2 24/5 controllers: see `Epos2`."""
+
+
+@dataclass
+class Epos2TorqueAxes(TorqueSettings, _Epos2):
+    """Axes that turn behind gears and whose torques are commanded, by the motors' currents.
+
+    See `Epos2Forces`: without a command, and after any stop, nothing holds them.
+    """
 
 
 @dataclass
@@ -103,4 +126,12 @@ class Epos2PositionScrews(PositionScrewSettings, _Epos2Screws):
     """Screws whose positions are commanded, and locks and clamps at the same controllers.
 
     See `Epos2Positions` and `PositionMemory`; for a machine of limbs `switches_of_limbs`.
+    """
+
+
+@dataclass
+class Epos2ForceSlides(ForceSlideSettings, _Epos2Screws):
+    """Slides whose forces are commanded, by the motors' currents, on EPOS2 24/5 controllers.
+
+    See `Epos2Forces`: without a command, and after any stop, nothing holds them.
     """

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
 from parapod.systems.hardware.addresses import resolved
-from parapod.systems.hardware.ni.settings import NiDaqSettings
+from parapod.systems.hardware.ni.settings import NiDaqSettings, NiForceCellSettings
 
 if TYPE_CHECKING:
     from parapod.systems.hardware.device import Device
@@ -35,27 +35,26 @@ class NiDaqLegs(NiDaqSettings, Driver):
     ) -> AbstractContextManager[object]:
         """See `Driver`: an NI gRPC Device Server, and a file that knows the extensions."""
         from parapod.systems.hardware.ni.emulator import NiServer
+        from parapod.systems.hardware.ni.terminals import LegWiring
         from parapod.systems.hardware.position_memory import PositionMemory
 
-        path = emulated(self.target, f"!{type(self).__name__}.target").removeprefix("unix:")
+        path = _socket(self)
         kept = resolved(self.extension_file)
         if kept != self.extension_file:  # a file elsewhere is of another machine
             memory = PositionMemory(Path(kept), len(self.counter_names), "extension")
             memory.save(harness.get(f"{self.part}.extension"))
         with named(self):
             device = self.device
-        return NiServer(
-            path,
+        wiring = LegWiring(
             harness,
             misbehaviour,
-            device=device,
-            product=self.product,
             supply_voltage=self.supply_voltage,
             metres_per_count=self.metres_per_count,
-            relay_line=self.relay.partition("/")[2],
+            relay_line=_terminal(self.relay),
             part=self.part,
-            stop_line=self.stop_input.partition("/")[2],
+            stop_line=_terminal(self.stop_input),
         )
+        return NiServer(path, wiring, device, self.product)
 
 
 @dataclass
@@ -76,3 +75,45 @@ class NiDaqEncoders(NiDaqLegs):
         from parapod.systems.hardware.emulation.harness import MutedHarness
 
         return super().emulate(MutedHarness(harness, [f"{self.part}.voltage"]), misbehaviour)
+
+
+@dataclass
+class NiDaqForceCells(NiForceCellSettings, Driver):
+    """Force cells whose amplifiers are at analog inputs of an NI PXIe-6363: `NiForceCells`."""
+
+    def make(self, ports: PartPorts) -> "Device":
+        """See `Driver`."""
+        from parapod.systems.hardware.ni.cells import NiForceCells
+
+        with named(self):
+            return NiForceCells(self)
+
+    def emulate(
+        self, harness: "Harness", misbehaviour: "Misbehaviour"
+    ) -> AbstractContextManager[object]:
+        """See `Driver`: an NI gRPC Device Server with a card of its own."""
+        from parapod.systems.hardware.ni.emulator import NiServer
+        from parapod.systems.hardware.ni.terminals import CellWiring
+
+        path = _socket(self)
+        with named(self):
+            device, cells = self.device, self.cells
+        wiring = CellWiring(
+            harness,
+            misbehaviour,
+            {_terminal(cell.channel): cell.newton_per_volt for cell in cells},
+            {_terminal(cell.channel): cell.zero for cell in cells},
+            self.part,
+        )
+        return NiServer(path, wiring, device, self.product)
+
+
+def _socket(driver: NiDaqLegs | NiDaqForceCells) -> str:
+    """Path of the socket of a card's emulated server."""
+    address = emulated(driver.target, f"!{type(driver).__name__}.target")
+    return address.removeprefix("unix:")
+
+
+def _terminal(channel: str) -> str:
+    """Name of a channel on its card."""
+    return channel.partition("/")[2]

@@ -169,6 +169,16 @@ ROWS = {
         rest={"voltage": (0.0,) * 4, "stop": (1.0,)},
     ),
     "NiDaqEncoders": Row(**CARD, order={"stop": (0.0,)}, rest={"stop": (1.0,)}),
+    "NiDaqForceCells": Row(
+        library="nidaqmx",
+        # A step of the converter is 30 uN.
+        settings={"newton_per_volt": [0.1, -0.1, 0.1]},
+        real={"target": "unix:/nowhere/socket"},
+        measures={"force": 3},
+        truth=("force", (0.1, -0.25, 0.4), 1e-3),
+        faults={"off": {SILENT}, "unplugged": {UNPLUGGED}},
+        timeout=0.2,
+    ),
     "SabertoothLegs": Row(
         library="serial",
         real={"port": "/dev/not-there"},
@@ -200,6 +210,25 @@ ROWS = {
             },
             rest={"brake": (1.0,), "locks.command": (1.0, 1.0), "clamps.command": (1.0, 1.0)},
             is_held=True,
+        )
+    ),
+    "Epos2ForceSlides": Row(
+        **axes(
+            2,
+            settings=PATIENT | TWO_SCREWS,
+            memory="positions.json",
+            commands={"force_command": 2, "brake": 1},
+            order={"force_command": (20.0, -50.0), "brake": (0.0,)},
+            rest={"force_command": (0.0, 0.0), "brake": (1.0,)},
+        )
+    ),
+    "Epos2TorqueAxes": Row(
+        **axes(
+            2,
+            settings=PATIENT | TWO_JOINTS | {"signs": [1, -1]},
+            commands={"torque_command": 2, "brake": 1},
+            order={"torque_command": (2.0, -5.0), "brake": (0.0,)},
+            rest={"torque_command": (0.0, 0.0), "brake": (1.0,)},
         )
     ),
     "Epos2TripodLegs": Row(**limbs(3, like="Epos2PositionScrews")),
@@ -514,6 +543,10 @@ def test_number_outside_its_range_is_refused_with_its_key(name):
         ("NiDaqLegs", {"stop_input": "PXI1Slot2/port0/line13:14"}, "must be one line, not PXI1"),
         ("NiDaqLegs", {"watchdog_ms": 10.0}, "watchdog_ms must be 0 or at least 20, not 10"),
         ("NiDaqLegs", {"extension_file": ""}, "it needs extension_at_start_mm"),
+        ("NiDaqForceCells", {"channels": "ai0:2"}, "does not name channels"),
+        ("NiDaqForceCells", {"channels": "PXI1Slot2/ai0:1,A/ai2"}, "channels are of 2 cards"),
+        ("NiDaqForceCells", {"zero_V": [0.0]}, "zero_V must be 3 values, not 1"),
+        ("NiDaqForceCells", {"newton_per_volt": [1.0, 0.0, 1.0]}, "newton_per_volt must not be 0"),
         ("SabertoothLegs", {"addresses": [128, 128]}, "different ones of 128..135, not"),
         ("SabertoothLegs", {"addresses": [127, 128]}, "different ones of 128..135, not"),
         ("SabertoothLegs", {"serial_timeout_ms": 150.0}, "multiple of 0.1 s"),
@@ -538,6 +571,9 @@ def test_number_outside_its_range_is_refused_with_its_key(name):
             "must be of the same length, not 2, 2 and 1",
         ),
         ("Epos2PositionScrews", {"lock_nodes": [1, 3]}, "lock_nodes must be of the node_ids, no"),
+        ("Epos2ForceSlides", {"current_limit_a": 1.0}, "force or torque is 400, but current_lim"),
+        ("Epos2ForceSlides", {"position_file": ""}, "it needs a position_file"),
+        ("Epos2TorqueAxes", {"position_min_deg": [0.0] * 2}, "must be given both, or neither"),
         ("Adis16448SpiImu", {"address": "spidev"}, "address must be as"),
         ("Adis16448IioImu", {"uri": "localhost"}, "uri must be as"),
     ],

@@ -27,7 +27,7 @@ from parapod.systems.hardware.ds402 import (
     steps_to_operation,
 )
 from parapod.systems.hardware.epos2 import objects
-from parapod.systems.hardware.epos2.settings import Epos2Settings
+from parapod.systems.hardware.epos2.settings import Control, Epos2Settings
 
 _FAULTS = (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
 _NO_SUPPLY = (
@@ -269,7 +269,8 @@ class Epos2Controller:
         """Leads the drive to operation enabled at rest, step by step.
 
         Returns:
-            Set value with which it stays where it is: zero velocity, or its position [counts].
+            Set value with which it stays where it is: zero velocity or current, or its position
+            [counts].
         """
         setting = self._rest()
         state = self._state()
@@ -286,7 +287,7 @@ class Epos2Controller:
 
     def _rest(self) -> int:
         """Gives the drive the set value with which it stays where it is."""
-        is_position = self._settings.is_position_controlled
+        is_position = self._mode is objects.POSITION_MODE
         setting = self._get(objects.POSITION) if is_position else 0
         self._set(self._mode.setting, setting)
         return setting
@@ -296,11 +297,11 @@ class Epos2Controller:
 
         Args:
             word: controlword.
-            setting: velocity [rpm] or position [counts] of the motor; a position counts only
-                with a controlword that lets the drive run, before which it arrives.
+            setting: velocity [rpm], position [counts] or current [mA] of the motor; a position
+                counts only with a controlword that lets the drive run, before which it arrives.
         """
         pdo = self._mode.command
-        if self._settings.is_position_controlled:
+        if self._mode is objects.POSITION_MODE:
             if word is Controlword.ENABLE_OPERATION:
                 self.steer(setting)
             self._bus.send(pdo.base + self._id, pdo.pack(word))
@@ -311,7 +312,7 @@ class Epos2Controller:
         """Sends a set value, which a drive that does not run ignores.
 
         Args:
-            setting: velocity [rpm] or position [counts] of the motor.
+            setting: velocity [rpm], position [counts] or current [mA] of the motor.
         """
         self._bus.send(self._mode.target.base + self._id, self._mode.target.pack(setting))
 
@@ -459,6 +460,9 @@ def set_up_of(settings: Epos2Settings, node_id: int) -> Iterator[tuple[Entry, in
         yield objects.TARGET_VELOCITY, 0
         yield objects.ACCELERATION, settings.rpm_per_second(settings.acceleration)
         yield objects.DECELERATION, settings.rpm_per_second(settings.acceleration)
+    if mode is objects.CURRENT_MODE:
+        yield objects.CURRENT_SETTING, 0
+        yield objects.MAX_MOTOR_VELOCITY, settings.rpm(settings.max_velocity)
     if settings.following_error is not None:
         yield objects.MAX_FOLLOWING_ERROR, round(settings.counts(settings.following_error))
     yield (
@@ -480,8 +484,13 @@ def set_up_of(settings: Epos2Settings, node_id: int) -> Iterator[tuple[Entry, in
 
 def mode_of(settings: Epos2Settings) -> objects.Mode:
     """Mode of operation of the drives."""
-    is_position = settings.is_position_controlled
-    return objects.POSITION_MODE if is_position else objects.PROFILE_VELOCITY
+    match settings.control:
+        case Control.VELOCITY:
+            return objects.PROFILE_VELOCITY
+        case Control.POSITION:
+            return objects.POSITION_MODE
+        case Control.FORCE:
+            return objects.CURRENT_MODE
 
 
 def _bits(numbers: Collection[int]) -> int:

@@ -19,7 +19,7 @@ from parapod.systems.hardware.epos2.controller import (
     Timing,
     stopping_time,
 )
-from parapod.systems.hardware.epos2.settings import Epos2Settings
+from parapod.systems.hardware.epos2.settings import Control, Epos2Settings
 from parapod.systems.hardware.epos2.switches import SwitchBoard, check_switches
 from parapod.systems.hardware.position_memory import IncrementalDevice
 from parapod.systems.hardware.soft_limits import check_order
@@ -45,7 +45,8 @@ class Epos2Device(IncrementalDevice):
     | command `brake` | 1 | - | above 0.5: stop and hold |
     | command `<part>.command` | k | - | of locks or clamps; above 0.5: closed |
 
-    What else is commanded, a mode of operation says: `Epos2` and `Epos2Positions`.
+    What else is commanded, a mode of operation says: `Epos2`, `Epos2Positions` and `Epos2Forces`,
+    whose axes nothing holds.
 
     The brake is the drives' quick stop: they stop on a ramp of its own, which is steeper than that
     of a command, hold the axes with power, and ignore set values until `brake` falls, whatever
@@ -69,8 +70,8 @@ class Epos2Device(IncrementalDevice):
 
     **One for all.** Where axes share a load (`stops_together`), one that fails, loses its power
     or stops by itself has all others stop quickly at the reading that tells it, and stay so as
-    after an emergency stop. For a node that is silent see "Limits" of `Epos2` and "Silence" of
-    `Epos2Positions`.
+    after an emergency stop. For a node that is silent see "Limits" of `Epos2`, and "Silence" of
+    `Epos2Positions` and of `Epos2Forces`.
 
     **Reference.** The controllers count from zero since their power-on. `position` is absolute
     when the settings say where the axes are at `configure`, or after `set_reference`. Where there
@@ -85,7 +86,6 @@ class Epos2Device(IncrementalDevice):
     """
 
     position_signal = "position"
-    command_signal: str
 
     def __init__(
         self,
@@ -122,6 +122,7 @@ class Epos2Device(IncrementalDevice):
         if settings.stop_node is not None:
             self.measures["emergency_stop"] = 1
         self.measures |= self._switches.measures
+        self.command_signal = settings.command_signal
         self.commands = {self.command_signal: axes, "brake": 1} | self._switches.commands
         self._bus: CanopenBus | None = None
         self._controllers: list[Epos2Controller] = []
@@ -297,8 +298,7 @@ class Epos2Device(IncrementalDevice):
             stack.callback(self._switch)
             stack.callback(self._send, Controlword.DISABLE_VOLTAGE)
             if self._may_have_power:
-                self._send(Controlword.QUICK_STOP)
-                self._wait_for_standstill()
+                self._come_to_rest()
 
     def _confirm_no_power(self) -> None:
         """Takes the power again, in a way that the nodes answer, and lets them forget us.
@@ -466,6 +466,11 @@ class Epos2Device(IncrementalDevice):
             else:
                 controller.steer(setting)
 
+    def _come_to_rest(self) -> None:
+        """Stops the axes quickly, while they have power, and waits until they stand."""
+        self._send(Controlword.QUICK_STOP)
+        self._wait_for_standstill()
+
     def _wait_for_standstill(self) -> None:
         """Waits until all axes stand; an answer to SYNC may stay away for a moment."""
         deadline, silences = self._clock() + stopping_time(self._settings, self._timing), 0
@@ -526,7 +531,7 @@ def _check(settings: Epos2Settings, timing: Timing) -> None:
     if len(settings.directions) != axes or set(settings.directions) - {1, -1}:
         raise ValueError(f"signs must be {axes} times 1 or -1, not {settings.directions}")
     start, limits = settings.position_at_start, settings.limits
-    strokes = settings.strokes if settings.is_position_controlled else None
+    strokes = None if settings.control is Control.VELOCITY else settings.strokes
     if settings.stop_node is not None and settings.stop_node not in settings.node_ids:
         raise ValueError(
             f"stop_node must be one of the node_ids or null, not {settings.stop_node}"

@@ -1,15 +1,14 @@
 """Velocity-controlled axes: Maxon motors on EPOS2 24/5 controllers on a CANopen bus."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
-from parapod.systems.hardware.ds402 import Controlword
 from parapod.systems.hardware.epos2.controller import Timing
-from parapod.systems.hardware.epos2.device import Epos2Device
 from parapod.systems.hardware.epos2.settings import Epos2Settings
+from parapod.systems.hardware.epos2.steered import Epos2Steered
 
 
-class Epos2(Epos2Device):
+class Epos2(Epos2Steered):
     """Velocity-controlled axes in profile velocity mode; see also `Epos2Device`.
 
     | signal | size | unit | meaning |
@@ -23,8 +22,6 @@ class Epos2(Epos2Device):
     silent or has a fault.
     """
 
-    command_signal = "velocity_command"
-
     def __init__(
         self,
         settings: Epos2Settings,
@@ -35,9 +32,6 @@ class Epos2(Epos2Device):
         """See `Epos2Device`."""
         super().__init__(settings, timing, is_synchronous, clock)
         self._limits = settings.limits
-        self._wanted: Sequence[float] = (0.0,) * len(settings.node_ids)
-        # Velocities of the motors that have been sent; None: another controlword has.
-        self._sent: list[int | None] | None = None
 
     def seek_reference(self) -> None:
         """See `Epos2Device`."""
@@ -47,32 +41,6 @@ class Epos2(Epos2Device):
     @property
     def _has_limits(self) -> bool:
         return self._limits is not None
-
-    def _want(self, wanted: Sequence[float] | None) -> None:
-        self._wanted = (0.0,) * len(self._directions) if wanted is None else wanted
-
-    def _begin(self, settings: Sequence[int]) -> None:
-        """Enabled at zero velocity, drives stand until the first command."""
-
-    def _run(self) -> None:
-        self._send(Controlword.ENABLE_OPERATION, self._targets())
-
-    def _send(self, word: Controlword, settings: Sequence[int] = ()) -> None:
-        # Who knows how many of them have been sent if that fails?
-        self._sent = [None] * len(settings) if settings else None
-        super()._send(word, settings)
-        if settings:
-            self._sent = [*settings]
-
-    def _restrain(self) -> None:
-        """Slows down axes that have come closer to a limit since they were commanded."""
-        if self._limits is None or self._sent is None:
-            return
-        targets = self._targets()
-        for i, (controller, target) in enumerate(zip(self._controllers, targets, strict=True)):
-            if target != self._sent[i]:
-                controller.steer(target)
-                self._sent[i] = target
 
     def _targets(self) -> list[int]:
         """Velocities of the motors [rpm] for those that are wanted of the axes."""

@@ -1,6 +1,7 @@
 """EPOS2 24/5 controllers, emulated on a bus: `virtual`, or SLCAN for other processes.
 
-Drive state machine, profile velocity mode, position mode, digital inputs and outputs, faults.
+Drive state machine; profile velocity, position and current mode; digital inputs and outputs;
+faults.
 """
 
 import math
@@ -59,6 +60,7 @@ class EmulatedMotor(NamedTuple):
         hardware: version of the hardware, the EPOS2 24/5's unless a test has another.
         position_offset: counts that the controller shows when it is switched on.
         sign: -1 where the motor's positive direction is the axis's negative one.
+        force_per_current: force or torque of the axis by the motor's current [N/A or N m/A].
     """
 
     gear: float = 26.0
@@ -67,6 +69,7 @@ class EmulatedMotor(NamedTuple):
     hardware: int = objects.EPOS2_24_5
     position_offset: int = 0
     sign: int = 1
+    force_per_current: float = 0.0
 
 
 class MeasuredMotor(NamedTuple):
@@ -131,6 +134,15 @@ class Epos2Node:
         While operation is enabled that is the set value, otherwise where the axis has stopped.
         """
         return self._position
+
+    @property
+    def force(self) -> float:
+        """Force or torque of the axis [N or N m]; 0 unless it runs in current mode.
+
+        There is no limit of its velocity (assumption: the drive's own, 0x6410:04, may not help).
+        """
+        is_pushing = self._runs(objects.CURRENT_MODE)
+        return self._motor.force_per_current * self._current if is_pushing else 0.0
 
     @property
     def outputs(self) -> tuple[bool, ...]:
@@ -216,8 +228,12 @@ class Epos2Node:
     @property
     def _is_led(self) -> bool:
         """Whether the axis follows set values of its position."""
+        return self._runs(objects.POSITION_MODE)
+
+    def _runs(self, mode: objects.Mode) -> bool:
+        """Whether the drive runs in a mode."""
         is_running = self.state is DriveState.OPERATION_ENABLED
-        return is_running and self._slave.get(objects.MODE) == objects.POSITION_MODE.number
+        return is_running and self._slave.get(objects.MODE) == mode.number
 
     def _way(self, counts: float) -> float:
         """Way of the axis [rad or m] for counts of its motor."""
@@ -249,14 +265,16 @@ class Epos2Node:
         limit = 1e-3 * self._slave.get(objects.OUTPUT_CURRENT_LIMIT)
         if self._held_up > _WINDING_UP:
             return self._motor.sign * math.copysign(limit, self._demand)
-        return float(clamp(self.measured.current, -limit, limit))
+        setting = 1e-3 * self._motor.sign * self._slave.get(objects.CURRENT_SETTING)
+        current = setting if self._runs(objects.CURRENT_MODE) else self.measured.current
+        return float(clamp(current, -limit, limit))
 
     def _ramped(self, elapsed: float) -> float:
         """Velocity of the motor that is demanded next [rpm]."""
         if self._is_led:
             return self._rpm  # with which a stop begins
         if self.state is DriveState.OPERATION_ENABLED:
-            if self._slave.get(objects.MODE) != objects.PROFILE_VELOCITY.number:
+            if not self._runs(objects.PROFILE_VELOCITY):
                 return 0.0
             limit = self._slave.get(objects.MAX_VELOCITY)
             target = clamp(float(self._slave.get(objects.TARGET_VELOCITY)), -limit, limit)
@@ -322,6 +340,7 @@ def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
         objects.OUTPUT_MASK: 0,
         objects.OUTPUT_POLARITY: 0,
         objects.POSITION_SETTING: 0,
+        objects.CURRENT_SETTING: 0,
         objects.MAX_FOLLOWING_ERROR: 2000,
         HEARTBEAT_CONSUMED: 0,
         HEARTBEAT_PRODUCED: 0,
@@ -341,6 +360,7 @@ def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
         objects.QUICK_STOP_DECELERATION: 10000,
         objects.PROFILE_TYPE: 0,
         objects.OUTPUT_CURRENT_LIMIT: 10_000,
+        objects.MAX_MOTOR_VELOCITY: 25000,
         objects.TARGET_VELOCITY: 0,
         **process_data_defaults(node_id),
     }
@@ -348,8 +368,13 @@ def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
 
 # Signal of the emergency stop within its part.
 EMERGENCY_STOP = "emergency_stop"
-# Signal of a machine whose axes are commanded positions.
-_POSITIONS = "position_command"
+# What a node does, by the signal of a machine whose axes are commanded that.
+_COMMANDS = {
+    "velocity_command": "velocity",
+    "position_command": "position",
+    "force_command": "force",
+    "torque_command": "force",
+}
 # Longest time between two looks at ramps and heartbeats [s].
 _TICK = 0.002
 # How long capacitors feed the drives when their supply has been cut [s] (assumption).
@@ -363,11 +388,12 @@ class Epos2Nodes:
     |---|---|---|---|
     | to the machine `<part>.velocity_command` | n | rad/s or m/s | 0 for an axis without power |
     | to the machine `<part>.position_command` | n | rad or m | in its place: see `Epos2Node` |
+    | to the machine `<part>.force_command`, `<part>.torque_command` | n | N or N m | ditto |
     | to the machine `<part>.brake` | 1 | - | 1 unless an axis is enabled |
     | to the machine `<locks>.command` | k | - | of each group of switches; 0: its output is on |
     | from the machine `<part>.position` | n | rad or m | |
     | from the machine `<part>.velocity` | n | rad/s or m/s | |
-    | from the machine `<part>.current` | n | A | if the machine has it |
+    | from the machine `<part>.current` | n | A | if the machine has it; not in current mode |
     | from the machine `<part>.emergency_stop` | 1 | 0/1 | 1: pressed; if the machine has it |
     | from the machine `<locks>.closed` | k | 0/1 | of each group of switches; 1: voltage |
     | from the machine `supply` | 1 | 0/1 | 0: the motors have none; if the machine has it |
@@ -558,10 +584,9 @@ class Epos2Nodes:
         return self._get("current") if self._measures_current else (0.0,) * len(self.nodes)
 
     def _publish(self) -> None:
-        if f"{self._part}.{_POSITIONS}" in self._harness:
-            self._set(_POSITIONS, [node.position for node in self.nodes])
-        else:
-            self._set("velocity_command", [node.velocity for node in self.nodes])
+        for signal, what in _COMMANDS.items():
+            if f"{self._part}.{signal}" in self._harness:
+                self._set(signal, [getattr(node, what) for node in self.nodes])
         for group in self._switches:
             outputs = [self._node(node_id).outputs[k - 1] for node_id, k, _ in group.switches]
             self._harness.set(group.command, [0.0 if is_on else 1.0 for is_on in outputs])

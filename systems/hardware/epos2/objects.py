@@ -7,6 +7,7 @@ same, 0x2070 and 0x2071; numbers of the functionalities as in the maker's EPOS C
 (rel5190), 4.5.2. Digital outputs: 0x2078 and 0x2079 of the same specification; numbers of their
 functionalities as in that library (`DOC_READY_FAULT` = 0 to `DOC_GENERAL_PURPOSE_A` = 15); that
 0x2078:01 can be mapped: the maker's list of mappable objects. Position mode: 0x2062 and 0x6065.
+Current mode: 0x2030 and 0x6410:04; that 0x2030 can be mapped: public programs map 0x20300010.
 """
 
 from typing import NamedTuple
@@ -34,6 +35,8 @@ INPUT_POLARITY = Entry(0x2071, 3, "<H")  # 0: active while there is voltage; 1: 
 INPUT_EXECUTION = Entry(0x2071, 4, "<H")  # 1: the drive itself does what the functionality says
 # Set value of position mode [counts]: there is no profile, the axis goes there at once.
 POSITION_SETTING = Entry(0x2062, 0, "<i")
+# Set value of current mode [mA]: the motor has this current at once, whatever its velocity.
+CURRENT_SETTING = Entry(0x2030, 0, "<h")
 # What each digital output shows: the number of a functionality, which is its bit in the three
 # words below; no two outputs may have the same.
 OUTPUT_COUNT = 4  # of an EPOS2 24/5 (assumption: all of them can be general purpose)
@@ -56,6 +59,7 @@ QUICK_STOP_DECELERATION = Entry(0x6085, 0, "<I")  # [rpm/s]
 PROFILE_TYPE = Entry(0x6086, 0, "<h")  # 0: trapezoidal
 TARGET_VELOCITY = Entry(0x60FF, 0, "<i")  # [rpm]
 OUTPUT_CURRENT_LIMIT = Entry(0x6410, 2, "<H")  # [mA] of the motor data
+MAX_MOTOR_VELOCITY = Entry(0x6410, 4, "<I")  # [rpm] of the motor data, in current mode
 
 MAXON = 0xFB
 EPOS2_24_5 = 0x6220
@@ -115,6 +119,12 @@ POSITION_MODE = Mode(
     -1,
     COMMAND._replace(entries=(CONTROLWORD,)),
     TARGET._replace(entries=(POSITION_SETTING,)),
+)
+# The maker's own as well: there is no loop but that of the current.
+CURRENT_MODE = Mode(
+    -3,
+    COMMAND._replace(entries=(CONTROLWORD, CURRENT_SETTING)),
+    TARGET._replace(entries=(CURRENT_SETTING,)),
 )
 
 

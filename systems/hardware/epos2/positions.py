@@ -41,8 +41,6 @@ class Epos2Positions(Epos2Device):
     from its set value than the settings' `following_error` gives up, with a fault.
     """
 
-    command_signal = "position_command"
-
     def __init__(
         self,
         settings: Epos2Settings,

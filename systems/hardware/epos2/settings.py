@@ -6,6 +6,7 @@ An axis turns or is pushed: the unit of its SI properties is rad or m.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any, Self
 
 from parapod.systems.core.schema import Schema, choice, quantity
@@ -16,6 +17,14 @@ from parapod.systems.hardware.soft_limits import SoftLimits
 _RPM = 2.0 * math.pi / 60.0  # [rad/s]
 # Following error while an axis looks for its end: longer than any stroke [mm].
 _UNBOUNDED_MM = 1000.0
+
+
+class Control(StrEnum):
+    """What is commanded of axes; the drives' mode of operation follows."""
+
+    VELOCITY = "velocity"
+    POSITION = "position"
+    FORCE = "force"
 
 
 @dataclass
@@ -119,13 +128,18 @@ class Epos2Settings(Schema):
         return None
 
     @property
-    def is_position_controlled(self) -> bool:
-        """Whether the drives are in position mode; otherwise in profile velocity mode."""
-        return False
+    def control(self) -> Control:
+        """What is commanded of the axes."""
+        return Control.VELOCITY
+
+    @property
+    def command_signal(self) -> str:
+        """Signal with which the axes are commanded."""
+        return f"{self.control}_command"
 
     @property
     def strokes(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-        """Least and largest positions that are commanded, in position mode [unit]; None: any."""
+        """Ends of axes whose positions or forces are commanded [unit]; None: no ends."""
         return None
 
     @property
@@ -229,17 +243,47 @@ class GearSettings(Epos2Settings):
 
 
 @dataclass
-class StrokeSettings(Epos2Settings):
+class LoadSettings(Epos2Settings):
+    """Axes that share a load, and whose motors' currents are measured and limited.
+
+    Attributes:
+        signs: 1, or -1 where the motor's positive direction is the axis's negative one, as where
+            it retracts; one for each axis.
+        current_limit_a: largest current of a motor [A], written at every start; 5 A is what the
+            controller delivers for long.
+    """
+
+    signs: list[int] = quantity([1], -1, 1)
+    current_limit_a: float = quantity(5.0, 0.05, 10.0)
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """See `Epos2Settings`."""
+        return tuple(self.signs)
+
+    @property
+    def measures_current(self) -> bool:
+        """See `Epos2Settings`."""
+        return True
+
+    @property
+    def stops_together(self) -> bool:
+        """See `Epos2Settings`."""
+        return True
+
+    @property
+    def current_limit(self) -> float:
+        """See `Epos2Settings`."""
+        return self.current_limit_a
+
+
+@dataclass
+class StrokeSettings(LoadSettings):
     """Screws that push along strokes, and a file that remembers where they stand.
 
     Attributes:
         lead_mm: way of a screw's nut per turn of the screw [mm].
         reduction: turns of the motor per turn of the screw [-].
-        signs: 1, or -1 where the motor's positive direction retracts; one for each axis.
-        quick_stop_mm_s2: deceleration with which they stop for want of heartbeats, and to brake
-            [mm/s^2].
-        current_limit_a: largest current of a motor [A], written at every start; 5 A is what the
-            controller delivers for long.
         homing_current_a: the same while a screw looks for the end of its stroke, against which it
             then pushes no harder [A].
         position_min_mm: lengths below which nothing retracts, one for each axis [mm].
@@ -253,9 +297,6 @@ class StrokeSettings(Epos2Settings):
 
     lead_mm: float = quantity(5.0, 0.01, 100.0)
     reduction: float = quantity(1.0, 0.01, 10000.0)
-    signs: list[int] = quantity([1], -1, 1)
-    quick_stop_mm_s2: float = quantity(8000.0, 1.0, 1e6)
-    current_limit_a: float = quantity(5.0, 0.05, 10.0)
     homing_current_a: float = quantity(0.5, 0.05, 10.0)
     position_min_mm: list[float] = quantity([0.0], 0.0, 5000.0)
     position_max_mm: list[float] = quantity([1.0], 0.0, 5000.0)
@@ -269,35 +310,10 @@ class StrokeSettings(Epos2Settings):
         return 2.0 * math.pi * self.reduction / (1e-3 * self.lead_mm)
 
     @property
-    def directions(self) -> tuple[int, ...]:
-        """See `Epos2Settings`."""
-        return tuple(self.signs)
-
-    @property
-    def quick_stop_deceleration(self) -> float:
-        """See `Epos2Settings`."""
-        return 1e-3 * self.quick_stop_mm_s2
-
-    @property
-    def measures_current(self) -> bool:
-        """See `Epos2Settings`."""
-        return True
-
-    @property
-    def stops_together(self) -> bool:
-        """See `Epos2Settings`."""
-        return True
-
-    @property
     def position_at_start(self) -> tuple[float, ...] | None:
         """See `Epos2Settings`."""
         start = self.position_at_start_mm
         return None if start is None else tuple(1e-3 * mm for mm in start)
-
-    @property
-    def current_limit(self) -> float:
-        """See `Epos2Settings`."""
-        return self.current_limit_a
 
     @property
     def seeking(self) -> Self:
@@ -318,7 +334,24 @@ class StrokeSettings(Epos2Settings):
 
 
 @dataclass
-class ScrewSettings(StrokeSettings):
+class RampSettings(StrokeSettings):
+    """Screws that stop on a ramp: see `StrokeSettings`.
+
+    Attributes:
+        quick_stop_mm_s2: deceleration with which they stop for want of heartbeats, and to brake
+            [mm/s^2].
+    """
+
+    quick_stop_mm_s2: float = quantity(8000.0, 1.0, 1e6)
+
+    @property
+    def quick_stop_deceleration(self) -> float:
+        """See `Epos2Settings`."""
+        return 1e-3 * self.quick_stop_mm_s2
+
+
+@dataclass
+class ScrewSettings(RampSettings):
     """Screws whose velocities are commanded, within limits: see `StrokeSettings`.
 
     Attributes:
@@ -344,7 +377,7 @@ class ScrewSettings(StrokeSettings):
 
 
 @dataclass
-class PositionScrewSettings(StrokeSettings):
+class PositionScrewSettings(RampSettings):
     """Screws whose positions are commanded, and locks and clamps: see `StrokeSettings`.
 
     A lock or clamp is closed by a spring. Its digital output opens it, and its digital input has
@@ -369,9 +402,9 @@ class PositionScrewSettings(StrokeSettings):
     clamp_inputs: list[int] = quantity([], 1, 6)
 
     @property
-    def is_position_controlled(self) -> bool:
+    def control(self) -> Control:
         """See `Epos2Settings`."""
-        return True
+        return Control.POSITION
 
     @property
     def following_error(self) -> float:
@@ -391,3 +424,122 @@ class PositionScrewSettings(StrokeSettings):
             group("clamps", "clamp", self.clamp_nodes, self.clamp_outputs, self.clamp_inputs),
         )
         return tuple(each for each in groups if each.switches)
+
+
+@dataclass
+class ForceSettings(LoadSettings):
+    """Axes whose forces or torques are commanded: see `Epos2Forces`.
+
+    Attributes:
+        limit_lead_ms: time ahead for which an axis, at its velocity, must still be within its
+            ends [ms]; otherwise nothing pushes it outwards.
+    """
+
+    limit_lead_ms: float = quantity(20.0, 1.0, 1000.0)
+
+    @property
+    def control(self) -> Control:
+        """See `Epos2Settings`."""
+        return Control.FORCE
+
+    @property
+    def limit_lead(self) -> float:
+        """Time ahead for which an axis must still be within its ends [s]."""
+        return 1e-3 * self.limit_lead_ms
+
+    @property
+    def max_force(self) -> float:
+        """Largest force or torque of an axis [N or N m]."""
+        raise NotImplementedError(f"{type(self).__name__} does not define max_force")
+
+    @property
+    def force_per_current(self) -> float:
+        """Force or torque of an axis by the current of its motor [N/A or N m/A]."""
+        raise NotImplementedError(f"{type(self).__name__} does not define force_per_current")
+
+
+@dataclass
+class ForceSlideSettings(ForceSettings, StrokeSettings):
+    """Slides whose forces are commanded: see `StrokeSettings`, also for what is said of screws.
+
+    A slide that is driven by a belt has the circumference of the belt's pulley as its lead.
+
+    Attributes:
+        max_force_N: largest force of a slide [N].
+        force_per_current_N_A: force of a slide by the current of its motor [N/A], best measured
+            with a force cell; in theory the motor's torque constant by the angle of the motor per
+            way of the slide.
+    """
+
+    max_force_N: float = quantity(400.0, 0.1, 1e5)  # noqa: N815 (the unit's symbol)
+    force_per_current_N_A: float = quantity(100.0, 0.01, 1e5)  # noqa: N815
+
+    @property
+    def max_force(self) -> float:
+        """See `ForceSettings`."""
+        return self.max_force_N
+
+    @property
+    def force_per_current(self) -> float:
+        """See `ForceSettings`."""
+        return self.force_per_current_N_A
+
+
+@dataclass
+class TorqueSettings(ForceSettings, GearSettings):
+    """Axes that turn behind a gear, and whose torques are commanded.
+
+    Attributes:
+        max_torque_Nm: largest torque of an axis [N m].
+        torque_per_current_Nm_A: torque of an axis by the current of its motor [N m/A]: in theory
+            the motor's torque constant by the gear.
+        position_min_deg: angles below which nothing turns an axis further, one for each axis
+            [deg]; null: no ends, and `position_max_deg` is null as well.
+        position_max_deg: angles above which nothing turns an axis further [deg]; null: no ends.
+        position_at_start_deg: angles of the axes at the start of the program, one for each [deg];
+            null: they count from zero since the controllers were switched on. With ends they must
+            be known.
+    """
+
+    max_torque_Nm: float = quantity(20.0, 0.001, 10_000.0)  # noqa: N815 (the unit's symbol)
+    torque_per_current_Nm_A: float = quantity(5.0, 1e-4, 10_000.0)  # noqa: N815
+    position_min_deg: list[float] | None = quantity(None, -3600.0, 3600.0)
+    position_max_deg: list[float] | None = quantity(None, -3600.0, 3600.0)
+    position_at_start_deg: list[float] | None = quantity(None, -3600.0, 3600.0)
+
+    @property
+    def command_signal(self) -> str:
+        """See `Epos2Settings`."""
+        return "torque_command"
+
+    @property
+    def max_force(self) -> float:
+        """See `ForceSettings`."""
+        return self.max_torque_Nm
+
+    @property
+    def force_per_current(self) -> float:
+        """See `ForceSettings`."""
+        return self.torque_per_current_Nm_A
+
+    @property
+    def position_at_start(self) -> tuple[float, ...] | None:
+        """See `Epos2Settings`."""
+        start = self.position_at_start_deg
+        return None if start is None else tuple(map(math.radians, start))
+
+    @property
+    def strokes(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+        """See `Epos2Settings`.
+
+        Raises:
+            ValueError: only one of both ends is given.
+        """
+        least, most = self.position_min_deg, self.position_max_deg
+        if least is None and most is None:
+            return None
+        if least is None or most is None:
+            raise ValueError(
+                "position_min_deg and position_max_deg must be given both, or neither"
+            )
+        return tuple(map(math.radians, least)), tuple(map(math.radians, most))

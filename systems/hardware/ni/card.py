@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
 from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
+from parapod.systems.hardware.ni.session import CONFIGURE_TIMEOUT, WatchdogExpired, begun
 from parapod.systems.hardware.ni.settings import NiDaqSettings, expand_channels
-from parapod.systems.hardware.ni.tasks import OUTPUT_MAX, OUTPUT_MIN, NiTasks, WatchdogExpired
+from parapod.systems.hardware.ni.tasks import OUTPUT_MAX, OUTPUT_MIN, NiTasks
 from parapod.systems.hardware.position_memory import IncrementalDevice
 
 # The counters have 32 bits (X Series User Manual, "Counters").
@@ -16,9 +17,6 @@ _COUNTS = 2**32
 # Output voltage at which an actuator stands still, and its change to full supply voltage [V]: of a
 # Sabertooth 2x25 in analog mode (its manual, "Mode 1: analog input").
 _NEUTRAL, _SPAN = 2.5, 2.5
-
-# Longest time to configure [s]; a driver that has to be loaded first takes seconds.
-_CONFIGURE_TIMEOUT = 10.0
 
 # A flag is set above this; NaN counts as set.
 _SET = 0.5
@@ -96,9 +94,7 @@ class NiDaq(IncrementalDevice):
         """
         _check(settings)
         self._settings, self._drives_motors = settings, drives_motors
-        place = f" at {settings.address}" if settings.target else ""
-        self.name = f"{settings.product} {settings.device}{place}"
-        self.place = f"{settings.device}{place}"
+        self.name, self.place = f"{settings.product} {settings.place}", settings.place
         self._size = len(settings.counter_names)
         super().__init__(settings.extensions_path, self._size, settings.part)
         self._limits = len(expand_channels(settings.inputs))
@@ -125,7 +121,7 @@ class NiDaq(IncrementalDevice):
         self.close()
         tasks = NiTasks(self._settings, self.name)
         try:
-            tasks.begin(_CONFIGURE_TIMEOUT)
+            tasks.begin(CONFIGURE_TIMEOUT)
             tasks.open()
             self._tasks = tasks
             self._forget()
@@ -263,10 +259,7 @@ class NiDaq(IncrementalDevice):
 
     def _begin(self) -> NiTasks:
         """The tasks, with the time of one call before them."""
-        if self._tasks is None:
-            raise DeviceError(self.name, "is not configured", DeviceFault.UNPLUGGED)
-        self._tasks.begin(self._settings.timeout)
-        return self._tasks
+        return begun(self._tasks, self.name, self._settings.timeout)
 
     def _forget(self) -> None:
         """Nothing is known of a card that was not spoken to."""

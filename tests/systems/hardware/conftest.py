@@ -11,8 +11,9 @@ from parapod.systems.hardware.emulation.harness import SUPPLY, Harness, Misbehav
 from parapod.systems.hardware.epos2.controller import Timing
 from parapod.systems.hardware.epos2.drives import Epos2
 from parapod.systems.hardware.epos2.emulator import Epos2Nodes
+from parapod.systems.hardware.epos2.forces import Epos2Forces
 from parapod.systems.hardware.epos2.positions import Epos2Positions
-from parapod.systems.hardware.epos2.settings import GearSettings
+from parapod.systems.hardware.epos2.settings import Control, GearSettings
 
 CHANNELS = (f"test_epos2 {k}" for k in itertools.count())
 # Steep ramps, so that a test does not wait for them; a patient guard, for busy machines.
@@ -21,6 +22,11 @@ QUICK = {
     "quick_stop_deceleration": 1e4,
     "gear": 26.0,
     "node_ids": [1, 2, 3, 4],
+}
+DEVICES = {
+    Control.VELOCITY: Epos2,
+    Control.POSITION: Epos2Positions,
+    Control.FORCE: Epos2Forces,
 }
 PATIENT = {"heartbeat_timeout": 2.0, "timeout": 0.5, "sdo_timeout": 2.0}
 
@@ -147,10 +153,12 @@ class Rig:
             | PATIENT
             | (changes or {}),
         )
-        device = Epos2Positions if self.settings.is_position_controlled else Epos2
-        sizes = {device.command_signal: axes, "brake": 1, "emergency_stop": 1} | dict.fromkeys(
-            ("position", "velocity", "current"), axes
-        )
+        device = DEVICES[self.settings.control]
+        sizes = {
+            self.settings.command_signal: axes,
+            "brake": 1,
+            "emergency_stop": 1,
+        } | dict.fromkeys(("position", "velocity", "current"), axes)
         wires = {f"{part}.{name}": size for name, size in sizes.items()} | {SUPPLY: 1}
         for group in self.settings.switches:
             wires |= dict.fromkeys((group.measure, group.command), len(group.switches))

@@ -4,6 +4,7 @@ import pytest
 
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 from parapod.systems.hardware.ni.emulator import NiServer
+from parapod.systems.hardware.ni.terminals import LegWiring
 
 
 @pytest.fixture
@@ -24,8 +25,9 @@ def serve(harness, misbehaviour):
     # The path of a Unix socket is short.
     with tempfile.TemporaryDirectory(prefix="ni") as folder:
 
-        def start(**arguments):
-            server = NiServer(f"{folder}/socket", harness, misbehaviour, **arguments)
+        def start(product="PXIe-6363", **wires):
+            wiring = LegWiring(harness, misbehaviour, **wires)
+            server = NiServer(f"{folder}/socket", wiring, product=product)
             servers.append(server)
             return server.__enter__()
 

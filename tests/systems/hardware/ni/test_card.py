@@ -329,7 +329,7 @@ def test_stalled_server_delays_configure_and_close_no_longer_than_their_time(
     card = device(server, timeout_ms=1e3 * TIMEOUT)
     misbehaviour.begin("off", time.monotonic())
     with monkeypatch.context() as patience:
-        patience.setattr(ni_card, "_CONFIGURE_TIMEOUT", 0.3)
+        patience.setattr(ni_card, "CONFIGURE_TIMEOUT", 0.3)
         with judge() as judged:
             assert fails(card.configure).fault is DeviceFault.SILENT
     judged.check(0.3 + TIMEOUT + MARGIN)
@@ -403,7 +403,7 @@ def test_no_proxy_of_the_environment_comes_between_program_and_card(monkeypatch)
             monkeypatch.delenv(name, raising=False)
         settings = NiDaqSettings(target="127.0.0.1:1", extension_file="", timeout_ms=100.0)
         with monkeypatch.context() as patience:
-            patience.setattr(ni_card, "_CONFIGURE_TIMEOUT", 0.5)
+            patience.setattr(ni_card, "CONFIGURE_TIMEOUT", 0.5)
             assert fails(NiDaq(settings).configure).fault is DeviceFault.UNPLUGGED
         proxy.setblocking(False)
         with pytest.raises(BlockingIOError):

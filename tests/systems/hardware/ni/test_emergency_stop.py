@@ -7,8 +7,8 @@ from parapod.systems.hardware.device import DeviceError
 from parapod.systems.hardware.emulation.harness import Harness
 from parapod.systems.hardware.io import DeviceThread
 from parapod.systems.hardware.ni.card import NiDaq
-from parapod.systems.hardware.ni.emulator import NiWiring
 from parapod.systems.hardware.ni.settings import NiDaqSettings
+from parapod.systems.hardware.ni.terminals import LegWiring
 
 MOVING = (6.0, -6.0, 3.0, 1.0)
 OFF = ((0.0,) * 4, (1.0,))
@@ -255,7 +255,7 @@ def test_swapped_wires_of_encoders_are_none_of_the_button(card, press, misbehavi
 
 def test_machine_without_a_button_is_never_stopped(misbehaviour):
     sizes = {"voltage": 4, "stop": 1, "extension": 4, "limits": 12}
-    wiring = NiWiring(Harness({f"legs.{name}": n for name, n in sizes.items()}), misbehaviour)
+    wiring = LegWiring(Harness({f"legs.{name}": n for name, n in sizes.items()}), misbehaviour)
     assert wiring.measure()[1]["port0/line13"]
 
 

@@ -11,7 +11,7 @@ from nidaqmx.errors import DaqError
 from nidaqmx.stream_readers import CounterReader
 from nidaqmx.stream_writers import AnalogMultiChannelWriter
 
-from parapod.systems.hardware.ni import emulator as ni_errors
+from parapod.systems.hardware.ni import daqmx
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def write(made, volts, auto_start=True):
 
 
 def test_errors_are_those_of_the_driver():
-    assert set(ni_errors._TEXTS) <= {error.value for error in DAQmxErrors}
+    assert set(daqmx._TEXTS) <= {error.value for error in DAQmxErrors}
 
 
 def test_voltage_outside_the_range_of_the_task_is_refused(task, server):

@@ -5,10 +5,11 @@ from nidaqmx.error_codes import DAQmxErrors
 from nidaqmx.errors import DaqError
 
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.ni import emulator
+from parapod.systems.hardware.ni import daqmx
 from parapod.systems.hardware.ni.card import NiDaq
+from parapod.systems.hardware.ni.session import WatchdogExpired
 from parapod.systems.hardware.ni.settings import NiDaqSettings
-from parapod.systems.hardware.ni.tasks import NiTasks, WatchdogExpired
+from parapod.systems.hardware.ni.tasks import NiTasks
 
 MOVING = (6.0, -6.0, 3.0, 1.0)
 # Long enough for a busy computer that resets it, and short enough to wait for [s].
@@ -279,7 +280,7 @@ def test_line_that_the_card_refuses_at_the_start_of_the_timer_is_said(server, mo
 
     def refuse(request):
         if request.task.name.endswith("watchdog"):
-            raise emulator.NiRefusal(-200077, Property="Watchdog")
+            raise daqmx.NiRefusal(-200077, Property="Watchdog")
         return start(request)
 
     monkeypatch.setattr(server.card, "StartTask", refuse)
@@ -316,7 +317,7 @@ def test_none_is_armed_if_none_is_asked_for(server):
 @pytest.mark.parametrize("watchdog_ms", [20.0, 34000.0])
 def test_every_timeout_that_may_be_asked_for_is_in_the_cards_range(server, watchdog_ms):
     # (2^32 - 1) times 8 ns: X Series User Manual, "Watchdog Timer".
-    assert pytest.approx(34.36, abs=0.01) == emulator._LONGEST_WATCHDOG
+    assert pytest.approx(34.36, abs=0.01) == daqmx._LONGEST_WATCHDOG
     with device(server, watchdog_ms=watchdog_ms) as card:
         assert card.remarks == []
         assert card.watchdog.endswith(f"within {1e-3 * watchdog_ms:g} s")
@@ -346,4 +347,4 @@ def test_words_of_the_emulated_driver_have_the_numbers_of_the_library():
         -200983: "CANNOT_GET_PROPERTY_WHEN_TASK_NOT_RESERVED_COMMITTED_OR_RUNNING",
     }
     assert {code: DAQmxErrors(code).name for code in names} == names
-    assert names.keys() <= emulator._TEXTS.keys()
+    assert names.keys() <= daqmx._TEXTS.keys()

@@ -1,0 +1,177 @@
+"""Axes whose forces or torques are commanded: Maxon motors on EPOS2 24/5 controllers."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from parapod.systems.core.elementwise import clamp
+from parapod.systems.hardware.device import DeviceError
+from parapod.systems.hardware.epos2.controller import STANDSTILL, Sample, Timing
+from parapod.systems.hardware.epos2.settings import ForceSettings
+from parapod.systems.hardware.epos2.steered import Epos2Steered
+
+# A measurement that is older tells nothing about where an axis is and how fast [s]: five periods
+# at 100 Hz.
+_FRESH = 0.05
+# From this share of the largest velocity on the force in its direction falls, to zero at it.
+_FALLING = 0.9
+
+
+@dataclass(frozen=True)
+class ForceLimits:
+    """Forces, or torques, with which axes neither run away nor are pushed out of their ends.
+
+    Attributes:
+        lower: (n) least positions [m or rad].
+        upper: (n) largest positions [m or rad].
+        lead: time ahead for which an axis, at its velocity, must still be within them [s].
+        max_velocity: largest velocity [m/s or rad/s].
+        max_force: largest force or torque [N or N m].
+    """
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    lead: float
+    max_velocity: float
+    max_force: float
+
+    def allowed(
+        self, forces: Sequence[float], positions: Sequence[float], velocities: Sequence[float]
+    ) -> list[float]:
+        """Forces (n) that are allowed [N or N m].
+
+        Args:
+            forces: (n) that are wanted; one that is not finite is 0.
+            positions: (n) as measured [m or rad].
+            velocities: (n) as measured [m/s or rad/s].
+        """
+        axes = zip(forces, positions, velocities, self.lower, self.upper, strict=True)
+        return [self._within(f, v, x - low, high - x) for f, x, v, low, high in axes]
+
+    def _within(self, force: float, velocity: float, below: float, above: float) -> float:
+        """Force that is allowed on an axis at these distances from its ends."""
+        if not (math.isfinite(force) and math.isfinite(velocity)):
+            return 0.0
+        limited = float(clamp(force, -self.max_force, self.max_force))
+        # As if it were pushed upwards.
+        way, speed = (above, velocity) if limited > 0.0 else (below, -velocity)
+        if not min(way, way - self.lead * speed) > 0.0:  # NaN as well
+            return 0.0
+        share = (1.0 - speed / self.max_velocity) / (1.0 - _FALLING)
+        return limited * float(clamp(share, 0.0, 1.0))
+
+
+class Epos2Forces(Epos2Steered):
+    """Axes whose forces, or torques, are commanded, in current mode; see also `Epos2Device`.
+
+    | signal | size | unit | meaning |
+    |---|---|---|---|
+    | command `force_command` or `torque_command` | n | N or N m | of the axes |
+
+    The name of the command is that of the settings: `force_command` of slides, `torque_command`
+    of axes that turn. The set value (0x2030) is a current; the settings say what force it makes.
+    That is the motor's: friction, and the weight of what it moves, are not taken off. A command
+    that is not finite is zero, one beyond the largest force is that. A controlword that stops a
+    drive comes with a set value of zero.
+
+    **Nothing holds.** Without a force an axis is free, and a drive in this mode brakes nothing: a
+    quick stop takes the current away, and so do `brake`, the emergency stop, a lost heartbeat, a
+    fault, `neutral` and `deactivate`. What moves then coasts, and what hangs falls, unless a
+    mechanical brake or a balancer holds it. A slide that is not horizontal needs a power-off
+    brake, such as at the drive's holding brake output, which closes when the drive has no power.
+    So `deactivate` does not wait for a standstill: it takes the power at once.
+
+    **Ends.** Where there are ends nothing gets power before there is a reference. An axis that is
+    beyond an end, or would be after the settings' `limit_lead_ms` at its velocity, is pushed
+    inwards only. That does not stop it: it coasts to the machine's own stops.
+
+    **Largest velocity.** The force in the direction in which an axis moves falls linearly from
+    nine tenths of `max_velocity_rpm` on, and is zero at it and beyond; forces against the motion
+    stay. So an axis that has lost its load does not run away. The drives are told the same
+    velocity (0x6410:04).
+
+    Ends and largest velocity are kept at every command and at every reading, so also between two
+    commands of a controller that hangs.
+
+    **Silence.** Without a new measurement for 50 ms forces are zero, those of all axes if one
+    node is silent.
+
+    **Memory.** A file that keeps the positions of slides is right only where a brake holds them
+    without power. One that moves on without it is an error of `deactivate`, and the file knows
+    nothing, until it stands and `deactivate` is called again.
+    """
+
+    def __init__(
+        self,
+        settings: ForceSettings,
+        timing: Timing = Timing(),
+        is_synchronous: bool = True,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """See `Epos2Device`."""
+        super().__init__(settings, timing, is_synchronous, clock)
+        possible = _possible(settings)
+        if settings.max_force > possible * (1.0 + 1e-9):
+            raise ValueError(
+                f"the largest force or torque is {settings.max_force:g}, but current_limit_a = "
+                f"{settings.current_limit_a:g} allows {possible:g}"
+            )
+        self._forces, self._limits = settings, _limits(settings, settings.strokes)
+        self._velocity: Sequence[float] = (0.0,) * len(settings.node_ids)
+        within = f"{settings.heartbeat_timeout + timing.timeout:.2g} s"
+        self.watchdog = (
+            "without this computer's heartbeats the drives take their currents away within "
+            f"{within}, and only mechanical brakes hold the axes"
+        )
+
+    def seek_reference(self) -> None:
+        """See `Epos2Device`."""
+        super().seek_reference()
+        self._forces = self._forces.seeking
+        self._limits = _limits(self._forces, None)
+
+    @property
+    def _has_limits(self) -> bool:
+        return self._forces.strokes is not None and not self._is_homing
+
+    def _counted(self, samples: Sequence[Sample]) -> list[float]:
+        pairs = zip(samples, self._directions, strict=True)
+        self._velocity = [sign * self._forces.velocity(sample.rpm) for sample, sign in pairs]
+        return super()._counted(samples)
+
+    def _come_to_rest(self) -> None:
+        """Nothing would slow the axes, and a brake closes only when the power is gone."""
+
+    def _at_rest(self) -> Sequence[float]:
+        positions = super()._at_rest()
+        for controller, velocity in zip(self._controllers, self._velocity, strict=True):
+            if abs(self._forces.rpm(velocity)) > STANDSTILL:
+                words = "moves without power, so its position is not remembered: what holds it?"
+                raise DeviceError(self.name, f"{controller.name} {words}")
+        return positions
+
+    def _targets(self) -> list[int]:
+        """Currents of the motors [mA] for the forces that are wanted of the axes."""
+        is_known = self._clock() - self._measured <= _FRESH
+        allowed = self._limits.allowed(self._wanted, self._position, self._velocity)
+        forces = allowed if is_known else [0.0] * len(allowed)
+        pairs = zip(forces, self._directions, strict=True)
+        return [
+            round(1e3 * sign * force / self._forces.force_per_current) for force, sign in pairs
+        ]
+
+
+def _possible(settings: ForceSettings) -> float:
+    """Largest force or torque that the largest current makes [N or N m]."""
+    return settings.current_limit * settings.force_per_current
+
+
+def _limits(
+    settings: ForceSettings, strokes: tuple[tuple[float, ...], tuple[float, ...]] | None
+) -> ForceLimits:
+    """Limits of axes with these ends; None: with none."""
+    anywhere = (math.inf,) * len(settings.node_ids)
+    lower, upper = strokes or (tuple(-end for end in anywhere), anywhere)
+    force = min(settings.max_force, _possible(settings))
+    return ForceLimits(lower, upper, settings.limit_lead, settings.max_velocity, force)

@@ -1,0 +1,214 @@
+"""A session with one NI card: its connection, its tasks, and how its errors are told."""
+
+import math
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from parapod.systems.hardware.device import DeviceError, DeviceFault, need
+from parapod.systems.hardware.ni.settings import NiCardSettings
+
+# A driver that has lost its server tries again this often [ms], not ever more rarely, and by
+# itself: a connection that others of the same process share would inherit their waiting time.
+_CONNECTION = (
+    ("grpc.initial_reconnect_backoff_ms", 100),
+    ("grpc.min_reconnect_backoff_ms", 100),
+    ("grpc.max_reconnect_backoff_ms", 500),
+    ("grpc.use_local_subchannel_pool", 1),
+    # A machine is on no other side of a proxy, whatever the environment says.
+    ("grpc.enable_http_proxy", 0),
+)
+
+# DAQmx errors that are not a refusal; the numbers are those of nidaqmx.error_codes.
+_FAULTS = {
+    -50405: DeviceFault.UNPLUGGED,  # PAL_TRANSFER_ABORTED: a device was removed
+    -200324: DeviceFault.UNPLUGGED,  # DEV_ABSENT_OR_UNAVAILABLE
+    -200474: DeviceFault.SILENT,  # OPERATION_TIMED_OUT
+    -201003: DeviceFault.UNPLUGGED,  # DEV_CANNOT_BE_ACCESSED
+}
+_EXPIRED = {
+    -200644,  # CANT_RESET_EXPIRED_WATCHDOG
+    -200678,  # WRITE_FAILED_BECAUSE_WATCHDOG_EXPIRED
+}
+
+
+class WatchdogExpired(DeviceError):
+    """The card's watchdog has opened the relay, and keeps it open."""
+
+
+class BoundedChannel:
+    """A gRPC channel on which no call outlasts a common instant.
+
+    The driver library sets no deadlines, so a server that stalls would stop its caller for ever.
+
+    Attributes:
+        until: that instant, of the monotonic clock [s].
+    """
+
+    def __init__(self, channel: Any):
+        self._channel = channel
+        self.until = math.inf
+
+    def unary_unary(self, *args: Any, **kwargs: Any) -> Callable[..., Any]:
+        """See a gRPC channel; the call has a deadline."""
+        made: list[Any] = []
+
+        def call(request: Any, metadata: Any = None) -> Any:
+            # Made when first used: each task makes a stub of some 700 calls, and uses ten.
+            if not made:
+                made.append(self._channel.unary_unary(*args, **kwargs))
+            left = max(self.until - time.monotonic(), 0.0)
+            return made[0](request, timeout=left, metadata=metadata)
+
+        return call
+
+    def unary_stream(self, *args: Any, **kwargs: Any) -> Any:
+        """See a gRPC channel."""
+        return self._channel.unary_stream(*args, **kwargs)
+
+    def close(self) -> None:
+        """Ends the connection."""
+        self._channel.close()
+
+
+# Longest time to configure [s]; a driver that has to be loaded first takes seconds.
+CONFIGURE_TIMEOUT = 10.0
+
+
+class NiSession(ABC):
+    """The tasks that a device has on its card, and the connection to that.
+
+    Each task has a name, made of the card's and of its purpose. A server keeps the tasks of a
+    client that is gone, and with them the channels; under its name a successor finds such a task
+    and takes its place, so the machine can be stopped without a restart of the server.
+    """
+
+    def __init__(self, settings: NiCardSettings, name: str):
+        """Creates what `open` will open.
+
+        Args:
+            settings: the channels, and how to reach them.
+            name: name of the card in errors.
+
+        Raises:
+            MissingExtra: the driver library is not installed.
+        """
+        self._card, self._name, self._target = settings, name, settings.address
+        self._nidaqmx = need("nidaqmx")
+        self._errors = need("nidaqmx.errors")
+        self._readers = need("nidaqmx.stream_readers")
+        self._tasks: list[Any] = []
+        self._waits = 0.0
+        self._channel: BoundedChannel | None = None
+        if self._target:
+            grpc = need("grpc")
+            self._channel = BoundedChannel(grpc.insecure_channel(self._target, _CONNECTION))
+
+    def begin(self, seconds: float) -> None:
+        """Begins a call of the device: all that follows is over after so many seconds."""
+        self._waits = seconds
+        if self._channel is not None:
+            self._channel.until = time.monotonic() + seconds
+
+    def open(self) -> None:
+        """Makes sure that it is the right card, and creates and starts its tasks.
+
+        Raises:
+            DeviceError: it is not there, is another one, or refuses a channel.
+        """
+        with self._told():
+            self._identify()
+            self._create()
+            # Only a task that runs is quick to read and to write, and counts between the reads.
+            for task in self._tasks:
+                task.start()
+
+    @abstractmethod
+    def _create(self) -> None:
+        """Creates the tasks."""
+
+    def close(self) -> None:
+        """Gives the channels back and ends the connection; never raises."""
+        for task in self._tasks:
+            with suppress(Exception):
+                task.close()
+        self._tasks.clear()
+        if self._channel is not None:
+            with suppress(Exception):
+                self._channel.close()
+
+    def _identify(self) -> None:
+        system = need("nidaqmx.system")
+        device = system.Device(self._card.device, grpc_options=self._options(""))
+        product, expected = device.product_type, self._card.product
+        if product != expected:
+            raise DeviceError(
+                self._name,
+                f"{self._card.device} is a {product}, not a {expected}",
+                DeviceFault.CORRUPT,
+            )
+
+    def _task(self, role: str) -> Any:
+        """A new task, without channels."""
+        name = f"parapod_{self._card.device}_{role}"
+        self._tasks.append(self._nidaqmx.Task(name, grpc_options=self._options(name)))
+        if self._channel is not None and self._tasks[-1].number_of_channels:
+            self._tasks[-1].close()
+            self._tasks[-1] = self._nidaqmx.Task(name, grpc_options=self._options(name))
+        return self._tasks[-1]
+
+    def _options(self, session: str) -> Any:
+        if self._channel is None:
+            return None
+        return self._nidaqmx.GrpcSessionOptions(self._channel, session)
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """Tells what the driver library raises as an error of the device."""
+        try:
+            yield
+        except self._errors.RpcError as error:
+            raise self._lost(error) from error
+        except self._errors.Error as error:
+            code = getattr(error, "error_code", 0)
+            if code in _EXPIRED:
+                raise WatchdogExpired(self._name, str(error)) from error
+            fault = _FAULTS.get(code, DeviceFault.FAILED)
+            raise DeviceError(self._name, str(error), fault) from error
+
+    def _lost(self, error: Any) -> DeviceError:
+        target = self._target
+        match getattr(error.rpc_code, "name", ""):
+            case "UNAVAILABLE" | "CANCELLED":
+                return DeviceError(
+                    self._name,
+                    f"no NI gRPC Device Server can be reached at {target}",
+                    DeviceFault.UNPLUGGED,
+                )
+            case "DEADLINE_EXCEEDED":
+                return DeviceError(
+                    self._name,
+                    f"the NI gRPC Device Server at {target} did not answer "
+                    f"within {self._waits:g} s",
+                    DeviceFault.SILENT,
+                )
+        return DeviceError(self._name, str(error))
+
+
+def begun[S: NiSession](session: S | None, name: str, seconds: float) -> S:
+    """The session of a device that is configured, with the time of one call before it.
+
+    Args:
+        session: session of the device; None before it is configured.
+        name: name of the card in errors.
+        seconds: longest time for the call [s].
+
+    Raises:
+        DeviceError: there is none.
+    """
+    if session is None:
+        raise DeviceError(name, "is not configured", DeviceFault.UNPLUGGED)
+    session.begin(seconds)
+    return session
