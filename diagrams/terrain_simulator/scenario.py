@@ -56,11 +56,13 @@ class PlaceScenario(Schema):
         z_mm: height of the plate's middle with the body at the height of the foothold [mm]; null:
             one at which either works well.
         hip_mm: height of the hip above it [mm].
+        start_m: way of the body over the terrain at the beginning [m].
     """
 
     x_mm: float | None = quantity(None, 0.0, 1500.0)
     z_mm: float | None = quantity(None, 20.0, 600.0)
     hip_mm: float = quantity(580.0, 50.0, 1200.0)
+    start_m: float = quantity(0.0, -1000.0, 1000.0)
 
 
 @dataclass
@@ -287,6 +289,7 @@ class TerrainBenchScenario(Schema):
             x_c=1e-3 * (x if place.x_mm is None else place.x_mm),
             z_c=1e-3 * (z if place.z_mm is None else place.z_mm),
             dip=1e-3 * gait.dip_mm,
+            start=place.start_m,
             treadmill=self.configuration == "treadmill",
         )
         return BenchWalk(

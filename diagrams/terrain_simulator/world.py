@@ -1,6 +1,7 @@
 """The same leg in the world: it walks over the terrain itself, and no bench is there.
 
-The hip's slide hangs on a column that goes along with the body, and the terrain stands still. What the leg does and feels must be what it does and feels on the bench.
+The hip's slide hangs on a column that goes along with the body, and the terrain stands still. What
+the leg does and feels must be what it does and feels on the bench.
 """
 
 from dataclasses import replace

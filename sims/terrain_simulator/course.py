@@ -1,0 +1,346 @@
+"""Walk a course of terrains on the bench, and the same terrains laid out in the world.
+
+Slopes, stairs, steps: each is walked twice by the same leg with the same controller, once on the
+plate that plays it and once over the terrain itself. The bench is only right if both agree in what
+leg and ground feel.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.terrain_simulator.leg import make_leg_model
+from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
+from parapod.diagrams.terrain_simulator.scenario import (
+    BenchPlantScenario,
+    CellsScenario,
+    GaitScenario,
+    HipScenario,
+    LegScenario,
+    PlaceScenario,
+    TerrainBenchScenario,
+)
+from parapod.diagrams.terrain_simulator.terrains import (
+    AlternatingSlopes,
+    Level,
+    Slope,
+    Stairs,
+    Step,
+    TerrainChoice,
+)
+from parapod.diagrams.terrain_simulator.world import walking_in_the_world
+from parapod.sims.lab.bench import Bench, Run
+from parapod.sims.lab.experiment import LoopExperiment
+from parapod.sims.lab.figures import COLOURS, Figure
+from parapod.sims.lab.panel import Readout
+from parapod.sims.lab.results import Metric
+from parapod.sims.terrain_simulator.walk import (
+    BenchWalking,
+    check_bench,
+    make_scene,
+    read_out,
+    walking_loop,
+)
+from parapod.systems.core.errors import ParapodError, ScenarioError
+from parapod.systems.core.schema import Schema, choice, quantity
+from parapod.systems.core.vectors import Array
+from parapod.systems.terrain_simulator.walk import BenchWalk
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+# Bounds of the differences between bench and world [%, mm, mm].
+_FORCE, _HEIGHT, _FOOTHOLD = 5.0, 2.0, 2.0
+# Time in which the foot settles on the ground at first [s].
+_SETTLED = 0.1
+# Points of a foot's sole at which its distance from the ground is looked at, and instants.
+_SOLE, _INSTANTS = 9, 1500
+
+
+class Course(NamedTuple):
+    """A terrain and a gait for it.
+
+    Attributes:
+        terrain: the terrain.
+        speed: speed of the body [m/s].
+        frequency: strides a second [Hz].
+        place: x of the plate's middle, and its height [mm].
+        hip: height of the hip above it [mm].
+        clearance: height of the foot above its footholds in the middle of a swing [mm].
+        start: way of the body at the beginning [m].
+    """
+
+    terrain: TerrainChoice
+    speed: float
+    frequency: float
+    place: tuple[float, float]
+    hip: float = 580.0
+    clearance: float = 60.0
+    start: float = 0.0
+
+
+# Terrains that the pedal can play, each in its place; their edges are where no foot treads.
+COURSES = {
+    "level": Course(Level(), 0.8, 2.0, (513.0, 300.0)),
+    "slope up 20": Course(Slope(20.0), 0.8, 2.0, (562.0, 260.0)),
+    "slope down 20": Course(Slope(-20.0), 0.8, 2.0, (474.0, 260.0)),
+    "slope up 30": Course(Slope(30.0), 0.8, 2.0, (582.0, 240.0)),
+    "slope down 30": Course(Slope(-30.0), 0.8, 2.0, (458.0, 240.0)),
+    "stairs up": Course(Stairs(170.0, 290.0, 0.19), 0.435, 1.5, (561.0, 250.0), 560.0, 140.0),
+    "stairs down": Course(Stairs(-150.0, 300.0, 0.15), 0.45, 1.5, (481.0, 250.0), 560.0, 130.0),
+    "step up": Course(Step(120.0, 0.6), 0.6, 1.5, (549.0, 250.0), 560.0, 140.0),
+    "step down": Course(Step(-120.0, 0.6), 0.6, 1.5, (489.0, 250.0), 560.0, 60.0),
+    "alternating slopes": Course(
+        AlternatingSlopes(20.0, 1.1), 0.8, 2.0, (513.0, 270.0), clearance=110.0, start=0.15
+    ),
+}
+
+
+@dataclass
+class BenchCourseScenario(Schema):
+    """A course of terrains for one leg.
+
+    Attributes:
+        backend: plant: "multibody", rigid bodies with contact.
+        seed: seed, which changes nothing: nothing is random.
+        courses: terrains in their order.
+        strides: strides at full speed over each.
+        adds_inertia: whether the hip's drive adds the force with which the body resists the
+            acceleration of its rise, which the bench lacks.
+        leg: see `LegScenario`.
+        mass_kg: mass that the slide has with the leg [kg].
+        time_step: step of the rigid bodies, and period of the controllers [s].
+    """
+
+    backend: str = choice("multibody", ("multibody",))
+    seed: int = quantity(0, 0, 2**31 - 1)
+    courses: list[str] = field(default_factory=lambda: list(COURSES))
+    strides: int = quantity(4, 1, 100)
+    adds_inertia: bool = True
+    leg: LegScenario = field(default_factory=LegScenario)
+    mass_kg: float = quantity(30.0, 0.1, 1000.0)
+    time_step: float = quantity(1e-3, 2.5e-4, 2e-3)
+
+    def of(self, name: str) -> TerrainBenchScenario:
+        """The walk over one terrain.
+
+        Raises:
+            ScenarioError: a terrain that there is not.
+        """
+        if name not in COURSES:
+            known = ", ".join(COURSES)
+            raise ScenarioError(f"courses: there is no '{name}'; there are: {known}", "courses")
+        course = COURSES[name]
+        found = TerrainBenchScenario(seed=self.seed, terrain=course.terrain, leg=self.leg)
+        found.gait = GaitScenario(
+            speed_m_s=course.speed,
+            frequency_Hz=course.frequency,
+            ramp=None,
+            strides=self.strides,
+            clearance_mm=course.clearance,
+        )
+        found.place = PlaceScenario(*course.place, course.hip, course.start)
+        found.hip = HipScenario(mass_kg=self.mass_kg, adds_inertia=self.adds_inertia)
+        found.cells = CellsScenario(noise_N=0.0)
+        found.plant = BenchPlantScenario(self.time_step)
+        found.control.period = self.time_step
+        return found
+
+
+class Pair(NamedTuple):
+    """The same walk twice.
+
+    Attributes:
+        scenario: the walk.
+        bench: on the bench.
+        world: over the terrain itself.
+    """
+
+    scenario: TerrainBenchScenario
+    bench: Run
+    world: Run
+
+
+@dataclass(frozen=True)
+class Courses:
+    """All walks.
+
+    Attributes:
+        pairs: by the names of the terrains.
+    """
+
+    pairs: dict[str, Pair]
+
+    @property
+    def run(self) -> Run:
+        """The one that is watched: the first on the bench."""
+        return next(iter(self.pairs.values())).bench
+
+
+class _InTheWorld(BenchWalking):
+    """The walk over the terrain itself."""
+
+    def loop(self, scenario: TerrainBenchScenario, **options: Any) -> ClosedLoop[Any]:
+        """Builds the closed loop without a bench."""
+        return ClosedLoop(walking_in_the_world(), scenario, **options)
+
+
+class BenchCourse(LoopExperiment[BenchCourseScenario, Courses]):
+    """Walks a course twice."""
+
+    machine = TERRAIN_BENCH
+    schema = BenchCourseScenario
+    backends = ("multibody",)
+    takes = "2 min"
+
+    def machine_scenario(self, scenario: BenchCourseScenario) -> TerrainBenchScenario:
+        """The walk over the first terrain."""
+        return scenario.of(scenario.courses[0])
+
+    def check(self, scenario: BenchCourseScenario) -> None:
+        """Refuses a course before anything moves.
+
+        Raises:
+            ScenarioError: a terrain that there is not, or twice, or none.
+            ParapodError: names the terrain, and why bench or leg cannot walk it.
+        """
+        if not scenario.courses:
+            known = ", ".join(COURSES)
+            raise ScenarioError(f"courses names no terrain; there are: {known}", "courses")
+        if len(set(scenario.courses)) < len(scenario.courses):
+            raise ScenarioError("courses names a terrain twice", "courses")
+        for name in scenario.courses:
+            try:
+                check_bench(scenario.of(name))
+            except ScenarioError:
+                raise
+            except ParapodError as error:
+                raise ParapodError(f"{name}: {error}") from error
+
+    def loop(self, scenario: BenchCourseScenario, **options: Any) -> ClosedLoop[Any]:
+        """Builds the bench's loop over the first terrain."""
+        return walking_loop(self.machine_scenario(scenario), **options)
+
+    def scene(self, scenario: BenchCourseScenario) -> Meshcat:
+        """A scene around the bench."""
+        return make_scene(self.machine_scenario(scenario))
+
+    def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
+        """Pose, force and distance."""
+        return read_out(loop, root_context)
+
+    def run(self, scenario: BenchCourseScenario, bench: Bench) -> Courses:
+        """Walks each terrain on the bench and in the world."""
+        on_bench, in_world = BenchWalking(self.name), _InTheWorld(self.name)
+        pairs = {}
+        for i, name in enumerate(scenario.courses):
+            walk = scenario.of(name)
+            bench.name = f"{self.name}, {name}"
+            ran = bench.run(on_bench, walk, watched=i == 0)
+            # There the body does rise, and its drive plays only the other legs.
+            free = replace(walk, hip=replace(walk.hip, adds_inertia=False))
+            pairs[name] = Pair(walk, ran, bench.run(in_world, free, watched=False))
+        return Courses(pairs)
+
+    def measure(self, scenario: BenchCourseScenario, data: Courses) -> Iterator[Metric]:
+        """Differences between bench and world, the largest of all and of each terrain."""
+        each = {name: _differences(pair) for name, pair in data.pairs.items()}
+        for key, unit, bound, meaning in (
+            ("force_difference_percent", "%", _FORCE, "root mean square of the ground's force on "
+             "the foot, bench less world, by that of the force"),
+            ("height_error_mm", "mm", _HEIGHT, "largest difference of the hip's heights"),
+            ("foothold_error_mm", "mm", _FOOTHOLD, "largest difference of the foot in stance"),
+        ):  # fmt: skip
+            worst = max(found[key] for found in each.values())
+            yield Metric(key, worst, unit, bound, meaning=f"{meaning}; of all terrains")
+        yield Metric(
+            "least_clearance_mm",
+            min(1e3 * clearance(pair.scenario.walk) for pair in data.pairs.values()),
+            "mm",
+            at_least=0.0,
+            meaning="of a swinging foot over the ground, as planned",
+        )
+        for name, found in each.items():
+            yield Metric(
+                f"{name.replace(' ', '_')}_percent",
+                found["force_difference_percent"],
+                "%",
+                meaning=f"difference of the forces, {name}",
+            )
+        factors = [run.realtime_factor for pair in data.pairs.values() for run in pair[1:]]
+        yield Metric(
+            "realtime_factor", min(factors), meaning="least simulated time by wall-clock time"
+        )
+
+    def draw(self, scenario: BenchCourseScenario, data: Courses) -> Iterator[Figure]:
+        """The forces on bench and ground, one over the other."""
+        yield Figure(
+            "bench_course",
+            "The same leg on the bench and in the world",
+            "The ground's force upwards on the foot: on the bench, and dashed over the terrain "
+            "itself; below each the difference. Nothing of the kind is published.",
+            partial(_draw, data),
+            (8.0, 1.5 + 1.1 * len(data.pairs)),
+        )
+
+
+def clearance(walk: BenchWalk) -> float:
+    """Least distance of the sole of a swinging foot from the ground below it, as planned [m].
+
+    Near touchdown and lift-off the foot is at the ground; so the middle half of each swing counts.
+    """
+    path = walk.path
+    times = np.linspace(walk.lift_off, walk.landing, _INSTANTS)
+    motion, gait = walk.at(times), path.gait
+    share = np.mod((times - walk.lift_off) * gait.frequency + gait.duty, 1.0)
+    flown = (share - gait.duty) / (1.0 - gait.duty)
+    middle = (flown > 0.25) & (flown < 0.75)
+    along = motion.distance[0] + motion.foot[0, :, 0]
+    height = motion.rise[0] + motion.bounce[0] + walk.hip_height + motion.foot[0, :, 1]
+    offsets = walk.foot_radius * np.linspace(-1.0, 1.0, _SOLE)
+    sole = np.sqrt(walk.foot_radius**2 - offsets**2)
+    ground = path.terrain.height(along[middle, np.newaxis] + offsets)
+    return float((height[middle, np.newaxis] - sole - ground).min())
+
+
+def _differences(pair: Pair) -> dict[str, float]:
+    bench, world = pair.bench, pair.world
+    after = bench.time > _SETTLED
+    force = bench["truth.foot_force"] - world["truth.foot_force"]
+    whole = world["truth.foot_force"]
+
+    def size(values: Array) -> float:
+        return float(np.sqrt(np.mean(np.sum(values[after] ** 2, axis=-1))))
+
+    leg = make_leg_model(pair.scenario.leg.description)
+    context = leg.make_context()
+    stance = pair.scenario.walk.at(bench.time).stance & after
+    feet = [
+        np.array([leg.place(context, q) for q in run["leg.position"][stance]])
+        for run in (bench, world)
+    ]
+    height = bench["hip.position"] - world["hip.position"]
+    return {
+        "force_difference_percent": 100.0 * size(force) / size(whole),
+        "height_error_mm": 1e3 * float(np.abs(height).max()),
+        "foothold_error_mm": 1e3 * float(np.linalg.norm(feet[0] - feet[1], axis=-1).max()),
+    }
+
+
+def _draw(data: Courses, canvas: "Canvas") -> None:
+    axes: Any = canvas.subplots(len(data.pairs), 1, squeeze=False)[:, 0]
+    for plot, (name, pair) in zip(axes, data.pairs.items(), strict=True):
+        bench, world = (run["truth.foot_force"][:, 1] for run in pair[1:])
+        plot.plot(pair.bench.time, bench, color=COLOURS[0], lw=1.0, label="bench")
+        plot.plot(pair.world.time, world, "--", color=COLOURS[1], lw=0.9, label="world")
+        plot.plot(pair.bench.time, bench - world, color="0.4", lw=0.6, label="difference")
+        plot.set_ylim(-300.0, 1.2 * pair.scenario.walk.support.peak)
+        plot.set_ylabel(f"{name}\n[N]", fontsize=7)
+    axes[0].legend(ncols=3, fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    axes[-1].set_xlabel("time [s]")
