@@ -4,7 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.safety.faults import EMERGENCY_STOP_SIGN
 
-# Signals that every such guard goes by.
+# Signals that every guard of legs goes by.
 POSITION, AGE, STOP = "legs.position", "status.age", "legs.emergency_stop"
 
 
@@ -98,7 +98,13 @@ class UsualLimits(Protocol):
 
 
 class SignGuard(ABC):
-    """Guard of legs by signs that must last; a machine's own tells them from each tick."""
+    """Guard of drives by signs that must last; a machine's own tells them from each tick.
+
+    Attributes:
+        part: part of the machine that the drives are of.
+    """
+
+    part: ClassVar[str] = "legs"
 
     def __init__(self, period: float):
         """Begins to watch.
@@ -116,7 +122,7 @@ class SignGuard(ABC):
         stamp = now - (float(values[AGE][0]) if AGE in values else 0.0)
         elapsed = max(stamp - self._stamp, self._period)
         signs = dict(self._signs(self._ticks.is_regular(now), elapsed, values))
-        self._position, self._stamp = values[POSITION].copy(), stamp
+        self._position, self._stamp = values[f"{self.part}.position"].copy(), stamp
         self._since = {name: self._since.get(name, now) for name in signs}
         for name, sign in signs.items():
             if now - self._since[name] >= sign.persists:
@@ -143,7 +149,7 @@ class SignGuard(ABC):
         limits: UsualLimits,
         named: Callable[[NDArray[np.bool_], str], str],
     ) -> Iterator[tuple[str, Sign]]:
-        """Signs that all legs have at once: the emergency stop, an encoder that jumps.
+        """Signs that all drives have at once: the emergency stop, an encoder that jumps.
 
         Args:
             is_regular: see `_signs`.
@@ -152,20 +158,21 @@ class SignGuard(ABC):
             limits: what is normal.
             named: words about the first leg of some.
         """
-        legs = ("legs",)
-        if STOP in values and values[STOP][0] > 0.5:
+        stop, position = f"{self.part}.emergency_stop", values[f"{self.part}.position"]
+        if stop in values and values[stop][0] > 0.5:
             yield "emergency_stop", Sign(EMERGENCY_STOP_SIGN, 0.0)
         if self._position is not None and is_regular:
-            jumps = np.abs(values[POSITION] - self._position) > limits.fastest * elapsed
+            jumps = np.abs(position - self._position) > limits.fastest * elapsed
             if jumps.any():
-                yield "encoder_jump", Sign(named(jumps, "changes faster than it can"), 0.0, legs)
+                words = named(jumps, "changes faster than it can")
+                yield "encoder_jump", Sign(words, 0.0, (self.part,))
 
     def _stale(
         self, values: Mapping[str, NDArray[Any]], limits: UsualLimits
     ) -> Iterator[tuple[str, Sign]]:
         """Sign of data that is old; after those that say more."""
         if AGE in values and not values[AGE][0] <= limits.oldest:
-            yield "legs_stale", Sign("measurements that are old", limits.persists)
+            yield f"{self.part}_stale", Sign("measurements that are old", limits.persists)
 
 
 # A tick that comes so much earlier or later than a period after the last one is irregular [-].

@@ -1,6 +1,8 @@
 """The terrain simulator's controller: from what a terrain asks to sliders, and the leg's own."""
 
+import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource
 
 from parapod.diagrams.terrain_simulator.leg import make_leg_model
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
@@ -26,7 +28,7 @@ _TAKEN = {
 _SHOWN = {
     "sliders.position_command": "position_command",
     "sliders.brake": "brake",
-    "hip.brake": "brake",
+    "hip.brake": "hip_brake",
     "hip.force_command": "force_command",
     "belt.brake": "brake",
     "leg.torque_command": "torque_command",
@@ -70,6 +72,7 @@ def make_controller(scenario: TerrainBenchScenario) -> Diagram:
         ),
     )
     outputs = {name: port for system in systems for name, port in outputs_of(system).items()}
+    outputs["hip_brake"] = outputs["brake"]
     taken: set[str] = set()
     for system in systems:
         for name, sink in inputs_of(system).items():
@@ -79,6 +82,8 @@ def make_controller(scenario: TerrainBenchScenario) -> Diagram:
             else:
                 builder.ExportInput(sink, signal)
                 taken.add(signal)
+    if not scenario.drives_leg:  # nothing but its brake would carry the slide
+        outputs["hip_brake"] = add(builder, ConstantVectorSource(np.ones(1))).get_output_port()
     for signal, name in _SHOWN.items():
         builder.ExportOutput(outputs[name], signal)
     diagram = builder.Build()

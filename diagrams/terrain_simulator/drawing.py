@@ -74,9 +74,9 @@ def _draw_strip(meshcat: Meshcat, points: Array) -> None:
     ]
     vertices = np.concatenate(rows)
     n = len(along)
-    first = np.arange(n - 1)
+    first = np.arange(n - 1, dtype=np.int32)
     faces = [
         np.stack((a + first, b + first, c + first), axis=-1)
         for a, b, c in ((0, n, 1), (n, n + 1, 1), (n, 2 * n, n + 1), (2 * n, 2 * n + 1, n + 1))
     ]
-    meshcat.SetTriangleMesh(_PATH, vertices.T, np.concatenate(faces).T, _GROUND)
+    meshcat.SetTriangleMesh(_PATH, vertices.T, np.concatenate(faces).T.astype(np.int32), _GROUND)

@@ -1,18 +1,23 @@
 """The terrain simulator, with a pedal or a treadmill: one declaration."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from parapod.diagrams.machine import Machine
+from parapod.diagrams.machine import Machine, SelfTest
 from parapod.diagrams.terrain_simulator.controller import make_controller
+from parapod.diagrams.terrain_simulator.guard import BenchGuard
 from parapod.diagrams.terrain_simulator.plants import add_bodies, add_kinematics, add_mock
 from parapod.diagrams.terrain_simulator.ports import PARTS, ports_of_joints
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
+from parapod.diagrams.terrain_simulator.twin import BenchTwin
 from parapod.diagrams.wiring import add, outputs_of
 from parapod.systems.terrain_simulator.reference import TerrainReference
 
+# Lag of a drive behind set values, and of its velocity's loop, where devices command it [ms].
+_ARRIVAL, _LAG = 10.0, 3.0
 # Outputs of the reference that drive the station itself, by the station's names.
 _DRIVEN = {"belt_velocity": "belt.velocity_command"}
 
@@ -37,6 +42,23 @@ def _variant(scenario: TerrainBenchScenario) -> Mapping[str, Any]:
     return {"ports": ports_of_joints(len(scenario.leg.joints))}
 
 
+def _emulated(scenario: TerrainBenchScenario, period: float) -> TerrainBenchScenario:
+    """Drives as devices command them: these count, and their set values come when they come."""
+    sliders = replace(
+        scenario.sliders, encoder_resolution_mm=0.0, arrival_ms=_ARRIVAL, time_constant_ms=_LAG
+    )
+    return replace(scenario, control=replace(scenario.control, period=period), sliders=sliders)
+
+
+_MOVE = SelfTest(
+    command="position_command",
+    usual=0.002,
+    largest=0.01,
+    measures="position",
+    rest={"brake": 0.0},
+    is_position=True,
+)
+
 TERRAIN_BENCH = Machine(
     name="terrain_simulator",
     title="the terrain simulator",
@@ -48,5 +70,11 @@ TERRAIN_BENCH = Machine(
     mock=add_mock,
     controller=make_controller,
     sources=_sources,
+    self_tests={"sliders": _MOVE},
+    emulated=_emulated,
+    cut={"sliders.brake": 1.0, "hip.brake": 1.0, "hip.force_command": 0.0, "belt.brake": 1.0},
+    guard=BenchGuard,
+    twin=BenchTwin,
     variant=_variant,
+    exchange={"multibody": 5e-3, "kinematic": 5e-3},
 )

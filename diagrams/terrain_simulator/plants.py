@@ -102,6 +102,19 @@ def slider_params(scenario: TerrainBenchScenario) -> VelocityServoParams:
     )
 
 
+def make_servo(scenario: TerrainBenchScenario) -> PositionServo:
+    """Drives of the sliders, at rest where the walk begins."""
+    period, arrival = scenario.control.period, scenario.sliders.arrival_ms
+    return PositionServo(
+        slider_params(scenario),
+        3,
+        period,
+        min(scenario.plant.time_step, period),
+        beginning(scenario),
+        None if arrival is None else 1e-3 * arrival,
+    )
+
+
 def add_bodies(
     builder: DiagramBuilder, scenario: TerrainBenchScenario, meshcat: Meshcat | None
 ) -> Behind:
@@ -123,11 +136,7 @@ def add_bodies(
     leg_model = make_leg_model(scenario.leg.description)
     stand = _Stand(model, on_slide, leg_model)
     stand.set_default(walk)
-    sliders = add(
-        builder,
-        PositionServo(slider_params(scenario), 3, period, min(step, period), beginning(scenario)),
-        "sliders",
-    )
+    sliders = add(builder, make_servo(scenario), "sliders")
     connect(
         builder,
         sliders.GetOutputPort("next_state"),
@@ -383,9 +392,7 @@ def add_kinematics(
 
     The leg rests above it, the slide is held, no force acts.
     """
-    period = scenario.control.period
-    step = min(scenario.plant.time_step, period)
-    servo = PositionServo(slider_params(scenario), 3, period, step, beginning(scenario))
+    period, servo = scenario.control.period, make_servo(scenario)
     noise = add(builder, NoiseSource(_SOURCES, period, scenario.seed), "cell_noise")
     shown = add(builder, MatrixGain(scenario.cells.noise_N * np.eye(_SOURCES)), "cells")
     connect(builder, noise.get_output_port(), shown.get_input_port())

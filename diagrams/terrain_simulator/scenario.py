@@ -3,7 +3,10 @@
 import math
 from dataclasses import dataclass, field
 
+from parapod.diagrams.drivers.ni_daq import NiDaqForceCells
+from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.terrain_simulator.drivers import Epos2HipSlide, Epos2Sliders
 from parapod.diagrams.terrain_simulator.leg import DEFAULT_URDF, LegDescription
 from parapod.diagrams.terrain_simulator.terrains import Level, TerrainChoice
 from parapod.systems.core.schema import Schema, choice, quantity
@@ -76,6 +79,8 @@ class SliderScenario(Schema):
         force_per_current_N_A: force of a slider by the current of its motor [N/A].
         stiffness_N_um: stiffness of a slider with its screw or belt and drive [N/um].
         time_constant_ms: time constant of the drives' velocity loop [ms].
+        arrival_ms: time in which a drive makes up for what is missing of a command [ms]; null: the
+            controller's period.
         encoder_resolution_mm: one count of the encoders [mm]; 0 for perfect ones.
         least_sin_mu: least sine of the transmission angle between plate and strut [-].
     """
@@ -86,6 +91,7 @@ class SliderScenario(Schema):
     force_per_current_N_A: float = quantity(100.0, 1.0, 1e5)  # noqa: N815
     stiffness_N_um: float = quantity(50.0, 0.1, 1000.0)  # noqa: N815
     time_constant_ms: float = quantity(0.5, 0.05, 100.0)
+    arrival_ms: float | None = quantity(None, 1.0, 1000.0)
     encoder_resolution_mm: float = quantity(0.001, 0.0, 0.1)
     least_sin_mu: float = quantity(0.25, 0.0, 0.9)
 
@@ -224,7 +230,15 @@ class BenchControlScenario(Schema):
 
 def emulated_hardware() -> HardwareScenario:
     """The devices of `parapod emulate bench-walk`."""
-    return HardwareScenario([])
+    return HardwareScenario(
+        [
+            Epos2Sliders(),
+            Epos2HipSlide(),
+            NotFittedPart("belt"),
+            NiDaqForceCells(),
+            NotFittedPart("leg"),
+        ]
+    )
 
 
 @dataclass
@@ -273,6 +287,14 @@ class TerrainBenchScenario(Schema):
     def geometry(self) -> BenchGeometry:
         """Dimensions of the bench."""
         return CONFIGURATIONS[self.configuration]
+
+    @property
+    def drives_leg(self) -> bool:
+        """Whether the leg's drives obey: on the real bench it may have its own controller."""
+        if self.backend != "hardware":
+            return True
+        drivers = self.hardware.drivers
+        return any(d.part == "leg" and not isinstance(d, NotFittedPart) for d in drivers)
 
     @property
     def walk(self) -> BenchWalk:

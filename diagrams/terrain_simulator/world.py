@@ -26,12 +26,10 @@ from parapod.diagrams.terrain_simulator.model import add_leg_on_slide
 from parapod.diagrams.terrain_simulator.plants import (
     add_leg_ports,
     add_plate,
-    beginning,
-    slider_params,
+    make_servo,
 )
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.diagrams.wiring import add, connect
-from parapod.systems.actuators.position_servo import PositionServo
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.walk import BenchWalk
 
@@ -68,11 +66,8 @@ def add_world(
     way = (x + motion.distance[0], motion.distance[1])
     gone = _source(builder, "column", times - step, way, is_state=True)
     connect(builder, gone, plant.get_desired_state_input_port(on_slide.column))
-    servo = PositionServo(
-        slider_params(scenario), 3, scenario.control.period, step, beginning(scenario)
-    )
     none = add(builder, ConstantVectorSource(np.zeros(3)), "cells")
-    inputs, outputs = add_plate(builder, scenario, servo, none.get_output_port())
+    inputs, outputs = add_plate(builder, scenario, make_servo(scenario), none.get_output_port())
     add_leg_ports(builder, scenario, plant, on_slide, leg, inputs, outputs)
     # Heights over the body's rise, as on the bench.
     for name, order in (("position", 0), ("velocity", 1)):
@@ -103,8 +98,8 @@ def _source(
     is_state: bool,
 ) -> OutputPort:
     """Source of values with rates that are known; with `is_state` it shows the rates too."""
-    values, rates = (each[np.newaxis] for each in motion)
-    course = PiecewisePolynomial.CubicHermite(times, values, rates)
+    values, rates = (list(each[:, np.newaxis]) for each in motion)
+    course = PiecewisePolynomial.CubicHermite(times.tolist(), values, rates)
     return add(builder, TrajectorySource(course, int(is_state)), name).get_output_port()
 
 

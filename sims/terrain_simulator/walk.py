@@ -10,6 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context
 
@@ -38,6 +39,8 @@ _CLOSED_UM = 20.0
 _SETTLING = 3
 # Places of the foot at which the leg's reach is looked at.
 _LOOKED_AT = 120
+# Shortest period of a loop through three drives on one bus of 1 Mbit/s [s].
+_SHORTEST = 0.005
 # Share of the largest force from which on friction is told: at touchdown next to none presses.
 _PRESSED = 0.2
 _SIGNALS = (
@@ -141,6 +144,12 @@ def check_bench(scenario: TerrainBenchScenario) -> None:
     if scenario.backend == "multibody" and period < step:
         raise ScenarioError(
             f"control.period = {period:g} s is below plant.time_step = {step:g} s",
+            "control.period",
+        )
+    if scenario.backend == "hardware" and period < _SHORTEST:
+        raise ScenarioError(
+            f"control.period = {period:g} s is too short for the drives' bus; "
+            f"on hardware it is {_SHORTEST:g} s at least",
             "control.period",
         )
     walk = scenario.walk
@@ -263,7 +272,7 @@ def leg_metrics(scenario: TerrainBenchScenario, run: Run, asked: WalkMotion) -> 
     )
 
 
-def steady_part(walk: BenchWalk, time: Array) -> Array:
+def steady_part(walk: BenchWalk, time: Array) -> NDArray[np.bool_]:
     """Which times belong to whole strides of a walk that is steady."""
     first, last = walk.steady
     stride = 1.0 / walk.path.gait.frequency

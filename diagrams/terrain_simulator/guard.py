@@ -1,0 +1,106 @@
+"""Guard of the real bench: sliders that follow, a plate that is held, cells that bear."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.diagrams.guard import AGE, Sign, SignGuard
+from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
+from parapod.systems.terrain_simulator.kinematics import singularity
+
+_POSITION, _VELOCITY, _STOP = "sliders.position", "sliders.velocity", "sliders.emergency_stop"
+_COMMAND, _CURRENT, _CELLS = "sliders.position_command", "sliders.current", "cells.force"
+_POSE, _HIP = "pose_estimated", "hip.position"
+_SLIDERS = ("sliders",)
+
+
+@dataclass(frozen=True)
+class BenchLimits:
+    """Limits of what is normal: design choices.
+
+    Attributes:
+        following: largest distance of a slider from where it was led before [m].
+        delay: time for which a slider may be behind besides, at its speed [s].
+        fastest: speed of a slider [m/s]; twice that of the drives as they are set, as encoders are
+            read at instants that are not quite regular.
+        crushed: largest force of a cell [N].
+        sin_mu: least sine of the transmission angle, half of what is asked for: below it small
+            loads turn the plate over [-].
+        lowest: height of the hip below which nothing carries it [m].
+        oldest: largest age of the measurements [s].
+        persists: time for which a sign must last, but for a jump [s].
+    """
+
+    following: float = 5e-3
+    delay: float = 0.04
+    fastest: float = 7.0
+    crushed: float = 3000.0
+    sin_mu: float = 0.12
+    lowest: float = 0.42
+    oldest: float = 0.06
+    persists: float = 0.1
+
+
+class BenchGuard(SignGuard):
+    """Ends a walk in which a slider does not follow or pushes too hard, or the hip falls.
+
+    The drives then stop and hold; the hip's slide is held by its brake.
+    """
+
+    part = "sliders"
+    signals = frozenset(
+        (_POSITION, _VELOCITY, _COMMAND, _CURRENT, _CELLS, _POSE, _HIP, AGE, _STOP)
+    )
+
+    def __init__(self, scenario: TerrainBenchScenario, limits: BenchLimits = BenchLimits()):
+        """Begins to watch.
+
+        Args:
+            scenario: its `control.period`, bench and `sliders` are taken.
+            limits: what is normal.
+        """
+        super().__init__(scenario.control.period)
+        self._limits, sliders = limits, scenario.sliders
+        self._geometry = scenario.geometry
+        self._most = sliders.max_force_N / sliders.force_per_current_N_A
+        self._led: NDArray[Any] | None = None
+
+    def _signs(
+        self, is_regular: bool, elapsed: float, values: Mapping[str, NDArray[Any]]
+    ) -> Iterator[tuple[str, Sign]]:
+        """See `SignGuard`."""
+        limits = self._limits
+        yield from self._usual(is_regular, elapsed, values, limits, _named)
+        if _COMMAND in values:
+            if self._led is not None:
+                yield from self._follows(values)
+            self._led = values[_COMMAND].copy()
+        if _CURRENT in values:
+            hard = np.abs(values[_CURRENT]) > self._most
+            if hard.any():
+                yield "overload", Sign(_named(hard, "pushes harder than it may"), limits.persists)
+        if _CELLS in values and not (np.abs(values[_CELLS]) <= limits.crushed).all():
+            words = f"a force cell bears more than {limits.crushed:g} N"
+            yield "cells_overloaded", Sign(words, limits.persists)
+        if _POSE in values and values[_POSE].any():
+            held = float(singularity(self._geometry, values[_POSE]).sin_mu)
+            if not held >= limits.sin_mu:
+                words = f"plate and strut are nearly in line (sin mu = {held:.2f})"
+                yield "singularity", Sign(words, 0.0)
+        if _HIP in values and values[_HIP][0] < limits.lowest:
+            yield "hip_low", Sign("the hip is at the end of its slide", limits.persists)
+        yield from self._stale(values, limits)
+
+    def _follows(self, values: Mapping[str, NDArray[Any]]) -> Iterator[tuple[str, Sign]]:
+        limits, going = self._limits, np.abs(values.get(_VELOCITY, np.zeros(3)))
+        off = ~(np.abs(values[_POSITION] - self._led) <= limits.following + limits.delay * going)
+        if off.any():
+            words = _named(off, "is off its way")
+            yield "following_error", Sign(words, limits.persists, _SLIDERS)
+
+
+def _named(which: NDArray[np.bool_], what: str) -> str:
+    return f"slider {int(np.argmax(which)) + 1} {what}"
