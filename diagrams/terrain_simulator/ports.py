@@ -24,10 +24,21 @@ def ports_of_joints(joints: int) -> tuple[Port, ...]:
             idle=1.0,
             is_sampled=True,
         ),
-        In("hip.force_command", 1, "N", "force of the drive on the hip's slide, upwards"),
-        In("hip.brake", 1, "-", "above 0.5: the slide is held", idle=1.0),
+        In(
+            *("hip.force_command", 1, "N", "force of the drive on the hip's slide, upwards"),
+            is_sampled=True,
+        ),
+        In(
+            *("hip.brake", 1, "-", "above 0.5: the slide is held"),
+            idle=1.0,
+            is_sampled=True,
+        ),
         In("belt.velocity_command", 1, "m/s", "of a treadmill's belt, positive to the rear"),
-        In("belt.brake", 1, "-", "above 0.5: the belt stops and holds", idle=1.0),
+        In(
+            *("belt.brake", 1, "-", "above 0.5: the belt stops and holds"),
+            idle=1.0,
+            is_sampled=True,
+        ),
         In(
             *(
                 "leg.torque_command",

@@ -6,6 +6,7 @@ the leg does and feels must be what it does and feels on the bench.
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import Box, Meshcat
@@ -98,8 +99,9 @@ def _source(
     is_state: bool,
 ) -> OutputPort:
     """Source of values with rates that are known; with `is_state` it shows the rates too."""
-    values, rates = (list(each[:, np.newaxis]) for each in motion)
-    course = PiecewisePolynomial.CubicHermite(times.tolist(), values, rates)
+    values, rates = (each[np.newaxis] for each in motion)
+    hermite: Any = PiecewisePolynomial.CubicHermite
+    course = hermite(times, values, rates)
     return add(builder, TrajectorySource(course, int(is_state)), name).get_output_port()
 
 

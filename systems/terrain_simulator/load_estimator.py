@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from parapod.systems.core.batching import of_width
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS, BenchGeometry
@@ -48,7 +49,7 @@ MASSES = {
 }
 
 
-def inertial_wrench(geometry: BenchGeometry, masses: BenchMasses, motion: ArrayLike) -> Array:
+def inertial_wrench(geometry: BenchGeometry, bodies: BenchMasses, motion: ArrayLike) -> Array:
     """Wrench (..., 3) at the plate that would move and carry the bench without its drives.
 
     It is what weight and inertia of all parts ask for in the plate's coordinates: with the drives'
@@ -57,10 +58,10 @@ def inertial_wrench(geometry: BenchGeometry, masses: BenchMasses, motion: ArrayL
 
     Args:
         geometry: the bench.
-        masses: its masses.
+        masses: its bodies.
         motion: (..., 9) pose of the plate, its rates and the rates of these [m, rad, s].
     """
-    q = np.asarray(motion, dtype=float)
+    q = of_width(motion, 9, "motion")
     pose, twist, change = q[..., :3], q[..., 3:6], q[..., 6:]
     wrench = np.zeros_like(pose)
     slides = np.moveaxis(_rates_by_twist(geometry, pose), -2, 0)
@@ -72,53 +73,53 @@ def inertial_wrench(geometry: BenchGeometry, masses: BenchMasses, motion: ArrayL
     for i, ((place, by_twist, acceleration), length) in enumerate(ends):
         rail = np.stack((slides[i], level), axis=-2)
         on_rail = np.stack((changes[i], np.zeros_like(changes[i])), axis=-1)
-        wrench += masses.slider * changes[i][..., np.newaxis] * slides[i]
+        wrench += bodies.slider * changes[i][..., np.newaxis] * slides[i]
         middle, lifted = 0.5 * (rail + by_twist), 0.5 * (on_rail + acceleration)
-        wrench += masses.link * _moved(middle, lifted)
+        wrench += bodies.link * _moved(middle, lifted)
         # Turn of the bar, from its ends.
         along = place - np.stack((places[i], np.zeros_like(places[i])), axis=-1)
         across = np.stack((along[..., 1], -along[..., 0]), axis=-1) / length**2
         turns = np.einsum("...i,...ij->...j", across, by_twist - rail)
         turned = np.einsum("...i,...i->...", across, acceleration - on_rail)
-        inertia = _ROD * masses.link * length**2
+        inertia = _ROD * bodies.link * length**2
         wrench += inertia * turned[..., np.newaxis] * turns
-    _, by_twist, acceleration = _point((0.0, -masses.below), pose, twist, change)
-    wrench += masses.plate * _moved(by_twist, acceleration)
-    wrench[..., 2] += masses.inertia * change[..., 2]
+    _, by_twist, acceleration = _point((0.0, -bodies.below), pose, twist, change)
+    wrench += bodies.plate * _moved(by_twist, acceleration)
+    wrench[..., 2] += bodies.inertia * change[..., 2]
     return wrench
 
 
 def drive_forces(
-    geometry: BenchGeometry, masses: BenchMasses, motion: ArrayLike, load: ArrayLike
+    geometry: BenchGeometry, bodies: BenchMasses, motion: ArrayLike, load: ArrayLike
 ) -> Array:
     """Forces (..., 3) of the sliders' drives for a motion under a load on the plate [N].
 
     Args:
         geometry: the bench.
-        masses: its masses.
+        masses: its bodies.
         motion: (..., 9) pose of the plate, its rates and the rates of these [m, rad, s].
         load: (..., 3) F_x, F_z, M_y on the plate at its middle [N, N, N m].
     """
-    K = _rates_by_twist(geometry, np.asarray(motion, dtype=float)[..., :3])
-    needed = inertial_wrench(geometry, masses, motion) - np.asarray(load, dtype=float)
+    K = _rates_by_twist(geometry, of_width(motion, 9, "motion")[..., :3])
+    needed = inertial_wrench(geometry, bodies, motion) - of_width(load, 3, "load")
     transposed = np.swapaxes(K, -1, -2)
     return np.asarray(np.linalg.solve(transposed, needed[..., np.newaxis])[..., 0])
 
 
 def load_of_drives(
-    geometry: BenchGeometry, masses: BenchMasses, motion: ArrayLike, force: ArrayLike
+    geometry: BenchGeometry, bodies: BenchMasses, motion: ArrayLike, force: ArrayLike
 ) -> Array:
     """Load (..., 3) on the plate under which drives push with forces (..., 3) [N, N, N m].
 
     Args:
         geometry: the bench.
-        masses: its masses.
+        masses: its bodies.
         motion: (..., 9) pose of the plate, its rates and the rates of these [m, rad, s].
         force: (..., 3) of the sliders' drives [N].
     """
-    K = _rates_by_twist(geometry, np.asarray(motion, dtype=float)[..., :3])
-    pushed = np.einsum("...ij,...i->...j", K, np.asarray(force, dtype=float))
-    return inertial_wrench(geometry, masses, motion) - pushed
+    K = _rates_by_twist(geometry, of_width(motion, 9, "motion")[..., :3])
+    pushed = np.einsum("...ij,...i->...j", K, of_width(force, 3, "force"))
+    return inertial_wrench(geometry, bodies, motion) - pushed
 
 
 class LoadEstimator(LeafSystem):
@@ -142,7 +143,7 @@ class LoadEstimator(LeafSystem):
 
     Args:
         geometry: the bench.
-        masses: its masses.
+        bodies: its masses.
         force_per_current: force of a slider's drive by the current of its motor [N/A].
         period: between two updates [s].
     """

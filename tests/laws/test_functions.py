@@ -13,8 +13,10 @@ from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace
 from parapod.systems.levelling_platform.zero_moment_point import ArmMotion, Footing
+from parapod.systems.terrain_simulator.cells import CELLS
 from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import slider_places
+from parapod.systems.terrain_simulator.load_estimator import MASSES
 from parapod.systems.walking_chair.gait import TrotGait, Walk, gait_motion, starting_lengths
 from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.leg import leg_corners, up_of_lengths
@@ -58,7 +60,9 @@ SAMPLED = {
         "posture": near([0.0, 0.0, 0.477]),
     },
     "terrain_simulator": {
+        "force": near([150.0, 140.0, 10.0], 20.0),
         "load": near([10.0, -300.0, 2.0]),
+        "motion": near([*PLATE, 0.5, 0.2, 1.0, 5.0, 2.0, 10.0], 0.02),
         "phi": near(0.0, 0.1),
         "pose": near(PLATE, 0.02),
         "sliders": near(slider_places(BENCH, PLATE)),
@@ -92,7 +96,9 @@ SAMPLED = {
 FIXED = {
     "arm": ArmGeometry(),
     "blend": 0.2,
+    "bodies": MASSES["pedal"],
     "body_rotation": np.eye(3),
+    "cells": CELLS["pedal"],
     "corner": CHAIR.leg.corners[0],
     "gait": GAIT,
     "limit": 1.0,
