@@ -58,7 +58,7 @@ def inertial_wrench(geometry: BenchGeometry, bodies: BenchMasses, motion: ArrayL
 
     Args:
         geometry: the bench.
-        masses: its bodies.
+        bodies: its masses.
         motion: (..., 9) pose of the plate, its rates and the rates of these [m, rad, s].
     """
     q = of_width(motion, 9, "motion")
@@ -96,7 +96,7 @@ def drive_forces(
 
     Args:
         geometry: the bench.
-        masses: its bodies.
+        bodies: its masses.
         motion: (..., 9) pose of the plate, its rates and the rates of these [m, rad, s].
         load: (..., 3) F_x, F_z, M_y on the plate at its middle [N, N, N m].
     """
@@ -113,7 +113,7 @@ def load_of_drives(
 
     Args:
         geometry: the bench.
-        masses: its bodies.
+        bodies: its masses.
         motion: (..., 9) pose of the plate, its rates and the rates of these [m, rad, s].
         force: (..., 3) of the sliders' drives [N].
     """
@@ -143,7 +143,7 @@ class LoadEstimator(LeafSystem):
 
     Args:
         geometry: the bench.
-        bodies: its masses.
+        masses: its masses.
         force_per_current: force of a slider's drive by the current of its motor [N/A].
         period: between two updates [s].
     """
