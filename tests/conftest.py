@@ -6,6 +6,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import gc
 import importlib
 import io
+import itertools
 import re
 import sys
 import threading
@@ -54,6 +55,21 @@ def pytest_collection_finish():
     """
     gc.collect()
     gc.freeze()
+
+
+_FILES = itertools.count(1)  # of which all tests have been run
+_FREEZE_EVERY = 10  # files; what they leave is what they have imported, caches and reports
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item, nextitem):
+    """Keeps from the garbage collector what some files' tests have left for good."""
+    result = yield
+    is_last = nextitem is None or nextitem.path != item.path
+    if is_last and next(_FILES) % _FREEZE_EVERY == 0:
+        gc.collect()
+        gc.freeze()
+    return result
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -68,7 +68,7 @@ BRIEF = {
         *("backend=kinematic", "holes.count=0", "walk.steps=1", "walk.advance_mm=20"),
         *("walk.lift_mm=5", "motion.swing_mm_s=200", "control.settling=0.04", *HASTE),
     ),
-    "center-locks": ("poses=10", "time_step=0.002"),
+    "center-locks": ("poses=10", "time_step=0.005", "duration=0.4"),
     "chair-walk": (
         *("backend=mock", "gait.way=forward", "gait.lift_mm=6", "gait.step_mm=10"),
         *("gait.swing_height_mm=2", "gait.phase_duration=1", "begin=0.5", "end=0.5"),
