@@ -25,7 +25,8 @@ from rich.console import Console
 REAL_TIME = ("diagrams/test_hardware_station.py", "sims/real_machine")
 
 
-# Where tests share whole runs of experiments, which one process a machine therefore makes.
+# Where tests share whole runs of experiments, which one process a machine therefore makes; and
+# where alone the Makefile seeks them.
 SHARED_RUNS = (
     "tests/laws/test_chapters.py",
     "tests/laws/test_experiments.py",
@@ -45,6 +46,8 @@ def pytest_itemcollected(item):
     if item.nodeid.startswith(_REAL_TIME):
         item.add_marker(pytest.mark.real_time)
     if {"execute", "finished"} & set(item.fixturenames):
+        if not item.nodeid.startswith(SHARED_RUNS):
+            raise pytest.UsageError(f"{item.nodeid}: whole runs are sought in SHARED_RUNS only")
         item.add_marker(pytest.mark.whole_run)
 
 
