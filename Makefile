@@ -6,6 +6,8 @@ BIN := $(VENV)/bin
 PYTEST := env -u PYTHONDONTWRITEBYTECODE PYTHONPYCACHEPREFIX=$(CURDIR)/build/pycache $(BIN)/pytest
 # Where tests are judged by the clock; tests/conftest.py marks them.
 REAL_TIME := tests/diagrams/test_hardware_station.py tests/sims/real_machine
+# Where tests need whole runs of experiments; tests/conftest.py shares these.
+WHOLE_RUNS := tests/laws/test_chapters.py tests/laws/test_experiments.py tests/sims/levelling_platform tests/sims/machining_center tests/sims/terrain_simulator tests/sims/walking_chair
 # One process more than there are cores: tests of devices wait for them.
 TOGETHER := $(PYTEST) -n $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
 ARGS ?=
@@ -80,7 +82,7 @@ clocked: setup
 	$(PYTEST) -m "real_time and not slow" $(or $(ARGS),$(REAL_TIME)) || $(NONE)
 
 whole-runs: setup
-	nice -n 19 $(PYTEST) -n 2 -m "whole_run and not slow" $(ARGS) || $(NONE)
+	nice -n 19 $(PYTEST) -n 2 -m "whole_run and not slow" $(or $(ARGS),$(WHOLE_RUNS)) || $(NONE)
 
 bench: setup
 	$(BIN)/python -m benchmarks $(ARGS)

@@ -3,8 +3,10 @@ import os
 # One thread each: the linear algebra of a test is small, and waits for its turn on other cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import gc
 import importlib
 import io
+import itertools
 import re
 import sys
 import threading
@@ -23,7 +25,8 @@ from rich.console import Console
 REAL_TIME = ("diagrams/test_hardware_station.py", "sims/real_machine")
 
 
-# Where tests share whole runs of experiments, which one process a machine therefore makes.
+# Where tests share whole runs of experiments, which one process a machine therefore makes; and
+# where alone the Makefile seeks them.
 SHARED_RUNS = (
     "tests/laws/test_chapters.py",
     "tests/laws/test_experiments.py",
@@ -32,17 +35,44 @@ SHARED_RUNS = (
     "tests/sims/terrain_simulator",
     "tests/sims/walking_chair",
 )
+_REAL_TIME = tuple(f"tests/{name}{'::' if name.endswith('.py') else '/'}" for name in REAL_TIME)
 # Machines beside the platform, by what the names of their tests hold.
 OTHERS = {"the chair": "chair", "the centres": "center|centres", "the bench": "bench-|terrain"}
 
 
 def pytest_itemcollected(item):
     """Marks tests by what they need."""
-    here = Path(__file__).parent
-    if any(item.path.is_relative_to(here / name) for name in REAL_TIME):
+    # Names are compared as texts: paths of seven thousand tests would take half a second.
+    if item.nodeid.startswith(_REAL_TIME):
         item.add_marker(pytest.mark.real_time)
     if {"execute", "finished"} & set(item.fixturenames):
+        if not item.nodeid.startswith(SHARED_RUNS):
+            raise pytest.UsageError(f"{item.nodeid}: whole runs are sought in SHARED_RUNS only")
         item.add_marker(pytest.mark.whole_run)
+
+
+def pytest_collection_finish():
+    """Keeps what all tests need, modules and the tests themselves, from the garbage collector.
+
+    A process holds half a million objects by now, through which it would go a hundred times.
+    """
+    gc.collect()
+    gc.freeze()
+
+
+_FILES = itertools.count(1)  # of which all tests have been run
+_FREEZE_EVERY = 10  # files; what they leave is what they have imported, caches and reports
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item, nextitem):
+    """Keeps from the garbage collector what some files' tests have left for good."""
+    result = yield
+    is_last = nextitem is None or nextitem.path != item.path
+    if is_last and next(_FILES) % _FREEZE_EVERY == 0:
+        gc.collect()
+        gc.freeze()
+    return result
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -19,7 +19,6 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-from jinja2 import Environment, PackageLoader
 from pydrake.geometry import Meshcat
 
 # The first port that is tried, so that a page that is open finds the next run, and the last.
@@ -468,6 +467,8 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _page(title: str, meshcat: Meshcat) -> bytes:
+    from jinja2 import Environment, PackageLoader  # for a page only: most programs show none
+
     loader = PackageLoader("parapod.sims.lab", ".")
     template = Environment(loader=loader, autoescape=True).get_template("panel.html.jinja")
     port = urlsplit(meshcat.web_url()).port

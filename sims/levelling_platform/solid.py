@@ -183,8 +183,8 @@ def _label(axes: Any, across: int, up: int) -> None:
 def _draw_ring(arm: ArmGeometry, lean: float, canvas: "Canvas") -> None:
     arm = replace(arm, lean=lean)
     above, section = canvas.subplots(1, 2, width_ratios=(1.0, 1.0))
-    for turn in np.linspace(0.0, 2.0 * np.pi, _TURNS, endpoint=False):
-        _fill_from_above(above, replace(arm, turn=float(turn)), _SWEPT)
+    turns = np.linspace(0.0, 2.0 * np.pi, _TURNS, endpoint=False)
+    _fill_from_above(above, replace(arm, turn=turns[:, np.newaxis, np.newaxis]), _SWEPT)
     _fill_from_above(above, arm, _FILL)
     above.set_title("from above")
     above.set_aspect("equal")
@@ -199,11 +199,20 @@ def _draw_ring(arm: ArmGeometry, lean: float, canvas: "Canvas") -> None:
 
 
 def _fill_from_above(axes: "Axes", arm: ArmGeometry, colour: str) -> None:
-    for extension in faces(_GEOMETRY, _COARSE_EDGE).values():
-        x, y, _ = np.moveaxis(Workspace(_GEOMETRY, arm).tip_of_extensions(extension), -1, 0)
-        # Round the triangle: along an edge, the opposite side, and back.
-        outline = [np.concatenate([c[0], c[:, -1], c[::-1, 0]]) for c in (x, y)]
-        axes.fill(*outline, color=colour, linewidth=1.0, rasterized=True)
+    """Fills what all faces cover; the arm's turn may be many, in shape (n, 1, 1)."""
+    from matplotlib.collections import PolyCollection
+
+    # Round each triangle: along an edge, the opposite side, and back.
+    outlines = [
+        np.concatenate([extension[0], extension[:, -1], extension[::-1, 0]])
+        for extension in faces(_GEOMETRY, _COARSE_EDGE).values()
+    ]
+    tips = Workspace(_GEOMETRY, arm).tip_of_extensions(np.stack(outlines))
+    corners = tips[..., :2].reshape(-1, len(outlines[0]), 2)
+    axes.add_collection(
+        PolyCollection(list(corners), color=colour, linewidth=1.0, rasterized=True)
+    )
+    axes.autoscale_view()
 
 
 _LEVEL = (0.0, 0.0)

@@ -313,10 +313,17 @@ def _share(weight: NDArray[np.float64], which: NDArray[np.bool_]) -> float:
 def best_offset(arm: ArmGeometry) -> tuple[float, float, float]:
     """Base of the arm for which the largest share of the volume is inside the surfaces [m]."""
     grid = posture_grid(GEOMETRY, _COARSE)
+    # The tips and their derivatives are affine in the offset: four of it give those of all.
+    corners = [replace(arm, offset=(x, y, z)) for x, y, z in np.vstack([np.zeros(3), np.eye(3)])]
+    spaces = [Workspace(GEOMETRY, corner) for corner in corners]
+    tips = np.stack([space.tip_position(grid.posture) for space in spaces])
+    slopes = np.stack([space.tip_jacobian(grid.posture) for space in spaces])
 
     def outside(offset: NDArray[np.float64]) -> float:
-        x, y, z = offset.tolist()
-        return 1.0 - _share(*_inside(replace(arm, offset=(x, y, z)), grid))
+        shares = np.append(1.0 - offset.sum(), offset)
+        volume = np.abs(np.linalg.det(np.tensordot(shares, slopes, 1)))
+        inside = inside_surfaces(np.tensordot(shares, tips, 1)).all(axis=-1)
+        return 1.0 - _share(grid.cell * volume, inside)
 
     start = np.array(ARM_BASE)
     simplex = start + np.vstack([np.zeros(3), 0.01 * np.eye(3)])

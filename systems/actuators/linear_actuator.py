@@ -1,6 +1,7 @@
 """Electric linear actuator: a DC motor behind a high reduction and a self-locking screw."""
 
 import math
+import sys
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -155,7 +156,7 @@ class Stepper:
         return position, velocity
 
 
-@TemplateSystem.define("LinearActuator_")
+@TemplateSystem.define("LinearActuator_", scope=sys.modules[__name__])
 def LinearActuator_(T: Any) -> Any:
     """Scalar-convertible form of `LinearActuator` (float, AutoDiffXd)."""
 

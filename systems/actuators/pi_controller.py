@@ -1,6 +1,7 @@
 """PI position controller of an actuator that integrates its voltage, Eqs. (19)-(21)."""
 
 import math
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,7 +60,7 @@ class PiControllerParams:
         return 2.0 * self.pole / self.gain
 
 
-@TemplateSystem.define("PiController_")
+@TemplateSystem.define("PiController_", scope=sys.modules[__name__])
 def PiController_(T: Any) -> Any:
     """Scalar-convertible form of `PiController` (float, AutoDiffXd)."""
 

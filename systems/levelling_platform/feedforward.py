@@ -3,6 +3,7 @@
 Three legs are active; the fourth is kept on the ground by calculation, Eqs. (30)-(31).
 """
 
+import sys
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -55,7 +56,7 @@ def moving_plane(
     )
 
 
-@TemplateSystem.define("KinematicFeedforward_")
+@TemplateSystem.define("KinematicFeedforward_", scope=sys.modules[__name__])
 def KinematicFeedforward_(T: Any) -> Any:
     """Scalar-convertible form of `KinematicFeedforward` (float, AutoDiffXd)."""
 
@@ -163,7 +164,7 @@ def KinematicFeedforward_(T: Any) -> Any:
 KinematicFeedforward = for_floats(KinematicFeedforward_)
 
 
-@TemplateSystem.define("PassiveLegSolver_")
+@TemplateSystem.define("PassiveLegSolver_", scope=sys.modules[__name__])
 def PassiveLegSolver_(T: Any) -> Any:
     """Scalar-convertible form of `PassiveLegSolver` (float, AutoDiffXd)."""
 

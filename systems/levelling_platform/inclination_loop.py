@@ -4,6 +4,7 @@
 """
 
 import math
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,7 +47,7 @@ class PostureLoopParams:
     limit: float = math.radians(1.0)
 
 
-@TemplateSystem.define("PostureLoop_")
+@TemplateSystem.define("PostureLoop_", scope=sys.modules[__name__])
 def PostureLoop_(T: Any) -> Any:
     """Scalar-convertible form of `PostureLoop` (float, AutoDiffXd)."""
 
@@ -132,7 +133,7 @@ def PostureLoop_(T: Any) -> Any:
 PostureLoop = for_floats(PostureLoop_)
 
 
-@TemplateSystem.define("ForwardKinematics_")
+@TemplateSystem.define("ForwardKinematics_", scope=sys.modules[__name__])
 def ForwardKinematics_(T: Any) -> Any:
     """Scalar-convertible form of `ForwardKinematics` (float, AutoDiffXd)."""
 

@@ -707,18 +707,18 @@ class Specimen:
     def system(self):
         return self.kind.make(**self._arguments)
 
-    @property
+    @cached_property
     def inputs(self):
         """Input ports by their names."""
         ports = map(self.system.get_input_port, range(self.system.num_input_ports()))
         return {port.get_name(): port for port in ports}
 
-    @property
+    @cached_property
     def outputs(self):
         ports = map(self.system.get_output_port, range(self.system.num_output_ports()))
         return {port.get_name(): port for port in ports}
 
-    @property
+    @cached_property
     def event(self):
         """The periodic update; None if there is none."""
         return self.system.GetUniquePeriodicDiscreteUpdateAttribute()

@@ -69,14 +69,10 @@ BRIEF = {
         *("walk.lift_mm=5", "motion.swing_mm_s=200", "control.settling=0.04", *HASTE),
     ),
     "bench-walk": (
-        "gait.strides=1",
-        "gait.run_up=0",
-        "gait.speed_m_s=0.8",
-        "shift=0.1",
-        "end=0.1",
+        *("gait.strides=1", "gait.run_up=0", "gait.speed_m_s=0.8", "shift=0.1", "end=0.1"),
     ),
     "bench-course": ("courses=[step up]", "strides=1", "time_step=0.002"),
-    "center-locks": ("poses=10", "time_step=0.002"),
+    "center-locks": ("poses=10", "time_step=0.005", "duration=0.4"),
     "chair-walk": (
         *("backend=mock", "gait.way=forward", "gait.lift_mm=6", "gait.step_mm=10"),
         *("gait.swing_height_mm=2", "gait.phase_duration=1", "begin=0.5", "end=0.5"),

@@ -49,19 +49,23 @@ def test_docstrings_begin_with_an_imperative_or_a_noun():
                 )
 
 
-def test_tests_that_are_judged_by_the_clock_are_those_that_are_run_alone():
+@pytest.mark.parametrize(
+    ("named", "places", "folder"),
+    [("REAL_TIME", "REAL_TIME", "tests/"), ("WHOLE_RUNS", "SHARED_RUNS", "")],
+)
+def test_tests_that_are_run_by_themselves_are_those_that_are_marked(named, places, folder):
     """One that is marked elsewhere would be run by nobody."""
     (line,) = [
         line
         for line in (ROOT / "Makefile").read_text().splitlines()
-        if line.startswith("REAL_TIME :=")
+        if line.startswith(f"{named} :=")
     ]
     conftest = ast.parse((ROOT / "tests" / "conftest.py").read_text())
-    (places,) = [
+    (found,) = [
         ast.literal_eval(node.value)
         for node in conftest.body
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "REAL_TIME"
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == places
     ]
-    assert set(line.split()[2:]) == {f"tests/{name}" for name in places}
+    assert set(line.split()[2:]) == {f"{folder}{name}" for name in found}
     marked = {path for path in (ROOT / "tests").rglob("*.py") if MARK in path.read_text()}
     assert marked == {ROOT / "tests" / "conftest.py"}

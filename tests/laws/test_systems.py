@@ -183,9 +183,11 @@ def test_whatever_comes_in_outputs_are_finite_and_inside_their_limits(specimen):
     may_pass = {name for names in entry.passes.values() for name in names.split()}
     text = " ".join(specimen.kind.text.split())
     assert all(words in text for words in entry.passes)
+    begun = [context for context, _ in specimen.moments(4, seed=2)]
+    random = np.random.default_rng(2)
     for name, port in specimen.inputs.items():
         for bad in (math.nan, math.inf, -math.inf, 1e308, -1e308, 1e6) if port.size() else ():
-            for context, random in specimen.moments(4, seed=2):
+            for context in (moment.Clone() for moment in begun):
                 value = port.Eval(context).copy()
                 # All of them, or one.
                 where = slice(None) if random.random() < 0.5 else random.integers(port.size())
