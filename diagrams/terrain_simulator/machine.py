@@ -14,7 +14,7 @@ from parapod.diagrams.terrain_simulator.ports import PARTS, ports_of_joints
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.diagrams.terrain_simulator.twin import BenchTwin
 from parapod.diagrams.wiring import add, outputs_of
-from parapod.systems.terrain_simulator.reference import TerrainReference
+from parapod.systems.terrain_simulator.reference import Task, TerrainReference
 
 # Lag of a drive behind set values, and of its velocity's loop, where devices command it [ms].
 _ARRIVAL, _LAG = 10.0, 3.0
@@ -22,10 +22,16 @@ _ARRIVAL, _LAG = 10.0, 3.0
 _DRIVEN = {"belt_velocity": "belt.velocity_command"}
 
 
-def make_terrain(scenario: TerrainBenchScenario) -> Diagram:
-    """The source of what the terrain asks, by the machine's names of the signals."""
+def make_terrain(scenario: TerrainBenchScenario, task: Task | None = None) -> Diagram:
+    """The source of what the terrain asks, by the machine's names of the signals.
+
+    Args:
+        scenario: its walk and `control.period` are taken.
+        task: what is asked for in the place of the walk.
+    """
     builder = DiagramBuilder()
-    reference = add(builder, TerrainReference(scenario.walk, scenario.control.period))
+    asked = scenario.walk if task is None else task
+    reference = add(builder, TerrainReference(asked, scenario.control.period))
     for name, port in outputs_of(reference).items():
         builder.ExportOutput(port, _DRIVEN.get(name, name))
     diagram = builder.Build()

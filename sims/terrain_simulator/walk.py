@@ -52,6 +52,7 @@ _SIGNALS = (
     "sliders.position",
     "sliders.velocity",
     "hip.position",
+    "hip.velocity",
     "hip.force_command",
     "leg.position",
     "leg.torque_command",

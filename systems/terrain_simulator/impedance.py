@@ -19,12 +19,15 @@ class ImpedanceParams:
         stance_damping: dampers then [N s/m].
         swing_stiffness: springs while it swings [N/m].
         swing_damping: dampers then [N s/m].
+        posture: spring and damper of each joint of a leg with more than two, which lead it to its
+            posture without moving the foot [N m/rad, N m s/rad].
     """
 
     stance_stiffness: tuple[float, float] = (4e3, 8e3)
     stance_damping: tuple[float, float] = (150.0, 300.0)
     swing_stiffness: tuple[float, float] = (1.5e4, 1.5e4)
     swing_damping: tuple[float, float] = (250.0, 250.0)
+    posture: tuple[float, float] = (100.0, 8.0)
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -51,7 +54,8 @@ class FootImpedance(LeafSystem):
         torque = J^T (L (a_d - dJ/dt v) + K (p_d - p) + D (v_d - v) - F_d) + bias - gravity
 
     with other K and D in stance and in swing (Hogan 1985; as a law of quadrupeds' legs: Focchi et
-    al. 2017). The hip counts as fixed.
+    al. 2017). The hip counts as fixed. Joints beyond two are led to the posture of the model, by
+    torques that do not accelerate the foot.
 
     State: none.
 
@@ -74,6 +78,7 @@ class FootImpedance(LeafSystem):
             )
         )
         self._largest = np.array(model.max_torque)
+        self._posture, self._rest = params.posture, np.array(model.posture)
         self._position = self.DeclareVectorInputPort("position", model.joints)
         self._velocity = self.DeclareVectorInputPort("velocity", model.joints)
         self._foot = self.DeclareVectorInputPort("foot_desired", 6)
@@ -95,5 +100,9 @@ class FootImpedance(LeafSystem):
         force += stiffness * (wanted[:2] - now.place) + damping * (wanted[2:4] - now.velocity)
         force[1] -= push
         torque = now.jacobian.T @ force + now.holding
+        if self._model.joints > len(force):
+            spring, damper = self._posture
+            rest = spring * (self._rest - q) - damper * v
+            torque += rest - now.jacobian.T @ (now.inverse.T @ rest)
         torque = np.minimum(np.maximum(torque, -self._largest), self._largest)
         output.SetFromVector(np.where(np.isfinite(torque), torque, 0.0))

@@ -51,6 +51,8 @@ class FootState(NamedTuple):
         inertia: (2, 2) mass that the foot shows to a force on it [kg].
         bias: (2) its acceleration while no joint is accelerated [m/s^2].
         holding: (n) torques for the joints' own motion and the leg's weight [N m or N].
+        inverse: (n, 2) accelerations of the joints by that of the foot, the rest being left to
+            the leg's inertia: the dynamically consistent inverse of the Jacobian (Khatib 1987).
     """
 
     place: NDArray[np.float64]
@@ -59,6 +61,7 @@ class FootState(NamedTuple):
     inertia: NDArray[np.float64]
     bias: NDArray[np.float64]
     holding: NDArray[np.float64]
+    inverse: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -118,17 +121,20 @@ class LegModel:
         )
         M = plant.CalcMassMatrix(context)[np.ix_(order, order)]
         holding = plant.CalcBiasTerm(context) - plant.CalcGravityGeneralizedForces(context)
-        mobility = J @ np.linalg.solve(M, J.T)
+        yielding = np.linalg.solve(M, J.T)
+        mobility = J @ yielding
         # A leg that is stretched shows no end of mass along itself.
         mobility[0, 0] += _DAMPING
         mobility[1, 1] += _DAMPING
+        inertia = np.linalg.inv(mobility)
         return FootState(
             self._place(context),
             J @ v,
             J,
-            np.linalg.inv(mobility),
+            inertia,
             np.ravel(bias)[list(_PLANE)],
             holding[order],
+            yielding @ inertia,
         )
 
     def place(self, context: Context, position: ArrayLike) -> NDArray[np.float64]:

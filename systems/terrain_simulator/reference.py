@@ -2,8 +2,10 @@
 
 import weakref
 from functools import lru_cache, partial
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.core.ports import declare_cached
@@ -11,7 +13,7 @@ from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.gait import Gait
 from parapod.systems.terrain_simulator.path import PlatePath
 from parapod.systems.terrain_simulator.terrain import Level
-from parapod.systems.terrain_simulator.walk import BenchWalk
+from parapod.systems.terrain_simulator.walk import BenchWalk, WalkMotion
 
 # Instants that are computed at once, and how near an instant must be to a whole period.
 _BLOCK, _KEPT = 256, 64
@@ -30,6 +32,25 @@ _OUTPUTS = {
     "rise": 1,
     "done": 1,
 }
+
+
+class Task(Protocol):
+    """Motion that is asked for: a walk, a jump.
+
+    Attributes:
+        hip: x, z of the hip while it neither bounces nor jumps [m].
+        duration: time at which all stands again [s].
+    """
+
+    # fmt: off
+    @property
+    def hip(self) -> tuple[float, float]: ...  # noqa: D102
+    @property
+    def duration(self) -> float: ...  # noqa: D102
+    # fmt: on
+
+    def at(self, time: ArrayLike) -> WalkMotion:
+        """Motion at times (...) [s]."""
 
 
 def trot() -> BenchWalk:
@@ -60,11 +81,11 @@ class TerrainReference(LeafSystem):
     State: none.
 
     Args:
-        walk: the walk; None for `trot`.
+        walk: the walk, or another task; None for `trot`.
         period: by which the pose is ahead [s].
     """
 
-    def __init__(self, walk: BenchWalk | None = None, period: float = 0.001):
+    def __init__(self, walk: Task | None = None, period: float = 0.001):
         super().__init__()
         self.set_name("terrain_reference")
         self.walk = trot() if walk is None else walk
@@ -95,13 +116,13 @@ class TerrainReference(LeafSystem):
         return rows[index]
 
 
-def _rows(walk: BenchWalk, period: float, block: int) -> Array:
+def _rows(walk: Task, period: float, block: int) -> Array:
     """Rows of outputs at the instants of a block."""
     first = block * _BLOCK
     return _rows_at(walk, period, period * np.arange(first, first + _BLOCK, dtype=np.float64))
 
 
-def _rows_at(walk: BenchWalk, period: float, times: Array) -> Array:
+def _rows_at(walk: Task, period: float, times: Array) -> Array:
     ahead, now = walk.at(times + period).pose[0], walk.at(times)
     columns = (
         ahead,

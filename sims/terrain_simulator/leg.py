@@ -1,0 +1,351 @@
+"""Try a leg of somebody's own on the bench: look at it, let it stand, step up, and jump.
+
+A URDF of any planar leg, with the names of its links and joints, is all that is needed. First its
+mass, its joints' limits and its reach over the plate are told; then it steps onto a step that the
+plate plays, and jumps as high as Table 1 has it in mind: its vertical speed is that of 0.3 m.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.terrain_simulator.leg import make_leg_model
+from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH, make_terrain
+from parapod.diagrams.terrain_simulator.scenario import (
+    GaitScenario,
+    HipScenario,
+    LegScenario,
+    PlaceScenario,
+    TerrainBenchScenario,
+)
+from parapod.diagrams.terrain_simulator.terrains import Step
+from parapod.sims.lab.bench import Bench, Run
+from parapod.sims.lab.experiment import LoopExperiment
+from parapod.sims.lab.figures import COLOURS, Figure
+from parapod.sims.lab.panel import Readout
+from parapod.sims.lab.results import Metric
+from parapod.sims.terrain_simulator.walk import (
+    BenchWalking,
+    check_bench,
+    make_scene,
+    read_out,
+    walking_loop,
+)
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import Schema, choice, quantity
+from parapod.systems.core.vectors import Array
+from parapod.systems.terrain_simulator.jump import SquatJump
+from parapod.systems.terrain_simulator.leg import LegModel, UnreachableFoot
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+# Bounds: reach left [mm], error of the jump's height [mm], weight while standing [-].
+_REACH, _HEIGHT, _WEIGHT = 10.0, 50.0, 1e-3
+# Halvings with which the end of a leg's reach is sought, in what share of its length.
+_HALVINGS, _FURTHER = 12, 0.4
+_PLACES = 40  # of the foot on its way, from which the reach is told
+# Ground force at which a foot has left the plate, or has landed [N], and the end of a run in which
+# it stands [s].
+_TOUCH, _STANDS = 5.0, 0.2
+_EDGE_M = 0.25  # of the step, from the beginning
+# Way by which a leg is drawn up before it lands [m].
+_DRAWN_UP = 0.04
+_JUMP_Z = 0.30  # height of the plate from which is jumped [m]
+
+
+def _foreign() -> LegScenario:
+    """A leg with three joints that another hand has described."""
+    return LegScenario(
+        urdf="package://parapod/terrain_simulator/digitigrade.urdf",
+        hip_frame="mount",
+        foot_frame="toe",
+        foot_radius_mm=22.0,
+        joints=["HFE", "KFE", "AFE"],
+        posture_deg=[43.0, -77.0, 52.0],
+        max_torque=[220.0, 220.0, 160.0],
+    )
+
+
+@dataclass
+class BenchLegScenario(Schema):
+    """A leg that is tried, and what it does.
+
+    Attributes:
+        backend: plant: "multibody", rigid bodies with contact.
+        seed: seed of the noise of the force cells.
+        leg: the leg, see `LegScenario`; by default one of three joints, not the bench's own.
+        mass_kg: mass that the slide has with the leg [kg].
+        hip_mm: height of the hip above the plate as it stands [mm].
+        step_mm: height of the step [mm].
+        jump_mm: height of the jump [mm].
+        squat_mm: by how much the hip sinks before it jumps [mm].
+        stretch_mm: by how much it is higher at take-off than as it stands [mm].
+    """
+
+    backend: str = choice("multibody", ("multibody",))
+    seed: int = quantity(0, 0, 2**31 - 1)
+    leg: LegScenario = field(default_factory=_foreign)
+    mass_kg: float = quantity(30.0, 0.1, 1000.0)
+    hip_mm: float = quantity(610.0, 50.0, 1200.0)
+    step_mm: float = quantity(80.0, -300.0, 300.0)
+    jump_mm: float = quantity(300.0, 10.0, 1000.0)
+    squat_mm: float = quantity(100.0, 10.0, 500.0)
+    stretch_mm: float = quantity(80.0, 10.0, 500.0)
+
+    @property
+    def walk(self) -> TerrainBenchScenario:
+        """The step."""
+        return replace(
+            TerrainBenchScenario(),
+            seed=self.seed,
+            leg=self.leg,
+            hip=HipScenario(mass_kg=self.mass_kg),
+            terrain=Step(rise_mm=self.step_mm, at_m=_EDGE_M),
+            place=PlaceScenario(513.0, 270.0, self.hip_mm),
+            gait=GaitScenario(
+                speed_m_s=0.3, frequency_Hz=1.5, ramp=None, strides=2, clearance_mm=60.0
+            ),
+        )
+
+    @property
+    def jump(self) -> TerrainBenchScenario:
+        """The bench for the jump: the drive of the slide plays no other legs."""
+        alone = HipScenario(mass_kg=self.mass_kg, stiffness_N_m=0.0, damping_Ns_m=0.0)
+        place = PlaceScenario(513.0, 1e3 * _JUMP_Z, self.hip_mm)
+        return replace(self.walk, hip=alone, place=place)
+
+    @property
+    def task(self) -> SquatJump:
+        """The jump.
+
+        Raises:
+            ScenarioError: heights that do not follow upon one another.
+        """
+        bench, hip = self.jump.walk.path, 1e-3 * self.hip_mm
+        stretched = hip + 1e-3 * self.stretch_mm
+        try:
+            return SquatJump(
+                (bench.x_c, bench.z_c),
+                self.mass_kg,
+                standing=hip,
+                squatting=hip - 1e-3 * self.squat_mm,
+                stretched=stretched,
+                landing=stretched - _DRAWN_UP,
+                height=1e-3 * self.jump_mm,
+                foot_radius=1e-3 * self.leg.foot_radius_mm,
+            )
+        except ValueError as error:
+            raise ScenarioError(f"the jump: {error}", "squat_mm") from None
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a leg has done.
+
+    Attributes:
+        run: the step.
+        jump: the jump.
+    """
+
+    run: Run
+    jump: Run
+
+
+class _Jump(BenchWalking):
+    """The jump of a scenario's leg."""
+
+    def __init__(self, name: str, task: SquatJump):
+        super().__init__(name)
+        self._task = task
+
+    def duration(self, scenario: TerrainBenchScenario) -> float:
+        """Until the leg has stood a while [s]."""
+        return self._task.duration + 2.0 * _STANDS + scenario.end
+
+    def loop(self, scenario: TerrainBenchScenario, **options: Any) -> ClosedLoop[Any]:
+        """Builds the closed loop."""
+        sources = (make_terrain(scenario, self._task),)
+        return ClosedLoop(TERRAIN_BENCH, scenario, sources=sources, **options)
+
+
+class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
+    """Tries a leg."""
+
+    machine = TERRAIN_BENCH
+    schema = BenchLegScenario
+    backends = ("multibody",)
+    takes = "10 s"
+
+    def machine_scenario(self, scenario: BenchLegScenario) -> TerrainBenchScenario:
+        """The step."""
+        return scenario.walk
+
+    def check(self, scenario: BenchLegScenario) -> None:
+        """Refuses a leg before anything moves.
+
+        Raises:
+            ScenarioError: a file, link or joint that there is not, or a leg that is too heavy.
+            UnreachableFoot: it does not reach where it is to tread, or jump from.
+            PathRefused: the bench cannot play the step.
+        """
+        check_bench(scenario.walk)
+        task, leg = scenario.task, make_leg_model(scenario.leg.description)
+        leg.follow(task.at(np.linspace(0.0, task.duration, _PLACES)).foot[0])
+
+    def loop(self, scenario: BenchLegScenario, **options: Any) -> ClosedLoop[Any]:
+        """Builds the loop of the step."""
+        return walking_loop(scenario.walk, **options)
+
+    def scene(self, scenario: BenchLegScenario) -> Meshcat:
+        """A scene around the bench."""
+        return make_scene(scenario.walk)
+
+    def duration(self, scenario: BenchLegScenario) -> float:
+        """End of the step [s]."""
+        return scenario.walk.walk.duration + scenario.walk.end
+
+    def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
+        """Pose, force and distance."""
+        return read_out(loop, root_context)
+
+    def run(self, scenario: BenchLegScenario, bench: Bench) -> Trial:
+        """Steps, and jumps."""
+        bench.name = f"{self.name}, step"
+        step = bench.run(BenchWalking(self.name), scenario.walk)
+        bench.name = f"{self.name}, jump"
+        jump = bench.run(_Jump(self.name, scenario.task), scenario.jump, watched=False)
+        return Trial(step, jump)
+
+    def measure(self, scenario: BenchLegScenario, data: Trial) -> Iterator[Metric]:
+        """Of the leg alone, of standing, of the step and of the jump."""
+        leg = make_leg_model(scenario.leg.description)
+        yield Metric("leg_mass_kg", leg.mass, "kg", meaning="mass of the leg")
+        yield from _reach(scenario, leg, data)
+        stands = data.run.time > data.run.time[-1] - _STANDS
+        force = float(data.run["truth.foot_force"][stands, 1].mean())
+        weight = scenario.walk.walk.support.weight
+        yield Metric(
+            "standing_force_ratio",
+            force / weight,
+            bound=1.0 + _WEIGHT,
+            at_least=1.0 - _WEIGHT,
+            meaning="of the ground by the weight, standing after the step",
+        )
+        asked = scenario.walk.walk.at(data.run.time)
+        height = data.run["hip.position"][:, 0] - asked.bounce[0] - scenario.walk.walk.hip[1]
+        yield Metric(
+            "hip_error_mm",
+            1e3 * float(np.abs(height).max()),
+            "mm",
+            meaning="largest of the hip's height on the step",
+        )
+        yield from _jump_metrics(scenario, data.jump)
+        factor = min(data.run.realtime_factor, data.jump.realtime_factor)
+        yield Metric("realtime_factor", factor, meaning="simulated time by wall-clock time")
+
+    def draw(self, scenario: BenchLegScenario, data: Trial) -> Iterator[Figure]:
+        """Height of the hip and force of the ground, on the step and in the jump."""
+        yield Figure(
+            "bench_leg",
+            "A leg that somebody else has described",
+            "Left it steps, right it jumps. Above the height of the hip over where it stands, "
+            "below the ground's force upwards on the foot; dashed what is asked for.",
+            partial(_draw, scenario, data),
+            (8.0, 4.2),
+        )
+
+
+def reach_margin(leg: LegModel, foot: Array) -> float:
+    """Way by which the foot could go further from the hip, or along its limits' edge [m].
+
+    Args:
+        leg: the leg.
+        foot: (2) x, z from the hip [m].
+    """
+    low, high = 0.0, _FURTHER
+    near = leg.reach(foot)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        try:
+            leg.reach((1.0 + middle) * foot, near)
+            low = middle
+        except UnreachableFoot:
+            high = middle
+    return low * float(np.linalg.norm(foot))
+
+
+def _reach(scenario: BenchLegScenario, leg: LegModel, data: Trial) -> Iterator[Metric]:
+    walk = scenario.walk.walk
+    feet = walk.at(np.linspace(walk.lift_off, walk.landing, _PLACES)).foot[0]
+    yield Metric(
+        "reach_margin_mm",
+        1e3 * min(reach_margin(leg, foot) for foot in feet),
+        "mm",
+        at_least=_REACH,
+        meaning="by which the foot could be farther from the hip everywhere on its way",
+    )
+    low, high = leg.limits
+    taken = np.concatenate((data.run["leg.position"], data.jump["leg.position"]))
+    left = np.minimum(taken - low, high - taken).min()
+    yield Metric(
+        "joint_margin_deg",
+        float(np.degrees(left)),
+        "deg",
+        at_least=0.0,
+        meaning="least of a joint from its limits",
+    )
+
+
+def _jump_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
+    task, upwards = scenario.task, run["truth.foot_force"][:, 1]
+    pushes = run.time > task.instants[1]
+    gone = np.flatnonzero(pushes & (upwards < _TOUCH))
+    if not gone.size:
+        yield Metric("takeoff_speed_m_s", np.nan, "m/s", meaning="it has not left the plate")
+        return
+    off = int(gone[0])
+    speed = float(run["hip.velocity"][off, 0])
+    height = run["hip.position"][:, 0]
+    yield Metric(
+        "takeoff_speed_m_s",
+        speed,
+        "m/s",
+        paper=2.5,
+        meaning=f"of the hip; {scenario.jump_mm:g} mm need {task.takeoff_speed:.3f} m/s; the "
+        "paper's is the plate's vertical speed",
+    )
+    rise = float(height[off:].max() - task.hip[1] - (task.stretched - task.standing))
+    yield Metric(
+        "jump_error_mm",
+        1e3 * rise - scenario.jump_mm,
+        "mm",
+        _HEIGHT,
+        meaning="height of the jump above the stretched leg, less that asked for",
+    )
+    lands = np.flatnonzero((run.time > run.time[off] + 0.5 * task.flight) & (upwards > _TOUCH))
+    peak = float(upwards[lands[0] :].max()) if lands.size else np.nan
+    yield Metric("landing_peak_N", peak, "N", meaning="largest force of the ground at the landing")
+
+
+def _draw(scenario: BenchLegScenario, data: Trial, canvas: "Canvas") -> None:
+    axes: Any = canvas.subplots(2, 2, sharex="col")
+    tasks = (scenario.walk.walk, scenario.task)
+    for i, (run, task) in enumerate(zip((data.run, data.jump), tasks, strict=True)):
+        asked = task.at(run.time)
+        height = 1e3 * (run["hip.position"][:, 0] - task.hip[1])
+        axes[0, i].plot(run.time, height, color=COLOURS[0])
+        axes[0, i].plot(run.time, 1e3 * asked.bounce[0], "--", color="0.3", lw=0.8)
+        axes[1, i].plot(run.time, run["truth.foot_force"][:, 1], color=COLOURS[1], lw=0.9)
+        axes[1, i].plot(run.time, asked.force, "--", color="0.3", lw=0.8)
+        axes[1, i].set_ylim(-100.0, 1.6 * float(asked.force.max()))
+        axes[1, i].set_xlabel("time [s]")
+    axes[0, 0].set(ylabel="hip [mm]", title="step")
+    axes[0, 1].set(title="jump")
+    axes[1, 0].set(ylabel="ground on the foot [N]")
