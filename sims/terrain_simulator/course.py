@@ -135,24 +135,42 @@ class BenchCourseScenario(Schema):
         Raises:
             ScenarioError: a terrain that there is not.
         """
-        if name not in COURSES:
-            known = ", ".join(COURSES)
-            raise ScenarioError(f"courses: there is no '{name}'; there are: {known}", "courses")
-        course = COURSES[name]
-        found = TerrainBenchScenario(seed=self.seed, terrain=course.terrain, leg=self.leg)
-        found.gait = GaitScenario(
-            speed_m_s=course.speed,
-            frequency_Hz=course.frequency,
-            ramp=None,
-            strides=self.strides,
-            clearance_mm=course.clearance,
-        )
-        found.place = PlaceScenario(*course.place, course.hip, course.start)
-        found.hip = HipScenario(mass_kg=self.mass_kg, adds_inertia=self.adds_inertia)
+        found = scenario_of(name, self.leg, self.mass_kg)
+        found.seed, found.gait.strides = self.seed, self.strides
+        found.hip.adds_inertia = self.adds_inertia
         found.cells = CellsScenario(noise_N=0.0)
         found.plant = BenchPlantScenario(self.time_step)
         found.control.period = self.time_step
         return found
+
+
+def scenario_of(name: str, leg: LegScenario, mass_kg: float) -> TerrainBenchScenario:
+    """The walk of a leg over one terrain of the course.
+
+    Args:
+        name: of the terrain.
+        leg: the leg.
+        mass_kg: mass that the slide has with it [kg].
+
+    Raises:
+        ScenarioError: a terrain that there is not.
+    """
+    if name not in COURSES:
+        known = ", ".join(COURSES)
+        raise ScenarioError(f"courses: there is no '{name}'; there are: {known}", "courses")
+    course = COURSES[name]
+    return TerrainBenchScenario(
+        terrain=course.terrain,
+        leg=leg,
+        hip=HipScenario(mass_kg=mass_kg),
+        place=PlaceScenario(*course.place, course.hip, course.start),
+        gait=GaitScenario(
+            speed_m_s=course.speed,
+            frequency_Hz=course.frequency,
+            ramp=None,
+            clearance_mm=course.clearance,
+        ),
+    )
 
 
 class Pair(NamedTuple):

@@ -5,7 +5,7 @@ the slide plays the other legs. Ground reaction forces stand beside the laws tha
 whole strides their mean is the weight, within a stance their impulse is that of the gait's force.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -13,16 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context
+from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.terrain_simulator.drawing import TerrainRibbon
 from parapod.diagrams.terrain_simulator.leg import make_leg_model
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH, make_terrain
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
-from parapod.sims.lab.bench import Run, make_viewer
+from parapod.sims.lab.bench import Run, make_viewer, stay_live
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.figures import COLOURS, Figure
-from parapod.sims.lab.panel import Readout, Row
+from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.results import Metric
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
@@ -97,6 +98,21 @@ class BenchWalking(LoopExperiment[TerrainBenchScenario, Run]):
     def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
         """Pose, force and distance."""
         return read_out(loop, root_context)
+
+    def operated(self, scenario: TerrainBenchScenario, controls: Any) -> ClosedLoop[Any]:
+        """The bench in a person's hands, its leg standing."""
+        from parapod.sims.terrain_simulator.live import operated_loop
+
+        return operated_loop(scenario, controls)
+
+    def live(
+        self, scenario: TerrainBenchScenario, panel: Panel, run: Run, console: Console
+    ) -> Callable[[], None] | None:
+        """Sliders move the plate, buttons have the leg walk."""
+        from parapod.sims.terrain_simulator.live import HELP, LiveBench
+
+        bench = LiveBench(scenario, panel, self.read_out, check_bench, walking_loop)
+        return partial(stay_live, panel, bench.work, console, HELP)
 
     def measure(self, scenario: TerrainBenchScenario, run: Run) -> Iterator[Metric]:
         """Errors of the plate, forces on the foot and what binds them."""

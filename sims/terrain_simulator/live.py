@@ -1,0 +1,126 @@
+"""The bench in a person's hands: sliders move the plate, buttons have the leg walk."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from pydrake.geometry import Meshcat
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
+from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
+from parapod.sims.lab.bench import END, RESTART, Live, ReadOut, in_real_time
+from parapod.sims.lab.panel import Panel, Readout
+from parapod.sims.terrain_simulator.course import COURSES, scenario_of
+from parapod.systems.core.errors import ParapodError
+from parapod.systems.terrain_simulator.operator import BenchControls
+
+HELP = (
+    "Move the plate with the sliders in the browser; choose a speed, and click a terrain to have "
+    "the leg walk over it."
+)
+_SPEED = "speed [%]"
+_WALK = "walk: "
+# Fastest that a walk may be by the speed at which its terrain is usually walked [%].
+_FASTEST = 200.0
+
+
+def operated_loop(
+    scenario: TerrainBenchScenario, controls: Any, meshcat: Meshcat | None = None
+) -> ClosedLoop[TerrainBenchScenario]:
+    """A bench whose plate a person moves under a leg that stands.
+
+    Args:
+        scenario: of the bench.
+        controls: owner of the sliders.
+        meshcat: scene in which it is drawn; None: none.
+    """
+    source = BenchControls(controls, scenario.walk, scenario.control.period)
+    return ClosedLoop(TERRAIN_BENCH, scenario, sources=(source,), meshcat=meshcat, log=())
+
+
+class LiveBench:
+    """A bench that a person moves, and on which a leg walks when told to, until told otherwise.
+
+    Args:
+        scenario: of the bench; its leg walks, over the terrains of the course.
+        panel: the page with the scene.
+        read_out: says what the page shows.
+        check: refuses a walk that bench or leg cannot do.
+        walking: builds the loop of a walk.
+    """
+
+    def __init__(
+        self,
+        scenario: TerrainBenchScenario,
+        panel: Panel,
+        read_out: ReadOut,
+        check: Callable[[TerrainBenchScenario], None],
+        walking: Callable[..., ClosedLoop[Any]],
+    ):
+        self._scenario, self._panel, self._read_out = scenario, panel, read_out
+        self._check, self._walking = check, walking
+        self._terrains = list(COURSES) if scenario.configuration == "pedal" else ["level"]
+
+    def work(self) -> str:
+        """Obeys in real time until somebody clicks a button; returns which."""
+        panel = self._panel
+        panel.AddSlider(_SPEED, 10.0, _FASTEST, 5.0, 100.0)
+        buttons = [f"{_WALK}{name}" for name in self._terrains]
+        for name in (*buttons, RESTART, END):
+            panel.AddButton(name)
+        try:
+            while True:
+                clicked = self._stand(buttons)
+                if clicked in (RESTART, END):
+                    return clicked
+                self._walk(clicked.removeprefix(_WALK))
+        finally:
+            panel.DeleteSlider(_SPEED, strict=False)
+            for name in (*buttons, RESTART, END):
+                panel.DeleteButton(name, strict=False)
+
+    def walk_of(self, terrain: str, percent: float) -> TerrainBenchScenario:
+        """The scenario of a walk over a terrain at a share of its usual speed [%]."""
+        own = self._scenario
+        if own.configuration == "treadmill":
+            found = own
+        else:
+            found = scenario_of(terrain, own.leg, own.hip.mass_kg)
+        speed = 0.01 * percent * found.gait.speed_m_s
+        return replace(found, gait=replace(found.gait, speed_m_s=speed))
+
+    def _stand(self, buttons: list[str]) -> str:
+        """Lets the sliders move the plate until a button is clicked; returns which."""
+        loop = operated_loop(self._scenario, self._panel, self._panel.meshcat)
+        live = Live(self._panel, loop, self._read_out)
+        before = {name: self._panel.GetButtonClicks(name) for name in buttons}
+        with loop.sources[0].shown():
+            live.begin()
+            with in_real_time(live.simulator):
+                while True:
+                    live.advance()
+                    for name in (END, RESTART):
+                        if self._panel.GetButtonClicks(name):
+                            return name
+                    for name in buttons:
+                        if self._panel.GetButtonClicks(name) > before[name]:
+                            return name
+
+    def _walk(self, terrain: str) -> None:
+        """Walks over a terrain, or shows why that cannot be."""
+        scenario = self.walk_of(terrain, self._panel.GetSliderValue(_SPEED))
+        try:
+            self._check(scenario)
+        except ParapodError as error:
+            self._panel.show(Readout(f"{terrain}: {error}", (), (), True))
+            return
+        loop = self._walking(scenario, meshcat=self._panel.meshcat, log=())
+        live = Live(self._panel, loop, self._read_out)
+        live.begin()
+        until = scenario.walk.duration + scenario.end
+        with in_real_time(live.simulator):
+            while live.simulator.get_context().get_time() < until:
+                live.advance()
+                if self._panel.GetButtonClicks(END):
+                    return
