@@ -1,0 +1,226 @@
+"""The bench of bodies with its leg: tracking, forces, belt, brake, the same leg in the world."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.terrain_simulator.guard import BenchGuard
+from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
+from parapod.diagrams.terrain_simulator.scenario import (
+    CellsScenario,
+    GaitScenario,
+    HipScenario,
+    LegScenario,
+    PlaceScenario,
+    TerrainBenchScenario,
+)
+from parapod.diagrams.terrain_simulator.terrains import Level, Recorded, Slope, Step
+from parapod.diagrams.terrain_simulator.world import walking_in_the_world
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.terrain_simulator.support import GRAVITY
+
+QUIET = CellsScenario(noise_N=0.0)
+GAIT = GaitScenario(speed_m_s=0.8, ramp=None, strides=1, run_up=0, clearance_mm=60.0)
+STEP = TerrainBenchScenario(
+    begin=0.15,
+    end=0.05,
+    shift=0.1,
+    terrain=Step(rise_mm=60.0, at_m=0.2),
+    gait=GAIT,
+    cells=QUIET,
+    place=PlaceScenario(540.0, 270.0),
+)
+
+
+def run(scenario, machine=TERRAIN_BENCH, duration=None):
+    loop = ClosedLoop(machine, scenario)
+    simulator = Simulator(loop)
+    if loop.monitor is not None:
+        simulator.set_monitor(loop.monitor)
+    simulator.AdvanceTo(scenario.walk.duration + scenario.end if duration is None else duration)
+    return loop.recording(simulator.get_context())
+
+
+@pytest.fixture(scope="module")
+def stepped():
+    return run(STEP)
+
+
+def test_plate_hip_and_force_follow_what_is_asked(stepped):
+    asked = STEP.walk.at(stepped.time)
+    error = np.abs(stepped["truth.pose"] - asked.pose[0])
+    assert error[:, :2].max() < 1e-4
+    assert np.degrees(error[:, 2].max()) < 0.01
+    assert stepped["truth.loop_error"].max() < 2e-5
+    height = stepped["hip.position"][:, 0] - STEP.walk.hip[1] - asked.bounce[0]
+    assert np.abs(height).max() < 5e-3
+    middle = asked.stance & (asked.force > 0.5 * STEP.walk.support.peak)
+    force = stepped["truth.foot_force"][middle, 1]
+    np.testing.assert_allclose(force, asked.force[middle], rtol=0.04)
+    assert (stepped["share"][1:] == 1.0).all()
+
+
+def test_the_forces_move_the_mass_as_newton_has_it(stepped):
+    """Ground and drive by the weight, against the momentum of slide and leg together."""
+    after = stepped.time > 0.1
+    carried = stepped["truth.foot_force"][after, 1] + stepped["hip.force_command"][after, 0]
+    rates = stepped["hip.velocity"][after, 0]
+    lasted = np.ptp(stepped.time[after])
+    needed = 30.0 * (GRAVITY + (rates[-1] - rates[0]) / lasted)
+    assert carried.mean() == pytest.approx(needed, rel=1e-3)
+
+
+def test_cells_and_currents_tell_the_force_of_the_foot(stepped):
+    calm = np.gradient(stepped["truth.foot_force"][:, 1]) ** 2 < 15.0**2
+    calm[:60] = False
+    ground = stepped["truth.foot_force"][calm]
+    shown = stepped["foot_load"][calm]
+    # But for a few instants at touchdown: the cells are a period late.
+    assert np.quantile(np.abs(shown[:, :2] + ground), 0.99) < 10.0
+    # A current is ten milliseconds old at most.
+    rest = (stepped.time > 0.1) & (stepped.time < STEP.begin)
+    told = stepped["load_estimated"][rest, 1].mean()
+    assert told == pytest.approx(-stepped["truth.foot_force"][rest, 1].mean(), rel=0.01)
+    np.testing.assert_allclose(
+        stepped["pose_estimated"][rest], stepped["truth.pose"][rest], atol=1e-4
+    )
+
+
+def test_the_leg_feels_in_the_world_what_it_feels_on_the_bench(stepped):
+    free = replace(STEP, hip=HipScenario(adds_inertia=False))
+    world = run(free, walking_in_the_world())
+    later = stepped.time > 0.1
+    bench, ground = (each["truth.foot_force"][later] for each in (stepped, world))
+    size = np.sqrt(np.mean(np.sum(ground**2, axis=1)))
+    assert np.sqrt(np.mean(np.sum((bench - ground) ** 2, axis=1))) < 0.03 * size
+    height = stepped["hip.position"] - world["hip.position"]
+    assert np.abs(height).max() < 1e-3
+
+
+def test_without_the_bodys_inertia_bench_and_world_differ(stepped):
+    """The body speeds up its rise by some tenths of gravity: the slide's drive must add that."""
+    lacking = run(replace(STEP, hip=HipScenario(adds_inertia=False)))
+    change = np.abs(lacking["hip.position"] - stepped["hip.position"]).max()
+    assert change > 2e-4
+
+
+def test_the_belt_carries_the_foot_to_the_rear_at_its_speed():
+    walking = TerrainBenchScenario(
+        configuration="treadmill", begin=0.05, end=0.0, shift=0.1, gait=GAIT, cells=QUIET
+    )
+    found = run(walking)
+    asked = walking.walk.at(found.time)
+    pressed = asked.stance & (asked.force > 0.5 * walking.walk.support.peak)
+    # On the belt the foot neither slips nor is held: next to no force along it.
+    along, upwards = found["truth.foot_force"][pressed].T
+    assert np.abs(along / upwards).max() < 0.15
+    steady = (found.time > walking.walk.steady[0]) & pressed
+    np.testing.assert_allclose(found["belt.velocity"][steady], 0.8, rtol=0.02)
+    assert np.abs(found["truth.pose"][:, 0] - walking.walk.path.x_c).max() < 1e-4
+
+
+def test_a_braked_slide_is_held_though_nothing_carries_it():
+    loop = ClosedLoop(TERRAIN_BENCH, STEP, log=("hip.position",))
+    simulator = Simulator(loop)
+    station = loop.station
+    monitor = loop.monitor
+    simulator.set_monitor(monitor)
+    simulator.AdvanceTo(0.05)
+    before = loop.recording(simulator.get_context())["hip.position"][-1]
+    context = station.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    station.GetInputPort("hip.brake").FixValue(context, [1.0])
+    station.GetInputPort("leg.torque_command").FixValue(context, [0.0, 0.0])
+    simulator.AdvanceTo(0.25)
+    after = loop.recording(simulator.get_context())["hip.position"][-1]
+    assert after == pytest.approx(before, abs=1e-3)
+
+
+def test_the_force_of_the_drive_is_limited_to_what_it_can_give():
+    weak = replace(STEP, hip=HipScenario(max_force_N=50.0))
+    assert np.abs(run(weak, duration=0.4)["hip.force_command"]).max() <= 50.0
+
+
+def test_settings_reach_what_they_are_about():
+    """Each changes the numbers of the run that it should change."""
+    usual = run(replace(STEP, cells=CellsScenario(noise_N=5.0)), duration=0.3)
+    for changed, signal in (
+        (replace(STEP, cells=CellsScenario(noise_N=0.0)), "cells.force"),
+        (replace(STEP, seed=1, cells=CellsScenario(noise_N=5.0)), "cells.force"),
+        (replace(STEP, leg=replace(STEP.leg, friction=0.1)), None),
+        (
+            replace(STEP, leg=replace(STEP.leg, stance_stiffness_N_m=[4e3, 2e4])),
+            "leg.torque_command",
+        ),
+        (replace(STEP, hip=replace(STEP.hip, stiffness_N_m=0.0)), "hip.force_command"),
+        (replace(STEP, hip=replace(STEP.hip, mass_kg=25.0)), "truth.foot_force"),
+        (
+            replace(STEP, sliders=replace(STEP.sliders, stiffness_N_um=5.0)),
+            "truth.pose",
+        ),
+    ):
+        if signal is not None:
+            other = run(changed, duration=0.3)
+            assert np.abs(other[signal] - usual[signal]).max() > 1e-6, signal
+
+
+def test_terrains_are_taken_as_they_are_named(tmp_path):
+    path = tmp_path / "ground.csv"
+    path.write_text("distance,height\n0,0\n0.1,0.02\n0.2,0.05\n")
+    ground = replace(STEP, terrain=Recorded(file=str(path))).walk.path.terrain
+    assert ground.height(0.15) == pytest.approx(0.035)
+    assert Slope(20.0).make().height(1.0) == pytest.approx(np.tan(np.radians(20.0)))
+    assert Level().make().height(3.0) == 0.0
+    with pytest.raises(ScenarioError, match="cannot be read"):
+        _ = replace(STEP, terrain=Recorded(file="nowhere.csv")).walk
+
+
+def test_a_leg_that_is_heavier_than_the_slide_with_it_is_refused():
+    with pytest.raises(ScenarioError, match=r"hip.mass_kg = 4 must be more than the 4.6 kg"):
+        ClosedLoop(TERRAIN_BENCH, replace(STEP, hip=HipScenario(mass_kg=4.0)))
+
+
+def test_without_drives_of_a_leg_the_real_slide_stays_braked():
+    fitted = replace(STEP, leg=LegScenario())
+    assert fitted.drives_leg
+    assert not replace(STEP, backend="hardware").drives_leg
+
+
+GOOD = {
+    "sliders.position": np.array((0.29, 0.68, 0.87)),
+    "sliders.velocity": np.zeros(3),
+    "sliders.position_command": np.array((0.29, 0.68, 0.87)),
+    "sliders.current": np.zeros(3),
+    "sliders.emergency_stop": np.zeros(1),
+    "cells.force": np.array((150.0, 150.0, 0.0)),
+    "pose_estimated": np.array((0.5, 0.28, 0.0)),
+    "hip.position": np.array([0.88]),
+    "status.age": np.zeros(5),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "changed"),
+    [
+        ("", {}),
+        ("emergency_stop", {"sliders.emergency_stop": np.ones(1)}),
+        ("encoder_jump", {"sliders.position": np.array((0.29, 0.68, 1.07))}),
+        ("following_error", {"sliders.position_command": np.array((0.29, 0.75, 0.87))}),
+        ("overload", {"sliders.current": np.array((0.0, -60.0, 0.0))}),
+        ("cells_overloaded", {"cells.force": np.array((150.0, 4000.0, 0.0))}),
+        ("singularity", {"pose_estimated": np.array((0.5, 0.28, 1.1))}),
+        ("hip_low", {"hip.position": np.array([0.41])}),
+        ("sliders_stale", {"status.age": np.array((0.2, 0.0, 0.0, 0.0, 0.0))}),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_the_guard_of_the_real_bench_names_what_is_wrong(name, changed):
+    guard = BenchGuard(TerrainBenchScenario())
+    trip, now = None, 0.0
+    for number in range(400):
+        now += 0.001
+        values = {k: v.copy() for k, v in (GOOD | (changed if number > 50 else {})).items()}
+        trip = trip or guard.check(now, values)
+    assert (trip.name if trip else "") == name
