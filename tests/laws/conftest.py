@@ -34,7 +34,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 import parapod.systems
 from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.machining_center.model import add_center
-from parapod.diagrams.terrain_simulator.leg import LegDescription, make_leg_model
+from parapod.diagrams.terrain_simulator.leg import LegDescription, UrdfLeg, make_leg_model
 from parapod.diagrams.terrain_simulator.model import add_bench, add_leg_on_slide
 from parapod.diagrams.walking_chair.model import add_chair
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
@@ -178,7 +178,7 @@ def add_pedal(plant):
 
 def add_pedal_and_leg(plant):
     def add_leg():
-        add_leg_on_slide(plant, LegDescription(), 30.0)
+        add_leg_on_slide(plant, UrdfLeg(), 30.0)
 
     return add_bench(plant, "pedal", add_more=add_leg)
 
