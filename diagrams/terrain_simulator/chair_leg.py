@@ -12,7 +12,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, Frame
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from parapod.diagrams.multibody import add_adapted_model
 from parapod.diagrams.terrain_simulator.leg import AddedLeg
@@ -137,6 +137,23 @@ class ChairLeg:
     def places(self, position: Array, phi: Array) -> Array:
         """See `LegUnderTest`."""
         return self.model.places(position, phi)
+
+    def loop_error(self, plant: MultibodyPlant, context: Context) -> Array:
+        """Distances (2) by which the leg's loops are open: rods' ends and foot [m].
+
+        Args:
+            plant: holds the leg.
+            context: the plant's context.
+        """
+        leg = plant.GetModelInstanceByName("leg")
+        names = ("ups_2_rod", "ups_3_rod", "foot")
+        *rods, foot = (
+            plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name, leg)) for name in names
+        )
+        balls = (foot @ self.model.geometry.lower_joints[1:].T).T
+        ends = np.array([rod.translation() for rod in rods])
+        gaps: Array = np.linalg.norm(ends - balls, axis=-1)
+        return gaps
 
     def check(self, walk: BenchWalk) -> None:
         """See `ChairLegModel.check`."""

@@ -59,6 +59,7 @@ from parapod.systems.terrain_simulator.kinematics import slider_places
 from parapod.systems.walking_chair.feedforward import NotAtStart
 from parapod.systems.walking_chair.gait import Walk, gait_motion, starting_lengths
 from parapod.systems.walking_chair.geometry import ChairGeometry
+from parapod.systems.walking_chair.payload import FORCE_LIMIT
 
 ROW = re.compile(r"^\s*\| (in|out) `([a-z_0-9]+)` \|([^|]*)\|([^|]*)\|([^|]*)\|\s*$")
 
@@ -400,6 +401,15 @@ ENTRIES: dict[str, Entry] = {
     "BenchTruth": Entry(
         of_model(add_pedal),
         inputs={"body_poses": of_bodies("body_poses", add_pedal)},
+    ),
+    "ChairLegController": Entry(
+        inputs={
+            "position": around((0.706, 0.688, 0.688), 1e-4),
+            "velocity": around(0.0, 1e-3),
+            "foot_desired": around((0.0, -0.78, 0.0, 0.0, 0.0, 0.0), 1e-5),
+            "plate_motion": around((0.5, 0.3, *(0.0,) * 7), 1e-4),
+        },
+        limits={"torque_command": FORCE_LIMIT},
     ),
     "FootForce": Entry(inputs=BENCH),
     "FootImpedance": Entry(
