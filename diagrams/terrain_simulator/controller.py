@@ -4,13 +4,11 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
-from parapod.diagrams.terrain_simulator.leg import make_leg_model
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.diagrams.wiring import add, inputs_of, outputs_of
 from parapod.systems.terrain_simulator.cells import CELLS, FootForce
 from parapod.systems.terrain_simulator.guard import SingularityGuard, SingularityGuardParams
 from parapod.systems.terrain_simulator.hip_support import HipSupport
-from parapod.systems.terrain_simulator.impedance import FootImpedance
 from parapod.systems.terrain_simulator.load_estimator import MASSES, LoadEstimator
 
 # The machine's signals, by the names of the ports inside that take them.
@@ -41,8 +39,8 @@ _SHOWN = {
 
 
 def make_leg_controller(scenario: TerrainBenchScenario) -> LeafSystem:
-    """The leg's own controller: the impedance of its foot."""
-    return FootImpedance(make_leg_model(scenario.leg.description), scenario.leg.impedance)
+    """The leg's own controller, as the impedance of a round foot."""
+    return scenario.leg.under_test.make_controller(scenario.control.period)
 
 
 def make_controller(scenario: TerrainBenchScenario) -> Diagram:

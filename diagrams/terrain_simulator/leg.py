@@ -1,8 +1,10 @@
-"""The leg under test: from a URDF, whatever it is called there, to a leg on the bench's slide."""
+"""The leg under test: a protocol, and legs from a URDF, whatever they are called there."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from pydrake.geometry import AddContactMaterial, ProximityProperties, Role, SceneGraph, Sphere
@@ -10,15 +12,21 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex
+from pydrake.systems.framework import LeafSystem
 
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import quoted
+from parapod.systems.core.vectors import Array
+from parapod.systems.terrain_simulator.impedance import FootImpedance, ImpedanceParams
 from parapod.systems.terrain_simulator.leg import LegModel
+from parapod.systems.terrain_simulator.walk import BenchWalk
 from parapod.urdf import configure_parser
 
 DEFAULT_URDF = "package://parapod/terrain_simulator/leg.urdf"
 # A joint without a limit is taken as one that turns or slides so far [rad or m].
 _FREE = 100.0
+# Places of the foot in a stride at which the leg's reach is looked at.
+_LOOKED_AT = 120
 
 
 @dataclass(frozen=True)
@@ -53,14 +61,81 @@ class AddedLeg:
     Attributes:
         instance: its model instance.
         foot: frame in the middle of its foot.
-        joints: its actuated joints, in the description's order.
+        joints: its actuated joints, in the order of its ports.
         max_torque: (n) largest torques [N m or N].
+        passive: its other joints.
     """
 
     instance: ModelInstanceIndex
     foot: Frame
     joints: tuple[Joint, ...]
     max_torque: tuple[float, ...]
+    passive: tuple[Joint, ...] = ()
+
+
+class LegUnderTest(Protocol):
+    """Leg that the bench can take: its part in a plant, its controller, its closed forms.
+
+    All places are those of the ground under the foot's middle as `BenchWalk` has them, from the
+    hip; the ports of a leg have n numbers.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the actuated joints (n), in the order of the ports."""
+
+    @property
+    def mass(self) -> float:
+        """Mass of the leg [kg]."""
+
+    @property
+    def max_torque(self) -> tuple[float, ...]:
+        """Largest torques (n) of the drives [N m or N]."""
+
+    def add(
+        self, plant: MultibodyPlant, hip: Frame, scene_graph: SceneGraph | None = None
+    ) -> AddedLeg:
+        """Adds the leg to a plant that is not finalized, its hip fixed to a frame.
+
+        Args:
+            plant: the plant.
+            hip: the frame, x to the front and z up.
+            scene_graph: with which the plant is registered; None: nothing collides.
+        """
+
+    def make_controller(self, period: float) -> LeafSystem:
+        """The leg's own controller.
+
+        Its output is `torque_command` (n); inputs are among `position` (n), `velocity` (n) and the
+        signals of the walk.
+
+        Args:
+            period: with which it is sampled [s].
+
+        Raises:
+            ScenarioError: a period that is too long.
+        """
+
+    def reach(self, foot: Array, phi: float) -> Array:
+        """Positions (n) of the actuated joints [rad or m] with the foot at x, z (2) [m].
+
+        Args:
+            foot: the place.
+            phi: angle of the plate there [rad].
+        """
+
+    def all_joints(self, position: Array) -> Array:
+        """Positions of all joints, the passive ones after those that are actuated (n)."""
+
+    def places(self, position: Array, phi: Array) -> Array:
+        """x, z (k, 2) of the foot [m] at positions (k, n), over a plate at angles (k) [rad]."""
+
+    def check(self, walk: BenchWalk) -> None:
+        """Refuses a walk that the leg cannot do.
+
+        Raises:
+            ParapodError: why.
+        """
 
 
 def add_leg(
@@ -112,6 +187,72 @@ def make_leg_model(leg: LegDescription) -> LegModel:
         added.max_torque,
         plant.CalcTotalMass(context, [added.instance]),
     )
+
+
+@dataclass(frozen=True)
+class UrdfLeg:
+    """Leg with a round foot that a URDF describes; see `LegUnderTest`.
+
+    Attributes:
+        description: where, and what besides.
+        impedance: impedance of its foot.
+    """
+
+    description: LegDescription = field(default_factory=LegDescription)
+    impedance: ImpedanceParams = field(default_factory=ImpedanceParams)
+
+    @cached_property
+    def model(self) -> LegModel:
+        """The leg alone."""
+        return make_leg_model(self.description)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """See `LegUnderTest`."""
+        return self.model.names
+
+    @property
+    def mass(self) -> float:
+        """See `LegUnderTest`."""
+        return self.model.mass
+
+    @property
+    def max_torque(self) -> tuple[float, ...]:
+        """See `LegUnderTest`."""
+        return self.model.max_torque
+
+    def add(
+        self, plant: MultibodyPlant, hip: Frame, scene_graph: SceneGraph | None = None
+    ) -> AddedLeg:
+        """See `LegUnderTest`."""
+        return add_leg(plant, self.description, hip, scene_graph)
+
+    def make_controller(self, period: float) -> LeafSystem:
+        """See `LegUnderTest`."""
+        return FootImpedance(self.model, self.impedance)
+
+    def reach(self, foot: Array, phi: float) -> Array:
+        """See `LegUnderTest`."""
+        return self.model.reach(foot)
+
+    def all_joints(self, position: Array) -> Array:
+        """See `LegUnderTest`."""
+        return position
+
+    def places(self, position: Array, phi: Array) -> Array:
+        """See `LegUnderTest`."""
+        context = self.model.make_context()
+        return np.array([self.model.place(context, q) for q in position])
+
+    def check(self, walk: BenchWalk) -> None:
+        """Refuses a walk out of the leg's reach.
+
+        Raises:
+            UnreachableFoot: tells where, and what is missing.
+        """
+        stride = np.linspace(*walk.steady, _LOOKED_AT)
+        times = np.concatenate(([0.0], stride, [walk.duration]))
+        self.model.follow(walk.at(times).foot[0])
 
 
 def _parse(plant: MultibodyPlant, urdf: str) -> ModelInstanceIndex:

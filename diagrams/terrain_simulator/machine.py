@@ -45,7 +45,7 @@ def _sources(scenario: TerrainBenchScenario) -> Sequence[System]:
 
 def _variant(scenario: TerrainBenchScenario) -> Mapping[str, Any]:
     """Sizes of the ports of the leg."""
-    return {"ports": ports_of_joints(len(scenario.leg.joints))}
+    return {"ports": ports_of_joints(scenario.leg.ports)}
 
 
 def _emulated(scenario: TerrainBenchScenario, period: float) -> TerrainBenchScenario:
@@ -70,7 +70,7 @@ TERRAIN_BENCH = Machine(
     title="the terrain simulator",
     experiment="bench-walk",
     scenario=TerrainBenchScenario,
-    ports=ports_of_joints(len(TerrainBenchScenario().leg.joints)),
+    ports=ports_of_joints(TerrainBenchScenario().leg.ports),
     parts=PARTS,
     plants={"multibody": add_bodies, "kinematic": add_kinematics},
     mock=add_mock,

@@ -22,12 +22,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.drawing import View, add_renderer, take
 from parapod.diagrams.multibody import add_adapted_model
-from parapod.diagrams.terrain_simulator.leg import (
-    AddedLeg,
-    LegDescription,
-    add_leg,
-    make_leg_model,
-)
+from parapod.diagrams.terrain_simulator.leg import AddedLeg, LegUnderTest
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS
 from parapod.systems.terrain_simulator.model import SLIDERS, BenchModel
@@ -57,6 +52,13 @@ class LegOnSlide:
     leg: AddedLeg
     column: ModelInstanceIndex
     slide: ModelInstanceIndex
+
+    def order(self, plant: MultibodyPlant) -> tuple[int, ...]:
+        """Indices of column, slide and the leg's joints among the plant's positions."""
+        carriers = (("column", self.column), ("slide", self.slide))
+        joints = [plant.GetJointByName(*carrier) for carrier in carriers]
+        joints += [*self.leg.joints, *self.leg.passive]
+        return tuple(joint.position_start() for joint in joints)
 
 
 def add_bench(
@@ -104,7 +106,7 @@ def add_bench(
 
 def add_leg_on_slide(
     plant: MultibodyPlant,
-    leg: LegDescription,
+    leg: LegUnderTest,
     mass: float,
     scene_graph: SceneGraph | None = None,
     ends: tuple[float, float] = (_LOWEST, _HIGHEST),
@@ -121,7 +123,7 @@ def add_leg_on_slide(
     Raises:
         ScenarioError: a leg that is none, or is heavier than that.
     """
-    weight = mass - make_leg_model(leg).mass
+    weight = mass - leg.mass
     if weight <= 0.0:
         raise ScenarioError(
             f"hip.mass_kg = {mass:g} must be more than the {mass - weight:.3g} kg of the leg",
@@ -142,7 +144,7 @@ def add_leg_on_slide(
     frame, up = plant.GetFrameByName("column", column), np.array((0.0, 0.0, 1.0))
     joint = plant.AddJoint(PrismaticJoint("slide", frame, body, up, *ends))
     plant.AddJointActuator("slide", joint)
-    return LegOnSlide(add_leg(plant, leg, body, scene_graph), column, slide)
+    return LegOnSlide(leg.add(plant, body, scene_graph), column, slide)
 
 
 def photograph(

@@ -24,7 +24,7 @@ from parapod.diagrams.drawing import draw, publish, remove_visuals
 from parapod.diagrams.multibody import add_discrete_plant
 from parapod.diagrams.simulated import add_status, ports_of_drives
 from parapod.diagrams.station import Behind
-from parapod.diagrams.terrain_simulator.leg import make_leg_model
+from parapod.diagrams.terrain_simulator.leg import LegUnderTest
 from parapod.diagrams.terrain_simulator.model import LegOnSlide, add_bench, add_leg_on_slide
 from parapod.diagrams.terrain_simulator.ports import PARTS
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
@@ -36,7 +36,6 @@ from parapod.systems.sensors.noise import NoiseSource
 from parapod.systems.terrain_simulator.belt import BeltSurface
 from parapod.systems.terrain_simulator.cells import CELLS, ForceCells
 from parapod.systems.terrain_simulator.kinematics import slider_places
-from parapod.systems.terrain_simulator.leg import LegModel
 from parapod.systems.terrain_simulator.model import (
     BenchModel,
     BenchPositions,
@@ -125,16 +124,14 @@ def add_bodies(
     stiffness = 1e6 * scenario.sliders.stiffness_N_um
     gains = PdControllerGains(p=stiffness, d=_DAMPING * stiffness)
     held: list[LegOnSlide] = []
+    leg = scenario.leg.under_test
 
     def add_more() -> None:
-        held.append(
-            add_leg_on_slide(plant, scenario.leg.description, scenario.hip.mass_kg, scene_graph)
-        )
+        held.append(add_leg_on_slide(plant, leg, scenario.hip.mass_kg, scene_graph))
 
     model = add_bench(plant, scenario.configuration, gains, add_more)
     (on_slide,) = held
-    leg_model = make_leg_model(scenario.leg.description)
-    stand = _Stand(model, on_slide, leg_model)
+    stand = _Stand(model, on_slide, leg)
     stand.set_default(walk)
     sliders = add(builder, make_servo(scenario), "sliders")
     connect(
@@ -152,7 +149,7 @@ def add_bodies(
     belt_inputs, belt_outputs = _add_belt(builder, scenario, plant, model)
     inputs |= belt_inputs
     outputs |= belt_outputs
-    brake = add_leg_ports(builder, scenario, plant, on_slide, leg_model, inputs, outputs)
+    brake = add_leg_ports(builder, scenario, plant, on_slide, leg, inputs, outputs)
     noise = _add_cells(builder, scenario, plant, model, outputs)
     truth = add(builder, BenchTruth(model))
     connect(builder, plant.get_body_poses_output_port(), truth.GetInputPort("body_poses"))
@@ -188,7 +185,7 @@ class _Stand:
 
     model: BenchModel
     on_slide: LegOnSlide
-    leg: LegModel
+    leg: LegUnderTest
 
     def set_default(self, walk: BenchWalk) -> None:
         plant = self.model.plant
@@ -203,17 +200,14 @@ class _Stand:
         plant, start = self.model.plant, walk.at(0.0)
         positions = np.zeros(plant.num_positions())
         positions[self.model.order] = self.model.positions(start.pose[0])
-        places = (*walk.hip, *self.leg.reach(start.foot[0]))
-        positions[list(self.order)] = places
+        leg = self.leg.reach(start.foot[0], float(start.pose[0, 2]))
+        positions[list(self.order)] = (*walk.hip, *self.leg.all_joints(leg))
         return positions
 
     @property
     def order(self) -> tuple[int, ...]:
         """Indices of column, slide and the leg's joints among the plant's positions."""
-        plant, held = self.model.plant, self.on_slide
-        names = (("column", held.column), ("slide", held.slide))
-        joints = [plant.GetJointByName(*name) for name in names]
-        return tuple(joint.position_start() for joint in (*joints, *held.leg.joints))
+        return self.on_slide.order(self.model.plant)
 
 
 def _current(
@@ -252,7 +246,7 @@ def add_leg_ports(
     scenario: TerrainBenchScenario,
     plant: MultibodyPlant,
     on_slide: LegOnSlide,
-    leg: LegModel,
+    leg: LegUnderTest,
     inputs: dict[str, InputPort],
     outputs: dict[str, OutputPort],
 ) -> System:
@@ -286,11 +280,11 @@ def add_leg_ports(
         "hip.position": state.get_output_port(0),
         "hip.velocity": state.get_output_port(1),
     }
-    # The leg's joints and drives in the order of its ports.
-    n, instance = leg.joints, on_slide.leg.instance
-    joints = on_slide.leg.joints
-    first = min(joint.velocity_start() for joint in joints)
-    order = [joint.velocity_start() - first for joint in joints]
+    # The leg's joints and drives in the order of its ports, among all joints that it has.
+    joints, instance = on_slide.leg.joints, on_slide.leg.instance
+    n, size = len(joints), plant.num_velocities(instance)
+    held = plant.GetVelocitiesFromArray(instance, np.arange(float(plant.num_velocities())))
+    order = [int(np.flatnonzero(held == joint.velocity_start())[0]) for joint in joints]
     actuators = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices(instance)]
     driven = [joints.index(actuator.joint()) for actuator in actuators]
     limits = np.array(leg.max_torque)
@@ -304,8 +298,8 @@ def add_leg_ports(
     ):
         connect(builder, source, sink)
     inputs["leg.torque_command"] = torque.get_input_port()
-    rows = np.eye(2 * n)
-    for name, shown in (("position", order), ("velocity", [n + i for i in order])):
+    rows = np.eye(2 * size)
+    for name, shown in (("position", order), ("velocity", [size + i for i in order])):
         part = add(builder, MatrixGain(rows[shown]), f"leg_{name}")
         connect(builder, plant.get_state_output_port(instance), part.get_input_port())
         outputs[f"leg.{name}"] = part.get_output_port()
@@ -367,16 +361,18 @@ def _add_resting(
     outputs: dict[str, OutputPort],
 ) -> None:
     """A leg that stands still whatever its drives do, off the plate, and its slide."""
-    walk, leg = scenario.walk, make_leg_model(scenario.leg.description)
-    ignored = {"hip.force_command": 1, "hip.brake": 1, "leg.torque_command": leg.joints}
+    walk, n = scenario.walk, scenario.leg.ports
+    ignored = {"hip.force_command": 1, "hip.brake": 1, "leg.torque_command": n}
     for name, size in ignored.items():
         sink = add(builder, PassThrough(size), name.replace(".", "_"))
         inputs[name] = sink.get_input_port()
+    start = walk.at(0.0)
+    stands = scenario.leg.under_test.reach(start.foot[0], float(start.pose[0, 2]))
     resting: dict[str, ArrayLike] = {
         "hip.position": [walk.hip[1]],
         "hip.velocity": [0.0],
-        "leg.position": leg.reach(walk.at(0.0).foot[0]),
-        "leg.velocity": np.zeros(leg.joints),
+        "leg.position": stands,
+        "leg.velocity": np.zeros(n),
     }
     for name, value in resting.items():
         source = add(
@@ -492,14 +488,14 @@ def add_drawing(
     scene_graph = add(builder, SceneGraph(), f"drawing_of_{path}")
     plant.RegisterAsSourceForSceneGraph(scene_graph)
     held: list[LegOnSlide] = []
-    leg = scenario.leg.description
+    leg = scenario.leg.under_test
     model = add_bench(
         plant,
         scenario.configuration,
         add_more=lambda: held.append(add_leg_on_slide(plant, leg, scenario.hip.mass_kg)),
     )
-    order = _Stand(model, held[0], make_leg_model(leg)).order
-    positions = add(builder, BenchPositions(model, order), f"positions_of_{path}")
+    drawn = BenchPositions(model, held[0].order(plant), scenario.leg.ports, leg.all_joints)
+    positions = add(builder, drawn, f"positions_of_{path}")
     for port, name in zip(shown, ("pose", "hip", "leg"), strict=True):
         connect(builder, port, positions.GetInputPort(name))
     draw(builder, plant, positions.get_output_port(), scene_graph)

@@ -7,8 +7,14 @@ from parapod.diagrams.drivers.ni_daq import NiDaqForceCells
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.terrain_simulator.drivers import Epos2HipSlide, Epos2Sliders
-from parapod.diagrams.terrain_simulator.leg import DEFAULT_URDF, LegDescription
+from parapod.diagrams.terrain_simulator.leg import (
+    DEFAULT_URDF,
+    LegDescription,
+    LegUnderTest,
+    UrdfLeg,
+)
 from parapod.diagrams.terrain_simulator.terrains import Level, TerrainChoice
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.terrain_simulator.gait import Gait
 from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS, BenchGeometry
@@ -19,6 +25,9 @@ from parapod.systems.terrain_simulator.walk import BenchWalk
 
 SIMULATED = ("multibody", "kinematic")
 BACKENDS = (*SIMULATED, "mock", "hardware")
+LOADS = ("half sine", "even")
+LEGS = ("urdf", "walking_chair")
+_SCREWS = 3  # of a leg of the walking chair
 # Places of the plate's middle on which each bench walks over level ground [mm].
 _PLACES = {"pedal": (513.0, 300.0), "treadmill": (880.0, 190.0)}
 
@@ -37,6 +46,8 @@ class GaitScenario(Schema):
         run_up: number of strides in which it speeds up before them, and slows down after them.
         clearance_mm: height of the foot above the plate in the middle of the swing [mm].
         dip_mm: depth by which the plate keeps clear of the foot then [mm].
+        load: force of the leg in its stance: "half sine", with which the body bounces, or "even",
+            for slow walks: two pairs of legs hand the weight over while both stand.
     """
 
     speed_m_s: float = quantity(1.5, 0.0, 5.0)
@@ -47,6 +58,7 @@ class GaitScenario(Schema):
     run_up: int = quantity(1, 0, 20)
     clearance_mm: float = quantity(30.0, 0.0, 200.0)
     dip_mm: float = quantity(0.0, 0.0, 100.0)
+    load: str = choice("half sine", LOADS)
 
 
 @dataclass
@@ -135,10 +147,40 @@ class HipScenario(Schema):
 
 
 @dataclass
+class ChairLegScenario(Schema):
+    """The walking chair's leg as the leg under test: its place on the slide, and its screws.
+
+    Attributes:
+        turned: whether its hinge and the corner E_1 are at the rear, as with the rear legs of the
+            chair; otherwise they are ahead.
+        lean_deg: angle by which the leg hangs inclined, as the chair does on a slope; positive
+            uphill [deg].
+        ahead_mm: place from the hip, along the slope, over which the leg hangs straight and its
+            sole is flat [mm]; behind the whole way of the foot it treads on its rear end alone,
+            ahead of it on its front end.
+        height_mm: height of the upper platform above the sole there [mm].
+        max_velocity_mm_s: largest velocity of a screw [mm/s].
+        stiffness_N_um: stiffness of a screw's position loop [N/um].
+        damping_Ns_mm: damping of it [N s/mm].
+    """
+
+    turned: bool = False
+    lean_deg: float = quantity(0.0, -30.0, 30.0)
+    ahead_mm: float = quantity(0.0, -200.0, 200.0)
+    height_mm: float = quantity(780.1, 600.0, 1000.0)
+    max_velocity_mm_s: float = quantity(80.0, 1.0, 1000.0)
+    stiffness_N_um: float = quantity(1.0, 0.01, 10.0)  # noqa: N815
+    damping_Ns_mm: float = quantity(20.0, 0.01, 100.0)  # noqa: N815
+
+
+@dataclass
 class LegScenario(Schema):
     """The leg under test, and its controller.
 
     Attributes:
+        kind: "urdf", a leg with a round foot that a file describes, or "walking_chair", the leg of
+            that machine, which stands on a platform; of the other keys only `chair` is its own.
+        chair: see `ChairLegScenario`.
         urdf: URDF or SDFormat file of the leg, or a `package://` URL.
         hip_frame: its link or frame that is fixed to the slide, x to the front and z up.
         foot_frame: its link or frame in the middle of the round foot.
@@ -153,6 +195,8 @@ class LegScenario(Schema):
         swing_damping_Ns_m: dampers then [N s/m].
     """
 
+    kind: str = choice("urdf", LEGS)
+    chair: ChairLegScenario = field(default_factory=ChairLegScenario)
     urdf: str = DEFAULT_URDF
     hip_frame: str = "hip"
     foot_frame: str = "foot"
@@ -165,6 +209,29 @@ class LegScenario(Schema):
     stance_damping_Ns_m: list[float] = quantity([150.0, 300.0], 0.0, 1e5, length=2)  # noqa: N815
     swing_stiffness_N_m: list[float] = quantity([1.5e4, 1.5e4], 0.0, 1e6, length=2)  # noqa: N815
     swing_damping_Ns_m: list[float] = quantity([250.0, 250.0], 0.0, 1e5, length=2)  # noqa: N815
+
+    @property
+    def ports(self) -> int:
+        """Number of the actuated joints, which the ports of the leg have."""
+        return len(self.joints) if self.kind == "urdf" else _SCREWS
+
+    @property
+    def foot_radius(self) -> float:
+        """Radius of the foot [m]; 0 of a foot with a flat sole."""
+        return 1e-3 * self.foot_radius_mm if self.kind == "urdf" else 0.0
+
+    @property
+    def under_test(self) -> LegUnderTest:
+        """The leg; the other machine is imported only if it is the leg's.
+
+        Raises:
+            ScenarioError: see `add_leg`.
+        """
+        if self.kind == "urdf":
+            return UrdfLeg(self.description, self.impedance)
+        from parapod.diagrams.terrain_simulator.chair_leg import ChairLeg
+
+        return ChairLeg.of(self.chair)
 
     @property
     def description(self) -> LegDescription:
@@ -301,9 +368,13 @@ class TerrainBenchScenario(Schema):
         """The walk.
 
         Raises:
-            ScenarioError: a terrain whose file cannot be read.
+            ScenarioError: a terrain whose file cannot be read, or a load that the gait excludes.
         """
         gait, place = self.gait, self.place
+        if gait.load == "even" and not gait.duty > 0.5:
+            raise ScenarioError(
+                f"gait.load = even needs a gait.duty above 0.5, not {gait.duty:g}", "gait.load"
+            )
         x, z = _PLACES[self.configuration]
         path = PlatePath(
             self.terrain.make(),
@@ -318,11 +389,12 @@ class TerrainBenchScenario(Schema):
             path,
             mass=self.hip.mass_kg,
             hip_height=1e-3 * place.hip_mm,
-            foot_radius=1e-3 * self.leg.foot_radius_mm,
+            foot_radius=self.leg.foot_radius,
             clearance=1e-3 * gait.clearance_mm,
             begin=self.begin,
             shift=self.shift,
             strides=gait.strides,
             run_up=gait.run_up,
             is_inertial=self.hip.adds_inertia,
+            is_even=gait.load == "even",
         )

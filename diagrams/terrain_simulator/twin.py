@@ -33,7 +33,7 @@ class BenchTwin:
         """
         self._meshcat, builder = meshcat, DiagramBuilder()
         self._x = scenario.walk.hip[0]
-        sizes = {"pose": 3, "hip": 2, "leg": len(scenario.leg.joints)}
+        sizes = {"pose": 3, "hip": 2, "leg": scenario.leg.ports}
         for path in _DRAWN:
             shown = []
             for name, size in sizes.items():

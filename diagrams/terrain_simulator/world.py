@@ -21,7 +21,7 @@ from parapod.diagrams.machine import Machine
 from parapod.diagrams.multibody import add_discrete_plant
 from parapod.diagrams.station import Behind
 from parapod.diagrams.terrain_simulator.drawing import profile
-from parapod.diagrams.terrain_simulator.leg import foot_contact, make_leg_model
+from parapod.diagrams.terrain_simulator.leg import foot_contact
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.terrain_simulator.model import add_leg_on_slide
 from parapod.diagrams.terrain_simulator.plants import (
@@ -54,12 +54,10 @@ def add_world(
     """
     walk, step = scenario.walk, scenario.plant.time_step
     plant, scene_graph = add_discrete_plant(builder, step, "lagged")
-    on_slide = add_leg_on_slide(
-        plant, scenario.leg.description, scenario.hip.mass_kg, scene_graph, _ENDS
-    )
+    leg = scenario.leg.under_test
+    on_slide = add_leg_on_slide(plant, leg, scenario.hip.mass_kg, scene_graph, _ENDS)
     _lay_out(plant, walk)
     plant.Finalize()
-    leg = make_leg_model(scenario.leg.description)
     times = np.arange(-step, walk.duration + scenario.end + 2.0 * step, step)
     motion = walk.at(times)
     x, z = walk.hip
@@ -79,12 +77,11 @@ def add_world(
         remove_visuals(plant, scene_graph)
     else:
         publish(builder, scene_graph, meshcat, "world")
-    carriers = (("column", on_slide.column), ("slide", on_slide.slide))
-    joints = [*(plant.GetJointByName(*name) for name in carriers), *on_slide.leg.joints]
     start = walk.at(0.0)
+    stands = leg.all_joints(leg.reach(start.foot[0], float(start.pose[0, 2])))
     positions = np.zeros(plant.num_positions())
-    positions[[joint.position_start() for joint in joints]] = (
-        x + start.distance[0], z + start.rise[0], *leg.reach(start.foot[0])
+    positions[list(on_slide.order(plant))] = (
+        x + start.distance[0], z + start.rise[0], *stands
     )  # fmt: skip
     plant.SetDefaultPositions(positions)
     return Behind(inputs, outputs)

@@ -15,7 +15,6 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.terrain_simulator.leg import make_leg_model
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.terrain_simulator.scenario import (
     BenchPlantScenario,
@@ -338,14 +337,10 @@ def _differences(pair: Pair) -> dict[str, float]:
     def size(values: Array) -> float:
         return float(np.sqrt(np.mean(np.sum(values[after] ** 2, axis=-1))))
 
-    leg = make_leg_model(pair.scenario.leg.description)
-    context = leg.make_context()
+    leg, phi = pair.scenario.leg.under_test, pair.scenario.walk.at(bench.time).pose[0, :, 2]
     pressed = _PRESSED * pair.scenario.walk.support.peak
     stance = after & (np.minimum(bench["truth.foot_force"], whole)[:, 1] > pressed)
-    feet = [
-        np.array([leg.place(context, q) for q in run["leg.position"][stance]])
-        for run in (bench, world)
-    ]
+    feet = [leg.places(run["leg.position"][stance], phi[stance]) for run in (bench, world)]
     height = bench["hip.position"] - world["hip.position"]
     return {
         "force_difference_percent": 100.0 * size(force) / size(whole),

@@ -17,7 +17,6 @@ from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.terrain_simulator.drawing import TerrainRibbon
-from parapod.diagrams.terrain_simulator.leg import make_leg_model
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH, make_terrain
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.sims.lab.bench import Run, make_viewer, stay_live
@@ -38,8 +37,6 @@ _PLATE_MM, _MEAN = 0.1, 1e-3
 _CLOSED_UM = 20.0
 # Strides that pass before a walk counts as steady, where it has more than as many again.
 _SETTLING = 3
-# Places of the foot at which the leg's reach is looked at.
-_LOOKED_AT = 120
 # Shortest period of a loop through three drives on one bus of 1 Mbit/s [s].
 _SHORTEST = 0.005
 # Share of the largest force from which on friction is told: at touchdown next to none presses.
@@ -171,9 +168,7 @@ def check_bench(scenario: TerrainBenchScenario) -> None:
         )
     walk = scenario.walk
     check_walk(scenario.geometry, walk, scenario.sliders.limits)
-    stride = np.linspace(*walk.steady, _LOOKED_AT)
-    times = np.concatenate(([0.0], stride, [walk.duration]))
-    make_leg_model(scenario.leg.description).follow(walk.at(times).foot[0])
+    scenario.leg.under_test.check(walk)
 
 
 def walking_loop(
@@ -262,7 +257,7 @@ def force_metrics(walk: BenchWalk, run: Run, asked: WalkMotion) -> Iterator[Metr
 
 def leg_metrics(scenario: TerrainBenchScenario, run: Run, asked: WalkMotion) -> Iterator[Metric]:
     """Errors of hip and foot, and the largest torque of the leg."""
-    walk, leg = scenario.walk, make_leg_model(scenario.leg.description)
+    walk, leg = scenario.walk, scenario.leg.under_test
     height = run["hip.position"][:, 0] - walk.hip[1] - asked.bounce[0]
     yield Metric(
         "hip_error_mm",
@@ -270,8 +265,7 @@ def leg_metrics(scenario: TerrainBenchScenario, run: Run, asked: WalkMotion) -> 
         "mm",
         meaning="largest of the hip's height from that of the gait",
     )
-    context = leg.make_context()
-    places = np.array([leg.place(context, q) for q in run["leg.position"]])
+    places = leg.places(run["leg.position"], asked.pose[0, :, 2])
     swings = ~asked.stance
     off = np.linalg.norm(places - asked.foot[0], axis=-1)
     for name, which in (("swing", swings), ("stance", asked.stance)):
@@ -343,7 +337,7 @@ def _draw(scenario: TerrainBenchScenario, run: Run, canvas: "Canvas") -> None:
     axes[0, 1].plot(run.time, 1e3 * (z - z[0]), color=COLOURS[1], label="z [mm]")
     axes[0, 1].plot(run.time, 10.0 * np.degrees(phi), color=COLOURS[2], label="phi [0.1 deg]")
     axes[0, 1].set(ylabel="the plate, from its beginning")
-    for i, name in enumerate(scenario.leg.joints):
+    for i, name in enumerate(scenario.leg.under_test.names):
         torque = run["leg.torque_command"][:, i]
         axes[1, 0].plot(run.time, torque, color=COLOURS[i % 7], lw=0.9, label=name)
     axes[1, 0].set(ylabel="torques of the leg [N m]")

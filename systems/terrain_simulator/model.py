@@ -17,6 +17,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from parapod.systems.core.batching import columns
 from parapod.systems.core.elementwise import atan2, sin_cos
 from parapod.systems.core.ports import read_array
+from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS, BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import (
     UnreachablePlate,
@@ -187,7 +188,7 @@ class BenchPositions(LeafSystem):
     |---|---|---|---|
     | in `pose` | 3 | m, m, rad | x, z, phi of the plate's middle |
     | in `hip` | 2 | m | place of the column along the rail, height of the hip |
-    | in `leg` | n | rad or m | joints of the leg |
+    | in `leg` | n | rad or m | actuated joints of the leg |
     | out `positions` | n | - | positions of all joints of the model's plant |
 
     State: none.
@@ -197,15 +198,24 @@ class BenchPositions(LeafSystem):
     Args:
         model: the bench, with a leg on the slide.
         order: indices of column, slide and the leg's joints among the plant's positions.
+        joints: number of the leg's actuated joints; None if it has no others.
+        all_joints: gives the positions of all joints of the leg by those of the actuated ones;
+            None if it has no others.
     """
 
-    def __init__(self, model: BenchModel, order: tuple[int, ...]):
+    def __init__(
+        self,
+        model: BenchModel,
+        order: tuple[int, ...],
+        joints: int | None = None,
+        all_joints: Callable[[Array], Array] | None = None,
+    ):
         super().__init__()
         self.set_name("bench_positions")
-        self._model, self._order = model, list(order)
+        self._model, self._order, self._all_joints = model, list(order), all_joints
         self._pose = self.DeclareVectorInputPort("pose", 3)
         self._hip = self.DeclareVectorInputPort("hip", 2)
-        self._leg = self.DeclareVectorInputPort("leg", len(order) - 2)
+        self._leg = self.DeclareVectorInputPort("leg", joints or len(order) - 2)
         self.DeclareVectorOutputPort(
             "positions",
             model.plant.num_positions(),
@@ -218,6 +228,7 @@ class BenchPositions(LeafSystem):
         joints = self._model.positions(read_array(self._pose, context))
         positions[self._model.order] = joints
         hip, leg = read_array(self._hip, context), read_array(self._leg, context)
+        leg = leg if self._all_joints is None else self._all_joints(leg)
         positions[self._order] = np.concatenate((hip, leg))
         output.SetFromVector(positions)
 

@@ -4,6 +4,9 @@ A robot of the quadruped kind trots on two pairs of legs by turns, half a stride
 pushes with half a sine throughout its stance, whose mean over a stride is the weight that it
 carries; so the body goes up and down a little. Laws of this kind are common for such robots; the
 paper shows measured forces (Figure 2) without numbers.
+
+A machine that walks slowly does not bounce: there one pair hands the load over to the other one
+while both stand, and their forces together are always the weight.
 """
 
 import math
@@ -11,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from parapod.systems.core.motion_laws import quintic
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.gait import Gait
 
@@ -24,12 +28,20 @@ class Support:
     Attributes:
         gait: the gait.
         mass: mass of the body that one leg carries, a quarter of a quadruped's [kg].
+        is_even: whether both pairs together always carry the weight, and the body does not bounce;
+            otherwise each leg pushes with half a sine.
     """
 
     gait: Gait
     mass: float
+    is_even: bool = False
 
     def __post_init__(self) -> None:
+        if self.is_even and not self.gait.duty > 0.5:
+            raise ValueError(
+                f"an even load needs a duty above 0.5, not {self.gait.duty:g}: one pair of legs "
+                "hands it over to the other one while both stand"
+            )
         if not (math.isfinite(self.mass) and self.mass > 0.0):
             raise ValueError(f"mass must be positive, not {self.mass!r}")
 
@@ -41,10 +53,16 @@ class Support:
     @property
     def peak(self) -> float:
         """Force of the leg in the middle of its stance [N]."""
+        if self.is_even:
+            return 2.0 * self.weight
         return 0.5 * math.pi * self.weight / self.gait.duty
 
     def force(self, share: Array) -> Array:
         """Force (...) of the leg, upwards [N], at shares (...) of a stride from touchdown on."""
+        if self.is_even:
+            since, both = np.mod(share, 1.0), self.gait.duty - 0.5
+            shares = np.clip((since / both, (self.gait.duty - since) / both), 0.0, 1.0)
+            return self.peak * quintic(shares)[0].prod(axis=0)
         within = np.mod(share, 1.0) / self.gait.duty
         return np.where(within < 1.0, self.peak * np.sin(math.pi * np.minimum(within, 1.0)), 0.0)
 
@@ -54,6 +72,8 @@ class Support:
         Args:
             share: (...) of the stride of the leg; the other one's is half a stride ahead.
         """
+        if self.is_even:
+            return np.zeros((3, *np.shape(share)))
         one, other = self._lifted(share), self._lifted(np.asarray(share) + 0.5)
         return 0.5 * (one + other)
 

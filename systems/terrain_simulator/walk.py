@@ -85,6 +85,8 @@ class BenchWalk:
         run_up: number of strides in which it speeds up before them, and slows down after them [-].
         is_inertial: whether the hip's drive adds the force with which a body resists the
             acceleration of its rise: the bench's body does not rise, the ground falls.
+        is_even: whether the load is handed over evenly and the body does not bounce; see
+            `Support`.
     """
 
     path: PlatePath
@@ -97,6 +99,7 @@ class BenchWalk:
     strides: int = 4
     run_up: int = 1
     is_inertial: bool = True
+    is_even: bool = False
 
     def __post_init__(self) -> None:
         for name in ("mass", "hip_height", "shift"):
@@ -112,7 +115,7 @@ class BenchWalk:
     @cached_property
     def support(self) -> Support:
         """Force of the leg, and bounce of the body."""
-        return Support(self.path.gait, self.mass)
+        return Support(self.path.gait, self.mass, self.is_even)
 
     @property
     def period(self) -> float:

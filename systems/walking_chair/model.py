@@ -25,7 +25,12 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.core.ports import declare_cached, read_array
-from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry
+from parapod.systems.walking_chair.geometry import (
+    BRANCHES,
+    LEG_COUNT,
+    ChairGeometry,
+    LegGeometry,
+)
 from parapod.systems.walking_chair.leg import up_of_lengths, ups_vectors
 from parapod.systems.walking_chair.masses import Passenger
 
@@ -49,6 +54,23 @@ def inertia_of(passenger: Passenger) -> SpatialInertia:
     moment = moment_of_inertia(passenger)
     central = RotationalInertia(moment, moment, moment)
     return SpatialInertia.MakeFromCentralInertia(passenger.mass, np.zeros(3), central)
+
+
+def leg_joints(geometry: LegGeometry, lengths: ArrayLike) -> dict[str, float]:
+    """Positions of a leg's joints [m, rad], by their names, its loops closed.
+
+    Args:
+        geometry: the leg.
+        lengths: (3) of its branches [m].
+    """
+    up = up_of_lengths(geometry, lengths)
+    joints = {"up_length": float(up[0]), "up_swing": float(up[1]), "up_tilt": float(up[2])}
+    for name, vector in zip(_BRANCHES[1:], ups_vectors(geometry, up), strict=True):
+        x, y, z = vector / np.linalg.norm(vector)
+        joints[f"{name}_swing"] = math.atan2(-x, -z)
+        joints[f"{name}_tilt"] = math.asin(y)
+        joints[f"{name}_length"] = float(np.linalg.norm(vector))
+    return joints
 
 
 @dataclass(frozen=True)
@@ -124,8 +146,8 @@ class ChairModel:
             body_pose: (7) quaternion (w, x, y, z) and position [m] of the body.
         """
         q = np.zeros(self.plant.num_positions())
-        for starts, joints in zip(self._starts, self._joints(np.asarray(lengths)), strict=True):
-            for name, value in joints.items():
+        for starts, row in zip(self._starts, np.asarray(lengths), strict=True):
+            for name, value in leg_joints(self.geometry.leg, row).items():
                 q[starts[name]] = value
         start = self.body.floating_positions_start()
         q[start : start + 7] = body_pose
@@ -150,20 +172,6 @@ class ChairModel:
         seat: Any = self.plant.GetFrameByName("seat")
         seat.SetPoseInParentFrame(context, RigidTransform(passenger.place))
         self.passenger.SetSpatialInertiaInBodyFrame(context, inertia_of(passenger))
-
-    def _joints(self, lengths: NDArray[np.float64]) -> list[dict[str, float]]:
-        """Positions of each leg's joints, by their names."""
-        found = []
-        leg = self.geometry.leg
-        for row, up in zip(lengths, up_of_lengths(leg, lengths), strict=True):
-            joints = {"up_length": row[0], "up_swing": up[1], "up_tilt": up[2]}
-            for name, vector in zip(_BRANCHES[1:], ups_vectors(leg, up), strict=True):
-                x, y, z = vector / np.linalg.norm(vector)
-                joints[f"{name}_swing"] = math.atan2(-x, -z)
-                joints[f"{name}_tilt"] = math.asin(y)
-                joints[f"{name}_length"] = float(np.linalg.norm(vector))
-            found.append(joints)
-        return found
 
 
 class ChairPose(LeafSystem):

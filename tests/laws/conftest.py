@@ -34,7 +34,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 import parapod.systems
 from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.machining_center.model import add_center
-from parapod.diagrams.terrain_simulator.leg import LegDescription, make_leg_model
+from parapod.diagrams.terrain_simulator.leg import LegDescription, UrdfLeg, make_leg_model
 from parapod.diagrams.terrain_simulator.model import add_bench, add_leg_on_slide
 from parapod.diagrams.walking_chair.model import add_chair
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
@@ -59,6 +59,7 @@ from parapod.systems.terrain_simulator.kinematics import slider_places
 from parapod.systems.walking_chair.feedforward import NotAtStart
 from parapod.systems.walking_chair.gait import Walk, gait_motion, starting_lengths
 from parapod.systems.walking_chair.geometry import ChairGeometry
+from parapod.systems.walking_chair.payload import FORCE_LIMIT
 
 ROW = re.compile(r"^\s*\| (in|out) `([a-z_0-9]+)` \|([^|]*)\|([^|]*)\|([^|]*)\|\s*$")
 
@@ -178,7 +179,7 @@ def add_pedal(plant):
 
 def add_pedal_and_leg(plant):
     def add_leg():
-        add_leg_on_slide(plant, LegDescription(), 30.0)
+        add_leg_on_slide(plant, UrdfLeg(), 30.0)
 
     return add_bench(plant, "pedal", add_more=add_leg)
 
@@ -400,6 +401,15 @@ ENTRIES: dict[str, Entry] = {
     "BenchTruth": Entry(
         of_model(add_pedal),
         inputs={"body_poses": of_bodies("body_poses", add_pedal)},
+    ),
+    "ChairLegController": Entry(
+        inputs={
+            "position": around((0.706, 0.688, 0.688), 1e-4),
+            "velocity": around(0.0, 1e-3),
+            "foot_desired": around((0.0, -0.78, 0.0, 0.0, 0.0, 0.0), 1e-5),
+            "plate_motion": around((0.5, 0.3, *(0.0,) * 7), 1e-4),
+        },
+        limits={"torque_command": FORCE_LIMIT},
     ),
     "FootForce": Entry(inputs=BENCH),
     "FootImpedance": Entry(

@@ -1,0 +1,206 @@
+"""The walking chair's leg as the leg under test; loaded only where a scenario asks for it."""
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from pydrake.geometry import SceneGraph
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import FixedOffsetFrame, Frame
+from pydrake.systems.framework import Context, LeafSystem
+
+from parapod.diagrams.multibody import add_adapted_model
+from parapod.diagrams.terrain_simulator.leg import AddedLeg
+from parapod.diagrams.terrain_simulator.scenario import (
+    ChairLegScenario,
+    GaitScenario,
+    HipScenario,
+    LegScenario,
+    PlaceScenario,
+    TerrainBenchScenario,
+)
+from parapod.diagrams.terrain_simulator.terrains import Slope
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.vectors import Array
+from parapod.systems.terrain_simulator.chair_leg import (
+    ChairLegController,
+    ChairLegModel,
+    ChairLegMount,
+    ChairScrewParams,
+)
+from parapod.systems.terrain_simulator.walk import BenchWalk
+from parapod.systems.walking_chair.geometry import LEG_COUNT
+from parapod.systems.walking_chair.masses import ChairMasses, Passenger
+from parapod.systems.walking_chair.model import leg_joints
+from parapod.urdf import configure_parser
+
+_URL = "package://parapod/walking_chair/leg.urdf"
+_SCREWS = ("up_length", "ups_2_length", "ups_3_length")
+_TURNING = tuple(
+    f"{branch}_{joint}" for branch in ("up", "ups_2", "ups_3") for joint in ("swing", "tilt")
+)
+# Share of rotor's mass by damping [-] that the controller's period may come to.
+_LONGEST = 0.5
+# Way that is left until the foot would stand flat [mm].
+_MARGIN = 5.0
+
+
+@dataclass(frozen=True)
+class ChairLeg:
+    """The walking chair's leg, whole: a UP branch, two UPS branches, a platform as its foot.
+
+    The upper platform hangs on the slide. Screws take forces, behind which the controller has
+    their position loops (`ChairLegController`), and resist with the mass of their rotors; so the
+    ports of this leg mean what those of any leg mean. See `LegUnderTest`.
+
+    Attributes:
+        model: closed forms.
+        screws: screws and their loops.
+    """
+
+    model: ChairLegModel = field(default_factory=ChairLegModel)
+    screws: ChairScrewParams = field(default_factory=ChairScrewParams)
+
+    @classmethod
+    def of(cls, scenario: ChairLegScenario) -> "ChairLeg":
+        """The leg of a scenario."""
+        mount = ChairLegMount(
+            scenario.turned,
+            math.radians(scenario.lean_deg),
+            1e-3 * scenario.ahead_mm,
+            1e-3 * scenario.height_mm,
+        )
+        screws = ChairScrewParams(1e6 * scenario.stiffness_N_um, 1e3 * scenario.damping_Ns_mm)
+        return cls(ChairLegModel(mount, max_velocity=1e-3 * scenario.max_velocity_mm_s), screws)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """See `LegUnderTest`."""
+        return _SCREWS
+
+    @cached_property
+    def mass(self) -> float:
+        """Mass of the leg [kg]."""
+        return ChairMasses().leg
+
+    @property
+    def max_torque(self) -> tuple[float, ...]:
+        """See `LegUnderTest`."""
+        return (self.model.max_force,) * len(_SCREWS)
+
+    def add(
+        self, plant: MultibodyPlant, hip: Frame, scene_graph: SceneGraph | None = None
+    ) -> AddedLeg:
+        """See `LegUnderTest`."""
+        parser = Parser(plant)
+        configure_parser(parser)
+        leg = add_adapted_model(parser, _URL, "leg", _without_gains)
+        X_HA = RigidTransform(RotationMatrix(self.model.R_HA), self.model.p_HA)
+        hung: Any = plant.AddFrame(FixedOffsetFrame("leg_mount", hip, X_HA))
+        plant.WeldFrames(hung, plant.GetFrameByName("upper_platform", leg))
+        for name in ("up", "ups_2", "ups_3"):
+            drive = plant.GetJointActuatorByName(f"{name}_drive", leg)
+            drive.set_default_gear_ratio(self.screws.ratio)
+            drive.set_default_rotor_inertia(self.screws.rotor_inertia)
+        foot = plant.GetFrameByName("foot", leg)
+        screws, turning = (
+            tuple(plant.GetJointByName(name, leg) for name in names)
+            for names in (_SCREWS, _TURNING)
+        )
+        return AddedLeg(leg, foot, screws, self.max_torque, turning)
+
+    def make_controller(self, period: float) -> LeafSystem:
+        """See `LegUnderTest`."""
+        longest = _LONGEST * self.screws.inertia / self.screws.damping
+        if period > longest:
+            raise ScenarioError(
+                f"control.period = {period:g} s is too long for the loops of the chair's screws; "
+                f"it is {longest:.2g} s at most",
+                "control.period",
+            )
+        return ChairLegController(self.model, self.screws)
+
+    def reach(self, foot: Array, phi: float) -> Array:
+        """See `LegUnderTest`; not a number out of reach."""
+        return self.model.lengths(np.asarray(foot, dtype=float), np.array(phi))
+
+    def all_joints(self, position: Array) -> Array:
+        """See `LegUnderTest`."""
+        joints = leg_joints(self.model.geometry, position)
+        return np.array([joints[name] for name in (*_SCREWS, *_TURNING)])
+
+    def places(self, position: Array, phi: Array) -> Array:
+        """See `LegUnderTest`."""
+        return self.model.places(position, phi)
+
+    def loop_error(self, plant: MultibodyPlant, context: Context) -> Array:
+        """Distances (2) by which the leg's loops are open: rods' ends and foot [m].
+
+        Args:
+            plant: holds the leg.
+            context: the plant's context.
+        """
+        leg = plant.GetModelInstanceByName("leg")
+        names = ("ups_2_rod", "ups_3_rod", "foot")
+        *rods, foot = (
+            plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name, leg)) for name in names
+        )
+        balls = (foot @ self.model.geometry.lower_joints[1:].T).T
+        ends = np.array([rod.translation() for rod in rods])
+        gaps: Array = np.linalg.norm(ends - balls, axis=-1)
+        return gaps
+
+    def check(self, walk: BenchWalk) -> None:
+        """See `ChairLegModel.check`."""
+        self.model.check(walk)
+
+
+def chair_leg_scenario(slope_deg: float = 0.0) -> TerrainBenchScenario:
+    """A slow walk of the chair's leg on the pedal, with a quarter of chair and passenger on it.
+
+    Steps of 80 mm at 0.06 m/s, little slower than screws of 80 mm/s let it. The leg is a front leg
+    of the chair, a rear one uphill. Its foot treads ahead of where it would be flat, or behind it,
+    and so on the edge of E_2 and E_3: on the corner E_1 alone all load would be the UP branch's,
+    and the 520 N of a walk on two legs by turns are more than it bears. So are the loads of a
+    front leg uphill, and of a rear one downhill.
+
+    Args:
+        slope_deg: slope of the ground, positive uphill [deg].
+    """
+    mass = (ChairMasses().total + Passenger().mass) / LEG_COUNT
+    gait = GaitScenario(
+        speed_m_s=0.06,
+        frequency_Hz=0.75,
+        duty=0.6,
+        ramp=0.3,
+        strides=2,
+        run_up=0,
+        clearance_mm=8.0,
+        load="even",
+    )
+    stance = 1e3 * gait.duty * gait.speed_m_s / gait.frequency_Hz
+    flat = 0.5 * stance + _MARGIN
+    is_rear = slope_deg > 0.0
+    chair = ChairLegScenario(is_rear, slope_deg, flat if is_rear else -flat)
+    scenario = TerrainBenchScenario(
+        gait=gait,
+        place=PlaceScenario(hip_mm=chair.height_mm),
+        leg=LegScenario(kind="walking_chair", chair=chair),
+        hip=HipScenario(mass_kg=mass),
+    )
+    if slope_deg:
+        scenario.terrain = Slope(slope_deg)
+    return scenario
+
+
+def _without_gains(robot: ElementTree.Element) -> None:
+    """Takes the drives' own position loops off the leg's screws: the controller has them."""
+    for actuator in robot.iterfind("transmission/actuator"):
+        for child in list(actuator):
+            if child.tag.endswith("controller_gains"):
+                actuator.remove(child)
