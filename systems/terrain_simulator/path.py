@@ -98,8 +98,8 @@ class PlatePath:
         dip: depth by which the plate keeps clear of the foot in the middle of the swing [m].
         phase: share of a stride that has passed at the time 0; 0 is touchdown [-].
         start: distance of the body at the time 0 [m].
-        clock: time of a ground that moves, at the time 0 [s].
         treadmill: whether a belt carries the foot back, and the plate stays at x_c.
+        clock: time of a ground that moves, at the time 0 [s].
     """
 
     terrain: Terrain
@@ -109,8 +109,8 @@ class PlatePath:
     dip: float = 0.0
     phase: float = 0.0
     start: float = 0.0
-    clock: float = 0.0
     treadmill: bool = False
+    clock: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("x_c", "z_c", "dip", "phase", "start", "clock"):
