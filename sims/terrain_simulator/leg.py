@@ -18,6 +18,8 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.terrain_simulator.leg import make_leg_model
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH, make_terrain
 from parapod.diagrams.terrain_simulator.scenario import (
+    BenchControlScenario,
+    BenchPlantScenario,
     GaitScenario,
     HipScenario,
     LegScenario,
@@ -89,6 +91,8 @@ class BenchLegScenario(Schema):
         jump_mm: height of the jump [mm].
         squat_mm: by how much the hip sinks before it jumps [mm].
         stretch_mm: by how much it is higher at take-off than as it stands [mm].
+        time_step: step of the rigid bodies, and period of the controllers [s]; with a longer one
+            the foot rattles on the plate.
     """
 
     backend: str = choice("multibody", ("multibody",))
@@ -100,6 +104,7 @@ class BenchLegScenario(Schema):
     jump_mm: float = quantity(300.0, 10.0, 1000.0)
     squat_mm: float = quantity(100.0, 10.0, 500.0)
     stretch_mm: float = quantity(80.0, 10.0, 500.0)
+    time_step: float = quantity(1e-3, 2.5e-4, 1e-3)
 
     @property
     def walk(self) -> TerrainBenchScenario:
@@ -108,6 +113,8 @@ class BenchLegScenario(Schema):
             TerrainBenchScenario(),
             seed=self.seed,
             end=_SETTLES,
+            plant=BenchPlantScenario(self.time_step),
+            control=BenchControlScenario(self.time_step),
             leg=self.leg,
             hip=HipScenario(mass_kg=self.mass_kg),
             terrain=Step(rise_mm=self.step_mm, at_m=_EDGE_M),

@@ -35,10 +35,12 @@ if TYPE_CHECKING:
 
 _PLATE_MM, _MEAN = 0.1, 1e-3
 _CLOSED_UM = 20.0
-# Strides that pass before a walk counts as steady, where it has more than as many again.
+# Strides that pass before a walk counts as steady.
 _SETTLING = 3
 # Shortest period of a loop through three drives on one bus of 1 Mbit/s [s].
 _SHORTEST = 0.005
+# Longest period with which torques that are held between samples keep a foot calm [s].
+_LONGEST = 0.001
 # Share of the largest force from which on friction is told: at touchdown next to none presses.
 _PRESSED = 0.2
 _SIGNALS = (
@@ -158,6 +160,12 @@ def check_bench(scenario: TerrainBenchScenario) -> None:
     if scenario.backend == "multibody" and period < step:
         raise ScenarioError(
             f"control.period = {period:g} s is below plant.time_step = {step:g} s",
+            "control.period",
+        )
+    if scenario.backend == "multibody" and period > _LONGEST:
+        raise ScenarioError(
+            f"control.period = {period:g} s is too long for a leg, whose foot would rattle on the "
+            f"plate; with rigid bodies it is {_LONGEST:g} s at most",
             "control.period",
         )
     if scenario.backend == "hardware" and period < _SHORTEST:
@@ -284,12 +292,10 @@ def leg_metrics(scenario: TerrainBenchScenario, run: Run, asked: WalkMotion) -> 
 
 
 def steady_part(walk: BenchWalk, time: Array) -> NDArray[np.bool_]:
-    """Which times belong to whole strides of a walk that is steady."""
+    """Which times belong to whole strides of a walk that has become steady; none if too short."""
     first, last = walk.steady
-    stride = 1.0 / walk.path.gait.frequency
-    skipped = _SETTLING if last - first > 2 * _SETTLING * stride else 0
     half = 0.5 * float(np.median(np.diff(time)))
-    return (time >= first + skipped * stride - half) & (time < last - half)
+    return (time >= first + _SETTLING * walk.period - half) & (time < last - half)
 
 
 def read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
