@@ -150,7 +150,8 @@ class ChairLeg:
         *rods, foot = (
             plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name, leg)) for name in names
         )
-        balls = (foot @ self.model.geometry.lower_joints[1:].T).T
+        sockets = self.model.geometry.lower_joints[1:]
+        balls = sockets @ foot.rotation().matrix().T + foot.translation()
         ends = np.array([rod.translation() for rod in rods])
         gaps: Array = np.linalg.norm(ends - balls, axis=-1)
         return gaps
