@@ -178,6 +178,8 @@ class LegScenario(Schema):
     """The leg under test, and its controller.
 
     Attributes:
+        controller: controller in the place of the leg's own, as "package.module:name" or
+            "file.py:name": what makes it of a scenario; empty: the leg's own.
         kind: "urdf", a leg with a round foot that a file describes, or "walking_chair", the leg of
             that machine, which stands on a platform; of the other keys only `chair` is its own.
         chair: see `ChairLegScenario`.
@@ -195,6 +197,7 @@ class LegScenario(Schema):
         swing_damping_Ns_m: dampers then [N s/m].
     """
 
+    controller: str = ""
     kind: str = choice("urdf", LEGS)
     chair: ChairLegScenario = field(default_factory=ChairLegScenario)
     urdf: str = DEFAULT_URDF

@@ -15,6 +15,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.terrain_simulator.chair_leg import chair_leg_scenario
 from parapod.diagrams.terrain_simulator.leg import make_leg_model
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH, make_terrain
 from parapod.diagrams.terrain_simulator.scenario import (
@@ -54,6 +55,8 @@ _REACH, _HEIGHT, _WEIGHT = 10.0, 50.0, 1e-3
 # Halvings with which the end of a leg's reach is sought, in what share of its length.
 _HALVINGS, _FURTHER = 12, 0.4
 _PLACES = 40  # of the foot on its way, from which the reach is told
+# Bound of the foot of the chair's leg, whose screws yield [mm].
+_CHAIR_MM = 0.5
 # Ground force at which a foot has left the plate, or has landed [N], and the end of a run in which
 # it stands [s].
 _TOUCH, _STANDS = 5.0, 0.2
@@ -93,6 +96,7 @@ class BenchLegScenario(Schema):
         stretch_mm: by how much it is higher at take-off than as it stands [mm].
         time_step: step of the rigid bodies, and period of the controllers [s]; with a longer one
             the foot rattles on the plate.
+        chair: whether the leg of the walking chair stands and steps after it.
     """
 
     backend: str = choice("multibody", ("multibody",))
@@ -105,6 +109,7 @@ class BenchLegScenario(Schema):
     squat_mm: float = quantity(100.0, 10.0, 500.0)
     stretch_mm: float = quantity(80.0, 10.0, 500.0)
     time_step: float = quantity(1e-3, 2.5e-4, 1e-3)
+    chair: bool = True
 
     @property
     def walk(self) -> TerrainBenchScenario:
@@ -162,10 +167,12 @@ class Trial:
     Attributes:
         run: the step.
         jump: the jump.
+        chair: a walk of the chair's leg; None: it has not been tried.
     """
 
     run: Run
     jump: Run
+    chair: Run | None
 
 
 class _Jump(BenchWalking):
@@ -205,6 +212,12 @@ class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
             UnreachableFoot: it does not reach where it is to tread, or jump from.
             PathRefused: the bench cannot play the step.
         """
+        if scenario.leg.kind != "urdf":
+            raise ScenarioError(
+                f"leg.kind = '{scenario.leg.kind}' cannot be looked at, only a leg of a URDF; "
+                "the walking chair's is tried with chair = true",
+                "leg.kind",
+            )
         check_bench(scenario.walk)
         task, leg = scenario.task, make_leg_model(scenario.leg.description)
         leg.follow(task.at(np.linspace(0.0, task.duration, _PLACES)).foot[0])
@@ -231,7 +244,11 @@ class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
         step = bench.run(BenchWalking(self.name), scenario.walk)
         bench.name = f"{self.name}, jump"
         jump = bench.run(_Jump(self.name, scenario.task), scenario.jump, watched=False)
-        return Trial(step, jump)
+        chair = None
+        if scenario.chair:
+            bench.name = f"{self.name}, the walking chair's leg"
+            chair = bench.run(BenchWalking(self.name), chair_leg_scenario(), watched=False)
+        return Trial(step, jump, chair)
 
     def measure(self, scenario: BenchLegScenario, data: Trial) -> Iterator[Metric]:
         """Of the leg alone, of standing, of the step and of the jump."""
@@ -256,6 +273,8 @@ class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
             meaning="largest of the hip's height on the step",
         )
         yield from _jump_metrics(scenario, data.jump)
+        if data.chair is not None:
+            yield from _chair_metrics(data.chair)
         factor = min(data.run.realtime_factor, data.jump.realtime_factor)
         yield Metric("realtime_factor", factor, meaning="simulated time by wall-clock time")
 
@@ -341,6 +360,29 @@ def _jump_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
     lands = np.flatnonzero((run.time > run.time[off] + 0.5 * task.flight) & (upwards > _TOUCH))
     peak = float(upwards[lands[0] :].max()) if lands.size else np.nan
     yield Metric("landing_peak_N", peak, "N", meaning="largest force of the ground at the landing")
+
+
+def _chair_metrics(run: Run) -> Iterator[Metric]:
+    scenario = chair_leg_scenario()
+    walk, leg = scenario.walk, scenario.leg.under_test
+    asked = walk.at(run.time)
+    carried = run["truth.foot_force"][:, 1] + run["hip.force_command"][:, 0]
+    stands = run.time > run.time[-1] - _STANDS
+    yield Metric(
+        "chair_force_ratio",
+        float(carried[stands].mean()) / walk.support.weight,
+        bound=1.0 + _WEIGHT,
+        at_least=1.0 - _WEIGHT,
+        meaning="the walking chair's leg: of ground and slide by the weight, at last",
+    )
+    places = leg.places(run["leg.position"], asked.pose[0, :, 2])
+    yield Metric(
+        "chair_foot_error_mm",
+        1e3 * float(np.linalg.norm(places - asked.foot[0], axis=-1).max()),
+        "mm",
+        _CHAIR_MM,
+        meaning="the walking chair's leg: largest of its foot from where it is to be",
+    )
 
 
 def _draw(scenario: BenchLegScenario, data: Trial, canvas: "Canvas") -> None:

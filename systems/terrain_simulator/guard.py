@@ -143,7 +143,7 @@ class SingularityGuard(LeafSystem):
         return np.concatenate((moved, asked, going, (share, 1.0)))
 
     def _begin(self, measured: Array, asked: Array) -> Array:
-        """Where the sliders are, at rest."""
+        """State at the pose where the sliders are, at rest."""
         try:
             pose = forward_kinematics(self._geometry, measured)
         except UnreachablePlate:

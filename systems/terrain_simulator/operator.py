@@ -10,6 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.vectors import Array
+from parapod.systems.terrain_simulator.reference import trot
 from parapod.systems.terrain_simulator.walk import BenchWalk
 
 # Name, smallest and largest value by the one at first, step, and SI unit of one of them.
@@ -44,8 +45,7 @@ class BenchControls(LeafSystem):
     | out `foot_force_desired` | 1 | N | weight that the leg carries |
     | out `hip_force` | 1 | N | 0: the leg carries it alone |
     | out `hip_desired` | 2 | m, m/s | height of the hip, at rest |
-    | out `belt.velocity_command` | 1 | m/s | 0 |
-    | out `stance` | 1 | 0/1 | 1 |
+    | out `stance` | 1 | 0/1 | 1: the leg stands |
 
     The plate goes where the sliders are within some tenths of a second, as far as its guard lets
     it; the foot stays on it. Sliders exist while `shown` is entered.
@@ -56,12 +56,13 @@ class BenchControls(LeafSystem):
 
     Args:
         controls: owner of the sliders.
-        walk: whose beginning the bench stands in.
+        walk: whose beginning the bench stands in; None for `trot`.
         period: of reading them [s].
     """
 
-    def __init__(self, controls: Controls, walk: BenchWalk, period: float = 0.001):
+    def __init__(self, controls: Controls, walk: BenchWalk | None = None, period: float = 0.001):
         super().__init__()
+        walk = trot() if walk is None else walk
         self.set_name("bench_controls")
         self._controls, self._hip = controls, np.array(walk.hip)
         start = walk.at(0.0)
@@ -77,7 +78,6 @@ class BenchControls(LeafSystem):
             "foot_force_desired": [walk.support.weight],
             "hip_force": [0.0],
             "hip_desired": [walk.hip[1], 0.0],
-            "belt.velocity_command": [0.0],
             "stance": [1.0],
         }
         for name, value in still.items():

@@ -393,6 +393,9 @@ ENTRIES: dict[str, Entry] = {
         passes={"as planned: NaN": "toward"},
     ),
     "BeltSurface": Entry(inputs={"velocity": around(0.0, 2.0)}),
+    "BenchControls": Entry(
+        lambda: {"controls": Moved()}, inputs={"pose_desired": around(PLATE, 2e-3)}
+    ),
     "BenchPositions": Entry(
         of_model(add_pedal_and_leg, order=lambda: (7, 8, 9, 10)),
         inputs={**BENCH, "hip": around((0.5, 0.9), 0.01), "leg": around((0.6, -1.2), 0.1)},

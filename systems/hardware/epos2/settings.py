@@ -20,7 +20,7 @@ _UNBOUNDED_MM = 1000.0
 
 
 class Control(StrEnum):
-    """What is commanded of axes; the drives' mode of operation follows."""
+    """Quantity that is commanded of axes; the drives' mode of operation follows."""
 
     VELOCITY = "velocity"
     POSITION = "position"
