@@ -70,7 +70,7 @@ def make_leg_controller(scenario: TerrainBenchScenario) -> System:
 
 
 def _loaded(name: str, key: str) -> Callable[[TerrainBenchScenario], object]:
-    """What a text such as "package.module:name" or "file.py:name" names."""
+    """Function that a text such as "package.module:name" or "file.py:name" names."""
     place, _, attribute = name.partition(":")
     try:
         if place.endswith(".py"):

@@ -45,11 +45,6 @@ class Epos2Sliders(Epos2PositionScrews):
     position_file: str = "emulator/sliders.json"
     stop_node: int | None = quantity(1, 1, 127)
 
-    @property
-    def axis_names(self) -> tuple[str, ...]:
-        """See `Epos2Settings`."""
-        return ("slider 1", "slider 2", "slider 3")
-
 
 @dataclass
 class Epos2HipSlide(Epos2ForceSlides):

@@ -231,6 +231,39 @@ ROWS = {
             rest={"torque_command": (0.0, 0.0), "brake": (1.0,)},
         )
     ),
+    "Epos2Sliders": Row(
+        **axes(
+            3,
+            settings=PATIENT | {"following_error_mm": 1000.0},
+            memory="sliders.json",
+            measures=dict.fromkeys(("position", "velocity", "current"), 3) | {"emergency_stop": 1},
+            commands={"position_command": 3, "brake": 1},
+            order={"position_command": (0.71, 0.69, 0.7), "brake": (0.0,)},
+            rest={"brake": (1.0,)},
+            is_held=True,
+            like="Epos2PositionScrews",
+        )
+    ),
+    "Epos2HipSlide": Row(
+        **axes(
+            1,
+            settings=PATIENT,
+            memory="hip.json",
+            commands={"force_command": 1, "brake": 1},
+            order={"force_command": (20.0,), "brake": (0.0,)},
+            rest={"force_command": (0.0,), "brake": (1.0,)},
+            like="Epos2ForceSlides",
+        )
+    ),
+    "Epos2Belt": Row(
+        **axes(
+            1,
+            settings=PATIENT,
+            measures=dict.fromkeys(("position", "velocity"), 1),
+            order={"velocity_command": (0.2,), "brake": (0.0,)},
+            rest={"velocity_command": (0.0,), "brake": (1.0,)},
+        )
+    ),
     "Epos2TripodLegs": Row(**limbs(3, like="Epos2PositionScrews")),
     "Epos2QuadrupedLegs": Row(**limbs(4, like="Epos2PositionScrews")),
     "Epos2Legs": Row(

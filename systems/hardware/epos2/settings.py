@@ -129,7 +129,7 @@ class Epos2Settings(Schema):
 
     @property
     def control(self) -> Control:
-        """What is commanded of the axes."""
+        """Quantity that is commanded of the axes."""
         return Control.VELOCITY
 
     @property
