@@ -112,6 +112,7 @@ class BenchCourseScenario(Schema):
         seed: seed, which changes nothing: nothing is random.
         courses: terrains in their order.
         strides: strides at full speed over each.
+        run_up: strides in which the leg speeds up before them, and slows down after them.
         adds_inertia: whether the hip's drive adds the force with which the body resists the
             acceleration of its rise, which the bench lacks.
         leg: see `LegScenario`.
@@ -124,6 +125,7 @@ class BenchCourseScenario(Schema):
     seed: int = quantity(0, 0, 2**31 - 1)
     courses: list[str] = field(default_factory=lambda: list(COURSES))
     strides: int = quantity(4, 1, 100)
+    run_up: int = quantity(1, 0, 20)
     adds_inertia: bool = True
     leg: LegScenario = field(default_factory=LegScenario)
     mass_kg: float = quantity(30.0, 0.1, 1000.0)
@@ -136,7 +138,8 @@ class BenchCourseScenario(Schema):
             ScenarioError: a terrain that there is not.
         """
         found = scenario_of(name, self.leg, self.mass_kg)
-        found.seed, found.gait.strides = self.seed, self.strides
+        found.seed = self.seed
+        found.gait.strides, found.gait.run_up = self.strides, self.run_up
         found.hip.adds_inertia = self.adds_inertia
         found.cells = CellsScenario(noise_N=0.0)
         found.plant = BenchPlantScenario(self.time_step)
@@ -358,6 +361,6 @@ def _draw(data: Courses, canvas: "Canvas") -> None:
         plot.plot(pair.world.time, world, "--", color=COLOURS[1], lw=0.9, label="world")
         plot.plot(pair.bench.time, bench - world, color="0.4", lw=0.6, label="difference")
         plot.set_ylim(-300.0, 1.2 * pair.scenario.walk.support.peak)
-        plot.set_ylabel(f"{name}\n[N]", fontsize=7)
+        plot.set_ylabel(f"{name} [N]", fontsize=7)
     axes[0].legend(ncols=3, fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     axes[-1].set_xlabel("time [s]")

@@ -91,6 +91,7 @@ class BenchLegScenario(Schema):
         mass_kg: mass that the slide has with the leg [kg].
         hip_mm: height of the hip above the plate as it stands [mm].
         step_mm: height of the step [mm].
+        strides: strides in which the leg walks onto it, and on.
         jump_mm: height of the jump [mm].
         squat_mm: by how much the hip sinks before it jumps [mm].
         stretch_mm: by how much it is higher at take-off than as it stands [mm].
@@ -105,6 +106,7 @@ class BenchLegScenario(Schema):
     mass_kg: float = quantity(30.0, 0.1, 1000.0)
     hip_mm: float = quantity(610.0, 50.0, 1200.0)
     step_mm: float = quantity(80.0, -300.0, 300.0)
+    strides: int = quantity(3, 1, 100)
     jump_mm: float = quantity(300.0, 10.0, 1000.0)
     squat_mm: float = quantity(100.0, 10.0, 500.0)
     stretch_mm: float = quantity(80.0, 10.0, 500.0)
@@ -125,7 +127,12 @@ class BenchLegScenario(Schema):
             terrain=Step(rise_mm=self.step_mm, at_m=_EDGE_M),
             place=PlaceScenario(513.0, 270.0, self.hip_mm),
             gait=GaitScenario(
-                speed_m_s=0.3, frequency_Hz=1.5, ramp=None, strides=2, clearance_mm=60.0
+                speed_m_s=0.3,
+                frequency_Hz=1.5,
+                ramp=None,
+                strides=self.strides,
+                run_up=0,
+                clearance_mm=60.0,
             ),
         )
 

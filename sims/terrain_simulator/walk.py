@@ -338,11 +338,10 @@ def _draw(scenario: TerrainBenchScenario, run: Run, canvas: "Canvas") -> None:
     axes[0, 0].set(
         ylabel="ground on the foot [N]", ylim=(-300.0, 1.35 * scenario.walk.support.peak)
     )
-    x, z, phi = run["truth.pose"].T
-    axes[0, 1].plot(run.time, 1e3 * (x - x[0]), color=COLOURS[0], label="x [mm]")
-    axes[0, 1].plot(run.time, 1e3 * (z - z[0]), color=COLOURS[1], label="z [mm]")
-    axes[0, 1].plot(run.time, 10.0 * np.degrees(phi), color=COLOURS[2], label="phi [0.1 deg]")
-    axes[0, 1].set(ylabel="the plate, from its beginning")
+    for i, name in enumerate(("along", "upwards")):
+        way = run["truth.pose"][:, i]
+        axes[0, 1].plot(run.time, 1e3 * (way - way[0]), color=COLOURS[i], label=name)
+    axes[0, 1].set(ylabel="way of the plate [mm]")
     for i, name in enumerate(scenario.leg.under_test.names):
         torque = run["leg.torque_command"][:, i]
         axes[1, 0].plot(run.time, torque, color=COLOURS[i % 7], lw=0.9, label=name)

@@ -71,7 +71,7 @@ _PARTS = (
         "twice by the same leg with the same controller: on the plate that plays it, and over the "
         "terrain itself, laid out in the world. That both agree is what makes the bench right.",
         "bench-course",
-        quick=("courses=[slope down 20]", "strides=1"),
+        quick=("courses=[slope down 20]", "strides=1", "run_up=0"),
         quick_text="One slope alone, on the bench and in the world.",
         is_random=False,
     ),
@@ -83,7 +83,7 @@ _PARTS = (
         "vertical speed of 2.5 m/s is for; and the leg of the walking chair, which is a parallel "
         "mechanism itself, stands and steps.",
         "bench-leg",
-        quick=("jump_mm=100", "step_mm=40", "chair=false"),
+        quick=("jump_mm=100", "strides=2", "chair=false"),
     ),
 )
 
