@@ -31,7 +31,7 @@ _LOOKED_AT = 120
 
 @dataclass(frozen=True)
 class LegDescription:
-    """Where a leg is described, and what the bench must know of it besides.
+    """Place of a leg's description, and what the bench must know of it besides.
 
     Attributes:
         urdf: URDF or SDFormat file, or a `package://` URL.

@@ -169,7 +169,7 @@ class BenchLegScenario(Schema):
 
 @dataclass(frozen=True)
 class Trial:
-    """What a leg has done.
+    """Runs of a leg.
 
     Attributes:
         run: the step.
@@ -258,7 +258,7 @@ class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
         return Trial(step, jump, chair)
 
     def measure(self, scenario: BenchLegScenario, data: Trial) -> Iterator[Metric]:
-        """Of the leg alone, of standing, of the step and of the jump."""
+        """Numbers of the leg alone, of standing, of the step and of the jump."""
         leg = make_leg_model(scenario.leg.description)
         yield Metric("leg_mass_kg", leg.mass, "kg", meaning="mass of the leg")
         yield from _reach(scenario, leg, data)

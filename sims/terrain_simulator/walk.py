@@ -292,7 +292,7 @@ def leg_metrics(scenario: TerrainBenchScenario, run: Run, asked: WalkMotion) -> 
 
 
 def steady_part(walk: BenchWalk, time: Array) -> NDArray[np.bool_]:
-    """Which times belong to whole strides of a walk that has become steady; none if too short."""
+    """Times of whole strides of a walk that has become steady; none if it is too short."""
     first, last = walk.steady
     half = 0.5 * float(np.median(np.diff(time)))
     return (time >= first + _SETTLING * walk.period - half) & (time < last - half)
