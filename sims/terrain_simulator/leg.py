@@ -46,6 +46,7 @@ from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.jump import SquatJump
 from parapod.systems.terrain_simulator.leg import LegModel, UnreachableFoot
 from parapod.systems.terrain_simulator.reference import Task
+from parapod.systems.terrain_simulator.walk import BenchWalk
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -55,6 +56,8 @@ _REACH, _HEIGHT, _WEIGHT = 10.0, 50.0, 1e-3
 # Halvings with which the end of a leg's reach is sought, in what share of its length.
 _HALVINGS, _FURTHER = 12, 0.4
 _PLACES = 40  # of the foot on its way, from which the reach is told
+_TITLES = {"step": "step", "jump": "jump", "chair": "the walking chair's leg"}
+TRIES = tuple(_TITLES)
 # Bound of the foot of the chair's leg, whose screws yield [mm].
 _CHAIR_MM = 0.5
 # Ground force at which a foot has left the plate, or has landed [N], and the end of a run in which
@@ -97,7 +100,8 @@ class BenchLegScenario(Schema):
         stretch_mm: by how much it is higher at take-off than as it stands [mm].
         time_step: step of the rigid bodies, and period of the controllers [s]; with a longer one
             the foot rattles on the plate.
-        chair: whether the leg of the walking chair stands and steps after it.
+        tries: tasks in their order: "step", "jump", and "chair", which is a walk of the leg of the
+            walking chair.
     """
 
     backend: str = choice("multibody", ("multibody",))
@@ -111,7 +115,7 @@ class BenchLegScenario(Schema):
     squat_mm: float = quantity(100.0, 10.0, 500.0)
     stretch_mm: float = quantity(80.0, 10.0, 500.0)
     time_step: float = quantity(1e-3, 2.5e-4, 1e-3)
-    chair: bool = True
+    tries: list[str] = field(default_factory=lambda: list(TRIES))
 
     @property
     def walk(self) -> TerrainBenchScenario:
@@ -172,14 +176,15 @@ class Trial:
     """Runs of a leg.
 
     Attributes:
-        run: the step.
-        jump: the jump.
-        chair: a walk of the chair's leg; None: it has not been tried.
+        runs: by what is tried.
     """
 
-    run: Run
-    jump: Run
-    chair: Run | None
+    runs: dict[str, Run]
+
+    @property
+    def run(self) -> Run:
+        """The one that is watched: the first."""
+        return next(iter(self.runs.values()))
 
 
 class _Jump(BenchWalking):
@@ -222,9 +227,12 @@ class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
         if scenario.leg.kind != "urdf":
             raise ScenarioError(
                 f"leg.kind = '{scenario.leg.kind}' cannot be looked at, only a leg of a URDF; "
-                "the walking chair's is tried with chair = true",
+                "the walking chair's is tried as 'chair'",
                 "leg.kind",
             )
+        if not scenario.tries or not set(scenario.tries) <= set(TRIES):
+            known = ", ".join(TRIES)
+            raise ScenarioError(f"tries must name some of {known}", "tries")
         check_bench(scenario.walk)
         task, leg = scenario.task, make_leg_model(scenario.leg.description)
         leg.follow(task.at(np.linspace(0.0, task.duration, _PLACES)).foot[0])
@@ -247,42 +255,31 @@ class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
 
     def run(self, scenario: BenchLegScenario, bench: Bench) -> Trial:
         """Steps, and jumps."""
-        bench.name = f"{self.name}, step"
-        step = bench.run(BenchWalking(self.name), scenario.walk)
-        bench.name = f"{self.name}, jump"
-        jump = bench.run(_Jump(self.name, scenario.task), scenario.jump, watched=False)
-        chair = None
-        if scenario.chair:
-            bench.name = f"{self.name}, the walking chair's leg"
-            chair = bench.run(BenchWalking(self.name), chair_leg_scenario(), watched=False)
-        return Trial(step, jump, chair)
+        tasks: dict[str, tuple[BenchWalking, TerrainBenchScenario]] = {
+            "step": (BenchWalking(self.name), scenario.walk),
+            "jump": (_Jump(self.name, scenario.task), scenario.jump),
+        }
+        runs: dict[str, Run] = {}
+        for name in dict.fromkeys(scenario.tries):
+            bench.name = f"{self.name}, {name}"
+            # The chair is imported only if its leg is asked for.
+            how, what = tasks.get(name) or (BenchWalking(self.name), chair_leg_scenario())
+            runs[name] = bench.run(how, what, watched=not runs)
+        return Trial(runs)
 
     def measure(self, scenario: BenchLegScenario, data: Trial) -> Iterator[Metric]:
         """Numbers of the leg alone, of standing, of the step and of the jump."""
         leg = make_leg_model(scenario.leg.description)
         yield Metric("leg_mass_kg", leg.mass, "kg", meaning="mass of the leg")
         yield from _reach(scenario, leg, data)
-        stands = data.run.time > data.run.time[-1] - _STANDS
-        carried = data.run["truth.foot_force"][:, 1] + data.run["hip.force_command"][:, 0]
-        yield Metric(
-            "standing_force_ratio",
-            float(carried[stands].mean()) / scenario.walk.walk.support.weight,
-            bound=1.0 + _WEIGHT,
-            at_least=1.0 - _WEIGHT,
-            meaning="of the ground and of the slide's drive by the weight, standing at last",
-        )
-        asked = scenario.walk.walk.at(data.run.time)
-        height = data.run["hip.position"][:, 0] - asked.bounce[0] - scenario.walk.walk.hip[1]
-        yield Metric(
-            "hip_error_mm",
-            1e3 * float(np.abs(height).max()),
-            "mm",
-            meaning="largest of the hip's height on the step",
-        )
-        yield from _jump_metrics(scenario, data.jump)
-        if data.chair is not None:
-            yield from _chair_metrics(data.chair)
-        factor = min(data.run.realtime_factor, data.jump.realtime_factor)
+        for name, measured in (
+            ("step", _step_metrics),
+            ("jump", _jump_metrics),
+            ("chair", _chair_metrics),
+        ):
+            if name in data.runs:
+                yield from measured(scenario, data.runs[name])
+        factor = min(run.realtime_factor for run in data.runs.values())
         yield Metric("realtime_factor", factor, meaning="simulated time by wall-clock time")
 
     def draw(self, scenario: BenchLegScenario, data: Trial) -> Iterator[Figure]:
@@ -290,7 +287,7 @@ class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
         yield Figure(
             "bench_leg",
             "A leg that somebody else has described",
-            "Left it steps, right it jumps. Above the height of the hip over where it stands, "
+            "What is tried, from the left. Above the height of the hip over where it stands, "
             "below the ground's force upwards on the foot; dashed what is asked for.",
             partial(_draw, scenario, data),
             (8.0, 4.2),
@@ -327,7 +324,10 @@ def _reach(scenario: BenchLegScenario, leg: LegModel, data: Trial) -> Iterator[M
         meaning="by which the foot could be farther from the hip everywhere on its way",
     )
     low, high = leg.limits
-    taken = np.concatenate((data.run["leg.position"], data.jump["leg.position"]))
+    own = [run["leg.position"] for name, run in data.runs.items() if name != "chair"]
+    if not own:
+        return
+    taken = np.concatenate(own)
     left = np.minimum(taken - low, high - taken).min()
     yield Metric(
         "joint_margin_deg",
@@ -335,6 +335,31 @@ def _reach(scenario: BenchLegScenario, leg: LegModel, data: Trial) -> Iterator[M
         "deg",
         at_least=0.0,
         meaning="least of a joint from its limits",
+    )
+
+
+def _step_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
+    walk = scenario.walk.walk
+    yield _standing("standing_force_ratio", run, walk, "standing after the step")
+    height = run["hip.position"][:, 0] - walk.at(run.time).bounce[0] - walk.hip[1]
+    yield Metric(
+        "hip_error_mm",
+        1e3 * float(np.abs(height).max()),
+        "mm",
+        meaning="largest of the hip's height on the step",
+    )
+
+
+def _standing(key: str, run: Run, walk: BenchWalk, when: str) -> Metric:
+    """Weight that ground and slide carry at the end of a run, where all stands."""
+    stands = run.time > run.time[-1] - _STANDS
+    carried = run["truth.foot_force"][:, 1] + run["hip.force_command"][:, 0]
+    return Metric(
+        key,
+        float(carried[stands].mean()) / walk.support.weight,
+        bound=1.0 + _WEIGHT,
+        at_least=1.0 - _WEIGHT,
+        meaning=f"of the ground and of the slide's drive by the weight, {when}",
     )
 
 
@@ -369,33 +394,28 @@ def _jump_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
     yield Metric("landing_peak_N", peak, "N", meaning="largest force of the ground at the landing")
 
 
-def _chair_metrics(run: Run) -> Iterator[Metric]:
-    scenario = chair_leg_scenario()
-    walk, leg = scenario.walk, scenario.leg.under_test
+def _chair_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
+    walked = chair_leg_scenario()
+    walk, leg = walked.walk, walked.leg.under_test
     asked = walk.at(run.time)
-    carried = run["truth.foot_force"][:, 1] + run["hip.force_command"][:, 0]
-    stands = run.time > run.time[-1] - _STANDS
-    yield Metric(
-        "chair_force_ratio",
-        float(carried[stands].mean()) / walk.support.weight,
-        bound=1.0 + _WEIGHT,
-        at_least=1.0 - _WEIGHT,
-        meaning="the walking chair's leg: of ground and slide by the weight, at last",
-    )
+    yield _standing("chair_force_ratio", run, walk, "the walking chair's leg, standing at last")
     places = leg.places(run["leg.position"], asked.pose[0, :, 2])
     yield Metric(
         "chair_foot_error_mm",
         1e3 * float(np.linalg.norm(places - asked.foot[0], axis=-1).max()),
         "mm",
         _CHAIR_MM,
-        meaning="the walking chair's leg: largest of its foot from where it is to be",
+        meaning="largest of the foot of the walking chair's leg from where it is to be",
     )
 
 
 def _draw(scenario: BenchLegScenario, data: Trial, canvas: "Canvas") -> None:
-    axes: Any = canvas.subplots(2, 2, sharex="col")
-    tasks: tuple[Task, Task] = (scenario.walk.walk, scenario.task)
-    for i, (run, task) in enumerate(zip((data.run, data.jump), tasks, strict=True)):
+    tasks: dict[str, Task] = {"step": scenario.walk.walk, "jump": scenario.task}
+    if "chair" in data.runs:
+        tasks["chair"] = chair_leg_scenario().walk
+    axes: Any = canvas.subplots(2, len(data.runs), sharex="col", squeeze=False)
+    for i, (name, run) in enumerate(data.runs.items()):
+        task = tasks[name]
         asked = task.at(run.time)
         height = 1e3 * (run["hip.position"][:, 0] - task.hip[1])
         axes[0, i].plot(run.time, height, color=COLOURS[0])
@@ -404,6 +424,5 @@ def _draw(scenario: BenchLegScenario, data: Trial, canvas: "Canvas") -> None:
         axes[1, i].plot(run.time, asked.force, "--", color="0.3", lw=0.8)
         axes[1, i].set_ylim(-100.0, 1.6 * float(asked.force.max()))
         axes[1, i].set_xlabel("time [s]")
-    axes[0, 0].set(ylabel="hip [mm]", title="step")
-    axes[0, 1].set(title="jump")
-    axes[1, 0].set(ylabel="ground on the foot [N]")
+        axes[0, i].set(ylabel="hip [mm]", title=_TITLES[name])
+        axes[1, i].set(ylabel="ground on the foot [N]")

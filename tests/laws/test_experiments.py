@@ -72,7 +72,7 @@ BRIEF = {
         *("gait.strides=1", "gait.run_up=0", "gait.speed_m_s=0.8", "shift=0.1", "end=0.1"),
     ),
     "bench-course": ("courses=[level]", "strides=1", "run_up=0"),
-    "bench-leg": ("jump_mm=20", "squat_mm=40", "strides=1", "chair=false"),
+    "bench-leg": ("jump_mm=20", "squat_mm=40", "tries=[jump]"),
     "center-locks": ("poses=10", "time_step=0.005", "duration=0.4"),
     "chair-walk": (
         *("backend=mock", "gait.way=forward", "gait.lift_mm=6", "gait.step_mm=10"),

@@ -83,7 +83,7 @@ _PARTS = (
         "vertical speed of 2.5 m/s is for; and the leg of the walking chair, which is a parallel "
         "mechanism itself, stands and steps.",
         "bench-leg",
-        quick=("jump_mm=100", "strides=2", "chair=false"),
+        quick=("jump_mm=100", "strides=1", "tries=[step, jump]"),
     ),
 )
 
