@@ -15,9 +15,10 @@ from parapod.systems.terrain_simulator.path import PlatePath
 from parapod.systems.terrain_simulator.terrain import Level
 from parapod.systems.terrain_simulator.walk import BenchWalk, WalkMotion
 
-# Instants that are computed at once, and how near an instant must be to a whole period.
-_BLOCK, _KEPT = 256, 64
-_SAME_INSTANT = 1e-6  # [periods]
+# Instants that are computed at once, and how near an instant must be to one of them. They are half
+# a period apart: devices are commanded in the middle of a period.
+_BLOCK, _KEPT = 512, 64
+_SAME_INSTANT = 1e-6  # [half periods]
 # Outputs, their sizes, and their places in a row.
 _OUTPUTS = {
     "pose_asked": 3,
@@ -106,9 +107,9 @@ class TerrainReference(LeafSystem):
         return found
 
     def _calc_row(self, context: Context) -> Array:
-        periods = context.get_time() / self._period
-        number = round(periods)
-        if abs(periods - number) > _SAME_INSTANT:
+        halves = 2.0 * context.get_time() / self._period
+        number = round(halves)
+        if abs(halves - number) > _SAME_INSTANT:
             between: Array = _rows_at(self.walk, self._period, np.array([context.get_time()]))[0]
             return between
         block, index = divmod(number, _BLOCK)
@@ -119,7 +120,8 @@ class TerrainReference(LeafSystem):
 def _rows(walk: Task, period: float, block: int) -> Array:
     """Rows of outputs at the instants of a block."""
     first = block * _BLOCK
-    return _rows_at(walk, period, period * np.arange(first, first + _BLOCK, dtype=np.float64))
+    halves = np.arange(first, first + _BLOCK, dtype=np.float64)
+    return _rows_at(walk, period, 0.5 * period * halves)
 
 
 def _rows_at(walk: Task, period: float, times: Array) -> Array:
