@@ -221,3 +221,44 @@ def test_the_guard_of_the_real_bench_names_what_is_wrong(name, changed):
         values = {k: v.copy() for k, v in (GOOD | (changed if number > 50 else {})).items()}
         trip = trip or guard.check(now, values)
     assert (trip.name if trip else "") == name
+
+
+OWN = """
+from parapod.diagrams.terrain_simulator.leg import make_leg_model
+from parapod.systems.terrain_simulator.impedance import FootImpedance, ImpedanceParams
+from pydrake.systems.primitives import PassThrough
+
+
+def make(scenario):
+    soft = ImpedanceParams(stance_stiffness=(1e3, 2e3))
+    return FootImpedance(make_leg_model(scenario.leg.description), soft)
+
+
+def make_none(scenario):
+    return PassThrough(2)
+"""
+
+
+def test_a_controller_of_ones_own_comes_from_a_file(tmp_path):
+    path = tmp_path / "my_leg.py"
+    path.write_text(OWN)
+
+    def with_controller(text):
+        return replace(STEP, leg=replace(STEP.leg, controller=text))
+
+    own = run(with_controller(f"{path}:make"), duration=0.1)
+    usual = run(STEP, duration=0.1)
+    assert np.abs(own["leg.torque_command"] - usual["leg.torque_command"]).max() > 1e-3
+    soft = replace(STEP, leg=replace(STEP.leg, stance_stiffness_N_m=[1e3, 2e3]))
+    np.testing.assert_array_equal(
+        own["leg.torque_command"], run(soft, duration=0.1)["leg.torque_command"]
+    )
+    for text, words in (
+        (f"{path}:make_none", "must make a system with the output torque_command"),
+        (f"{path}:missing", "cannot be loaded: AttributeError"),
+        ("nowhere.py:make", "there is no such file"),
+        ("no_such_package:make", "cannot be loaded: ModuleNotFoundError"),
+    ):
+        with pytest.raises(ScenarioError, match=words) as caught:
+            ClosedLoop(TERRAIN_BENCH, with_controller(text))
+        assert "\n" not in str(caught.value)

@@ -1,0 +1,54 @@
+"""The bench in a person's hands: sliders move the plate, and the guard keeps it from limits."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
+from parapod.sims.terrain_simulator.live import LiveBench, operated_loop
+from parapod.systems.terrain_simulator.kinematics import singularity
+
+
+class Sliders:
+    """Sliders that somebody has moved."""
+
+    def __init__(self):
+        self.values = {"x [mm]": 513.0, "z [mm]": 300.0, "phi [deg]": 0.0}
+
+    def GetSliderNames(self):
+        return list(self.values)
+
+    def GetSliderValue(self, name):
+        return self.values[name]
+
+
+def test_the_plate_goes_where_the_sliders_are_and_the_leg_stays_on_it():
+    sliders, scenario = Sliders(), TerrainBenchScenario()
+    loop = operated_loop(scenario, sliders)
+    simulator = Simulator(loop)
+    simulator.set_monitor(loop.monitor)
+    root = simulator.get_mutable_context()
+    loop.reset(root)
+    names = ("truth.pose", "truth.foot_force", "share")
+    now = loop.readings(root, names)
+    sliders.values |= {"x [mm]": 540.0, "z [mm]": 285.0, "phi [deg]": 10.0}
+    simulator.AdvanceTo(1.3)
+    wanted = (0.540, 0.285, np.radians(10.0))
+    np.testing.assert_allclose(now["truth.pose"](), wanted, atol=2e-3)
+    assert now["truth.foot_force"]()[1] == pytest.approx(294.3, rel=0.05)
+    # Beyond what is possible it stops where plate and strut make the least angle.
+    sliders.values["phi [deg]"] = 75.0
+    simulator.AdvanceTo(2.8)
+    held = float(singularity(scenario.geometry, now["truth.pose"]()).sin_mu)
+    assert held == pytest.approx(0.25, abs=3e-3)
+    assert now["share"]()[0] < 0.01
+    assert now["truth.foot_force"]()[1] == pytest.approx(294.3, rel=0.3)
+
+
+def test_a_terrain_is_walked_at_the_speed_that_is_chosen():
+    bench = LiveBench(TerrainBenchScenario(), None, None, None, None)
+    slow, usual = (bench.walk_of("stairs up", share).gait.speed_m_s for share in (50.0, 100.0))
+    assert usual == pytest.approx(0.435)
+    assert slow == pytest.approx(0.5 * usual)
+    belt = TerrainBenchScenario(configuration="treadmill")
+    assert LiveBench(belt, None, None, None, None).walk_of("level", 50.0).gait.speed_m_s == 0.75
