@@ -50,6 +50,8 @@ _DAMPING = 0.002
 _BELT = VelocityServoParams(resolution=0.0, time_constant=0.01, max_velocity=4.0)
 # Period at which its drive takes commands [s].
 _BELT_PERIOD = 0.01
+# Share by which a drive may exceed an acceleration that is met exactly [-].
+_SLACK = 0.01
 _SOURCES = 3  # cells, each with noise of its own
 
 
@@ -61,7 +63,6 @@ class Simulation:
         sliders: the drives of the sliders.
         stand: puts the plant where a walk begins, in a root context.
         noise: noise of the force cells.
-        column: place and speed of the column; None: there is none.
         parts: further systems that experiments reach, by name.
     """
 
@@ -96,6 +97,7 @@ def slider_params(scenario: TerrainBenchScenario) -> VelocityServoParams:
         resolution=1e-3 * sliders.encoder_resolution_mm,
         time_constant=1e-3 * sliders.time_constant_ms,
         max_velocity=sliders.max_velocity_m_s,
+        acceleration=sliders.max_acceleration_m_s2 * (1.0 + _SLACK),
         stop_min=geometry.slider_min,
         stop_max=geometry.slider_max,
     )

@@ -36,11 +36,14 @@ class SingularityGuardParams:
         limits: speeds and accelerations of the sliders, and the least sin mu.
         braking: rate at which the approach to a limit is slowed down [m/s^2; 1/s^2 for sin mu].
         catching_up: time constant with which the plate makes up for what it was slowed down [s].
+        approach: largest speed of a slider at which it does so, and at which the plate goes where
+            it is asked to be elsewhere, as after a stop [m/s]: somebody may stand beside it.
     """
 
     limits: PathLimits = field(default_factory=PathLimits)
     braking: float = 110.0
     catching_up: float = 0.1
+    approach: float = 0.25
 
 
 class SingularityGuard(LeafSystem):
@@ -60,7 +63,8 @@ class SingularityGuard(LeafSystem):
     of the least sin mu, a step towards it is shortened along its way, so that the margin m falls
     at sqrt(2 b m) at most and never below zero, whatever is asked; one away from it is free.
     Speeds and accelerations of the sliders are kept, but where only a sudden stop keeps a margin.
-    What has been lost is made up for.
+    What has been lost is made up for, slowly; a pose that no motion leads to, as at the beginning
+    or after a stop, is approached slowly too.
 
     It begins where the sliders are measured. While they are braked, it stays where they are.
 
@@ -130,14 +134,13 @@ class SingularityGuard(LeafSystem):
         if not np.isfinite(asked).all():
             asked = now[3:6]
         pose, before, rates = now[:3], now[3:6], now[6:9]
-        wanted = (asked - before) / self._period + (before - pose) / self._params.catching_up
-        if np.array_equal(before, pose):
-            wanted = (asked - pose) / self._period
+        wanted = self._motion(pose, before, asked)
         share = self._admissible(pose, wanted, rates)
         if share == 0.0:
             return np.concatenate((pose, asked, np.zeros(3), (0.0, 1.0)))
         # To the last bit where it is asked, lest errors add up.
-        arrives = share == 1.0 and np.array_equal(before, pose)
+        on_way = (asked - pose) / self._period
+        arrives = share == 1.0 and np.array_equal(wanted, on_way)
         moved = asked if arrives else pose + share * self._period * wanted
         going = slider_rates(self._geometry, pose, share * wanted)
         return np.concatenate((moved, asked, going, (share, 1.0)))
@@ -151,6 +154,21 @@ class SingularityGuard(LeafSystem):
         near = np.abs(asked - pose) <= _SAME
         pose = asked if near.all() else pose
         return np.concatenate((pose, pose, np.zeros(3), (0.0, 1.0)))
+
+    def _motion(self, pose: Array, before: Array, asked: Array) -> Array:
+        """Speed of the plate that is wanted: that of what is asked, and what it is behind."""
+        params = self._params
+        along = (asked - before) / self._period
+        fastest = np.abs(slider_rates(self._geometry, pose, along)).max()
+        if not fastest <= params.limits.slider_speed * (1.0 + _ROUNDING):
+            along = np.zeros(3)  # a jump is no motion
+        elif np.array_equal(before, pose):
+            return along
+        behind = (before - pose) / params.catching_up
+        fastest = float(np.abs(slider_rates(self._geometry, pose, behind)).max())
+        if not np.isfinite(fastest):
+            return along
+        return along + behind * min(1.0, params.approach / max(fastest, 1e-12))
 
     def _admissible(self, pose: Array, wanted: Array, before: Array) -> float:
         """Share of a speed that the limits allow."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS
-from parapod.systems.terrain_simulator.guard import SingularityGuard
+from parapod.systems.terrain_simulator.guard import SingularityGuard, SingularityGuardParams
 from parapod.systems.terrain_simulator.kinematics import (
     LIMITS,
     inverse_kinematics,
@@ -29,6 +29,8 @@ def led(asked, start=START, duration=1.0, geometry=PEDAL, stop=lambda time: Fals
     states, commands = [], []
     for number in range(round(duration / PERIOD)):
         time = number * PERIOD
+        if commands:  # the sliders are where they were led to
+            guard.GetInputPort("position_measured").FixValue(context, commands[-1])
         guard.GetInputPort("emergency_stop").FixValue(context, [float(stop(time))])
         guard.GetInputPort("pose_asked").FixValue(context, asked(time + PERIOD))
         commands.append(guard.GetOutputPort("position_command").Eval(context))
@@ -77,7 +79,7 @@ def test_a_path_that_keeps_the_limits_passes_unchanged(path):
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_whatever_is_asked_it_stops_just_short_of_the_limit(target, limit):
-    states, commands = led(lambda t: np.array(target))
+    states, commands = led(lambda t: np.array(target), duration=3.0)
     poses = states[:, :3]
     assert left(poses).min() > -1e-12
     near = margins(PEDAL, poses[-1])
@@ -85,7 +87,8 @@ def test_whatever_is_asked_it_stops_just_short_of_the_limit(target, limit):
     assert LIMITS[int(np.argmin(near))] == limit
     assert near.min() < 1e-3
     rates = np.diff(commands, axis=0) / PERIOD
-    assert np.abs(rates).max() <= PathLimits().slider_speed * 1.05
+    # It is no motion that leads there: it is approached slowly.
+    assert np.abs(rates).max() <= SingularityGuardParams().approach * 1.05
     # It slows down before it stops, and does not run against the limit.
     changes = np.abs(np.diff(rates, axis=0)) / PERIOD
     assert changes.max() < 2.5 * PathLimits().slider_acceleration
@@ -93,14 +96,14 @@ def test_whatever_is_asked_it_stops_just_short_of_the_limit(target, limit):
 
 def test_the_plate_comes_back_from_a_limit_and_catches_up():
     target = np.array((0.5, 0.28, 1.2))
-    states, _ = led(lambda t: target if t < 0.8 else np.array(START), duration=2.0)
-    assert states[390, 9] < 1e-3
+    states, _ = led(lambda t: target if t < 2.0 else np.array(START), duration=6.0)
+    assert states[990, 9] < 1e-3
     np.testing.assert_allclose(states[-1, :3], START, atol=1e-4)
     assert states[-1, 9] == 1.0
 
 
 def test_it_begins_where_the_sliders_are_measured():
-    states, commands = led(lambda t: np.array((0.6, 0.3, 0.2)), duration=0.5)
+    states, commands = led(lambda t: np.array((0.6, 0.3, 0.2)), duration=2.0)
     np.testing.assert_allclose(commands[0], inverse_kinematics(PEDAL, START), atol=1e-12)
     assert states[0, 9] == 0.0
     np.testing.assert_allclose(states[-1, :3], (0.6, 0.3, 0.2), atol=5e-3)
@@ -128,3 +131,17 @@ def test_it_holds_the_plate_where_what_is_asked_is_no_number():
     bad = np.full(3, np.nan)
     states, _ = led(lambda t: np.array(START) if t < 0.1 else bad, duration=0.2)
     np.testing.assert_allclose(states[-1, :3], START, atol=1e-12)
+
+
+def test_after_a_stop_the_plate_approaches_its_walk_slowly():
+    """It has gone on meanwhile: nobody beside the bench is to be surprised."""
+
+    def moves(time):
+        return np.array((0.5 + 0.08 * np.sin(2.0 * np.pi * time), 0.28, 0.0))
+
+    states, commands = led(moves, duration=2.5, stop=lambda time: 0.6 < time < 0.75)
+    speed = np.abs(np.diff(commands, axis=0)).max(axis=1) / PERIOD
+    own = 0.08 * 2.0 * np.pi
+    assert speed.max() <= (own + SingularityGuardParams().approach) * 1.01
+    asked = np.array([moves(PERIOD * (k + 1)) for k in range(len(states))])
+    np.testing.assert_allclose(states[-1, :3], asked[-1], atol=1e-3)
