@@ -66,6 +66,7 @@ def add_bench(
     configuration: str,
     stiffness: PdControllerGains = STIFFNESS,
     add_more: Callable[[], None] = lambda: None,
+    max_force: float | None = None,
 ) -> BenchModel:
     """Adds a bench to a plant that is part of a diagram, and finalizes it.
 
@@ -74,6 +75,7 @@ def add_bench(
         configuration: "pedal" or "treadmill".
         stiffness: stiffness and damping of each slider's drive [N/m, N s/m].
         add_more: adds what else is to be in the plant.
+        max_force: largest force of each slider's drive [N]; None: that of the file.
 
     Raises:
         ValueError: another configuration.
@@ -84,7 +86,14 @@ def add_bench(
     geometry = CONFIGURATIONS[configuration]
     parser = Parser(plant)
     configure_parser(parser)
-    (rail,) = parser.AddModels(url=f"{_FOLDER}/rail.urdf")
+
+    def limit(robot: ElementTree.Element) -> None:
+        for name in SLIDERS if max_force is not None else ():
+            found = robot.find(f"joint[@name='{name}']/limit")
+            assert found is not None
+            found.set("effort", repr(max_force))
+
+    rail = add_adapted_model(parser, f"{_FOLDER}/rail.urdf", "rail", limit)
     (carried,) = parser.AddModels(url=f"{_FOLDER}/{configuration}.urdf")
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("rail", rail))
     link = plant.GetFrameByName("link_1", rail)

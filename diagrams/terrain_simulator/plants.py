@@ -131,7 +131,7 @@ def add_bodies(
     def add_more() -> None:
         held.append(add_leg_on_slide(plant, leg, scenario.hip.mass_kg, scene_graph))
 
-    model = add_bench(plant, scenario.configuration, gains, add_more)
+    model = add_bench(plant, scenario.configuration, gains, add_more, scenario.sliders.max_force_N)
     (on_slide,) = held
     stand = _Stand(model, on_slide, leg)
     stand.set_default(walk)

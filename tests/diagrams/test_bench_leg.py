@@ -117,7 +117,7 @@ def torque(leg, q, v, foot, push=0.0, stance=1.0, params=ImpedanceParams()):
 
 @legs
 def test_torques_in_stance_press_as_much_as_is_asked(leg):
-    """Where the foot is in its place, by virtual work; the leg's weight is taken off."""
+    """Torques of a foot in its place, by virtual work; the leg's weight is taken off."""
     model = make_leg_model(leg)
     place = np.array((0.03, -0.57))
     q, rest = model.reach(place), np.zeros(model.joints)

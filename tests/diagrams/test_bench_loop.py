@@ -140,6 +140,12 @@ def test_the_force_of_the_drive_is_limited_to_what_it_can_give():
     assert np.abs(run(weak, duration=0.4)["hip.force_command"]).max() <= 50.0
 
 
+def test_the_sliders_push_no_harder_than_they_can():
+    assert np.abs(run(STEP, duration=0.2)["truth.slider_force"]).max() > 60.0
+    weak = replace(STEP, sliders=replace(STEP.sliders, max_force_N=50.0))
+    assert np.abs(run(weak, duration=0.2)["truth.slider_force"]).max() <= 50.0 + 1e-9
+
+
 def test_settings_reach_what_they_are_about():
     """Each changes the numbers of the run that it should change."""
     usual = run(replace(STEP, cells=CellsScenario(noise_N=5.0)), duration=0.3)
