@@ -2,15 +2,14 @@
 
 import math
 
-import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.primitives import Adder, Demultiplexer, Gain
 
 from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
-from parapod.systems.core.ports import read_array
 
 
-class PositionLoop(LeafSystem):
+def make_position_loop(time_constant: float, channels: int, arrival: float) -> Diagram:
     """Velocities with which drives arrive at a position some time from now.
 
     | port | size | unit | meaning |
@@ -23,36 +22,30 @@ class PositionLoop(LeafSystem):
     T u - tau (1 - exp(-T / tau)) (u - v): that is made what is missing. Sampled as often, the
     drives are there when the next command comes; sampled more often, they come after it.
 
-    No state.
-
-    Bad input: a command that is not finite asks for no velocity.
+    Of a command that is not finite the velocity is not either, which `ServoGoal` takes as zero.
 
     Args:
         time_constant: tau of the drives' velocity loop [s].
         channels: number of drives n.
         arrival: T [s].
     """
-
-    def __init__(self, time_constant: float = 0.002, channels: int = 1, arrival: float = 0.01):
-        super().__init__()
-        self.set_name("position_loop")
-        self._channels = channels
-        self._late = -time_constant * math.expm1(-arrival / time_constant)
-        self._reach = arrival - self._late
-        self._command = self.DeclareVectorInputPort("position_command", channels)
-        self._state = self.DeclareVectorInputPort("state", 2 * channels)
-        self.DeclareVectorOutputPort(
-            "velocity_command",
-            channels,
-            self._calc_velocity,
-            {self._command.ticket(), self._state.ticket()},
-        )
-
-    def _calc_velocity(self, context: Context, output: BasicVector) -> None:
-        command, state = read_array(self._command, context), read_array(self._state, context)
-        position, velocity = state[: self._channels], state[self._channels :]
-        wanted = (command - position - self._late * velocity) / self._reach
-        output.SetFromVector(np.where(np.isfinite(wanted), wanted, 0.0))
+    late = -time_constant * math.expm1(-arrival / time_constant)
+    per_way = 1.0 / (arrival - late)
+    builder = DiagramBuilder()
+    parts = builder.AddSystem(Demultiplexer(2 * channels, channels))
+    missing = builder.AddSystem(Adder(3, channels))
+    # Not matrices, with which a number that is none would come to all drives.
+    gains = [builder.AddSystem(Gain(k * per_way, channels)) for k in (1.0, -1.0, -late)]
+    for i, gain in enumerate(gains):
+        builder.Connect(gain.get_output_port(), missing.get_input_port(i))
+    builder.ExportInput(gains[0].get_input_port(), "position_command")
+    builder.ExportInput(parts.get_input_port(), "state")
+    for i in range(2):
+        builder.Connect(parts.get_output_port(i), gains[1 + i].get_input_port())
+    builder.ExportOutput(missing.get_output_port(), "velocity_command")
+    loop: Diagram = builder.Build()
+    loop.set_name("position_loop")
+    return loop
 
 
 class PositionServo(Diagram):
@@ -97,7 +90,7 @@ class PositionServo(Diagram):
         self.params = params
         builder = DiagramBuilder()
         self._servo = VelocityServo(params, channels, period, time_step, position)
-        loop = PositionLoop(params.time_constant, channels, arrival or period)
+        loop = make_position_loop(params.time_constant, channels, arrival or period)
         for system in (self._servo, loop):
             builder.AddSystem(system)
         builder.Connect(self._servo.GetOutputPort("state"), loop.GetInputPort("state"))

@@ -22,7 +22,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from parapod.systems.core.ports import is_on, read_array
+from parapod.systems.core.ports import elements, is_on, read
 from parapod.systems.sensors.encoder import Encoder
 
 
@@ -92,8 +92,9 @@ class ServoGoal(LeafSystem):
         self.set_name("servo_goal")
         self._params, self._channels, self._period = params, channels, period
         self._share = -math.expm1(-period / params.time_constant)
-        self._low = np.broadcast_to(np.asarray(params.stop_min, dtype=float), channels)
-        self._high = np.broadcast_to(np.asarray(params.stop_max, dtype=float), channels)
+        self._low = _each(params.stop_min, channels).tolist()
+        self._high = _each(params.stop_max, channels).tolist()
+        self._change = params.acceleration * period / self._share
         self._command = self.DeclareVectorInputPort("velocity_command", channels)
         self._brake = self.DeclareVectorInputPort("brake", 1)
         self._state = self.DeclareVectorInputPort("state", 2 * channels)
@@ -117,30 +118,39 @@ class ServoGoal(LeafSystem):
             vector.SetFromVector(_each(value, self._channels))
 
     def _calc_goal(self, context: Context, output: BasicVector) -> None:
-        braked = is_on(self._brake, context)
-        state = read_array(self._state, context)
-        position, velocity = state[: self._channels], state[self._channels :]
-        if braked and not velocity.any():
+        braked, n = is_on(self._brake, context), self._channels
+        state = read(self._state, context)
+        position, velocity = state[:n], state[n:]
+        if braked and not any(velocity):
             output.SetZero()
             return
-        resting = position + self._params.time_constant * velocity
-        low, high = (self._low - resting) / self._period, (self._high - resting) / self._period
-        if math.isfinite(self._params.acceleration):
-            change = self._params.acceleration * self._period / self._share
-            low, high = np.maximum(low, velocity - change), np.minimum(high, velocity + change)
-        # A drive that is beyond an end, or too fast for it, does what it can.
-        output.SetFromVector(np.minimum(np.maximum(self._wanted(context, braked), low), high))
+        wanted = self._wanted(context, braked)
+        of_each = zip(wanted, position, velocity, self._low, self._high, strict=True)
+        output.SetFromVector(np.array([self._goal(*each) for each in of_each]))
 
-    def _wanted(self, context: Context, braked: bool) -> NDArray[np.float64]:
+    def _goal(
+        self, wanted: float, position: float, velocity: float, low: float, high: float
+    ) -> float:
+        """Goal of one drive between its stops."""
+        resting = position + self._params.time_constant * velocity
+        if not math.isfinite(resting):
+            return math.nan
+        low = max((low - resting) / self._period, velocity - self._change)
+        high = min((high - resting) / self._period, velocity + self._change)
+        # A drive that is beyond an end, or too fast for it, does what it can.
+        return min(max(wanted, low), high)
+
+    def _wanted(self, context: Context, braked: bool) -> list[float]:
         if braked:
-            return np.zeros(self._channels)
-        command, fastest = read_array(self._command, context), self._params.max_velocity
-        if not np.isfinite(command).all():
-            command = np.where(np.isfinite(command), command, 0.0)
-        wanted = np.minimum(np.maximum(command, -fastest), fastest)
+            return [0.0] * self._channels
+        fastest = self._params.max_velocity
+        command = read(self._command, context)
         gain: Any = context.get_numeric_parameter(self._gain)
         offset: Any = context.get_numeric_parameter(self._offset)
-        return gain.value() * wanted + offset.value()
+        return [
+            k * (min(max(u, -fastest), fastest) if math.isfinite(u) else 0.0) + b
+            for u, k, b in zip(command, elements(gain), elements(offset), strict=True)
+        ]
 
 
 class VelocityServo(Diagram):

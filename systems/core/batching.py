@@ -8,6 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from parapod.systems.core.elementwise import Elementwise
 
+# Types of numbers that are taken as they are.
+_TAKEN = (np.dtype(np.float64), np.dtype(object))
+
 
 def of_width(value: ArrayLike, width: int, name: str) -> NDArray[Any]:
     """The value as an array (..., width).
@@ -19,6 +22,11 @@ def of_width(value: ArrayLike, width: int, name: str) -> NDArray[Any]:
     if array.ndim == 0 or array.shape[-1] != width:
         raise ValueError(f"{name} must have shape (..., {width}), not {array.shape}")
     return array
+
+
+def _numbers(value: ArrayLike, width: int, name: str) -> NDArray[Any]:
+    array = of_width(value, width, name)
+    return array if array.dtype in _TAKEN else array.astype(np.float64)
 
 
 def columns(
@@ -35,12 +43,12 @@ def columns(
     Raises:
         ValueError: wrong shapes.
     """
-    arrays = [of_width(*block) for block in blocks]
+    arrays = [_numbers(*block) for block in blocks]
+    if all(array.ndim == 1 for array in arrays):
+        return [array.tolist() for array in arrays], ()
     shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
     taken: list[list[Elementwise]] = []
     for array in arrays:
-        if array.dtype != object and array.dtype != np.float64:
-            array = array.astype(np.float64)
         if array.ndim == 1:
             taken.append(array.tolist())
         else:

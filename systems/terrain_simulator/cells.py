@@ -4,14 +4,18 @@ Three cells bear the tread on the plate's carrier: two across it, towards the re
 end, and one along it. The paper has no force sensing; places and masses are assumptions.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from parapod.systems.core.batching import columns, stack
+from parapod.systems.core.elementwise import sin_cos
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.support import GRAVITY
@@ -41,39 +45,38 @@ CELLS = {
 }
 
 
-def cell_forces(cells: CellsGeometry, load: Array) -> Array:
+def cell_forces(cells: CellsGeometry, load: ArrayLike) -> Array:
     """Forces (..., 3) of the cells, rear, front and along [N], under a load on the tread.
 
     Args:
         cells: their places.
         load: (..., 3) F_x', F_z', M_y at the plate's middle, in the plate's frame [N, N, N m].
     """
-    f_x, f_z, m_y = np.moveaxis(np.asarray(load), -1, 0)
+    ((f_x, f_z, m_y),), shape = columns((load, 3, "load"))
     turned = m_y / cells.apart
-    return np.stack((0.5 * (-f_z - turned), 0.5 * (-f_z + turned), f_x), axis=-1)
+    return stack((0.5 * (-f_z - turned), 0.5 * (-f_z + turned), f_x), shape)
 
 
-def load_of_cells(cells: CellsGeometry, force: Array) -> Array:
+def load_of_cells(cells: CellsGeometry, force: ArrayLike) -> Array:
     """Load (..., 3) F_x', F_z', M_y on the tread, of which the cells show forces (..., 3)."""
-    rear, front, along = np.moveaxis(np.asarray(force), -1, 0)
-    return np.stack((along, -(rear + front), cells.apart * (front - rear)), axis=-1)
+    ((rear, front, along),), shape = columns((force, 3, "force"))
+    return stack((along, -(rear + front), cells.apart * (front - rear)), shape)
 
 
-def inertial_load(cells: CellsGeometry, motion: Array) -> Array:
+def inertial_load(cells: CellsGeometry, motion: ArrayLike) -> Array:
     """Load (..., 3) on the cells by the tread's own weight and motion, in the plate's frame.
 
     Args:
         cells: the tread.
         motion: (..., 9) pose of the plate, its rates and the rates of these [m, rad, s].
     """
-    phi, rate = motion[..., 2], motion[..., 5]
-    ddx, ddz, ddphi = np.moveaxis(motion[..., 6:], -1, 0)
-    s, c = np.sin(phi), np.cos(phi)
+    ((_, _, phi, _, _, rate, ddx, ddz, ddphi),), shape = columns((motion, 9, "motion"))
+    s, c = sin_cos(phi)
     # Acceleration of the centre of mass, which is below O', less gravity.
-    a_x = ddx - cells.below * (c * ddphi - s * rate**2)
-    a_z = ddz + cells.below * (s * ddphi + c * rate**2) + GRAVITY
+    a_x = ddx - cells.below * (c * ddphi - s * rate * rate)
+    a_z = ddz + cells.below * (s * ddphi + c * rate * rate) + GRAVITY
     f_x, f_z = -cells.mass * (c * a_x - s * a_z), -cells.mass * (s * a_x + c * a_z)
-    return np.stack((f_x, f_z, -cells.inertia * ddphi - cells.below * f_x), axis=-1)
+    return stack((f_x, f_z, -cells.inertia * ddphi - cells.below * f_x), shape)
 
 
 class ForceCells(LeafSystem):
@@ -118,10 +121,11 @@ class ForceCells(LeafSystem):
     def _calc_force(self, context: Context, output: BasicVector) -> None:
         forces: Any = self._forces.Eval(context)
         bearing = forces[self._joint]
-        (f_x, _, f_z), m_y = bearing.translational(), bearing.rotational()[1]
+        f_x, _, f_z = bearing.translational().tolist()
+        m_y = float(bearing.rotational()[1])
         x, z = self._p_PO
         # What bears the tread is opposite to what loads it; its moment is told about P.
-        load = -np.array((f_x, f_z, m_y - (z * f_x - x * f_z)))
+        load = (-f_x, -f_z, z * f_x - x * f_z - m_y)
         shown = cell_forces(self._cells, load)
         if self._deviation and self._noise.HasValue(context):
             shown = shown + self._deviation * read_array(self._noise, context)
@@ -159,8 +163,8 @@ class FootForce(LeafSystem):
     def _calc_load(self, context: Context, output: BasicVector) -> None:
         motion = read_array(self._motion, context)
         load = load_of_cells(self._cells, read_array(self._force, context))
-        load = load - inertial_load(self._cells, motion)
-        s, c = np.sin(motion[2]), np.cos(motion[2])
-        f_x, f_z, m_y = load
-        turned = np.array((c * f_x + s * f_z, c * f_z - s * f_x, m_y))
-        output.SetFromVector(turned if np.isfinite(turned).all() else np.zeros(3))
+        f_x, f_z, m_y = (load - inertial_load(self._cells, motion)).tolist()
+        s, c = sin_cos(float(motion[2]))
+        turned = (c * f_x + s * f_z, c * f_z - s * f_x, m_y)
+        finite = all(map(math.isfinite, turned))
+        output.SetFromVector(np.array(turned if finite else (0.0, 0.0, 0.0)))

@@ -1,21 +1,22 @@
 """Guard between what is asked of the plate and the sliders: it slows down and stops short."""
 
+import math
 import weakref
 from dataclasses import dataclass, field
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from parapod.systems.core.ports import declare_cached, is_on, read_array
+from parapod.systems.core.ports import declare_cached, is_on, read, read_array
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS, BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import (
     LIMITS,
     UnreachablePlate,
     forward_kinematics,
-    margins,
-    slider_places,
+    places_and_margins,
     slider_rates,
 )
 from parapod.systems.terrain_simulator.path import PathLimits
@@ -25,6 +26,9 @@ _TRIES = 6  # halvings of a step that comes too close to a limit, before none is
 _ROUNDING = 1e-6  # share of a limit that is met exactly
 _LEFT = 0.2  # share of a margin that a step leaves at least
 _SHORTER = 0.98  # of a step that is shortened
+# Parts of the state.
+_POSE, _ASKED, _RATES, _SHARE, _BEGUN = slice(0, 3), slice(3, 6), slice(6, 9), 9, 10
+_PLACES, _MARGINS, _SIZE = slice(11, 14), slice(14, 27), 27
 _SAME = 1e-5  # where it begins, a pose so near is the one that is asked for [m, rad]
 
 
@@ -69,7 +73,8 @@ class SingularityGuard(LeafSystem):
     It begins where the sliders are measured. While they are braked, it stays where they are.
 
     State: discrete; pose at the next instant (3), pose asked for then (3), speeds of the sliders
-    towards it (3), share (1), whether it has begun (1); updated every period.
+    towards it (3), share (1), whether it has begun (1), places of the sliders (3) and margins (13)
+    of the pose; updated every period.
 
     Bad input: a pose that is not finite, or that no sliders lead to, holds the plate where it is;
     sliders that no pose belongs to brake.
@@ -92,135 +97,164 @@ class SingularityGuard(LeafSystem):
         self._asked = self.DeclareVectorInputPort("pose_asked", 3)
         self._measured = self.DeclareVectorInputPort("position_measured", 3)
         self._stop = self.DeclareVectorInputPort("emergency_stop", 1)
-        held = self.DeclareDiscreteState(np.concatenate((np.zeros(9), (1.0, 0.0))))
+        rest = np.zeros(_SIZE)
+        rest[_SHARE] = 1.0
+        held = self.DeclareDiscreteState(rest)
         here = {port.ticket() for port in (self._asked, self._measured, self._stop)}
         here |= {self.discrete_state_ticket(held)}
         self._next = declare_cached(self, "next", self._calc_next, here)
         after = {self._next.ticket}
         self.DeclareVectorOutputPort("position_command", 3, self._calc_command, after)
-        for name, first, last in (("pose_desired", 0, 3), ("share", 9, 10)):
-            calc = partial(_copy_next, weakref.ref(self), slice(first, last))
-            self.DeclareVectorOutputPort(name, last - first, calc, after)
+        for name, part in (("pose_desired", _POSE), ("share", slice(_SHARE, _BEGUN))):
+            calc = partial(_copy_next, weakref.ref(self), part)
+            self.DeclareVectorOutputPort(name, part.stop - part.start, calc, after)
         self.DeclareVectorOutputPort("brake", 1, self._calc_brake, after)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def next_state(self, context: Context) -> Array:
-        """State a period later (11), not to be changed."""
+        """State a period later (27), not to be changed."""
         state: Array = self._next.of(self, context)
         return state
 
     def _calc_command(self, context: Context, output: BasicVector) -> None:
         state = self.next_state(context)
-        command = slider_places(self._geometry, state[:3])
-        known = state[-1] > 0.5 and bool(np.isfinite(command).all())
-        if not known:
+        command = state[_PLACES]
+        if state[_BEGUN] < 0.5:
             measured = read_array(self._measured, context)
             command = np.where(np.isfinite(measured), measured, 0.0)
         output.SetFromVector(command)
 
     def _calc_brake(self, context: Context, output: BasicVector) -> None:
-        braked = is_on(self._stop, context) or self.next_state(context)[-1] < 0.5
+        braked = is_on(self._stop, context) or self.next_state(context)[_BEGUN] < 0.5
         output[0] = float(braked)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         state.set_value(0, self.next_state(context))
 
     def _calc_next(self, context: Context) -> Array:
-        """Pose (3), pose asked for (3), speeds of the sliders (3), share, whether it has begun."""
-        now = context.get_discrete_state(0).value().copy()
-        asked = read_array(self._asked, context)
-        if now[-1] < 0.5 or is_on(self._stop, context):
+        now = context.get_discrete_state(0).value()
+        asked = read(self._asked, context)
+        if now[_BEGUN] < 0.5 or is_on(self._stop, context):
             return self._begin(read_array(self._measured, context), asked)
-        if not np.isfinite(asked).all():
-            asked = now[3:6]
-        pose, before, rates = now[:3], now[3:6], now[6:9]
-        wanted = self._motion(pose, before, asked)
-        share = self._admissible(pose, wanted, rates)
-        if share == 0.0:
-            return np.concatenate((pose, asked, np.zeros(3), (0.0, 1.0)))
-        # To the last bit where it is asked, lest errors add up.
-        on_way = (asked - pose) / self._period
-        arrives = share == 1.0 and np.array_equal(wanted, on_way)
-        moved = asked if arrives else pose + share * self._period * wanted
-        going = slider_rates(self._geometry, pose, share * wanted)
-        return np.concatenate((moved, asked, going, (share, 1.0)))
+        pose, before, rates = now[_POSE].tolist(), now[_ASKED].tolist(), now[_RATES].tolist()
+        if not all(map(math.isfinite, asked)):
+            asked = before
+        wanted, going = self._motion(pose, before, asked)
+        place = _Place(pose, now[_PLACES], now[_MARGINS])
+        share, moved = self._admissible(place, asked, wanted, going, rates)
+        going = [share * rate for rate in going]
+        return np.array((*moved.pose, *asked, *going, share, 1.0, *moved.places, *moved.margins))
 
-    def _begin(self, measured: Array, asked: Array) -> Array:
+    def _begin(self, measured: Array, asked: list[float]) -> Array:
         """State at the pose where the sliders are, at rest."""
         try:
             pose = forward_kinematics(self._geometry, measured)
         except UnreachablePlate:
-            return np.concatenate((np.zeros(9), (0.0, 0.0)))
+            return np.zeros(_SIZE)
         near = np.abs(asked - pose) <= _SAME
-        pose = asked if near.all() else pose
-        return np.concatenate((pose, pose, np.zeros(3), (0.0, 1.0)))
-
-    def _motion(self, pose: Array, before: Array, asked: Array) -> Array:
-        """Speed of the plate that is wanted: that of what is asked, and what it is behind."""
-        params = self._params
-        along = (asked - before) / self._period
-        fastest = np.abs(slider_rates(self._geometry, pose, along)).max()
-        if not fastest <= params.limits.slider_speed * (1.0 + _ROUNDING):
-            along = np.zeros(3)  # a jump is no motion
-        elif np.array_equal(before, pose):
-            return along
-        behind = (before - pose) / params.catching_up
-        fastest = float(np.abs(slider_rates(self._geometry, pose, behind)).max())
-        if not np.isfinite(fastest):
-            return along
-        return along + behind * min(1.0, params.approach / max(fastest, 1e-12))
-
-    def _admissible(self, pose: Array, wanted: Array, before: Array) -> float:
-        """Share of a speed that the limits allow."""
-        if not wanted.any():
-            return 1.0
-        kept, period = self._params.limits, self._period
-        rates = slider_rates(self._geometry, pose, wanted)
-        if not np.isfinite(rates).all():
-            return 0.0
-        fastest = float(np.abs(rates).max())
-        share = min(1.0, kept.slider_speed * (1.0 + _ROUNDING) / max(fastest, 1e-12))
-        share = _accelerated(share, rates, before, kept.slider_acceleration * period)
-        here = self._margins(pose)
-        least = np.where(
-            here > 0.0,
-            np.maximum(
-                here - period * np.sqrt(2.0 * self._params.braking * np.maximum(here, 0.0)),
-                _LEFT * here,
-            ),
-            here,
+        place = self._place(asked if near.all() else pose.tolist())
+        if not np.isfinite(place.places).all():
+            return np.zeros(_SIZE)
+        return np.array(
+            (*place.pose, *place.pose, *np.zeros(3), 0.0, 1.0, *place.places, *place.margins)
         )
+
+    def _motion(
+        self, pose: list[float], before: list[float], asked: list[float]
+    ) -> tuple[list[float], list[float]]:
+        """Speed of the plate that is wanted, and the sliders': as asked, and what it is behind."""
+        params, period = self._params, self._period
+        along = [(after - now) / period for after, now in zip(asked, before, strict=True)]
+        going = slider_rates(self._geometry, pose, along).tolist()
+        fastest = params.limits.slider_speed * (1.0 + _ROUNDING)
+        if not all(abs(rate) <= fastest for rate in going):
+            along, going = [0.0] * 3, [0.0] * 3  # a jump is no motion
+        elif before == pose:
+            return along, going
+        behind = [
+            (there - here) / params.catching_up for there, here in zip(before, pose, strict=True)
+        ]
+        coming = slider_rates(self._geometry, pose, behind).tolist()
+        if not all(map(math.isfinite, coming)):
+            return along, going
+        share = min(1.0, params.approach / max(*map(abs, coming), 1e-12))
+        return _added(along, share, behind), _added(going, share, coming)
+
+    def _admissible(
+        self,
+        here: "_Place",
+        asked: list[float],
+        wanted: list[float],
+        rates: list[float],
+        before: list[float],
+    ) -> tuple[float, "_Place"]:
+        """Share of a speed that the limits allow, and where the plate comes with it."""
+        kept, period = self._params.limits, self._period
+        if not all(map(math.isfinite, rates)):
+            return 0.0, here
+        share = min(1.0, kept.slider_speed * (1.0 + _ROUNDING) / max(*map(abs, rates), 1e-12))
+        share = _accelerated(share, rates, before, kept.slider_acceleration * period)
+        least = [self._least(margin) for margin in here.margins.tolist()]
+        # To the last bit where it is asked, lest errors add up.
+        on_way = wanted == [(to - at) / period for to, at in zip(asked, here.pose, strict=True)]
         for _ in range(_TRIES):
-            there = self._margins(pose + share * period * wanted)
-            short = ~(there >= least - _ROUNDING * np.abs(least))
-            if not short.any():
-                return share
-            lost, allowed = (here - there)[short], (here - least)[short]
-            with np.errstate(invalid="ignore", divide="ignore"):
-                parts = np.where(np.isfinite(lost), allowed / lost, 0.5)
-            share *= float(min(max(parts.min() * _SHORTER, 0.0), _SHORTER))
-        return 0.0
+            arrives = on_way and share == 1.0
+            moved = self._place(asked if arrives else _added(here.pose, share * period, wanted))
+            short = [
+                k
+                for k, (left, most) in enumerate(zip(moved.margins.tolist(), least, strict=True))
+                if not left >= most - _ROUNDING * abs(most)
+            ]
+            if not short:
+                return share, moved
+            parts = [_part(here.margins[k], moved.margins[k], least[k]) for k in short]
+            share *= min(max(min(parts) * _SHORTER, 0.0), _SHORTER)
+        return 0.0, here
 
-    def _margins(self, pose: Array) -> Array:
-        left = margins(self._geometry, pose)
+    def _least(self, margin: float) -> float:
+        """Margin that a step from one must leave."""
+        if not 0.0 < margin < math.inf:
+            return -math.inf if margin > 0.0 else margin
+        falling = self._period * math.sqrt(2.0 * self._params.braking * margin)
+        return max(margin - falling, _LEFT * margin)
+
+    def _place(self, pose: list[float]) -> "_Place":
+        places, left = places_and_margins(self._geometry, pose)
         left[_LINE] -= self._params.limits.sin_mu
-        return left
+        return _Place(pose, places, left)
 
 
-def _accelerated(share: float, rates: Array, before: Array, change: float) -> float:
+class _Place(NamedTuple):
+    """A pose (3) of the plate, its sliders' places (3), and what is left to the limits (13)."""
+
+    pose: list[float]
+    places: Array
+    margins: Array
+
+
+def _added(numbers: list[float], share: float, more: list[float]) -> list[float]:
+    return [one + share * other for one, other in zip(numbers, more, strict=True)]
+
+
+def _part(here: float, there: float, least: float) -> float:
+    """Share of a step after which a margin is what it must be at least."""
+    lost, allowed = here - there, here - least
+    return allowed / lost if math.isfinite(lost) and lost else 0.5
+
+
+def _accelerated(share: float, rates: list[float], before: list[float], change: float) -> float:
     """Share, as near to the one that is wanted as accelerations allow."""
-    moving = np.abs(rates) > 1e-9
-    if not moving.any():
+    least, most = -math.inf, math.inf
+    for rate, was in zip(rates, before, strict=True):
+        if abs(rate) > 1e-9:
+            ends = (was - change) / rate, (was + change) / rate
+            least, most = max(least, min(ends)), min(most, max(ends))
+    if math.isinf(least):  # none moves
         return share
-    low, high = (
-        (before[moving] - change) / rates[moving],
-        (before[moving] + change) / rates[moving],
-    )
-    least, most = np.minimum(low, high).max(), np.maximum(low, high).min()
     if least > most:  # no share keeps them all: the least that is asked of the worst
         least = most = 0.5 * (least + most)
     slack = _ROUNDING * max(abs(most), 1.0)
-    return float(min(max(share, max(least, 0.0)), max(most + slack, 0.0), 1.0))
+    return min(max(share, max(least, 0.0)), max(most + slack, 0.0), 1.0)
 
 
 def _copy_next(

@@ -1,11 +1,12 @@
 """Controller of a leg: its foot is a spring towards where it is to be, and pushes in stance."""
 
+import math
 from dataclasses import dataclass, fields
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from parapod.systems.core.ports import is_on, read, read_array
+from parapod.systems.core.ports import is_on, read
 from parapod.systems.terrain_simulator.leg import LegModel
 
 
@@ -70,15 +71,11 @@ class FootImpedance(LeafSystem):
         super().__init__()
         self.set_name("foot_impedance")
         self._model, self._work = model, model.make_context()
-        self._gains = tuple(
-            (np.array(stiffness), np.array(damping))
-            for stiffness, damping in (
-                (params.swing_stiffness, params.swing_damping),
-                (params.stance_stiffness, params.stance_damping),
-            )
-        )
-        self._largest = np.array(model.max_torque)
-        self._posture, self._rest = params.posture, np.array(model.posture)
+        swing = params.swing_stiffness, params.swing_damping
+        stance = params.stance_stiffness, params.stance_damping
+        # Of x and z, in swing and in stance.
+        self._gains = tuple(tuple(zip(*pair, strict=True)) for pair in (swing, stance))
+        self._largest, self._posture, self._rest = model.max_torque, params.posture, model.posture
         self._position = self.DeclareVectorInputPort("position", model.joints)
         self._velocity = self.DeclareVectorInputPort("velocity", model.joints)
         self._foot = self.DeclareVectorInputPort("foot_desired", 6)
@@ -89,20 +86,36 @@ class FootImpedance(LeafSystem):
         )
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        q, v = read_array(self._position, context), read_array(self._velocity, context)
-        wanted, (push,) = read_array(self._foot, context), read(self._force, context)
-        if not np.isfinite((*q, *v, *wanted, push)).all():
+        q, v = read(self._position, context), read(self._velocity, context)
+        wanted, (push,) = read(self._foot, context), read(self._force, context)
+        if not all(map(math.isfinite, (*q, *v, *wanted, push))):
             output.SetZero()
             return
         now = self._model.foot_state(self._work, q, v)
-        stiffness, damping = self._gains[is_on(self._stance, context)]
-        force = now.inertia @ (wanted[4:] - now.bias)
-        force += stiffness * (wanted[:2] - now.place) + damping * (wanted[2:4] - now.velocity)
-        force[1] -= push
-        torque = now.jacobian.T @ force + now.holding
-        if self._model.joints > len(force):
+        gains = self._gains[is_on(self._stance, context)]
+        forces = []
+        for i, ((stiffness, damping), row) in enumerate(zip(gains, now.inertia, strict=True)):
+            missing, slower = wanted[i] - now.place[i], wanted[2 + i] - now.velocity[i]
+            inertial = row[0] * (wanted[4] - now.bias[0]) + row[1] * (wanted[5] - now.bias[1])
+            forces.append(inertial + stiffness * missing + damping * slower)
+        f_x, f_z = forces[0], forces[1] - push
+        if self._model.joints > len(forces):
             spring, damper = self._posture
-            rest = spring * (self._rest - q) - damper * v
-            torque += rest - now.jacobian.T @ (now.inverse.T @ rest)
-        torque = np.minimum(np.maximum(torque, -self._largest), self._largest)
-        output.SetFromVector(np.where(np.isfinite(torque), torque, 0.0))
+            rest = [
+                spring * (at - is_at) - damper * goes
+                for at, is_at, goes in zip(self._rest, q, v, strict=True)
+            ]
+            # What of these torques would accelerate the foot, its own force takes away.
+            x_column, z_column = zip(*now.inverse, strict=True)
+            f_x, f_z = f_x - math.sumprod(x_column, rest), f_z - math.sumprod(z_column, rest)
+        else:
+            rest = [0.0] * len(q)
+        torques = [
+            x * f_x + z * f_z + held + led
+            for x, z, held, led in zip(*now.jacobian, now.holding, rest, strict=True)
+        ]
+        output.SetFromVector(np.array(list(map(self._within, torques, self._largest))))
+
+    @staticmethod
+    def _within(torque: float, largest: float) -> float:
+        return min(max(torque, -largest), largest) if math.isfinite(torque) else 0.0

@@ -34,9 +34,11 @@ __all__ = [
     "Singularity",
     "UnreachablePlate",
     "forward_kinematics",
+    "inverse_jacobian",
     "inverse_kinematics",
     "jacobian",
     "margins",
+    "places_and_margins",
     "singularity",
     "slider_accelerations",
     "slider_forces",
@@ -252,6 +254,25 @@ def slider_rates(
 
 
 @nan_without_warning
+def inverse_jacobian(geometry: BenchGeometry, pose: ArrayLike) -> NDArray[np.float64]:
+    """Derivative of the sliders by the pose (..., 3, 3) [-; m/rad]: a row a slider.
+
+    Infinite or NaN where A_1 and A_2 coincide or the strut stands upright.
+
+    Args:
+        geometry: the bench.
+        pose: (..., 3) x, z, phi [m, m, rad].
+    """
+    (taken,), shape = columns((pose, 3, "pose"))
+    now = _shape(geometry, taken)
+    first, third = quotient(now.height_p, now.s_1), quotient(now.height_t, now.u_3)
+    entries = []
+    for (x_C, z_C), slope in ((now.to_p, first), (now.to_p, -first), (now.to_t, third)):
+        entries += [1.0, slope, z_C - slope * x_C]
+    return stack(entries, shape).reshape(*shape, 3, 3)
+
+
+@nan_without_warning
 def slider_accelerations(
     geometry: BenchGeometry, pose: ArrayLike, twist: ArrayLike, twist_rate: ArrayLike
 ) -> NDArray[np.float64]:
@@ -278,12 +299,12 @@ def slider_accelerations(
     for (x_C, z_C), length, ahead in sliders:
         r_x, r_z = c * x_C + s * z_C, c * z_C - s * x_C
         height, up = z + r_z, dz - r_x * dphi
-        ddheight = ddz - r_x * ddphi - r_z * dphi**2
+        ddheight = ddz - r_x * ddphi - r_z * dphi * dphi
         # The link's length along the rail, sqrt(length^2 - height^2), and its rates.
         reach = sqrt(length**2 - height * height)
         rate = quotient(-height * up, reach)
         ddreach = quotient(-(up * up + height * ddheight + rate * rate), reach)
-        found.append(ddx + r_z * ddphi - r_x * dphi**2 + ahead * ddreach)
+        found.append(ddx + r_z * ddphi - r_x * dphi * dphi + ahead * ddreach)
     return stack(found, shape)
 
 
@@ -331,7 +352,6 @@ def singularity(geometry: BenchGeometry, pose: ArrayLike) -> Singularity:
     return Singularity(*np.moveaxis(found, -1, 0))
 
 
-@nan_without_warning
 def margins(geometry: BenchGeometry, pose: ArrayLike) -> NDArray[np.float64]:
     """Distances to all limits (..., 13) [m; sin mu for the line P T A_3]: negative beyond them.
 
@@ -342,9 +362,18 @@ def margins(geometry: BenchGeometry, pose: ArrayLike) -> NDArray[np.float64]:
     Returns:
         In the order of `LIMITS`; NaN where a link is too short, infinite where there is no limit.
     """
+    return places_and_margins(geometry, pose)[1]
+
+
+@nan_without_warning
+def places_and_margins(
+    geometry: BenchGeometry, pose: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """`slider_places` and `margins` of the same poses."""
     (taken,), shape = columns((pose, 3, "pose"))
     now = _shape(geometry, taken)
-    return stack(_left(geometry, _places(geometry, taken[0], now), now), shape)
+    places = _places(geometry, taken[0], now)
+    return stack(places, shape), stack(_left(geometry, places, now), shape)
 
 
 def _shape(geometry: BenchGeometry, pose: list[Elementwise]) -> _Shape:

@@ -4,8 +4,10 @@ Only its own joints are in the plant: the hip's frame is at the world's origin, 
 z up. So it serves any leg that a URDF describes, whatever the number of its joints.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import sumprod
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +22,7 @@ from parapod.systems.core.errors import ParapodError, UnreachablePosture
 _STEPS, _CLOSE = 60, 1e-10
 # Largest change of a joint in one of them [rad or m], and what damps them near singularities.
 _LARGEST, _DAMPING = 0.3, 1e-6
-_PLANE = (0, 2)  # x and z
+_ORIGIN = np.zeros(3)
 
 
 class UnreachableFoot(UnreachablePosture):
@@ -55,13 +57,13 @@ class FootState(NamedTuple):
             the leg's inertia: the dynamically consistent inverse of the Jacobian (Khatib 1987).
     """
 
-    place: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    jacobian: NDArray[np.float64]
-    inertia: NDArray[np.float64]
-    bias: NDArray[np.float64]
-    holding: NDArray[np.float64]
-    inverse: NDArray[np.float64]
+    place: Sequence[float]
+    velocity: Sequence[float]
+    jacobian: Sequence[Sequence[float]]
+    inertia: Sequence[Sequence[float]]
+    bias: Sequence[float]
+    holding: Sequence[float]
+    inverse: Sequence[Sequence[float]]
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,9 @@ class LegModel:
         context: Context = self.plant.CreateDefaultContext()
         return context
 
-    def foot_state(self, context: Context, position: ArrayLike, velocity: ArrayLike) -> FootState:
+    def foot_state(
+        self, context: Context, position: Sequence[float], velocity: Sequence[float]
+    ) -> FootState:
         """State of the foot at joint positions (n) and velocities (n).
 
         Args:
@@ -110,31 +114,35 @@ class LegModel:
             position: [rad or m].
             velocity: [rad/s or m/s].
         """
-        plant, world, order = self.plant, self.plant.world_frame(), list(self.order)
-        v = np.asarray(velocity, dtype=float)
+        plant, world, order = self.plant, self.plant.world_frame(), self.order
+        v = [float(rate) for rate in velocity]
         state = np.empty(2 * len(order))
-        state[order], state[len(order) :][order] = position, v
+        for i, k in enumerate(order):
+            state[k], state[len(order) + k] = position[i], v[i]
         plant.SetPositionsAndVelocities(context, state)
-        J = self._jacobian(context)
+        x_row, z_row = J = self._jacobian(context)
         bias = plant.CalcBiasTranslationalAcceleration(
-            context, JacobianWrtVariable.kV, self.foot, np.zeros(3), world, world
+            context, JacobianWrtVariable.kV, self.foot, _ORIGIN, world, world
         )
-        M = plant.CalcMassMatrix(context)[np.ix_(order, order)]
-        holding = plant.CalcBiasTerm(context) - plant.CalcGravityGeneralizedForces(context)
-        yielding = np.linalg.solve(M, J.T)
-        mobility = J @ yielding
+        mass = plant.CalcMassMatrix(context).tolist()
+        forces = plant.CalcBiasTerm(context) - plant.CalcGravityGeneralizedForces(context)
+        # In plain numbers from here: of so few, numpy takes five times as long inside a tick.
+        x_column, z_column = _solved([[mass[i][k] for k in order] for i in order], J)
         # A leg that is stretched shows no end of mass along itself.
-        mobility[0, 0] += _DAMPING
-        mobility[1, 1] += _DAMPING
-        inertia = np.linalg.inv(mobility)
+        a, d = sumprod(x_row, x_column) + _DAMPING, sumprod(z_row, z_column) + _DAMPING
+        b = sumprod(x_row, z_column)
+        scale = 1.0 / (a * d - b * b)
+        (a, b), (_, d) = inertia = ((scale * d, -scale * b), (-scale * b, scale * a))
         return FootState(
-            self._place(context),
-            J @ v,
-            J,
-            inertia,
-            np.ravel(bias)[list(_PLANE)],
-            holding[order],
-            yielding @ inertia,
+            place=self._place(context).tolist(),
+            velocity=(sumprod(x_row, v), sumprod(z_row, v)),
+            jacobian=J,
+            inertia=inertia,
+            bias=bias[::2, 0].tolist(),
+            holding=[forces.item(k) for k in order],
+            inverse=[
+                (a * x + b * z, b * x + d * z) for x, z in zip(x_column, z_column, strict=True)
+            ],
         )
 
     def place(self, context: Context, position: ArrayLike) -> NDArray[np.float64]:
@@ -159,7 +167,7 @@ class LegModel:
         for _ in range(_STEPS):
             if np.abs(missing).max() < _CLOSE:
                 break
-            J = self._jacobian(context)
+            J = np.array(self._jacobian(context))
             step = J.T @ np.linalg.solve(J @ J.T + _DAMPING * np.eye(2), missing)
             step *= min(1.0, _LARGEST / max(float(np.abs(step).max()), 1e-12))
             q = np.clip(q + step, low, high)
@@ -185,13 +193,26 @@ class LegModel:
         self.plant.SetPositions(context, positions)
 
     def _place(self, context: Context) -> NDArray[np.float64]:
-        world = self.plant.world_frame()
-        point = self.plant.CalcPointsPositions(context, self.foot, np.zeros(3), world)
-        return np.ravel(point)[list(_PLANE)]
+        return np.asarray(self.foot.CalcPoseInWorld(context).translation()[::2])
 
-    def _jacobian(self, context: Context) -> NDArray[np.float64]:
+    def _jacobian(self, context: Context) -> tuple[list[float], list[float]]:
         world = self.plant.world_frame()
         J = self.plant.CalcJacobianTranslationalVelocity(
-            context, JacobianWrtVariable.kV, self.foot, np.zeros(3), world, world
+            context, JacobianWrtVariable.kV, self.foot, _ORIGIN, world, world
         )
-        return np.asarray(J)[np.ix_(_PLANE, self.order)]
+        x_row, _, z_row = J.tolist()
+        return [x_row[k] for k in self.order], [z_row[k] for k in self.order]
+
+
+def _solved(
+    matrix: list[list[float]], columns: Sequence[Sequence[float]]
+) -> list[tuple[float, ...]]:
+    """Columns x with matrix x = column, by elimination; the matrix is positive definite."""
+    rows = [[*row, *right] for row, *right in zip(matrix, *columns, strict=True)]
+    for i in range(len(rows)):
+        pivot = [value / rows[i][i] for value in rows[i]]
+        rows = [
+            pivot if k == i else [a - other[i] * b for a, b in zip(other, pivot, strict=True)]
+            for k, other in enumerate(rows)
+        ]
+    return list(zip(*rows, strict=True))[len(matrix) :]

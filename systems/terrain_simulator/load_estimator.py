@@ -1,24 +1,28 @@
 """Load on the plate by the currents of the sliders: a check on the force cells."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from parapod.systems.core.batching import of_width
+from parapod.systems.core.batching import columns, of_width, stack
+from parapod.systems.core.elementwise import Elementwise, sin_cos
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS, BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import (
     UnreachablePlate,
     forward_kinematics,
+    inverse_jacobian,
     slider_accelerations,
     slider_places,
-    slider_rates,
 )
 from parapod.systems.terrain_simulator.support import GRAVITY
 
+_LEVEL = (0.0, 0.0, 0.0)  # change of a slider's height by the pose
 _LARGEST = 1e9  # number at an input that can be a measurement [any SI unit]
 _ROD = 1.0 / 12.0  # moment of inertia of a bar by its mass and the square of its length
 
@@ -63,30 +67,23 @@ def inertial_wrench(geometry: BenchGeometry, bodies: BenchMasses, motion: ArrayL
     """
     q = of_width(motion, 9, "motion")
     pose, twist, change = q[..., :3], q[..., 3:6], q[..., 6:]
-    wrench = np.zeros_like(pose)
-    slides = np.moveaxis(_rates_by_twist(geometry, pose), -2, 0)
-    changes = np.moveaxis(slider_accelerations(geometry, pose, twist, change), -1, 0)
-    places = np.moveaxis(slider_places(geometry, pose), -1, 0)
-    level = np.zeros_like(slides[0])
-    at_p, at_t = (_point(p, pose, twist, change) for p in (geometry.p_OP, geometry.p_OT))
+    K = inverse_jacobian(geometry, pose)
+    (taken, slopes, speeding, places), shape = columns(
+        (q, 9, "motion"),
+        (K.reshape(*K.shape[:-2], 9), 9, "inverse Jacobian"),
+        (slider_accelerations(geometry, pose, twist, change), 3, "accelerations"),
+        (slider_places(geometry, pose), 3, "places"),
+    )
+    at_p, at_t = (_point(place, taken) for place in (geometry.p_OP, geometry.p_OT))
+    parts = [_carried(bodies.plate, _point((0.0, -bodies.below), taken))]
+    parts.append([0.0, 0.0, bodies.inertia * taken[8]])
     ends = ((at_p, geometry.link), (at_p, geometry.link), (at_t, geometry.strut))
-    for i, ((place, by_twist, acceleration), length) in enumerate(ends):
-        rail = np.stack((slides[i], level), axis=-2)
-        on_rail = np.stack((changes[i], np.zeros_like(changes[i])), axis=-1)
-        wrench += bodies.slider * changes[i][..., np.newaxis] * slides[i]
-        middle, lifted = 0.5 * (rail + by_twist), 0.5 * (on_rail + acceleration)
-        wrench += bodies.link * _moved(middle, lifted)
-        # Turn of the bar, from its ends.
-        along = place - np.stack((places[i], np.zeros_like(places[i])), axis=-1)
-        across = np.stack((along[..., 1], -along[..., 0]), axis=-1) / length**2
-        turns = np.einsum("...i,...ij->...j", across, by_twist - rail)
-        turned = np.einsum("...i,...i->...", across, acceleration - on_rail)
-        inertia = _ROD * bodies.link * length**2
-        wrench += inertia * turned[..., np.newaxis] * turns
-    _, by_twist, acceleration = _point((0.0, -bodies.below), pose, twist, change)
-    wrench += bodies.plate * _moved(by_twist, acceleration)
-    wrench[..., 2] += bodies.inertia * change[..., 2]
-    return wrench
+    for i, (end, length) in enumerate(ends):
+        rail = _Point((places[i], 0.0), (slopes[3 * i : 3 * i + 3], _LEVEL), (speeding[i], 0.0))
+        parts.append(_carried(bodies.slider, rail))
+        parts.append(_carried(bodies.link, _middle(rail, end)))
+        parts.append(_turned(_ROD * bodies.link * length**2, rail, end, length))
+    return stack([sum(column) for column in zip(*parts, strict=True)], shape)
 
 
 def drive_forces(
@@ -100,7 +97,7 @@ def drive_forces(
         motion: (..., 9) pose of the plate, its rates and the rates of these [m, rad, s].
         load: (..., 3) F_x, F_z, M_y on the plate at its middle [N, N, N m].
     """
-    K = _rates_by_twist(geometry, of_width(motion, 9, "motion")[..., :3])
+    K = inverse_jacobian(geometry, of_width(motion, 9, "motion")[..., :3])
     needed = inertial_wrench(geometry, bodies, motion) - of_width(load, 3, "load")
     transposed = np.swapaxes(K, -1, -2)
     return np.asarray(np.linalg.solve(transposed, needed[..., np.newaxis])[..., 0])
@@ -117,7 +114,7 @@ def load_of_drives(
         motion: (..., 9) pose of the plate, its rates and the rates of these [m, rad, s].
         force: (..., 3) of the sliders' drives [N].
     """
-    K = _rates_by_twist(geometry, of_width(motion, 9, "motion")[..., :3])
+    K = inverse_jacobian(geometry, of_width(motion, 9, "motion")[..., :3])
     pushed = np.einsum("...ij,...i->...j", K, of_width(force, 3, "force"))
     return inertial_wrench(geometry, bodies, motion) - pushed
 
@@ -191,27 +188,56 @@ class LoadEstimator(LeafSystem):
         state.set_value(0, np.where(np.isfinite(shown), shown, 0.0))
 
 
-def _rates_by_twist(geometry: BenchGeometry, pose: Array) -> Array:
-    """Speeds of the sliders by those of the plate, K (..., 3, 3) [-; m]."""
-    each = slider_rates(geometry, pose[..., np.newaxis, :], np.eye(3))
-    return np.swapaxes(each, -1, -2)
+class _Point(NamedTuple):
+    """A point: place, its derivative by the plate's pose, acceleration, each along x and z."""
+
+    place: tuple[Elementwise, Elementwise]
+    by_pose: tuple[Sequence[Elementwise], Sequence[Elementwise]]
+    acceleration: tuple[Elementwise, Elementwise]
 
 
-def _point(
-    place: tuple[float, float], pose: Array, twist: Array, change: Array
-) -> tuple[Array, Array, Array]:
-    """Place (..., 2), its velocity by the plate's (..., 2, 3), and acceleration (..., 2)."""
-    s, c = np.sin(pose[..., 2]), np.cos(pose[..., 2])
-    r = np.stack((c * place[0] + s * place[1], c * place[1] - s * place[0]), axis=-1)
-    by_phi = np.stack((r[..., 1], -r[..., 0]), axis=-1)
-    by_twist = np.zeros((*pose.shape[:-1], 2, 3))
-    by_twist[..., 0, 0] = by_twist[..., 1, 1] = 1.0
-    by_twist[..., 2] = by_phi
-    rate, speeding = twist[..., 2:], change[..., 2:]
-    return pose[..., :2] + r, by_twist, change[..., :2] + speeding * by_phi - rate**2 * r
+def _point(place: tuple[float, float], motion: list[Elementwise]) -> _Point:
+    """A point of the plate, in its frame, in a motion (9)."""
+    x, z, phi, _, _, rate, ddx, ddz, ddphi = motion
+    s, c = sin_cos(phi)
+    r_x, r_z = c * place[0] + s * place[1], c * place[1] - s * place[0]
+    return _Point(
+        (x + r_x, z + r_z),
+        ((1.0, 0.0, r_z), (0.0, 1.0, -r_x)),
+        (ddx + ddphi * r_z - rate * rate * r_x, ddz - ddphi * r_x - rate * rate * r_z),
+    )
 
 
-def _moved(by_twist: Array, acceleration: Array) -> Array:
-    """Wrench (..., 3) by the inertia and weight of a unit mass at a point."""
-    lifted = acceleration + np.array((0.0, GRAVITY))
-    return np.einsum("...ij,...i->...j", by_twist, lifted)
+def _middle(one: _Point, other: _Point) -> _Point:
+    """The point between two points of a bar."""
+    (x, z), rows, (ddx, ddz) = one
+    (x_2, z_2), rows_2, (ddx_2, ddz_2) = other
+    row_x, row_z = (
+        [0.5 * (a + b) for a, b in zip(row, row_2, strict=True)]
+        for row, row_2 in zip(rows, rows_2, strict=True)
+    )
+    return _Point(
+        (0.5 * (x + x_2), 0.5 * (z + z_2)),
+        (row_x, row_z),
+        (0.5 * (ddx + ddx_2), 0.5 * (ddz + ddz_2)),
+    )
+
+
+def _carried(mass: float, point: _Point) -> list[Elementwise]:
+    """Wrench (3) by inertia and weight of a mass at a point."""
+    (row_x, row_z), (ddx, ddz) = point.by_pose, point.acceleration
+    f_x, f_z = mass * ddx, mass * (ddz + GRAVITY)
+    return [a * f_x + b * f_z for a, b in zip(row_x, row_z, strict=True)]
+
+
+def _turned(inertia: float, one: _Point, other: _Point, length: float) -> list[Elementwise]:
+    """Wrench (3) by the inertia of a bar that turns, from its ends."""
+    scale = inertia / length**4
+    across_x = other.place[1] - one.place[1]
+    across_z = one.place[0] - other.place[0]
+    ddx, ddz = (b - a for a, b in zip(one.acceleration, other.acceleration, strict=True))
+    turned = scale * (across_x * ddx + across_z * ddz)
+    return [
+        turned * (across_x * (b_x - a_x) + across_z * (b_z - a_z))
+        for a_x, a_z, b_x, b_z in zip(*one.by_pose, *other.by_pose, strict=True)
+    ]

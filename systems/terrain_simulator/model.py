@@ -1,5 +1,6 @@
 """The terrain simulator's bench as bodies and joints: names, closed-form pose, loops."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +17,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.core.batching import columns
 from parapod.systems.core.elementwise import atan2, sin_cos
-from parapod.systems.core.ports import read_array
+from parapod.systems.core.ports import declare_cached, read_array
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS, BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import (
@@ -26,6 +27,7 @@ from parapod.systems.terrain_simulator.kinematics import (
 )
 
 SLIDERS = ("slider_1", "slider_2", "slider_3")
+_CLOSED = ("link_2", "plate", "strut", "slider_3")  # what the loops are closed between
 _ON_RAIL, _CARRIED = (*SLIDERS, "link_1", "link_2"), ("plate", "strut")
 
 
@@ -90,10 +92,9 @@ class BenchModel:
 
     def pose_of(self, X_WP: RigidTransform) -> NDArray[np.float64]:
         """Pose (3) x, z, phi of the plate's middle [m, m, rad], from that of its body."""
-        x, z = self.geometry.p_OP
-        x, _, z = X_WP @ np.array((-x, 0.0, -z))
-        R = X_WP.rotation().matrix()
-        return np.array((x, z, np.arctan2(R[0, 2], R[2, 2])))
+        (x_P, z_P), R = self.geometry.p_OP, X_WP.rotation().matrix()
+        x, _, z = X_WP.translation() - x_P * R[:, 0] - z_P * R[:, 2]
+        return np.array((x, z, atan2(float(R[0, 2]), float(R[2, 2]))))
 
     def loop_error(self, context: Context) -> NDArray[np.float64]:
         """Distances (2) by which the loops are open: link 2 and P, strut and slider 3 [m].
@@ -106,16 +107,16 @@ class BenchModel:
 
     def loop_error_of(self, pose: Callable[[str], RigidTransform]) -> NDArray[np.float64]:
         """The same from the poses of the bodies, by their names."""
-
-        def place(name: str, point: tuple[float, float, float]) -> NDArray[np.float64]:
-            return np.asarray(pose(name) @ np.array(point))
-
-        here = (0.0, 0.0, 0.0)
-        ends = (
-            (place("link_2", (self.geometry.link, 0.0, 0.0)), place("plate", here)),
-            (place("strut", (-self.geometry.strut, 0.0, 0.0)), place("slider_3", here)),
+        closed = (
+            ("link_2", self.geometry.link, "plate"),
+            ("strut", -self.geometry.strut, "slider_3"),
         )
-        return np.array([np.linalg.norm(one - other) for one, other in ends])
+        gaps = []
+        for name, length, other in closed:
+            bar = pose(name)
+            end = bar.translation() + length * bar.rotation().matrix()[:, 0]
+            gaps.append(math.hypot(*(end - pose(other).translation()).tolist()))
+        return np.array(gaps)
 
     def body(self, name: str) -> RigidBody:
         """Body of the bench by its name; a leg may have one of the same."""
@@ -166,19 +167,24 @@ class BenchTruth(LeafSystem):
         self.set_name("bench_truth")
         self._model = model
         self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]([]))
-        here = {self._poses.ticket()}
-        self.DeclareVectorOutputPort("pose", 3, self._calc_pose, here)
-        self.DeclareVectorOutputPort("loop_error", 2, self._calc_loop_error, here)
+        self._index = {name: model.body(name).index() for name in _CLOSED}
+        # Once for both ports: all poses are copied into Python.
+        self._both = declare_cached(self, "both", self._calc_both, {self._poses.ticket()})
+        here = {self._both.ticket}
+        self.DeclareVectorOutputPort("pose", 3, self._copy_pose, here)
+        self.DeclareVectorOutputPort("loop_error", 2, self._copy_loop_error, here)
 
-    def _calc_pose(self, context: Context, output: BasicVector) -> None:
+    def _calc_both(self, context: Context) -> tuple[Array, Array]:
         poses: Any = self._poses.Eval(context)
-        model = self._model
-        output.SetFromVector(model.pose_of(poses[model.body("plate").index()]))
+        model, index = self._model, self._index
+        pose = model.pose_of(poses[index["plate"]])
+        return pose, model.loop_error_of(lambda name: poses[index[name]])
 
-    def _calc_loop_error(self, context: Context, output: BasicVector) -> None:
-        poses: Any = self._poses.Eval(context)
-        model = self._model
-        output.SetFromVector(model.loop_error_of(lambda name: poses[model.body(name).index()]))
+    def _copy_pose(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._both.of(self, context)[0])
+
+    def _copy_loop_error(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._both.of(self, context)[1])
 
 
 class BenchPositions(LeafSystem):

@@ -1,25 +1,24 @@
 """Source of what a walk asks of plate, belt, foot and hip."""
 
-import weakref
 from functools import lru_cache, partial
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import Demultiplexer
 
-from parapod.systems.core.ports import declare_cached
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.gait import Gait
 from parapod.systems.terrain_simulator.path import PlatePath
 from parapod.systems.terrain_simulator.terrain import Level
 from parapod.systems.terrain_simulator.walk import BenchWalk, WalkMotion
 
-# Instants that are computed at once, and how near an instant must be to one of them. They are half
-# a period apart: devices are commanded in the middle of a period.
+# Instants that are computed at once, and how near an instant must be to one of them: those of a
+# period, or those in the middle of periods, where devices are commanded.
 _BLOCK, _KEPT = 512, 64
 _SAME_INSTANT = 1e-6  # [half periods]
-# Outputs, their sizes, and their places in a row.
+# Outputs in their order, and their sizes.
 _OUTPUTS = {
     "pose_asked": 3,
     "plate_motion": 9,
@@ -60,7 +59,7 @@ def trot() -> BenchWalk:
     return BenchWalk(path, mass=30.0, hip_height=0.58)
 
 
-class TerrainReference(LeafSystem):
+class TerrainReference(Diagram):
     """Source of a walk over a terrain.
 
     | port | size | unit | meaning |
@@ -88,46 +87,53 @@ class TerrainReference(LeafSystem):
 
     def __init__(self, walk: Task | None = None, period: float = 0.001):
         super().__init__()
-        self.set_name("terrain_reference")
         self.walk = trot() if walk is None else walk
-        self._period = period
-        self._block = lru_cache(maxsize=_KEPT)(partial(_rows, self.walk, period))
-        time = {self.time_ticket()}
-        row = declare_cached(self, "row", self._calc_row, time)
-        self._row = row
-        first = 0
-        for name, size in _OUTPUTS.items():
-            calc = partial(_copy_row, weakref.ref(self), slice(first, first + size))
-            self.DeclareVectorOutputPort(name, size, calc, {row.ticket})
-            first += size
+        builder = DiagramBuilder()
+        rows = builder.AddSystem(_Rows(self.walk, period))
+        parts = builder.AddSystem(Demultiplexer(list(_OUTPUTS.values())))
+        builder.Connect(rows.get_output_port(), parts.get_input_port())
+        for i, name in enumerate(_OUTPUTS):
+            builder.ExportOutput(parts.get_output_port(i), name)
+        builder.BuildInto(self)
+        self.set_name("terrain_reference")
 
-    def row(self, context: Context) -> Array:
-        """All outputs, one after another; not to be changed."""
-        found: Array = self._row.of(self, context)
-        return found
 
-    def _calc_row(self, context: Context) -> Array:
-        halves = 2.0 * context.get_time() / self._period
+class _Rows(LeafSystem):
+    """All outputs of a walk, one after another: one call of Python for all that a tick needs."""
+
+    def __init__(self, walk: Task, period: float):
+        super().__init__()
+        self.set_name("rows")
+        self._walk, self._period = walk, period
+        self._block = lru_cache(maxsize=_KEPT)(partial(_rows_of_block, walk, period))
+        size = sum(_OUTPUTS.values())
+        self.DeclareVectorOutputPort("row", size, self._calc_row, {self.time_ticket()})
+
+    def _calc_row(self, context: Context, output: BasicVector) -> None:
+        time = context.get_time()
+        halves = 2.0 * time / self._period
         number = round(halves)
         if abs(halves - number) > _SAME_INSTANT:
-            between: Array = _rows_at(self.walk, self._period, np.array([context.get_time()]))[0]
-            return between
-        block, index = divmod(number, _BLOCK)
-        rows: Array = self._block(block)
-        return rows[index]
+            (row,) = _rows(self._walk, np.array((time, time + self._period)))
+        else:
+            index, half = divmod(number, 2)
+            block, place = divmod(index, _BLOCK)
+            row = self._block(block, half)[place]
+        output.SetFromVector(row)
 
 
-def _rows(walk: Task, period: float, block: int) -> Array:
-    """Rows of outputs at the instants of a block."""
+def _rows_of_block(walk: Task, period: float, block: int, half: int) -> Array:
+    """Rows of outputs at the instants of a block, or in the middle of the periods after them."""
     first = block * _BLOCK
-    halves = np.arange(first, first + _BLOCK, dtype=np.float64)
-    return _rows_at(walk, period, 0.5 * period * halves)
+    instants = np.arange(first, first + _BLOCK + 1, dtype=np.float64)
+    return _rows(walk, period * (instants + 0.5 * half))
 
 
-def _rows_at(walk: Task, period: float, times: Array) -> Array:
-    ahead, now = walk.at(times + period).pose[0], walk.at(times)
+def _rows(walk: Task, times: Array) -> Array:
+    """Rows at all times but the last; each shows the pose of the next."""
+    now = walk.at(times)
     columns = (
-        ahead,
+        np.roll(now.pose[0], -1, axis=0),
         *now.pose,
         *now.foot,
         now.force,
@@ -139,13 +145,4 @@ def _rows_at(walk: Task, period: float, times: Array) -> Array:
         now.rise[0],
         times >= walk.duration,
     )
-    return np.concatenate([np.reshape(part, (len(times), -1)) for part in columns], axis=1)
-
-
-def _copy_row(
-    reference: weakref.ref[TerrainReference], part: slice, context: Context, output: BasicVector
-) -> None:
-    """Calculates one output port; knows the system weakly, as a port must not keep it alive."""
-    system = reference()
-    assert system is not None
-    output.SetFromVector(system.row(context)[part])
+    return np.concatenate([np.reshape(part, (len(times), -1)) for part in columns], axis=1)[:-1]

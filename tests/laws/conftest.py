@@ -444,9 +444,6 @@ ENTRIES: dict[str, Entry] = {
         inputs={"pose": around((0.0, 0.0, 0.438, 0.0, 0.0, 0.0), *(3e-3,) * 3, *(0.01,) * 3)},
         limits={"tool_force": (0.0, 225.0)},
     ),
-    "PositionLoop": Entry(
-        variants=({"channels": 3, "arrival": 0.02},), inputs={"position_command": around(0.0, 0.2)}
-    ),
     "PositionServo": Entry(
         lambda: DRIVES,
         inputs={"position_command": around(0.0, 0.2)},

@@ -13,7 +13,7 @@ from pydrake.systems.framework import LeafSystem
 DOCS = Path(__file__).parents[2] / "docs"
 SNAKE = re.compile(r"[a-z][a-z0-9_]*")
 HAS_NO_PORTS_OF_ITS_OWN = "FunctionSystem"  # nor a name: they are its arguments
-_DIAGRAMS = ("VelocityServo", "PositionServo")
+_DIAGRAMS = ("VelocityServo", "PositionServo", "TerrainReference")
 
 
 def differing(first, second):
