@@ -21,12 +21,13 @@ from benchmarks import (
     kinematics,
     mutants,
     realtime,
+    terrain,
 )
 from benchmarks.report import Measurement, print_measurements
 
 _GROUPS = (
-    *("kinematics", "realtime", "accuracy", "chair", "centers", "endurance"),
-    *("hardware", "deadlines", "faults", "day"),
+    *("kinematics", "realtime", "accuracy", "chair", "centers", "terrain"),
+    *("endurance", "hardware", "deadlines", "faults", "day"),
 )
 _DEFAULT = tuple(name for name in _GROUPS if name != "day")
 
@@ -52,6 +53,7 @@ def main(arguments: list[str]) -> int:
             "accuracy": lambda: accuracy.run(console),
             "chair": lambda: chair.run(console),
             "centers": lambda: centers.run(console),
+            "terrain": lambda: terrain.run(console),
             "endurance": lambda: endurance.run(console),
             "hardware": lambda: hardware.run(console),
             "deadlines": lambda: deadlines.run(console),

@@ -19,6 +19,8 @@ def real_time_factor(loop: ClosedLoop[Any], duration: float, runs: int) -> float
     factors = []
     for _ in range(runs):
         simulator = Simulator(loop)
+        if loop.monitor is not None:
+            simulator.set_monitor(loop.monitor)
         simulator.Initialize()
         started = time.perf_counter()
         simulator.AdvanceTo(duration)

@@ -159,17 +159,15 @@ def add_bodies(
     outputs["truth.slider_force"] = sampled.get_output_port()
     outputs |= add_status(builder, PARTS)
     _show(builder, plant, scene_graph, meshcat)
-    slide = plant.GetJointByName("slide", on_slide.slide)
+    slide, is_braked = plant.GetJointByName("slide", on_slide.slide), brake.get_output_port()
 
     def between_steps(root_context: Context) -> None:
         """Holds the slide while it is braked: a joint is locked by what does not step."""
         context = plant.GetMyMutableContextFromRoot(root_context)
-        asked: Any = brake.get_output_port().Eval(brake.GetMyContextFromRoot(root_context))
-        if (asked[0] > 0.5) != slide.is_locked(context):
-            if asked[0] > 0.5:
-                slide.Lock(context)
-            else:
-                slide.Unlock(context)
+        signal: Any = is_braked.EvalBasicVector(brake.GetMyContextFromRoot(root_context))
+        asked = signal[0] > 0.5
+        if asked != slide.is_locked(context):
+            (slide.Lock if asked else slide.Unlock)(context)
 
     def put(root_context: Context, scenario: TerrainBenchScenario) -> None:
         context = plant.GetMyMutableContextFromRoot(root_context)

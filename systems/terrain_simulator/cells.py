@@ -121,8 +121,7 @@ class ForceCells(LeafSystem):
     def _calc_force(self, context: Context, output: BasicVector) -> None:
         forces: Any = self._forces.Eval(context)
         bearing = forces[self._joint]
-        f_x, _, f_z = bearing.translational().tolist()
-        m_y = float(bearing.rotational()[1])
+        _, m_y, _, f_x, _, f_z = bearing.get_coeffs().tolist()
         x, z = self._p_PO
         # What bears the tread is opposite to what loads it; its moment is told about P.
         load = (-f_x, -f_z, z * f_x - x * f_z - m_y)

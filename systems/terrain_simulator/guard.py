@@ -132,16 +132,16 @@ class SingularityGuard(LeafSystem):
         state.set_value(0, self.next_state(context))
 
     def _calc_next(self, context: Context) -> Array:
-        now = context.get_discrete_state(0).value()
+        now = context.get_discrete_state(0).value().tolist()
         asked = read(self._asked, context)
         if now[_BEGUN] < 0.5 or is_on(self._stop, context):
             return self._begin(read_array(self._measured, context), asked)
-        pose, before, rates = now[_POSE].tolist(), now[_ASKED].tolist(), now[_RATES].tolist()
+        pose, before = now[_POSE], now[_ASKED]
         if not all(map(math.isfinite, asked)):
             asked = before
         wanted, going = self._motion(pose, before, asked)
         place = _Place(pose, now[_PLACES], now[_MARGINS])
-        share, moved = self._admissible(place, asked, wanted, going, rates)
+        share, moved = self._admissible(place, asked, wanted, going, now[_RATES])
         going = [share * rate for rate in going]
         return np.array((*moved.pose, *asked, *going, share, 1.0, *moved.places, *moved.margins))
 
@@ -194,52 +194,49 @@ class SingularityGuard(LeafSystem):
             return 0.0, here
         share = min(1.0, kept.slider_speed * (1.0 + _ROUNDING) / max(*map(abs, rates), 1e-12))
         share = _accelerated(share, rates, before, kept.slider_acceleration * period)
-        least = [self._least(margin) for margin in here.margins.tolist()]
         # To the last bit where it is asked, lest errors add up.
         on_way = wanted == [(to - at) / period for to, at in zip(asked, here.pose, strict=True)]
         for _ in range(_TRIES):
             arrives = on_way and share == 1.0
             moved = self._place(asked if arrives else _added(here.pose, share * period, wanted))
-            short = [
-                k
-                for k, (left, most) in enumerate(zip(moved.margins.tolist(), least, strict=True))
-                if not left >= most - _ROUNDING * abs(most)
+            parts = [
+                self._part(margin, left)
+                for margin, left in zip(here.margins, moved.margins, strict=True)
+                if not left >= margin
             ]
-            if not short:
+            if not parts or min(parts) >= 1.0:
                 return share, moved
-            parts = [_part(here.margins[k], moved.margins[k], least[k]) for k in short]
             share *= min(max(min(parts) * _SHORTER, 0.0), _SHORTER)
         return 0.0, here
 
-    def _least(self, margin: float) -> float:
-        """Margin that a step from one must leave."""
-        if not 0.0 < margin < math.inf:
-            return -math.inf if margin > 0.0 else margin
-        falling = self._period * math.sqrt(2.0 * self._params.braking * margin)
-        return max(margin - falling, _LEFT * margin)
+    def _part(self, margin: float, left: float) -> float:
+        """Share that is allowed of a step by which a margin falls; 1 and more: all of it."""
+        if not math.isfinite(left):
+            return 0.5
+        least = margin
+        if margin > 0.0:
+            falling = self._period * math.sqrt(2.0 * self._params.braking * margin)
+            least = max(margin - falling, _LEFT * margin)
+        if left >= least - _ROUNDING * abs(least):
+            return 1.0
+        return (margin - least) / (margin - left)
 
     def _place(self, pose: list[float]) -> "_Place":
-        places, left = places_and_margins(self._geometry, pose)
-        left[_LINE] -= self._params.limits.sin_mu
-        return _Place(pose, places, left)
+        places, margins = places_and_margins(self._geometry, pose)
+        margins[_LINE] -= self._params.limits.sin_mu
+        return _Place(pose, places.tolist(), margins.tolist())
 
 
 class _Place(NamedTuple):
     """A pose (3) of the plate, its sliders' places (3), and what is left to the limits (13)."""
 
     pose: list[float]
-    places: Array
-    margins: Array
+    places: list[float]
+    margins: list[float]
 
 
 def _added(numbers: list[float], share: float, more: list[float]) -> list[float]:
     return [one + share * other for one, other in zip(numbers, more, strict=True)]
-
-
-def _part(here: float, there: float, least: float) -> float:
-    """Share of a step after which a margin is what it must be at least."""
-    lost, allowed = here - there, here - least
-    return allowed / lost if math.isfinite(lost) and lost else 0.5
 
 
 def _accelerated(share: float, rates: list[float], before: list[float], change: float) -> float:

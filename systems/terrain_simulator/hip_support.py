@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from parapod.systems.core.ports import read
+from parapod.systems.core.ports import declare_cached, read
 
 
 @dataclass(frozen=True)
@@ -60,11 +60,13 @@ class HipSupport(LeafSystem):
         self._height = self.DeclareVectorInputPort("hip_measured", 1)
         self._rate = self.DeclareVectorInputPort("hip_rate", 1)
         lasting = self.DeclareDiscreteState(1)
-        inputs = {self.all_input_ports_ticket(), self.discrete_state_ticket(lasting)}
+        measured = {port.ticket() for port in (self._desired, self._height, self._rate)}
+        self._held = declare_cached(self, "held", self._calc_held, measured)
+        inputs = {self._force.ticket(), self._held.ticket, self.discrete_state_ticket(lasting)}
         self.DeclareVectorOutputPort("force_command", 1, self._calc_force, inputs)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
-    def _held(self, context: Context) -> float:
+    def _calc_held(self, context: Context) -> float:
         """Force of the other legs' stiffness [N]."""
         height, rate = read(self._desired, context)
         (is_at,), (goes,) = read(self._height, context), read(self._rate, context)
@@ -73,10 +75,10 @@ class HipSupport(LeafSystem):
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         lasting = context.get_discrete_state(0)[0]
-        state[0] = lasting + self._share * (self._held(context) - lasting)
+        state[0] = lasting + self._share * (self._held.of(self, context) - lasting)
 
     def _calc_force(self, context: Context, output: BasicVector) -> None:
         (force,), largest = read(self._force, context), self._params.largest
-        total = force + self._held(context) - context.get_discrete_state(0)[0]
+        total = force + self._held.of(self, context) - context.get_discrete_state(0)[0]
         total = total if math.isfinite(total) else 0.0
         output[0] = min(max(total, -largest), largest)

@@ -66,8 +66,11 @@ def inertial_wrench(geometry: BenchGeometry, bodies: BenchMasses, motion: ArrayL
         motion: (..., 9) pose of the plate, its rates and the rates of these [m, rad, s].
     """
     q = of_width(motion, 9, "motion")
+    return _wrench(geometry, bodies, q, inverse_jacobian(geometry, q[..., :3]))
+
+
+def _wrench(geometry: BenchGeometry, bodies: BenchMasses, q: Array, K: Array) -> Array:
     pose, twist, change = q[..., :3], q[..., 3:6], q[..., 6:]
-    K = inverse_jacobian(geometry, pose)
     (taken, slopes, speeding, places), shape = columns(
         (q, 9, "motion"),
         (K.reshape(*K.shape[:-2], 9), 9, "inverse Jacobian"),
@@ -97,8 +100,9 @@ def drive_forces(
         motion: (..., 9) pose of the plate, its rates and the rates of these [m, rad, s].
         load: (..., 3) F_x, F_z, M_y on the plate at its middle [N, N, N m].
     """
-    K = inverse_jacobian(geometry, of_width(motion, 9, "motion")[..., :3])
-    needed = inertial_wrench(geometry, bodies, motion) - of_width(load, 3, "load")
+    q = of_width(motion, 9, "motion")
+    K = inverse_jacobian(geometry, q[..., :3])
+    needed = _wrench(geometry, bodies, q, K) - of_width(load, 3, "load")
     transposed = np.swapaxes(K, -1, -2)
     return np.asarray(np.linalg.solve(transposed, needed[..., np.newaxis])[..., 0])
 
@@ -114,9 +118,10 @@ def load_of_drives(
         motion: (..., 9) pose of the plate, its rates and the rates of these [m, rad, s].
         force: (..., 3) of the sliders' drives [N].
     """
-    K = inverse_jacobian(geometry, of_width(motion, 9, "motion")[..., :3])
-    pushed = np.einsum("...ij,...i->...j", K, of_width(force, 3, "force"))
-    return inertial_wrench(geometry, bodies, motion) - pushed
+    q = of_width(motion, 9, "motion")
+    K = inverse_jacobian(geometry, q[..., :3])
+    pushed = of_width(force, 3, "force")[..., np.newaxis, :] @ K
+    return _wrench(geometry, bodies, q, K) - pushed[..., 0, :]
 
 
 class LoadEstimator(LeafSystem):

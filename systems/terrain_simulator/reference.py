@@ -16,7 +16,7 @@ from parapod.systems.terrain_simulator.walk import BenchWalk, WalkMotion
 
 # Instants that are computed at once, and how near an instant must be to one of them: those of a
 # period, or those in the middle of periods, where devices are commanded.
-_BLOCK, _KEPT = 512, 64
+_BLOCK, _KEPT = 1024, 16
 _SAME_INSTANT = 1e-6  # [half periods]
 # Outputs in their order, and their sizes.
 _OUTPUTS = {
