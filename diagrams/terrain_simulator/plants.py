@@ -237,8 +237,7 @@ def _add_belt(
         surface = add(builder, BeltSurface(body))
         connect(builder, states.get_output_port(1), surface.GetInputPort("velocity"))
         connect(builder, surface.get_output_port(), plant.get_surface_speeds_input_port())
-    inputs, outputs = ports_of_drives(drive, "velocity_command", "belt")
-    return inputs, {"belt.velocity": outputs["belt.velocity"]}
+    return ports_of_drives(drive, "velocity_command", "belt")
 
 
 def add_leg_ports(

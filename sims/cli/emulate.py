@@ -68,7 +68,9 @@ def execute(arguments: argparse.Namespace) -> int:
     try:
         with ended_by_signals(), ended_with_parent(parent):
             emulate(
-                machine, scenario, requests, duration, arguments.log, experiment=arguments.name
+                *(machine, scenario, requests, duration, arguments.log),
+                experiment=arguments.name,
+                settings=experiment.on_devices,
             )
     except KeyboardInterrupt:
         print("the emulator has ended", file=sys.stderr)  # as it is meant to

@@ -82,12 +82,14 @@ class Experiment[S, D]:
         switches: options of its own without a value: name -> override that it is short for, and
             its help.
         takes: usual duration of a run, in words.
+        on_devices: settings, as for `--set`, with which devices keep up.
     """
 
     schema: ClassVar[type]
     backends: ClassVar[tuple[str, ...]] = ()
     switches: ClassVar[Mapping[str, tuple[str, str]]] = {}
     takes: ClassVar[str] = "seconds"
+    on_devices: ClassVar[Sequence[str]] = ()
 
     def __init__(self, name: str):
         """Names the experiment as its entry point does."""

@@ -333,6 +333,7 @@ def emulate(
     log: Path | None = None,
     console: Console | None = None,
     experiment: str | None = None,
+    settings: Sequence[str] = (),
 ) -> None:
     """Runs emulated devices until Ctrl-C, or for a time.
 
@@ -347,6 +348,7 @@ def emulate(
         log: file for all ports, the truth among them, in MCAP; or None.
         console: console for remarks.
         experiment: that another program may run with it; None for the machine's own.
+        settings: with which it may, as for `--set`.
 
     Raises:
         ScenarioError: see `EmulatedMachine`.
@@ -363,7 +365,7 @@ def emulate(
             units, sizes = emulated.ports()
             record = stack.enter_context(LiveLog(log, units, sizes, metadata, schedule.say))
         stack.enter_context(emulated.devices())
-        _introduce(scenario, experiment or machine.experiment, said)
+        _introduce(scenario, experiment or machine.experiment, settings, said)
         schedule.listen()
         every = max(1, round(_LOG_PERIOD / emulated.period))
         ticks = itertools.count()
@@ -380,12 +382,15 @@ def emulate(
             emulated.run(min(duration, _FOREVER), on_tick)
 
 
-def _introduce(scenario: Any, experiment: str, console: Console) -> None:
+def _introduce(scenario: Any, experiment: str, settings: Sequence[str], console: Console) -> None:
     hardware: HardwareScenario = scenario.hardware
     tags = ", ".join(f"{type(d).__name__} ({d.part})" for d in hardware.drivers)
+    run = f"parapod run {experiment} --backend hardware"
+    if settings:
+        run = f"{run} --set {' '.join(settings)}"
     for line in (
         f"emulated: {tags}",
         f"in {emulator_directory()}; physics: {scenario.backend}",
-        f"ready: in another terminal, parapod run {experiment} --backend hardware",
+        f"ready: in another terminal, {run}",
     ):
         console.print(line, markup=False, highlight=False, soft_wrap=True)

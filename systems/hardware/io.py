@@ -24,12 +24,12 @@ _LOG = logging.getLogger(__name__)
 
 # Commands that are older than this are not the controller's will any more [s].
 COMMAND_TIMEOUT = 0.1
-# A reading is begun so early that this share of all readings has ended, with a margin [s], when
-# its samples are taken; and at most this share of the period before.
+# A reading is due so early that this share of all readings, some of which begin late, has ended,
+# with a margin [s], when its samples are taken; and at most this share of the period before.
 _IN_TIME = 0.995
 _MARGIN = 5e-4
 _LARGEST_LEAD = 0.7
-# By how much the estimate of what a reading takes follows each one [s].
+# By how much the estimate of what a reading takes, once it is due, follows each one [s].
 _LEARNING = 2e-4
 # How many of the newest ages are kept: some minutes.
 _KEPT = 30_000
@@ -128,8 +128,9 @@ class DeviceThread:
 
     def taken(self) -> None:
         """A loop takes the sample now, and will again in a period."""
-        lead = min(self._reading_time + _MARGIN, _LARGEST_LEAD * self.period)
-        self._due = self._clock() + self.period - lead
+        lead, now = min(self._reading_time + _MARGIN, _LARGEST_LEAD * self.period), self._clock()
+        if self._due > now:  # a reading that is late already must not be put off for ever
+            self._due = now + self.period - lead
         self._wake.set()
 
     def post(self, commands: Signals, measured: float) -> None:
@@ -188,12 +189,12 @@ class DeviceThread:
             if newest is not None and now - newest.posted > self._timeout:
                 self._fall_silent()
             if now >= self._due:
-                self._due = max(self._due + self.period, now)  # unless a loop says otherwise
-                self._read()
+                due, self._due = self._due, max(self._due + self.period, now)
+                self._read(due)
             self._wake.wait(max(0.0, min(self._due - self._clock(), self._timeout)))
             self._wake.clear()
 
-    def _read(self) -> None:
+    def _read(self, due: float) -> None:
         began = self._clock()
         try:
             values = {name: tuple(v) for name, v in self.device.read().items()}
@@ -202,7 +203,7 @@ class DeviceThread:
             self._sample = self._sample._replace(fault=fault, words=words)
             return
         self._sample = Sample(values, began, DeviceFault.NONE, "")
-        self._learn(self._clock() - began)
+        self._learn(self._clock() - due)
         self._has_sample.set()
 
     def _learn(self, took: float) -> None:

@@ -14,10 +14,10 @@ from parapod.systems.terrain_simulator.path import PlatePath
 from parapod.systems.terrain_simulator.terrain import Level
 from parapod.systems.terrain_simulator.walk import BenchWalk, WalkMotion
 
-# Instants that are computed at once, and how near an instant must be to one of them: those of a
-# period, or those in the middle of periods, where devices are commanded.
+# Instants that are computed at once, of a period or in the middle of periods, and how near a time
+# must be to one of them [s]: devices are commanded a microsecond after an instant.
 _BLOCK, _KEPT = 1024, 16
-_SAME_INSTANT = 1e-6  # [half periods]
+_SAME_INSTANT = 2e-6
 # Outputs in their order, and their sizes.
 _OUTPUTS = {
     "pose_asked": 3,
@@ -113,7 +113,7 @@ class _Rows(LeafSystem):
         time = context.get_time()
         halves = 2.0 * time / self._period
         number = round(halves)
-        if abs(halves - number) > _SAME_INSTANT:
+        if abs(halves - number) * 0.5 * self._period > _SAME_INSTANT:
             (row,) = _rows(self._walk, np.array((time, time + self._period)))
         else:
             index, half = divmod(number, 2)

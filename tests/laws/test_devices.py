@@ -26,7 +26,7 @@ from parapod.systems.core.errors import MissingExtra, ScenarioError
 from parapod.systems.core.schema import Range, fields_of
 from parapod.systems.hardware.adis16448.iiod import is_available
 from parapod.systems.hardware.device import EXTRAS, DeviceError, DeviceFault, need
-from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from parapod.systems.hardware.emulation.harness import SUPPLY, Harness, Misbehaviour
 
 SILENT, CORRUPT, UNPLUGGED = DeviceFault.SILENT, DeviceFault.CORRUPT, DeviceFault.UNPLUGGED
 MACHINES = list_machines()  # which define drivers of their own
@@ -38,6 +38,8 @@ DRIVERS = {
 # Longest time that a law waits for what must happen [s].
 PATIENCE = 20.0
 LIBRARIES = sorted(EXTRAS)
+# Drivers of another number of axes than a machine has in its default scenario.
+_OTHER_SIZES = ("Epos2QuadrupedLegs",)
 
 
 @dataclass
@@ -483,6 +485,18 @@ def test_every_driver_has_its_row():
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.name)
 def test_drivers_of_a_machine_are_proved_here(machine):
     assert {type(driver).__name__ for driver in machine.scenario().hardware.drivers} <= set(ROWS)
+
+
+@pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.name)
+def test_emulators_of_a_machines_own_drivers_work_on_its_wires(place, machine):
+    """Those that a scenario may name, too; a scenario that changes sizes names others."""
+    sizes = {spec.name: spec.size for spec in (*machine.inputs, *machine.outputs)}
+    usual = machine.scenario().hardware.drivers
+    given = {type(driver): driver for driver in usual}
+    for name, kind in DRIVERS.items():
+        if f".diagrams.{machine.name}." in kind.__module__ and name not in _OTHER_SIZES:
+            with given.get(kind, kind()).emulate(Harness(sizes | {SUPPLY: 1}), Misbehaviour()):
+                pass
 
 
 @pytest.mark.parametrize("name", EMULATED)

@@ -86,14 +86,16 @@ class Condition(NamedTuple):
     """Condition in which a drive should be.
 
     Attributes:
-        is_active: whether it should have power.
+        is_active: whether it has been activated.
         is_running: whether it should have obeyed by now that it is not to stop.
         is_stopped: whether the emergency stop is pressed: it may stop, and lose its supply.
+        has_power: whether its motor should have power by now.
     """
 
     is_active: bool
     is_running: bool
     is_stopped: bool
+    has_power: bool
 
 
 class Epos2Controller:
@@ -265,8 +267,11 @@ class Epos2Controller:
         # Nodes may leave the operational state when they miss heartbeats (CiA 301, 0x1029).
         self._bus.manage(self._id, NMT_START)
 
-    def enable(self) -> int:
-        """Leads the drive to operation enabled at rest, step by step.
+    def enable(self, until: DriveState = DriveState.OPERATION_ENABLED) -> int:
+        """Leads the drive towards operation enabled at rest, step by step.
+
+        Args:
+            until: state in which it is left, if it was not beyond that.
 
         Returns:
             Set value with which it stays where it is: zero velocity or current, or its position
@@ -283,6 +288,8 @@ class Epos2Controller:
                 setting = self._rest()  # measuring its offsets may have taken long
             self._set(objects.CONTROLWORD, word)
             self._wait_for(reached)
+            if reached is until:
+                break
         return setting
 
     def _rest(self) -> int:
@@ -390,7 +397,7 @@ class Epos2Controller:
         self._code = None
         if wanted.is_stopped:
             return
-        if wanted.is_active and not is_energised(sample.state):
+        if wanted.has_power and not is_energised(sample.state):
             raise self._error(f"has lost its power, it is in {sample.state or 'no known state'}")
         if wanted.is_running and sample.state is DriveState.QUICK_STOP_ACTIVE:
             raise self._error(f"stops, which this program did not ask for: {self._stopper()}")

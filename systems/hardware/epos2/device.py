@@ -8,7 +8,7 @@ from contextlib import ExitStack, suppress
 
 from parapod.systems.hardware.canopen import HEARTBEAT_BASE, CanopenBus, wrapped
 from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
-from parapod.systems.hardware.ds402 import Controlword
+from parapod.systems.hardware.ds402 import Controlword, DriveState
 from parapod.systems.hardware.epos2.controller import (
     MASTER_ID,
     POLL,
@@ -52,7 +52,7 @@ class Epos2Device(IncrementalDevice):
     of a command, hold the axes with power, and ignore set values until `brake` falls, whatever
     goes wrong on this side. The position goes on counting, so a release needs no homing. Without
     power, after `deactivate` or a fault, nothing holds the axes but the friction of gear and
-    screw.
+    screw. For `Epos2Forces`, which have no such ramp, it is another.
 
     **Switches.** Locks and clamps are closed by springs and opened by power. `configure` closes
     all, once no axis has power. From `activate` to `deactivate` each is as it is commanded, also
@@ -86,6 +86,9 @@ class Epos2Device(IncrementalDevice):
     """
 
     position_signal = "position"
+
+    # Whether drives that are stopped hold the axes, with power.
+    _holds = True
 
     def __init__(
         self,
@@ -208,15 +211,18 @@ class Epos2Device(IncrementalDevice):
                 )
         for controller in self._controllers:
             controller.recover()
-        self._is_active, self._is_braked, self._is_stopped = True, False, False
+        # Axes that their drives do not hold stay braked until a command says otherwise.
+        self._is_active, self._is_braked, self._is_stopped = True, not self._holds, False
+        begins = Controlword.ENABLE_OPERATION if self._holds else Controlword.SWITCH_ON
+        state = DriveState.OPERATION_ENABLED if self._holds else DriveState.SWITCHED_ON
         try:
             for controller in self._controllers:
                 controller.guard(True)
             # A heartbeat is missed only after a first one (CiA 301): no power before that.
             self._beaten = -math.inf
             self._beat()
-            self._begin([controller.enable() for controller in self._controllers])
-            self._word, self._worded = Controlword.ENABLE_OPERATION, self._clock()
+            self._begin([controller.enable(state) for controller in self._controllers])
+            self._word, self._worded = begins, self._clock()
         except BaseException:
             with suppress(DeviceError):
                 self._release()
@@ -379,10 +385,11 @@ class Epos2Device(IncrementalDevice):
         """Sends set values to drives that have power; None: they stay where they are."""
         self._beat()
         self._want(wanted)
+        is_dropped = wanted is None and not self._holds
         if not self._is_active:
             self._send(Controlword.DISABLE_VOLTAGE)
-        elif self._is_braked or self._is_stopped or not self._may_run():
-            self._send(Controlword.QUICK_STOP)
+        elif self._is_braked or self._is_stopped or not self._may_run() or is_dropped:
+            self._send(self._braking)
         else:
             self._run()
 
@@ -412,6 +419,11 @@ class Epos2Device(IncrementalDevice):
     def _restrain(self) -> None:
         """Has axes slow down, where what has just been measured calls for it."""
 
+    @property
+    def _braking(self) -> Controlword:
+        """What stops the drives: a ramp, after which they hold, or else their power is taken."""
+        return Controlword.QUICK_STOP if self._holds else Controlword.SWITCH_ON
+
     def _may_run(self) -> bool:
         """Whether drives that nothing keeps stopped may run again."""
         return True
@@ -435,7 +447,8 @@ class Epos2Device(IncrementalDevice):
             DeviceError: names the first of them.
         """
         is_running = self._is_active and self._is_running(now)
-        wanted = Condition(self._is_active, is_running, self._is_pressed)
+        has_power = self._is_active if self._holds else is_running
+        wanted = Condition(self._is_active, is_running, self._is_pressed, has_power)
         try:
             for controller, sample in zip(self._controllers, samples, strict=True):
                 controller.check(sample, wanted)
@@ -448,7 +461,7 @@ class Epos2Device(IncrementalDevice):
         """Has all drives stop quickly, and stay so until the brake has been commanded."""
         if self._is_active and not self._is_stopped:
             self._is_stopped = True
-            self._send(Controlword.QUICK_STOP)
+            self._send(self._braking)
 
     def _send(self, word: Controlword, settings: Sequence[int] = ()) -> None:
         """Sends a controlword to all drives, with set values if it lets them move.

@@ -75,12 +75,13 @@ class Epos2Forces(Epos2Steered):
     that is not finite is zero, one beyond the largest force is that. A controlword that stops a
     drive comes with a set value of zero.
 
-    **Nothing holds.** Without a force an axis is free, and a drive in this mode brakes nothing: a
-    quick stop takes the current away, and so do `brake`, the emergency stop, a lost heartbeat, a
-    fault, `neutral` and `deactivate`. What moves then coasts, and what hangs falls, unless a
-    mechanical brake or a balancer holds it. A slide that is not horizontal needs a power-off
-    brake, such as at the drive's holding brake output, which closes when the drive has no power.
-    So `deactivate` does not wait for a standstill: it takes the power at once.
+    **Nothing holds.** Without a force an axis is free, and a drive in this mode brakes nothing.
+    What moves then coasts, and what hangs falls, unless a mechanical brake or a balancer holds it.
+    A slide that is not horizontal needs a power-off brake, such as at the drive's holding brake
+    output, which closes when the drive has no power. So `brake` and `neutral` take the power
+    (switched on, operation disabled), and so do the emergency stop, a lost heartbeat and a fault;
+    `deactivate` does not wait for a standstill. `activate` gives no power yet: a command without
+    `brake` does, together with its force.
 
     **Ends.** Where there are ends nothing gets power before there is a reference. An axis that is
     beyond an end, or would be after the settings' `limit_lead_ms` at its velocity, is pushed
@@ -101,6 +102,8 @@ class Epos2Forces(Epos2Steered):
     without power. One that moves on without it is an error of `deactivate`, and the file knows
     nothing, until it stands and `deactivate` is called again.
     """
+
+    _holds = False
 
     def __init__(
         self,

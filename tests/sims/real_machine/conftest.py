@@ -19,6 +19,7 @@ import pytest
 
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.machining_center.machine import MACHINING_CENTER
+from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.systems.hardware.emulation.harness import SharedHarness
 from parapod.systems.hardware.position_memory import PositionMemory
@@ -100,6 +101,15 @@ CENTER_JOB = (
 )
 
 
+# A slow walk whose ground rises and falls, so that the belt runs and the sliders move.
+BENCH_WALK = (
+    *("configuration=treadmill", "control.period=0.01", "gait.speed_m_s=0.4", "gait.strides=1"),
+    *("gait.run_up=0", "terrain=!Heave {amplitude_mm: 10}"),
+    "hardware.drivers=[!Epos2Sliders {}, !Epos2HipSlide {}, !Epos2Belt {}, !NiDaqForceCells {}, "
+    "!NotFittedPart {part: leg}]",
+)
+
+
 class Emulator:
     """`parapod emulate` in a process group and a folder of its own.
 
@@ -108,7 +118,10 @@ class Emulator:
         options: of every emulator of it.
         remembered: the signal that a file remembers from one program to the next, and the file.
         disturbable: parts whose devices are made to misbehave.
+        drivers: parts that have devices; None: those of the machine's default scenario.
     """
+
+    drivers = None
 
     def __init__(self, scenario=""):
         # A socket's path is short, which pytest's folders are not.
@@ -137,7 +150,8 @@ class Emulator:
             pytest.fail(f"the emulator does not begin: {self.said}")
         specs = (*self.machine.inputs, *self.machine.outputs)
         sizes = {spec.name: spec.size for spec in specs}
-        parts = sorted({d.part for d in self.machine.scenario().hardware.drivers})
+        parts = self.drivers or {d.part for d in self.machine.scenario().hardware.drivers}
+        parts = sorted(parts)
         self.wires = SharedHarness(self.directory / "e" / "wires", sizes, parts)
 
     @staticmethod
@@ -363,6 +377,34 @@ class EmulatedCenter(Emulator):
         return not self.has_power and all(value > 0.5 for value in closed)
 
 
+class EmulatedBench(Emulator):
+    """A terrain simulator with a treadmill, on which no leg stands."""
+
+    machine = TERRAIN_BENCH
+    options = ("--backend=kinematic", "--set", *BENCH_WALK)
+    disturbable = ("sliders", "hip", "cells", "belt")
+
+    def measure_legs(self):
+        for part in ("sliders", "hip"):
+            now = self.wires.get(f"{part}.position")
+            file = self.directory / "e" / f"{part}.json"
+            PositionMemory(file, len(now), "position").save(now)
+
+    @property
+    def has_power(self):
+        return self.wires.get("sliders.brake")[0] < 0.5
+
+    @property
+    def is_neutral(self):
+        braked = all(
+            self.wires.get(f"{part}.brake")[0] > 0.5 for part in ("sliders", "hip", "belt")
+        )
+        idle = not any(
+            self.wires.get("hip.force_command") + self.wires.get("belt.velocity_command")
+        )
+        return braked and idle
+
+
 @pytest.fixture(scope="module")
 def emulators():
     """emulators(kind, scenario="") begins an `Emulator`, which ends after the module's tests."""
@@ -433,3 +475,9 @@ def stamped():
 def in_time():
     """in_time(value, limit, what) fails if a limit is broken, but skips on a busy computer."""
     return _in_time
+
+
+@pytest.fixture(scope="module")
+def emulate_bench(emulators):
+    """emulate_bench(scenario="") begins an `EmulatedBench`."""
+    return partial(emulators, EmulatedBench)

@@ -1,3 +1,4 @@
+import threading
 import time
 
 import pytest
@@ -67,6 +68,39 @@ def test_a_loop_that_takes_samples_gets_fresh_ones(running, fake, judge):
     median = sorted(ages[40:])[20]
     assert median >= 0.004
     judged.check_at_least(0.012, median)
+
+
+def test_a_reading_that_is_late_is_not_put_off_by_the_next(running, fake, until, judge):
+    device = fake()
+    writes, written = device.write, threading.Event()
+
+    def slow(signals):
+        written.wait(20.0)
+        writes(signals)
+
+    device.write = slow
+    thread = running(device, period=0.5)
+    thread.taken()
+    thread.post(COMMAND, time.monotonic())  # keeps the thread until its reading is late
+    before = device.readings
+    assert until(lambda: thread._due < time.monotonic())
+    thread.taken()
+    with judge() as judged:
+        written.set()
+        assert until(lambda: device.readings > before)
+    judged.check(0.3)
+
+
+def test_readings_begin_earlier_where_they_begin_late(fake):
+    """What counts is when one has ended, since it was due."""
+    now = 0.0
+    thread = DeviceThread(fake(), 0.01, clock=lambda: now)
+    for k in range(200):
+        now = 0.01 * k
+        thread._read(due=now - 0.002)
+    thread._due = now + 0.001
+    thread.taken()
+    assert thread._due == pytest.approx(now + 0.01 - 0.002 - 5e-4, abs=3e-4)
 
 
 def test_the_stamp_is_from_before_the_reading(running, fake, until):

@@ -10,7 +10,7 @@ import pytest
 from parapod.systems.hardware.canopen import Entry
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import Controlword, DriveState
-from parapod.systems.hardware.epos2 import objects
+from parapod.systems.hardware.epos2 import emulator, objects
 from parapod.systems.hardware.epos2.controller import set_up_of
 from parapod.systems.hardware.epos2.emulator import EmulatedMotor
 from parapod.systems.hardware.epos2.forces import ForceLimits
@@ -20,7 +20,7 @@ SIGNS = (1, -1)
 PER_CURRENT, LARGEST = 100.0, 400.0  # [N/A], [N]
 FASTEST = 8000.0 / 60.0 * 5e-3  # of a slide with a lead of 5 mm [m/s]
 MIDDLE, LOW, HIGH = 0.5, 0.4, 0.6  # [m]
-RUNNING, STOPPED = {DriveState.OPERATION_ENABLED}, {DriveState.QUICK_STOP_ACTIVE}
+RUNNING, STOPPED = {DriveState.OPERATION_ENABLED}, {DriveState.SWITCHED_ON}
 SLIDES = {
     "node_ids": [1, 2],
     "signs": [*SIGNS],
@@ -226,12 +226,39 @@ def test_no_command_exceeds_the_largest_force(axes):
         axes.arrives(0.0, 20.0)
 
 
-def test_neutral_frees_the_axes(axes):
+def test_neutral_takes_the_power_so_that_a_brake_closes(axes):
+    """A controller that hangs must not drop what hangs on a slide."""
     axes.cycle(100.0, 100.0)
     axes.arrives(100.0, 100.0)
     axes.drives.neutral()
     axes.arrives(0.0, 0.0)
+    axes.rig.wait_alone(lambda: set(axes.rig.nodes.states) == STOPPED)
+    assert axes.rig.is_braked
+    axes.drives.read()  # no fault: that is as it should be
+    axes.cycle(20.0, 20.0)
+    axes.arrives(20.0, 20.0)
     assert set(axes.rig.nodes.states) == RUNNING
+
+
+def test_activation_gives_no_power_before_a_command_with_its_force(axes):
+    assert set(axes.rig.nodes.states) == STOPPED
+    assert axes.rig.is_braked
+    for _ in range(10):
+        axes.cycle(0.0, 0.0, brake=1.0)
+    axes.drives.neutral()
+    assert axes.rig.is_braked
+    assert set(axes.rig.nodes.states) == STOPPED
+    axes.cycle(100.0, 50.0)
+    axes.arrives(100.0, 50.0)
+    assert set(axes.rig.nodes.states) == RUNNING
+
+
+def test_a_drive_that_gives_no_power_when_it_is_told_to_is_an_error(axes, monkeypatch):
+    monkeypatch.setattr(emulator, "obeyed", lambda state, *_: state)
+    axes.cycle(100.0, 50.0)
+    axes.cycle(100.0, 50.0)  # it may take a moment
+    axes.clock.now += 0.06
+    assert "has lost its power, it is in switched on" in str(fault_of(axes.drives.read))
 
 
 # --- ends and largest velocity, also without a command
@@ -405,7 +432,7 @@ def test_axes_that_share_a_load_are_freed_when_one_fails(axes):
     axes.rig.nodes.trip(1, 0x2310)
     assert "node 1 is in fault: EMCY 0x2310" in str(fault_of(axes.drives.read))
     axes.arrives(0.0, 0.0)
-    assert axes.rig.nodes.states[1] is DriveState.QUICK_STOP_ACTIVE
+    assert axes.rig.nodes.states[1] is DriveState.SWITCHED_ON
 
 
 def test_power_is_taken_from_axes_that_move_without_waiting_for_them(axes, monkeypatch):
