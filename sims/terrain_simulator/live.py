@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
@@ -20,7 +21,6 @@ HELP = (
     "the leg walk over it."
 )
 _SPEED = "speed [%]"
-_WALK = "walk: "
 # Fastest that a walk may be by the speed at which its terrain is usually walked [%].
 _FASTEST = 200.0
 
@@ -61,23 +61,24 @@ class LiveBench:
         self._scenario, self._panel, self._read_out = scenario, panel, read_out
         self._check, self._walking = check, walking
         self._terrains = list(COURSES) if scenario.configuration == "pedal" else ["level"]
+        self._state = ""
+        self._refusals: tuple[str, ...] = ()
 
     def work(self) -> str:
         """Obeys in real time until somebody clicks a button; returns which."""
         panel = self._panel
         panel.AddSlider(_SPEED, 10.0, _FASTEST, 5.0, 100.0)
-        buttons = [f"{_WALK}{name}" for name in self._terrains]
-        for name in (*buttons, RESTART, END):
+        for name in (*self._terrains, RESTART, END):
             panel.AddButton(name)
         try:
             while True:
-                clicked = self._stand(buttons)
+                clicked = self._stand()
                 if clicked in (RESTART, END):
                     return clicked
-                self._walk(clicked.removeprefix(_WALK))
+                self._walk(clicked)
         finally:
             panel.DeleteSlider(_SPEED, strict=False)
-            for name in (*buttons, RESTART, END):
+            for name in (*self._terrains, RESTART, END):
                 panel.DeleteButton(name, strict=False)
 
     def walk_of(self, terrain: str, percent: float) -> TerrainBenchScenario:
@@ -90,11 +91,18 @@ class LiveBench:
         speed = 0.01 * percent * found.gait.speed_m_s
         return replace(found, gait=replace(found.gait, speed_m_s=speed))
 
-    def _stand(self, buttons: list[str]) -> str:
-        """Lets the sliders move the plate until a button is clicked; returns which."""
+    def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
+        """What the page shows: what the leg does, why it does not walk, and the numbers."""
+        shown = self._read_out(loop, root_context)
+        state = f"{self._state}, {shown.state}" if shown.state else self._state
+        return replace(shown, state=state, remarks=(*self._refusals, *shown.remarks))
+
+    def _stand(self) -> str:
+        """Lets the sliders move the plate until a button is obeyed; returns which."""
+        self._state = "stands"
         loop = operated_loop(self._scenario, self._panel, self._panel.meshcat)
-        live = Live(self._panel, loop, self._read_out)
-        before = {name: self._panel.GetButtonClicks(name) for name in buttons}
+        live = Live(self._panel, loop, self.read_out)
+        seen = {name: self._panel.GetButtonClicks(name) for name in self._terrains}
         with loop.sources[0].shown():
             live.begin()
             with in_real_time(live.simulator):
@@ -103,20 +111,29 @@ class LiveBench:
                     for name in (END, RESTART):
                         if self._panel.GetButtonClicks(name):
                             return name
-                    for name in buttons:
-                        if self._panel.GetButtonClicks(name) > before[name]:
+                    for name, before in seen.items():
+                        seen[name] = self._panel.GetButtonClicks(name)
+                        if seen[name] > before and self._may_walk(name):
                             return name
 
-    def _walk(self, terrain: str) -> None:
-        """Walks over a terrain, or shows why that cannot be."""
-        scenario = self.walk_of(terrain, self._panel.GetSliderValue(_SPEED))
+    def _asked(self, terrain: str) -> TerrainBenchScenario:
+        return self.walk_of(terrain, self._panel.GetSliderValue(_SPEED))
+
+    def _may_walk(self, terrain: str) -> bool:
+        """Whether the leg can walk over a terrain; the page tells why not."""
+        self._refusals = ()
         try:
-            self._check(scenario)
+            self._check(self._asked(terrain))
         except ParapodError as error:
-            self._panel.show(Readout(f"{terrain}: {error}", (), (), True))
-            return
+            self._refusals = (f"no walk over {terrain}: {error}",)
+        return not self._refusals
+
+    def _walk(self, terrain: str) -> None:
+        """Walks over a terrain to its end."""
+        scenario = self._asked(terrain)
+        self._state = f"walks over {terrain} at {scenario.gait.speed_m_s:.2f} m/s"
         loop = self._walking(scenario, meshcat=self._panel.meshcat, log=())
-        live = Live(self._panel, loop, self._read_out)
+        live = Live(self._panel, loop, self.read_out)
         live.begin()
         until = scenario.walk.duration + scenario.end
         with in_real_time(live.simulator):

@@ -5,7 +5,9 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
+from parapod.sims.lab.panel import Readout
 from parapod.sims.terrain_simulator.live import LiveBench, operated_loop
+from parapod.sims.terrain_simulator.walk import check_bench
 from parapod.systems.terrain_simulator.kinematics import singularity
 
 
@@ -52,3 +54,21 @@ def test_a_terrain_is_walked_at_the_speed_that_is_chosen():
     assert slow == pytest.approx(0.5 * usual)
     belt = TerrainBenchScenario(configuration="treadmill")
     assert LiveBench(belt, None, None, None, None).walk_of("level", 50.0).gait.speed_m_s == 0.75
+
+
+def test_a_walk_that_cannot_be_is_told_until_another_one_is_asked_for():
+    sliders = Sliders()
+    sliders.values["speed [%]"] = 200.0
+    shown = Readout("slowed down to 3 %", remarks=("the cells are overloaded",))
+    bench = LiveBench(TerrainBenchScenario(), sliders, lambda *_: shown, check_bench, None)
+    bench._state = "stands"
+    assert not bench._may_walk("stairs up")
+    page = bench.read_out(None, None)
+    assert page.state == "stands, slowed down to 3 %"
+    refusal, other = page.remarks
+    assert "no walk over stairs up" in refusal
+    assert "largest admissible speed is 0.4" in refusal
+    assert other == "the cells are overloaded"
+    sliders.values["speed [%]"] = 100.0
+    assert bench._may_walk("stairs up")
+    assert bench.read_out(None, None).remarks == (other,)
