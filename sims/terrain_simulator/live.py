@@ -92,7 +92,7 @@ class LiveBench:
         return replace(found, gait=replace(found.gait, speed_m_s=speed))
 
     def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
-        """What the page shows: what the leg does, why it does not walk, and the numbers."""
+        """Numbers, with what the leg does, and why it does not walk."""
         shown = self._read_out(loop, root_context)
         state = f"{self._state}, {shown.state}" if shown.state else self._state
         return replace(shown, state=state, remarks=(*self._refusals, *shown.remarks))

@@ -707,7 +707,7 @@ def test_truth_arrives(rig, device):
 def test_nothing_moves_before_the_device_is_active(rig, device):
     configured(device)
     for _ in range(20):
-        device.write(rig.row.order)
+        until(lambda: device.write(rig.row.order) is None)
         assert rig.is_at_rest()
         time.sleep(2e-3)
     rig.moves(activated(device))

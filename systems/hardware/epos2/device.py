@@ -421,7 +421,7 @@ class Epos2Device(IncrementalDevice):
 
     @property
     def _braking(self) -> Controlword:
-        """What stops the drives: a ramp, after which they hold, or else their power is taken."""
+        """Command that stops the drives on a ramp, or takes the power of those that have none."""
         return Controlword.QUICK_STOP if self._holds else Controlword.SWITCH_ON
 
     def _may_run(self) -> bool:
