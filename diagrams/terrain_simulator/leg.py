@@ -1,15 +1,16 @@
 """The leg under test: a protocol, and legs from a URDF, whatever they are called there."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from pydrake.geometry import AddContactMaterial, ProximityProperties, Role, SceneGraph, Sphere
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import Parser
+from pydrake.multibody.parsing import PackageMap, Parser
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex
 from pydrake.systems.framework import LeafSystem
@@ -48,7 +49,7 @@ class LegDescription:
     hip_frame: str = "hip"
     foot_frame: str = "foot"
     joints: tuple[str, ...] = ("hip", "knee")
-    posture: tuple[float, ...] = (0.6, -1.2)
+    posture: tuple[float, ...] = (math.radians(35.0), math.radians(-70.0))
     foot_radius: float = 0.02
     max_torque: tuple[float, ...] | None = None
     friction: float = 0.8
@@ -195,16 +196,25 @@ class UrdfLeg:
 
     Attributes:
         description: where, and what besides.
-        impedance: impedance of its foot.
+        gains: fields of `ImpedanceParams` that are given, and their values; the others are those
+            of the default leg, in the proportion of the masses that the feet show.
     """
 
     description: LegDescription = field(default_factory=LegDescription)
-    impedance: ImpedanceParams = field(default_factory=ImpedanceParams)
+    gains: tuple[tuple[str, tuple[float, float]], ...] = ()
 
-    @cached_property
+    @property
     def model(self) -> LegModel:
         """The leg alone."""
-        return make_leg_model(self.description)
+        return _model_of(self.description, _changed(self.description.urdf))
+
+    @property
+    def impedance(self) -> ImpedanceParams:
+        """Impedance of its foot."""
+        usual = LegDescription()
+        share = self.model.least_mass / _model_of(usual, _changed(usual.urdf)).least_mass
+        given: dict[str, Any] = dict(self.gains)
+        return replace(ImpedanceParams().scaled(share), **given)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -228,8 +238,19 @@ class UrdfLeg:
         return add_leg(plant, self.description, hip, scene_graph)
 
     def make_controller(self, period: float) -> LeafSystem:
-        """See `LegUnderTest`."""
-        return FootImpedance(self.model, self.impedance)
+        """See `LegUnderTest`; refuses damping with which a sampled foot would rattle."""
+        impedance, mass = self.impedance, self.model.least_mass
+        most = mass / period
+        for name in ("stance_damping", "swing_damping"):
+            damping = max(getattr(impedance, name))
+            if damping > most:
+                key = f"leg.{name}_Ns_m"
+                raise ScenarioError(
+                    f"{key} = {damping:.4g} N s/m is too much for a foot of {mass:.2g} kg; "
+                    f"with control.period = {period:g} s it is at most {most:.4g} N s/m",
+                    key,
+                )
+        return FootImpedance(self.model, impedance)
 
     def reach(self, foot: Array, phi: float) -> Array:
         """See `LegUnderTest`."""
@@ -255,6 +276,18 @@ class UrdfLeg:
         self.model.follow(walk.at(times).foot[0])
 
 
+@lru_cache(maxsize=8)
+def _model_of(description: LegDescription, changed: int) -> LegModel:
+    """The leg of a file that was changed last at a time: parsed once."""
+    return make_leg_model(description)
+
+
+def _changed(urdf: str) -> int:
+    """Time at which a file was changed last [ns]; 0 for those that are installed."""
+    path = Path(urdf)
+    return path.stat().st_mtime_ns if path.is_file() else 0
+
+
 def _parse(plant: MultibodyPlant, urdf: str) -> ModelInstanceIndex:
     parser = Parser(plant)
     configure_parser(parser)
@@ -268,6 +301,7 @@ def _parse(plant: MultibodyPlant, urdf: str) -> ModelInstanceIndex:
                 raise ScenarioError(
                     f"leg.urdf = {quoted(urdf)}: there is no such file", "leg.urdf"
                 )
+            _add_packages(parser.package_map(), path)
             found = parser.AddModels(path)
     except RuntimeError as error:
         words = " ".join(str(error).split())
@@ -279,6 +313,14 @@ def _parse(plant: MultibodyPlant, urdf: str) -> ModelInstanceIndex:
             f"leg.urdf = {quoted(urdf)} must have one model, not {len(found)}", "leg.urdf"
         )
     return found[0]
+
+
+def _add_packages(known: PackageMap, path: Path) -> None:
+    """Adds the ROS packages that a file may refer to: its own, and those of the environment."""
+    known.PopulateFromRosPackagePath()
+    for folder in path.resolve().parents:
+        if (folder / "package.xml").is_file() and not known.Contains(folder.name):
+            known.AddPackageXml(str(folder / "package.xml"))
 
 
 def _frame(

@@ -19,7 +19,6 @@ from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.terrain_simulator.gait import Gait
 from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS, BenchGeometry
 from parapod.systems.terrain_simulator.hip_support import HipSupportParams
-from parapod.systems.terrain_simulator.impedance import ImpedanceParams
 from parapod.systems.terrain_simulator.path import PathLimits, PlatePath
 from parapod.systems.terrain_simulator.walk import BenchWalk
 
@@ -117,6 +116,10 @@ class SliderScenario(Schema):
         )
 
 
+# Quarter of the robot for which the support of the other legs is told [kg].
+_USUAL_MASS = 30.0
+
+
 @dataclass
 class HipScenario(Schema):
     """The hip's slide and its drive.
@@ -124,8 +127,10 @@ class HipScenario(Schema):
     Attributes:
         mass_kg: mass that the slide has with the leg [kg]: a quarter of a robot of 120 kg.
         max_force_N: largest force of its drive, both ways [N] (assumption).
-        stiffness_N_m: stiffness of the other legs, which the drive plays [N/m] (assumption).
-        damping_Ns_m: damping of these [N s/m] (assumption).
+        stiffness_N_m: stiffness of the other legs, which the drive plays [N/m]; null: 20000 N/m
+            for 30 kg, by the mass (assumption).
+        damping_Ns_m: damping of these [N s/m]; null: 1100 N s/m for 30 kg, by the mass
+            (assumption).
         washout_s: time constant with which a lasting force of these fades [s].
         adds_inertia: whether the drive adds the force with which the body resists the acceleration
             of its rise over the terrain: on the bench it does not rise, the plate falls.
@@ -133,17 +138,23 @@ class HipScenario(Schema):
 
     mass_kg: float = quantity(30.0, 0.1, 1000.0)
     max_force_N: float = quantity(2000.0, 0.0, 1e5)  # noqa: N815
-    stiffness_N_m: float = quantity(2e4, 0.0, 1e6)  # noqa: N815
-    damping_Ns_m: float = quantity(1100.0, 0.0, 1e5)  # noqa: N815
+    stiffness_N_m: float | None = quantity(None, 0.0, 1e6)  # noqa: N815
+    damping_Ns_m: float | None = quantity(None, 0.0, 1e5)  # noqa: N815
     washout_s: float = quantity(0.2, 0.01, 100.0)
     adds_inertia: bool = True
 
     @property
     def support(self) -> HipSupportParams:
         """Stiffness and limit of the drive."""
-        return HipSupportParams(
-            self.stiffness_N_m, self.damping_Ns_m, self.washout_s, self.max_force_N
+        usual, mass = HipSupportParams(), self.mass_kg
+        stiffness, damping = (
+            of_mass * mass / _USUAL_MASS if given is None else given
+            for given, of_mass in (
+                (self.stiffness_N_m, usual.stiffness),
+                (self.damping_Ns_m, usual.damping),
+            )
         )
+        return HipSupportParams(stiffness, damping, self.washout_s, self.max_force_N)
 
 
 @dataclass
@@ -191,10 +202,11 @@ class LegScenario(Schema):
         posture_deg: positions of the joints in which it stands, about [deg; mm for a slide].
         max_torque: largest torques of the joints' drives [N m; N]; null: those of the file.
         friction: coefficient of friction of the foot on the plate [-].
-        stance_stiffness_N_m: springs of the standing foot along x and z [N/m].
-        stance_damping_Ns_m: dampers then [N s/m].
-        swing_stiffness_N_m: springs of the swinging foot [N/m].
-        swing_damping_Ns_m: dampers then [N s/m].
+        stance_stiffness_N_m: springs of the standing foot along x and z [N/m]; null, here and
+            below: those of the default leg, 4000 and 8000 N/m, by the mass that the foot shows.
+        stance_damping_Ns_m: dampers then [N s/m]; of the default leg 150 and 300 N s/m.
+        swing_stiffness_N_m: springs of the swinging foot [N/m]; of the default leg 15000 N/m.
+        swing_damping_Ns_m: dampers then [N s/m]; of the default leg 250 N s/m.
     """
 
     controller: str = ""
@@ -208,10 +220,10 @@ class LegScenario(Schema):
     posture_deg: list[float] = quantity([35.0, -70.0], -1000.0, 1000.0)
     max_torque: list[float] | None = quantity(None, 0.0, 1e6)
     friction: float = quantity(0.8, 0.0, 2.0)
-    stance_stiffness_N_m: list[float] = quantity([4e3, 8e3], 0.0, 1e6, length=2)  # noqa: N815
-    stance_damping_Ns_m: list[float] = quantity([150.0, 300.0], 0.0, 1e5, length=2)  # noqa: N815
-    swing_stiffness_N_m: list[float] = quantity([1.5e4, 1.5e4], 0.0, 1e6, length=2)  # noqa: N815
-    swing_damping_Ns_m: list[float] = quantity([250.0, 250.0], 0.0, 1e5, length=2)  # noqa: N815
+    stance_stiffness_N_m: list[float] | None = quantity(None, 0.0, 1e6, length=2)  # noqa: N815
+    stance_damping_Ns_m: list[float] | None = quantity(None, 0.0, 1e5, length=2)  # noqa: N815
+    swing_stiffness_N_m: list[float] | None = quantity(None, 0.0, 1e6, length=2)  # noqa: N815
+    swing_damping_Ns_m: list[float] | None = quantity(None, 0.0, 1e5, length=2)  # noqa: N815
 
     @property
     def ports(self) -> int:
@@ -231,7 +243,7 @@ class LegScenario(Schema):
             ScenarioError: see `add_leg`.
         """
         if self.kind == "urdf":
-            return UrdfLeg(self.description, self.impedance)
+            return UrdfLeg(self.description, self.gains)
         from parapod.diagrams.terrain_simulator.chair_leg import ChairLeg
 
         return ChairLeg.of(self.chair)
@@ -251,18 +263,15 @@ class LegScenario(Schema):
         )
 
     @property
-    def impedance(self) -> ImpedanceParams:
-        """Impedance of the foot."""
-
-        def both(values: list[float]) -> tuple[float, float]:
-            return values[0], values[1]
-
-        return ImpedanceParams(
-            both(self.stance_stiffness_N_m),
-            both(self.stance_damping_Ns_m),
-            both(self.swing_stiffness_N_m),
-            both(self.swing_damping_Ns_m),
-        )
+    def gains(self) -> tuple[tuple[str, tuple[float, float]], ...]:
+        """Springs and dampers of the foot that are given, by their names in `ImpedanceParams`."""
+        given = {
+            "stance_stiffness": self.stance_stiffness_N_m,
+            "stance_damping": self.stance_damping_Ns_m,
+            "swing_stiffness": self.swing_stiffness_N_m,
+            "swing_damping": self.swing_damping_Ns_m,
+        }
+        return tuple((name, (value[0], value[1])) for name, value in given.items() if value)
 
 
 @dataclass

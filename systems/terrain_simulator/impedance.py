@@ -12,7 +12,7 @@ from parapod.systems.terrain_simulator.leg import LegModel
 
 @dataclass(frozen=True)
 class ImpedanceParams:
-    """Impedance of the foot along x and z, in stance and in swing: assumptions.
+    """Impedance of the foot along x and z, in stance and swing: assumptions for the default leg.
 
     Attributes:
         stance_stiffness: springs while the foot stands [N/m]; along x soft enough that a round
@@ -35,6 +35,18 @@ class ImpedanceParams:
             for value in getattr(self, field.name):
                 if not value >= 0.0:
                     raise ValueError(f"{field.name} must not be negative, but is {value!r}")
+
+    def scaled(self, share: float) -> "ImpedanceParams":
+        """Springs and dampers times a share, as a leg needs them that is lighter or heavier.
+
+        Args:
+            share: mass that its foot shows by that of the default leg: frequencies and damping
+                ratios stay.
+        """
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return ImpedanceParams(
+            **{name: (share * one, share * other) for name, (one, other) in values.items()}
+        )
 
 
 class FootImpedance(LeafSystem):

@@ -99,6 +99,12 @@ class LegModel:
         plant, order = self.plant, list(self.order)
         return plant.GetPositionLowerLimits()[order], plant.GetPositionUpperLimits()[order]
 
+    @cached_property
+    def least_mass(self) -> float:
+        """Least mass that the foot shows to a force, of all directions, in `posture` [kg]."""
+        at_rest = self.foot_state(self.make_context(), self.posture, [0.0] * self.joints)
+        return float(np.linalg.eigvalsh(at_rest.inertia)[0])
+
     def make_context(self) -> Context:
         """A context to work in; the methods below change it."""
         context: Context = self.plant.CreateDefaultContext()

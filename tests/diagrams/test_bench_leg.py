@@ -1,11 +1,17 @@
 """Legs under test: what a URDF must have, what is told of it, and its impedance."""
 
+import os
+import re
 from dataclasses import replace
+from importlib.resources import files
 
 import numpy as np
 import pytest
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
 
-from parapod.diagrams.terrain_simulator.leg import LegDescription, make_leg_model
+from parapod.diagrams.terrain_simulator.leg import LegDescription, UrdfLeg, add_leg, make_leg_model
+from parapod.diagrams.terrain_simulator.scenario import HipScenario
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.terrain_simulator.impedance import FootImpedance, ImpedanceParams
 from parapod.systems.terrain_simulator.leg import UnreachableFoot
@@ -155,3 +161,104 @@ def test_joints_beyond_two_are_led_to_their_posture_without_moving_the_foot():
     np.testing.assert_allclose(np.transpose(state.inverse) @ more, 0.0, atol=1e-3)
     mirrored = replace(FOREIGN, posture=tuple(2.0 * q - np.array(FOREIGN.posture)))
     np.testing.assert_allclose(torque(mirrored, q, rest, foot) - free, -more, atol=1e-9)
+
+
+# --- legs that somebody else has built
+
+
+def written(path, share=1.0, more=""):
+    """Description of the default leg in a file, its masses and inertias times a share."""
+
+    def scaled(match):
+        return f'{match[1]}="{share * float(match[2])!r}"'
+
+    text = files("parapod.urdf.terrain_simulator").joinpath("leg.urdf").read_text()
+    text = re.sub(r'(?<=<mass )(value)="([^"]+)"', scaled, text)
+    text = re.sub(r'\b(i[xyz]{2})="([^"]+)"', scaled, text)
+    path.write_text(text.replace("</robot>", f"{more}</robot>"))
+    os.utime(path, ns=(0, round(1e9 * share)))  # another share is another time
+    return replace(OWN, urdf=str(path))
+
+
+def test_springs_and_dampers_follow_the_mass_that_the_foot_shows(tmp_path):
+    usual = ImpedanceParams()
+    assert UrdfLeg(OWN).impedance == usual
+    light = UrdfLeg(written(tmp_path / "leg.urdf", 0.3))
+    for name in ("stance_stiffness", "stance_damping", "swing_damping", "posture"):
+        assert getattr(light.impedance, name) == pytest.approx(
+            0.3 * np.array(getattr(usual, name))
+        )
+    given = replace(light, gains=(("swing_damping", (7.0, 9.0)),)).impedance
+    assert given.swing_damping == (7.0, 9.0)
+    assert given.stance_damping == light.impedance.stance_damping
+    # A file that has been changed is read again.
+    heavier = UrdfLeg(written(tmp_path / "leg.urdf", 0.6))
+    assert heavier.mass == pytest.approx(2.0 * 0.3 * UrdfLeg(OWN).mass)
+    assert heavier.impedance.stance_stiffness[0] == pytest.approx(0.6 * 4e3)
+
+
+def test_damping_with_which_a_sampled_foot_would_rattle_is_refused():
+    leg = UrdfLeg(OWN, (("stance_damping", (150.0, 400.0)),))
+    words = r"leg.stance_damping_Ns_m = 400 N s/m is too much for a foot of 0\.\d+ kg; with "
+    with pytest.raises(ScenarioError, match=words + r"control.period = 0.001 s it is at most \d+"):
+        leg.make_controller(1e-3)
+    leg.make_controller(5e-4)
+
+
+def test_the_other_legs_are_as_stiff_as_their_load_is_heavy():
+    usual, light = HipScenario().support, HipScenario(mass_kg=3.0).support
+    assert (usual.stiffness, usual.damping) == (2e4, 1100.0)
+    assert (light.stiffness, light.damping) == pytest.approx((2e3, 110.0))
+    assert HipScenario(mass_kg=3.0, stiffness_N_m=50.0, damping_Ns_m=0.0).support.stiffness == 50.0
+
+
+MESH = """
+<link name="shell"><visual><geometry><mesh filename="package://{}/shell.obj"/></geometry></visual>
+</link>
+<joint name="screws" type="fixed"><parent link="hip"/><child link="shell"/></joint>
+"""
+
+
+def drawn(leg):
+    """Parses a leg with its shapes, as for a scene."""
+    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 1e-3)
+    add_leg(plant, leg, plant.world_frame(), scene_graph)
+
+
+def test_meshes_are_found_in_the_package_that_a_leg_is_in(tmp_path):
+    package = tmp_path / "some_robot"
+    (package / "urdf").mkdir(parents=True)
+    (package / "package.xml").write_text("<package><name>their_robot</name></package>")
+    (package / "shell.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    drawn(written(package / "urdf" / "leg.urdf", more=MESH.format("their_robot")))
+    lost = written(package / "urdf" / "leg.urdf", more=MESH.format("another_robot"))
+    with pytest.raises(ScenarioError, match="refers to unknown package 'another_robot'") as caught:
+        drawn(lost)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_drake_does_not_like_in_a_file_is_told_once(tmp_path, caplog):
+    path = tmp_path / "leg.urdf"
+    leg = written(path)
+    text = path.read_text()
+    at = text.index("<axis")
+    path.write_text(f'{text[:at]}<dynamics damping="0" friction="0.2"/>{text[at:]}')
+    for _ in range(3):
+        make_leg_model(leg)
+    told = [record for record in caplog.records if "friction" in record.getMessage()]
+    assert len(told) == 1
+
+
+def test_a_model_directive_describes_a_leg_too(tmp_path):
+    path = tmp_path / "leg.dmd.yaml"
+    path.write_text(
+        f"directives:\n- add_model:\n    name: mine\n    file: {OWN.urdf}\n- add_frame:\n"
+        "    name: mine::sole\n    X_PF:\n      base_frame: mine::foot\n"
+        "      translation: [0.0, 0.0, -0.01]\n"
+    )
+    leg, usual = (
+        make_leg_model(replace(OWN, urdf=str(path), foot_frame="sole")),
+        make_leg_model(OWN),
+    )
+    one, other = (model.place(model.make_context(), leg.posture) for model in (leg, usual))
+    assert np.hypot(*(one - other)) == pytest.approx(0.01)
