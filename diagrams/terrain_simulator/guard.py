@@ -14,6 +14,8 @@ from parapod.systems.terrain_simulator.kinematics import singularity
 _POSITION, _VELOCITY, _STOP = "sliders.position", "sliders.velocity", "sliders.emergency_stop"
 _COMMAND, _CURRENT, _CELLS = "sliders.position_command", "sliders.current", "cells.force"
 _POSE, _HIP = "pose_estimated", "hip.position"
+# Poses that a walk asks for and that the plate is led to, and a signal that walks alone have.
+_ASKED, _LED, _WALKS = "pose_asked", "pose_desired", "done"
 _SLIDERS = ("sliders",)
 
 
@@ -29,6 +31,8 @@ class BenchLimits:
         crushed: largest force of a cell [N].
         sin_mu: least sine of the transmission angle, half of what is asked for: below it small
             loads turn the plate over [-].
+        behind: largest distance of the plate from where a walk has it while a leg is driven [m],
+            and largest angle [rad].
         lowest: height of the hip below which nothing carries it [m].
         oldest: largest age of the measurements [s].
         persists: time for which a sign must last, but for a jump [s].
@@ -39,6 +43,7 @@ class BenchLimits:
     fastest: float = 7.0
     crushed: float = 3000.0
     sin_mu: float = 0.12
+    behind: tuple[float, float] = (5e-3, 0.05)
     lowest: float = 0.42
     oldest: float = 0.06
     persists: float = 0.1
@@ -52,7 +57,10 @@ class BenchGuard(SignGuard):
 
     part = "sliders"
     signals = frozenset(
-        (_POSITION, _VELOCITY, _COMMAND, _CURRENT, _CELLS, _POSE, _HIP, AGE, _STOP)
+        (
+            *(_POSITION, _VELOCITY, _COMMAND, _CURRENT, _CELLS, _POSE, _HIP, AGE, _STOP),
+            *(_ASKED, _LED, _WALKS),
+        )
     )
 
     def __init__(self, scenario: TerrainBenchScenario, limits: BenchLimits = BenchLimits()):
@@ -66,6 +74,7 @@ class BenchGuard(SignGuard):
         self._limits, sliders = limits, scenario.sliders
         self._geometry = scenario.geometry
         self._most = sliders.max_force_N / sliders.force_per_current_N_A
+        self._drives_leg = scenario.drives_leg
         self._led: NDArray[Any] | None = None
 
     def _signs(
@@ -90,6 +99,11 @@ class BenchGuard(SignGuard):
             if not held >= limits.sin_mu:
                 words = f"plate and strut are nearly in line (sin mu = {held:.2f})"
                 yield "singularity", Sign(words, 0.0)
+        if self._drives_leg and {_ASKED, _LED, _WALKS} <= values.keys():
+            off = np.abs(values[_ASKED] - values[_LED])
+            if not (off <= (limits.behind[0], *limits.behind)).all():
+                words = "the plate is not where the walk has it, and the leg would step beside it"
+                yield "plate_behind", Sign(words, limits.persists)
         if _HIP in values and values[_HIP][0] < limits.lowest:
             yield "hip_low", Sign("the hip is at the end of its slide", limits.persists)
         yield from self._stale(values, limits)

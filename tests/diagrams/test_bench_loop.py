@@ -9,6 +9,7 @@ from pydrake.systems.analysis import Simulator
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.terrain_simulator.guard import BenchGuard
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
+from parapod.diagrams.terrain_simulator.plants import slider_params
 from parapod.diagrams.terrain_simulator.scenario import (
     CellsScenario,
     GaitScenario,
@@ -227,6 +228,25 @@ def test_the_guard_of_the_real_bench_names_what_is_wrong(name, changed):
         values = {k: v.copy() for k, v in (GOOD | (changed if number > 50 else {})).items()}
         trip = trip or guard.check(now, values)
     assert (trip.name if trip else "") == name
+
+
+@pytest.mark.parametrize(("leg", "walks"), [(True, True), (True, False), (False, True)])
+def test_a_leg_does_not_walk_on_a_plate_that_is_elsewhere(leg, walks):
+    """Without a leg the plate may be led there; in a person's hands it follows them slowly."""
+    hardware = STEP if leg else replace(STEP, backend="hardware")
+    guard, trip = BenchGuard(hardware), None
+    away = {"pose_asked": np.array((0.5, 0.29, 0.0)), "pose_desired": np.array((0.5, 0.28, 0.0))}
+    for number in range(300):
+        values = GOOD | away | ({"done": np.zeros(1)} if walks else {})
+        trip = trip or guard.check(0.001 * number, {k: v.copy() for k, v in values.items()})
+    assert (trip.name if trip else "") == ("plate_behind" if leg and walks else "")
+
+
+def test_drives_are_no_faster_than_the_scenario_has_them():
+    sliders = replace(STEP.sliders, max_velocity_m_s=1.2, max_acceleration_m_s2=40.0)
+    params = slider_params(replace(STEP, sliders=sliders))
+    assert params.max_velocity == 1.2
+    assert params.acceleration == pytest.approx(40.0, rel=0.011)
 
 
 OWN = """
