@@ -19,6 +19,8 @@ from parapod.systems.terrain_simulator.guard import SingularityGuard, Singularit
 from parapod.systems.terrain_simulator.hip_support import HipSupport
 from parapod.systems.terrain_simulator.load_estimator import MASSES, LoadEstimator
 
+# Period with which a leg may be controlled that nothing moves [s].
+_ANY_PERIOD = 1e-3
 # The machine's signals, by the names of the ports inside that take them.
 _TAKEN = {
     "position_measured": "sliders.position",
@@ -53,7 +55,12 @@ def make_leg_controller(scenario: TerrainBenchScenario) -> System:
         ScenarioError: it cannot be loaded, is none, or cannot be sampled with the period.
     """
     if not scenario.leg.controller:
-        return scenario.leg.under_test.make_controller(scenario.control.period)
+        moves = scenario.backend == "multibody" or (
+            scenario.backend == "hardware" and scenario.drives_leg
+        )
+        return scenario.leg.under_test.make_controller(
+            scenario.control.period if moves else _ANY_PERIOD
+        )
     key = f"leg.controller = {quoted(scenario.leg.controller)}"
     make = _loaded(scenario.leg.controller, key)
     try:

@@ -7,10 +7,13 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.drivers.epos2 import Epos2TorqueAxes
+from parapod.diagrams.terrain_simulator.controller import make_controller
 from parapod.diagrams.terrain_simulator.guard import BenchGuard
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.terrain_simulator.plants import slider_params
 from parapod.diagrams.terrain_simulator.scenario import (
+    BenchControlScenario,
     CellsScenario,
     GaitScenario,
     HipScenario,
@@ -240,6 +243,27 @@ def test_a_leg_does_not_walk_on_a_plate_that_is_elsewhere(leg, walks):
         values = GOOD | away | ({"done": np.zeros(1)} if walks else {})
         trip = trip or guard.check(0.001 * number, {k: v.copy() for k, v in values.items()})
     assert (trip.name if trip else "") == ("plate_behind" if leg and walks else "")
+
+
+@pytest.mark.parametrize("backend", ["multibody", "kinematic", "mock", "hardware"])
+def test_a_leg_that_nothing_drives_may_be_sampled_as_slowly_as_the_drives(backend):
+    slow = replace(STEP, backend=backend, control=BenchControlScenario(0.01))
+    if backend == "multibody":
+        with pytest.raises(
+            ScenarioError, match=r"leg.\w+_damping_Ns_m = .* control.period = 0.01 s"
+        ):
+            make_controller(slow)
+        return
+    make_controller(slow)
+    leg = Epos2TorqueAxes(part="leg", node_ids=[1, 2], signs=[1, 1])
+    drivers = [d for d in slow.hardware.drivers if d.part != "leg"]
+    fitted = replace(slow, hardware=replace(slow.hardware, drivers=[*drivers, leg]))
+    assert fitted.drives_leg
+    if backend == "hardware":
+        with pytest.raises(ScenarioError, match=r"leg.\w+_damping_Ns_m"):
+            make_controller(fitted)
+    else:
+        make_controller(fitted)
 
 
 def test_drives_are_no_faster_than_the_scenario_has_them():
