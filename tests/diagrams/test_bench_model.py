@@ -75,6 +75,7 @@ def test_loops_are_closed_and_the_plate_is_where_it_is_put(configuration):
         pose, _ = bench.motion(time)
         bench.model.stand(bench.context, pose)
         np.testing.assert_allclose(bench.model.pose(bench.context), pose, atol=1e-14)
+        assert not bench.plant.GetVelocities(bench.context).any()
         assert bench.model.loop_error(bench.context).max() < 1e-14
         found = [
             bench.plant.GetJointByName(f"slider_{k + 1}").get_translation(bench.context)

@@ -60,10 +60,17 @@ def test_a_walk_that_cannot_be_is_told_until_another_one_is_asked_for():
     sliders = Sliders()
     sliders.values["speed [%]"] = 200.0
     shown = Readout("slowed down to 3 %", remarks=("the cells are overloaded",))
-    bench = LiveBench(TerrainBenchScenario(), sliders, lambda *_: shown, check_bench, None)
+    told = []
+
+    def read_out(*of):
+        told.append(of)
+        return shown
+
+    bench = LiveBench(TerrainBenchScenario(), sliders, read_out, check_bench, None)
     bench._state = "stands"
     assert not bench._may_walk("stairs up")
-    page = bench.read_out(None, None)
+    page = bench.read_out("loop", "context")
+    assert told == [("loop", "context")]
     assert page.state == "stands, slowed down to 3 %"
     refusal, other = page.remarks
     assert "no walk over stairs up" in refusal

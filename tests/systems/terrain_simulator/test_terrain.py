@@ -132,6 +132,18 @@ def test_the_spectrum_of_short_waves_falls_by_its_exponent():
         assert math.log(bands[0] / bands[1]) / math.log(4.0) == pytest.approx(falloff, abs=0.15)
 
 
+def test_the_longest_and_the_shortest_wave_of_rough_ground_are_as_long_as_they_are_to_be():
+    at = np.linspace(0.0, 400.0, 2**15, endpoint=False)
+    for longest in (4.0, 20.0):
+        ground = Rough(0.03, 0.5, 3, shortest=0.25, longest=longest)
+        spectrum = np.abs(np.fft.rfft(ground.height(at) * np.hanning(len(at))))
+        waves = np.fft.rfftfreq(len(at), at[1])[spectrum > 1e-3 * spectrum.max()]
+        # Each band has a wave anywhere in it, and the window smears each over two lines.
+        assert 1.0 / waves.min() == pytest.approx(0.5 * longest, rel=0.15)
+        assert 1.0 / waves.max() == pytest.approx(0.25, rel=0.15)
+
+
+
 def test_a_record_is_level_beyond_its_ends_and_straight_between():
     assert RECORD.height((-1.0, 0.05, 0.1, 1.0)).tolist() == [0.0, 0.01, 0.02, 0.0]
     assert RECORD.slope(0.05) == pytest.approx(math.atan(0.2))
