@@ -143,7 +143,6 @@ def test_the_longest_and_the_shortest_wave_of_rough_ground_are_as_long_as_they_a
         assert 1.0 / waves.max() == pytest.approx(0.25, rel=0.15)
 
 
-
 def test_a_record_is_level_beyond_its_ends_and_straight_between():
     assert RECORD.height((-1.0, 0.05, 0.1, 1.0)).tolist() == [0.0, 0.01, 0.02, 0.0]
     assert RECORD.slope(0.05) == pytest.approx(math.atan(0.2))
