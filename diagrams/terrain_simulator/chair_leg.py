@@ -156,7 +156,7 @@ class ChairLeg:
         gaps: Array = np.linalg.norm(ends - balls, axis=-1)
         return gaps
 
-    def check(self, walk: BenchWalk) -> None:
+    def check(self, walk: BenchWalk, period: float) -> None:
         """See `ChairLegModel.check`."""
         self.model.check(walk)
 

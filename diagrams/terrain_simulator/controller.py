@@ -55,12 +55,7 @@ def make_leg_controller(scenario: TerrainBenchScenario) -> System:
         ScenarioError: it cannot be loaded, is none, or cannot be sampled with the period.
     """
     if not scenario.leg.controller:
-        moves = scenario.backend == "multibody" or (
-            scenario.backend == "hardware" and scenario.drives_leg
-        )
-        return scenario.leg.under_test.make_controller(
-            scenario.control.period if moves else _ANY_PERIOD
-        )
+        return scenario.leg.under_test.make_controller(scenario.leg_period or _ANY_PERIOD)
     key = f"leg.controller = {quoted(scenario.leg.controller)}"
     make = _loaded(scenario.leg.controller, key)
     try:

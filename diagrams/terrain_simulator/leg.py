@@ -131,8 +131,12 @@ class LegUnderTest(Protocol):
     def places(self, position: Array, phi: Array) -> Array:
         """x, z (k, 2) of the foot [m] at positions (k, n), over a plate at angles (k) [rad]."""
 
-    def check(self, walk: BenchWalk) -> None:
+    def check(self, walk: BenchWalk, period: float) -> None:
         """Refuses a walk that the leg cannot do.
+
+        Args:
+            walk: the walk.
+            period: with which its drives are commanded [s]; 0: nothing moves it.
 
         Raises:
             ParapodError: why.
@@ -238,19 +242,8 @@ class UrdfLeg:
         return add_leg(plant, self.description, hip, scene_graph)
 
     def make_controller(self, period: float) -> LeafSystem:
-        """See `LegUnderTest`; refuses damping with which a sampled foot would rattle."""
-        impedance, mass = self.impedance, self.model.least_mass
-        most = mass / period
-        for name in ("stance_damping", "swing_damping"):
-            damping = max(getattr(impedance, name))
-            if damping > most:
-                key = f"leg.{name}_Ns_m"
-                raise ScenarioError(
-                    f"{key} = {damping:.4g} N s/m is too much for a foot of {mass:.2g} kg; "
-                    f"with control.period = {period:g} s it is at most {most:.4g} N s/m",
-                    key,
-                )
-        return FootImpedance(self.model, impedance)
+        """See `LegUnderTest`."""
+        return FootImpedance(self.model, self.impedance)
 
     def reach(self, foot: Array, phi: float) -> Array:
         """See `LegUnderTest`."""
@@ -265,15 +258,31 @@ class UrdfLeg:
         context = self.model.make_context()
         return np.array([self.model.place(context, q) for q in position])
 
-    def check(self, walk: BenchWalk) -> None:
-        """Refuses a walk out of the leg's reach.
+    def check(self, walk: BenchWalk, period: float) -> None:
+        """Refuses a walk out of the leg's reach, and dampers with which its foot would rattle.
 
         Raises:
             UnreachableFoot: tells where, and what is missing.
+            ScenarioError: names the damper, and the largest that a sampled foot bears.
         """
+        if period > 0.0:
+            self._check_damping(period)
         stride = np.linspace(*walk.steady, _LOOKED_AT)
         times = np.concatenate(([0.0], stride, [walk.duration]))
         self.model.follow(walk.at(times).foot[0])
+
+    def _check_damping(self, period: float) -> None:
+        impedance, mass = self.impedance, self.model.least_mass
+        most = mass / period
+        for name in ("stance_damping", "swing_damping"):
+            damping = max(getattr(impedance, name))
+            if damping > most:
+                key = f"leg.{name}_Ns_m"
+                raise ScenarioError(
+                    f"{key} = {damping:.4g} N s/m is too much for a foot of {mass:.2g} kg; "
+                    f"with control.period = {period:g} s it is at most {most:.4g} N s/m",
+                    key,
+                )
 
 
 @lru_cache(maxsize=8)

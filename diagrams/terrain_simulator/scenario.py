@@ -376,6 +376,12 @@ class TerrainBenchScenario(Schema):
         return any(d.part == "leg" and not isinstance(d, NotFittedPart) for d in drivers)
 
     @property
+    def leg_period(self) -> float:
+        """Period with which drives of a leg are commanded [s]; 0 where nothing moves it."""
+        moves = self.backend == "multibody" or (self.backend == "hardware" and self.drives_leg)
+        return self.control.period if moves else 0.0
+
+    @property
     def walk(self) -> BenchWalk:
         """The walk.
 

@@ -178,7 +178,9 @@ def check_bench(scenario: TerrainBenchScenario) -> None:
         )
     walk = scenario.walk
     check_walk(scenario.geometry, walk, scenario.sliders.limits)
-    scenario.leg.under_test.check(walk)
+    # A controller of the user's own has gains of its own.
+    period = 0.0 if scenario.leg.controller else scenario.leg_period
+    scenario.leg.under_test.check(walk, period)
 
 
 def walking_loop(

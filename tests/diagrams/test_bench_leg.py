@@ -11,7 +11,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.terrain_simulator.leg import LegDescription, UrdfLeg, add_leg, make_leg_model
-from parapod.diagrams.terrain_simulator.scenario import HipScenario
+from parapod.diagrams.terrain_simulator.scenario import HipScenario, TerrainBenchScenario
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.terrain_simulator.impedance import FootImpedance, ImpedanceParams
 from parapod.systems.terrain_simulator.leg import UnreachableFoot
@@ -201,8 +201,9 @@ def test_damping_with_which_a_sampled_foot_would_rattle_is_refused():
     leg = UrdfLeg(OWN, (("stance_damping", (150.0, 400.0)),))
     words = r"leg.stance_damping_Ns_m = 400 N s/m is too much for a foot of 0\.\d+ kg; with "
     with pytest.raises(ScenarioError, match=words + r"control.period = 0.001 s it is at most \d+"):
-        leg.make_controller(1e-3)
-    leg.make_controller(5e-4)
+        leg.check(WALK, 1e-3)
+    leg.check(WALK, 5e-4)
+    leg.check(WALK, 0.0)
 
 
 def test_the_other_legs_are_as_stiff_as_their_load_is_heavy():
@@ -212,6 +213,7 @@ def test_the_other_legs_are_as_stiff_as_their_load_is_heavy():
     assert HipScenario(mass_kg=3.0, stiffness_N_m=50.0, damping_Ns_m=0.0).support.stiffness == 50.0
 
 
+WALK = TerrainBenchScenario().walk
 MESH = """
 <link name="shell"><visual><geometry><mesh filename="package://{}/shell.obj"/></geometry></visual>
 </link>

@@ -23,6 +23,7 @@ from parapod.diagrams.terrain_simulator.scenario import (
 )
 from parapod.diagrams.terrain_simulator.terrains import Level, Recorded, Slope, Step
 from parapod.diagrams.terrain_simulator.world import walking_in_the_world
+from parapod.sims.terrain_simulator.walk import check_bench
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.terrain_simulator.support import GRAVITY
 
@@ -245,25 +246,20 @@ def test_a_leg_does_not_walk_on_a_plate_that_is_elsewhere(leg, walks):
     assert (trip.name if trip else "") == ("plate_behind" if leg and walks else "")
 
 
-@pytest.mark.parametrize("backend", ["multibody", "kinematic", "mock", "hardware"])
-def test_a_leg_that_nothing_drives_may_be_sampled_as_slowly_as_the_drives(backend):
-    slow = replace(STEP, backend=backend, control=BenchControlScenario(0.01))
-    if backend == "multibody":
-        with pytest.raises(
-            ScenarioError, match=r"leg.\w+_damping_Ns_m = .* control.period = 0.01 s"
-        ):
-            make_controller(slow)
-        return
-    make_controller(slow)
+def test_a_leg_that_nothing_drives_may_be_sampled_as_slowly_as_the_drives():
+    slow = replace(STEP, control=BenchControlScenario(0.01))
+    assert slow.leg_period == 0.01
+    with pytest.raises(ScenarioError, match=r"leg.\w+_damping_Ns_m = .* control.period = 0.01 s"):
+        slow.leg.under_test.check(slow.walk, slow.leg_period)
     leg = Epos2TorqueAxes(part="leg", node_ids=[1, 2], signs=[1, 1])
-    drivers = [d for d in slow.hardware.drivers if d.part != "leg"]
+    drivers = [driver for driver in slow.hardware.drivers if driver.part != "leg"]
     fitted = replace(slow, hardware=replace(slow.hardware, drivers=[*drivers, leg]))
-    assert fitted.drives_leg
-    if backend == "hardware":
-        with pytest.raises(ScenarioError, match=r"leg.\w+_damping_Ns_m"):
-            make_controller(fitted)
-    else:
-        make_controller(fitted)
+    assert replace(fitted, backend="hardware").leg_period == 0.01
+    for backend in ("kinematic", "mock"):
+        assert replace(fitted, backend=backend).leg_period == 0.0
+    alone = replace(slow, backend="hardware", leg=LegScenario(kind="walking_chair"))
+    assert alone.leg_period == 0.0
+    make_controller(alone)  # whose period is too long for the loops of the chair's screws
 
 
 def test_drives_are_no_faster_than_the_scenario_has_them():
@@ -304,6 +300,10 @@ def test_a_controller_of_ones_own_comes_from_a_file(tmp_path):
     np.testing.assert_array_equal(
         own["leg.torque_command"], run(soft, duration=0.1)["leg.torque_command"]
     )
+    wild = replace(STEP.leg, stance_damping_Ns_m=[1e3, 1e3])
+    check_bench(replace(STEP, leg=replace(wild, controller=f"{path}:make")))  # not its dampers
+    with pytest.raises(ScenarioError, match=r"leg.stance_damping_Ns_m = 1000 N s/m is too much"):
+        check_bench(replace(STEP, leg=wild))
     for text, words in (
         (f"{path}:make_none", "must make a system with the output torque_command"),
         (f"{path}:missing", "cannot be loaded: AttributeError"),

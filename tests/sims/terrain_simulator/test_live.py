@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
+from parapod.diagrams.terrain_simulator.twin import BenchTwin
 from parapod.sims.lab.panel import Readout
 from parapod.sims.terrain_simulator.live import LiveBench, operated_loop
-from parapod.sims.terrain_simulator.walk import check_bench
+from parapod.sims.terrain_simulator.walk import check_bench, read_out, walking_loop
 from parapod.systems.terrain_simulator.kinematics import singularity
 
 
@@ -79,3 +81,47 @@ def test_a_walk_that_cannot_be_is_told_until_another_one_is_asked_for():
     sliders.values["speed [%]"] = 100.0
     assert bench._may_walk("stairs up")
     assert bench.read_out(None, None).remarks == (other,)
+
+
+def test_the_page_tells_pose_hip_force_and_way():
+    scenario = TerrainBenchScenario()
+    loop = walking_loop(scenario, log=())
+    simulator = Simulator(loop)
+    simulator.set_monitor(loop.monitor)
+    simulator.AdvanceTo(0.3)
+    shown = read_out(loop, simulator.get_context())
+    rows = {row.label: row for row in shown.rows}
+    x, z, phi = scenario.walk.at(0.3).pose[0]
+    for label, value, unit in (("x", 1e3 * x, "mm"), ("z", 1e3 * z, "mm"), ("phi", phi, "deg")):
+        assert rows[label].asked == pytest.approx(value, abs=0.1)
+        assert rows[label].true == pytest.approx(value, abs=0.1)
+        assert rows[label].unit == unit
+    assert rows["hip"].measured == pytest.approx(1e3 * scenario.walk.hip[1], abs=1.0)
+    assert rows["ground on the foot"].measured == pytest.approx(294.3, rel=0.01)
+    assert rows["way of the body"].measured == 0.0
+    assert not shown.state
+    assert not shown.remarks
+
+
+def test_the_drawing_of_the_real_bench_stays_while_nothing_is_known():
+    meshcat = Meshcat()
+    twin = BenchTwin(meshcat, TerrainBenchScenario())
+    measured, led = np.array((0.513, 0.30, 0.1)), np.array((0.55, 0.28, 0.0))
+    known = {
+        "pose_estimated": measured,
+        "pose_desired": led,
+        "hip.position": np.array((0.88,)),
+        "leg.position": np.array((0.6, -1.2)),
+    }
+    twin.show(known)
+
+    def drawn(part):
+        return twin._diagram.GetInputPort(part).Eval(twin._context)
+
+    np.testing.assert_array_equal(drawn("measured_pose"), measured)
+    np.testing.assert_array_equal(drawn("desired_pose"), led)
+    assert drawn("measured_hip") == pytest.approx((TerrainBenchScenario().walk.hip[0], 0.88))
+    assert all(map(meshcat.HasPath, ("measured", "desired")))
+    for lost in ("pose_estimated", "hip.position", "leg.position"):
+        twin.show(known | {"pose_desired": measured, lost: np.full(known[lost].shape, np.nan)})
+        np.testing.assert_array_equal(drawn("desired_pose"), led)
