@@ -129,13 +129,16 @@ def add_adapted_model(
 def _concerns_us(record: logging.LogRecord) -> bool:
     """False for Drake's warning that a half space does not touch deformable bodies: none here.
 
-    What is wrong with a file it tells once, and not for each plant that the file comes into.
+    And for one about a line of a file that it has told before: a file comes into several plants.
     """
     words = record.getMessage()
-    is_new = words not in _SAID or record.levelno != logging.WARNING
-    _SAID.add(words)
-    return is_new and "half spaces are not currently supported for deformable" not in words
+    if ": warning: " in words:
+        is_new = words not in _SAID
+        _SAID.add(words)
+        return is_new
+    return "half spaces are not currently supported for deformable" not in words
 
 
+# Warnings about files that have been told.
 _SAID: set[str] = set()
 logging.getLogger("drake").addFilter(_concerns_us)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -21,7 +21,7 @@ from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.impedance import FootImpedance, ImpedanceParams
 from parapod.systems.terrain_simulator.leg import LegModel
 from parapod.systems.terrain_simulator.walk import BenchWalk
-from parapod.urdf import configure_parser
+from parapod.urdf import MODELS_DIR, configure_parser
 
 DEFAULT_URDF = "package://parapod/terrain_simulator/leg.urdf"
 # A joint without a limit is taken as one that turns or slides so far [rad or m].
@@ -207,16 +207,15 @@ class UrdfLeg:
     description: LegDescription = field(default_factory=LegDescription)
     gains: tuple[tuple[str, tuple[float, float]], ...] = ()
 
-    @property
+    @cached_property
     def model(self) -> LegModel:
         """The leg alone."""
-        return _model_of(self.description, _changed(self.description.urdf))
+        return make_leg_model(self.description)
 
     @property
     def impedance(self) -> ImpedanceParams:
         """Impedance of its foot."""
-        usual = LegDescription()
-        share = self.model.least_mass / _model_of(usual, _changed(usual.urdf)).least_mass
+        share = self.model.least_mass / _usual_mass()
         given: dict[str, Any] = dict(self.gains)
         return replace(ImpedanceParams().scaled(share), **given)
 
@@ -285,16 +284,10 @@ class UrdfLeg:
                 )
 
 
-@lru_cache(maxsize=8)
-def _model_of(description: LegDescription, changed: int) -> LegModel:
-    """The leg of a file that was changed last at a time: parsed once."""
-    return make_leg_model(description)
-
-
-def _changed(urdf: str) -> int:
-    """Time at which a file was changed last [ns]; 0 for those that are installed."""
-    path = Path(urdf)
-    return path.stat().st_mtime_ns if path.is_file() else 0
+@cache
+def _usual_mass() -> float:
+    """Least mass that the foot of the default leg shows [kg]."""
+    return make_leg_model(LegDescription()).least_mass
 
 
 def _parse(plant: MultibodyPlant, urdf: str) -> ModelInstanceIndex:
@@ -326,10 +319,10 @@ def _parse(plant: MultibodyPlant, urdf: str) -> ModelInstanceIndex:
 
 def _add_packages(known: PackageMap, path: Path) -> None:
     """Adds the ROS packages that a file may refer to: its own, and those of the environment."""
+    files = (folder / "package.xml" for folder in path.resolve().parents)
+    if (own := next(filter(Path.is_file, files), None)) and own.parent != MODELS_DIR.resolve():
+        known.AddPackageXml(str(own))
     known.PopulateFromRosPackagePath()
-    for folder in path.resolve().parents:
-        if (folder / "package.xml").is_file() and not known.Contains(folder.name):
-            known.AddPackageXml(str(folder / "package.xml"))
 
 
 def _frame(

@@ -190,8 +190,6 @@ class SingularityGuard(LeafSystem):
     ) -> tuple[float, "_Place"]:
         """Share of a speed that the limits allow, and where the plate comes with it."""
         kept, period = self._params.limits, self._period
-        if not all(map(math.isfinite, rates)):
-            return 0.0, here
         share = min(1.0, kept.slider_speed * (1.0 + _ROUNDING) / max(*map(abs, rates), 1e-12))
         share = _accelerated(share, rates, before, kept.slider_acceleration * period)
         # To the last bit where it is asked, lest errors add up.

@@ -1,6 +1,5 @@
 """Legs under test: what a URDF must have, what is told of it, and its impedance."""
 
-import os
 import re
 from dataclasses import replace
 from importlib.resources import files
@@ -176,7 +175,6 @@ def written(path, share=1.0, more=""):
     text = re.sub(r'(?<=<mass )(value)="([^"]+)"', scaled, text)
     text = re.sub(r'\b(i[xyz]{2})="([^"]+)"', scaled, text)
     path.write_text(text.replace("</robot>", f"{more}</robot>"))
-    os.utime(path, ns=(0, round(1e9 * share)))  # another share is another time
     return replace(OWN, urdf=str(path))
 
 

@@ -495,8 +495,11 @@ def test_emulators_of_a_machines_own_drivers_work_on_its_wires(place, machine):
     given = {type(driver): driver for driver in usual}
     for name, kind in DRIVERS.items():
         if f".diagrams.{machine.name}." in kind.__module__ and name not in _OTHER_SIZES:
-            with given.get(kind, kind()).emulate(Harness(sizes | {SUPPLY: 1}), Misbehaviour()):
-                pass
+            driver, harness = given.get(kind, kind()), Harness(sizes | {SUPPLY: 1})
+            with driver.emulate(harness, Misbehaviour()):
+                for signal, value in ROWS[name].rest.items():
+                    if signal == "brake":
+                        assert harness.get(port(driver.part, signal)) == value, name
 
 
 @pytest.mark.parametrize("name", EMULATED)

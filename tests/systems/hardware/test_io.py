@@ -92,7 +92,7 @@ def test_a_reading_that_is_late_is_not_put_off_by_the_next(running, fake, until,
 
 
 def test_readings_begin_earlier_where_they_begin_late(fake):
-    """What counts is when one has ended, since it was due."""
+    """By the time from when one was due to its end."""
     now = 0.0
     thread = DeviceThread(fake(), 0.01, clock=lambda: now)
     for k in range(200):

@@ -10,6 +10,7 @@ from parapod.systems.terrain_simulator.kinematics import (
     BenchGeometry,
     UnreachablePlate,
     forward_kinematics,
+    inverse_jacobian,
     inverse_kinematics,
     jacobian,
     margins,
@@ -132,6 +133,7 @@ def test_rates_of_sliders_and_of_the_plate_are_inverse(geometry, poses):
     K = np.stack([slider_rates(geometry, batch, one) for one in np.eye(3)], axis=-1)
     assert np.abs(jacobian(geometry, batch) @ K - np.eye(3)).max() < 1e-10
     assert np.array_equal(K[..., 0], np.ones_like(K[..., 0]))
+    np.testing.assert_allclose(inverse_jacobian(geometry, batch), K, rtol=1e-12, atol=1e-12)
 
 
 def test_drake_differentiates_the_places(geometry, poses):
