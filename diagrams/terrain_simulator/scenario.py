@@ -104,13 +104,13 @@ class SliderScenario(Schema):
     time_constant_ms: float = quantity(0.5, 0.05, 100.0)
     arrival_ms: float | None = quantity(None, 1.0, 1000.0)
     encoder_resolution_mm: float = quantity(0.001, 0.0, 0.1)
-    least_sin_mu: float = quantity(0.25, 0.0, 0.9)
+    least_sin_mu: float = quantity(0.25, 0.05, 0.9)
 
     @property
     def limits(self) -> PathLimits:
         """Limits of a path; its other ones are those of Table 1."""
         return PathLimits(
-            sin_mu=max(self.least_sin_mu, 1e-6),
+            sin_mu=self.least_sin_mu,
             slider_speed=self.max_velocity_m_s,
             slider_acceleration=self.max_acceleration_m_s2,
         )

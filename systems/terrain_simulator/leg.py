@@ -169,7 +169,7 @@ class LegModel:
         context, wanted = self.make_context(), np.asarray(foot, dtype=float)
         low, high = self.limits
         q = np.clip(np.asarray(self.posture if near is None else near, dtype=float), low, high)
-        missing = wanted - self.place(context, q)
+        missing = nearest = wanted - self.place(context, q)
         for _ in range(_STEPS):
             if np.abs(missing).max() < _CLOSE:
                 break
@@ -178,8 +178,9 @@ class LegModel:
             step *= min(1.0, _LARGEST / max(float(np.abs(step).max()), 1e-12))
             q = np.clip(q + step, low, high)
             missing = wanted - self.place(context, q)
+            nearest = min(missing, nearest, key=np.linalg.norm)
         if np.abs(missing).max() > 1e3 * _CLOSE:
-            raise UnreachableFoot(wanted, float(np.linalg.norm(missing)))
+            raise UnreachableFoot(wanted, float(np.linalg.norm(nearest)))
         return q
 
     def follow(self, feet: ArrayLike) -> NDArray[np.float64]:

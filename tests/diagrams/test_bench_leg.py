@@ -10,7 +10,11 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.terrain_simulator.leg import LegDescription, UrdfLeg, add_leg, make_leg_model
-from parapod.diagrams.terrain_simulator.scenario import HipScenario, TerrainBenchScenario
+from parapod.diagrams.terrain_simulator.scenario import (
+    HipScenario,
+    SliderScenario,
+    TerrainBenchScenario,
+)
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.terrain_simulator.impedance import FootImpedance, ImpedanceParams
 from parapod.systems.terrain_simulator.leg import UnreachableFoot
@@ -74,7 +78,8 @@ def test_the_order_of_the_joints_is_the_users(leg):
 def test_places_out_of_reach_are_refused_with_what_is_missing():
     with pytest.raises(UnreachableFoot, match=r"x, z = 500, -800 mm from the hip: 2\d\d|\d+") as e:
         make_leg_model(OWN).reach((0.5, -0.8))
-    assert e.value.missing > 0.2
+    # Links of 350 mm each, and a knee that is never quite straight.
+    assert e.value.missing == pytest.approx(np.hypot(0.5, 0.8) - 0.7, rel=0.03)
     with pytest.raises(UnreachableFoot):
         make_leg_model(OWN).follow([(0.0, -0.6), (0.0, -0.9)])
 
@@ -193,6 +198,11 @@ def test_springs_and_dampers_follow_the_mass_that_the_foot_shows(tmp_path):
     heavier = UrdfLeg(written(tmp_path / "leg.urdf", 0.6))
     assert heavier.mass == pytest.approx(2.0 * 0.3 * UrdfLeg(OWN).mass)
     assert heavier.impedance.stance_stiffness[0] == pytest.approx(0.6 * 4e3)
+
+
+def test_the_guard_cannot_be_switched_off():
+    with pytest.raises(ScenarioError, match=r"least_sin_mu = 0(\.0)? is outside 0\.05\.\."):
+        SliderScenario(least_sin_mu=0.0)
 
 
 def test_damping_with_which_a_sampled_foot_would_rattle_is_refused():
