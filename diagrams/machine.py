@@ -5,6 +5,7 @@ wiring, idling, logging, faults, mock and hardware therefore need only the table
 once, in this folder. A machine is found by its name among the entry points `parapod.machines`.
 """
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -20,7 +21,7 @@ from parapod.diagrams.guard import Guard
 from parapod.diagrams.homing import Homing
 from parapod.diagrams.station import Behind
 from parapod.systems.core.errors import ParapodError, WiringError
-from parapod.systems.core.schema import Schema, quantity
+from parapod.systems.core.schema import Schema, plain, quantity
 
 _STATUS = ("status.age", "status.fault")
 
@@ -206,6 +207,8 @@ class Machine[S]:
             beside the emulated machine; None: there is none.
         twin: draws the real machine from its signals; None: it is not drawn.
         log_every: periods of the controller between two samples of a recording.
+        resets: dotted keys of a scenario, or of whole parts of one, that `reset` of its loop takes
+            over from another scenario; nothing that differs in these alone is built again.
         variant: attributes that depend on the scenario, by their names; what is declared here is
             then that of the default scenario. Names and units of ports are always the same.
     """
@@ -231,6 +234,7 @@ class Machine[S]:
     instrument: Callable[[Mapping[str, NDArray[Any]]], str] | None = None
     twin: "type[Twin] | None" = None
     log_every: int = 1
+    resets: Callable[[S], tuple[str, ...]] = lambda scenario: ()
     variant: Callable[[S], Mapping[str, Any]] | None = None
 
     def of(self, scenario: S) -> "Machine[S]":
@@ -238,6 +242,18 @@ class Machine[S]:
         if self.variant is None:
             return self
         return replace(self, **self.variant(scenario), variant=None)
+
+    def structure(self, scenario: S) -> str:
+        """What is built of a scenario, as a text: one loop serves all scenarios with the same."""
+        settings: Any = scenario
+        tree = plain(scenario)
+        for key in self.resets(scenario) if settings.backend in self.plants else ():
+            *parts, last = key.split(".")
+            node = tree
+            for part in parts:
+                node = node[part]
+            del node[last]
+        return json.dumps(tree, default=repr)
 
     def __repr__(self) -> str:
         return f"<machine {self.name}: {len(self.inputs)} inputs, {len(self.outputs)} outputs>"

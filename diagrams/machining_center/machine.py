@@ -79,4 +79,5 @@ MACHINING_CENTER = Machine(
     variant=_variant,
     exchange={"multibody": 5e-3, "kinematic": 5e-3},
     log_every=2,
+    resets=lambda scenario: ("seed", "legs.length_error_mm"),
 )

@@ -83,4 +83,5 @@ TERRAIN_BENCH = Machine(
     twin=BenchTwin,
     variant=_variant,
     exchange={"multibody": 5e-3, "kinematic": 5e-3},
+    resets=lambda scenario: ("seed",),
 )

@@ -55,4 +55,5 @@ CHAIR = Machine(
     # The quasi-static plant's statics cost more than the bodies' dynamics.
     exchange={"multibody": 2e-3, "kinematic": 5e-3},
     log_every=2,
+    resets=lambda scenario: ("seed", "passenger", "drives.gain_error", "drives.offset_mm_s"),
 )

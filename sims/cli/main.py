@@ -19,6 +19,7 @@ from parapod.sims.cli import (
     report,
     run,
     scenario,
+    study,
 )
 from parapod.sims.cli import list as list_command
 from parapod.sims.cli.arguments import HELD, INTERRUPTED, MISTAKE, Parser
@@ -27,6 +28,7 @@ from parapod.systems.core.errors import ParapodError
 _COMMANDS = {
     "list": list_command,
     "run": run,
+    "study": study,
     "operate": operate,
     "scenario": scenario,
     "compare": compare,

@@ -1,7 +1,11 @@
 """Scenarios, closed loops and runs by the names of experiments, for scripts and notebooks."""
 
+import os
 import warnings
-from typing import Any
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import System
@@ -15,6 +19,9 @@ from parapod.sims.lab.results import Result
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.core.schema import check
+
+if TYPE_CHECKING:
+    from parapod.sims.study.result import StudyResult
 
 
 def experiments() -> dict[str, str]:
@@ -97,6 +104,68 @@ def run(experiment: Any, *overrides: str, quiet: bool = False, **values: Any) ->
         settings = experiment
     console = Console(stderr=True, quiet=quiet)
     return _experiment_of(settings).execute(settings, RunOptions(console=console))
+
+
+def study(
+    experiment: Any,
+    vary: Mapping[str, str | Sequence[Any]],
+    *,
+    sampling: str = "grid",
+    runs: int | None = None,
+    sampling_seed: int = 0,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    cluster: str | None = None,
+    out: str | Path | None = None,
+    resume: bool = False,
+    quiet: bool = False,
+) -> "StudyResult":
+    """Runs an experiment over the values of some keys of its scenario.
+
+    A script that calls this needs `if __name__ == "__main__":`, as for any pool of processes.
+
+    Args:
+        experiment: its name, or a scenario from `scenario`, which the variables change.
+        vary: by dotted key the values: a sequence, or a text as for `parapod study --vary`, such
+            as "-5:5:11", "0:200" or "normal(0, 0.3)".
+        sampling: "grid", "latin" or "sobol".
+        runs: number of runs; a grid has its own.
+        sampling_seed: seed of the random samplings.
+        workers: processes on this computer; None: all cores, or as many as the executor has.
+        executor: any other executor, such as mpi4py's or Ray's, which stays open.
+        cluster: address of a Dask scheduler in place of both.
+        out: Parquet table to which each run is appended; None: the result is only returned.
+        resume: whether to go on with a table that is there.
+        quiet: whether no progress is shown.
+
+    Raises:
+        UnknownExperiment: there is no such experiment.
+        ScenarioError: variables or a sampling that are not admissible.
+        OutputError: the table cannot be written, or is not to be gone on with.
+        NoWorkers: nothing carries out the runs.
+        AnotherVersion: a worker has other software.
+    """
+    from parapod.sims.lab.work import Crew, LocalCrew
+    from parapod.sims.study.cluster import ClusterCrew
+    from parapod.sims.study.records import Records
+    from parapod.sims.study.result import StudyResult
+    from parapod.sims.study.study import Study
+
+    if executor is not None and cluster is not None:
+        raise ParapodError("either an executor or a cluster does the work, not both")
+    settings = scenario(experiment) if isinstance(experiment, str) else experiment
+    name = _experiment_of(settings).name
+    made = Study.of(name, settings, vary, sampling, runs, sampling_seed)
+    records = Records(made.sampling)
+    if executor is not None:
+        size = workers or getattr(executor, "_max_workers", None) or os.cpu_count() or 1
+        crew = Crew(executor, size)
+    else:
+        crew = LocalCrew(workers) if cluster is None else ClusterCrew(cluster)
+    with crew:
+        path = None if out is None else Path(out)
+        made.carry_out(crew, records, Console(stderr=True, quiet=quiet), path, resume)
+    return StudyResult(made, records)
 
 
 def _experiment_of(scenario: Any) -> Experiment[Any, Any]:

@@ -26,6 +26,7 @@ from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.lab.files import atomic_output, write_page
 from parapod.sims.lab.panel import Panel, Readout
 from parapod.sims.lab.progress import progress
+from parapod.sims.lab.results import Metric
 from parapod.systems.core.errors import OutputError, ParapodError
 from parapod.systems.core.ports import value_of
 from parapod.systems.core.quoting import quoted_path
@@ -183,6 +184,43 @@ class Run(Recording):
         return self.context.get_time() / self.elapsed
 
 
+def realtime_metric(*runs: Run) -> Metric:
+    """Metric for the speed of the slowest of some runs."""
+    factor = min(run.realtime_factor for run in runs)
+    meaning = "simulated time by wall-clock time"
+    return Metric("realtime_factor", factor, meaning=meaning, is_timing=True)
+
+
+class Loops:
+    """Closed loops that have been built, each for all scenarios of its structure."""
+
+    _MOST = 8  # loops that are kept: those of a machine's multibody plant take some 10 MB each
+
+    def __init__(self) -> None:
+        self._loops: dict[tuple[Any, ...], ClosedLoop[Any]] = {}
+
+    def of(
+        self, experiment: "LoopExperiment[Any, Any]", scenario: Any, log: Sequence[str] | None
+    ) -> ClosedLoop[Any]:
+        """The loop of a scenario's structure, to be reset to the scenario.
+
+        Args:
+            experiment: builds it, if it is not there.
+            scenario: the scenario.
+            log: names of the ports to record; None for all of them.
+        """
+        structure = experiment.structure(scenario)
+        if structure is None:
+            return experiment.loop(scenario, log=log)
+        key = (type(experiment), structure, log)
+        # The one that was used last comes last.
+        loop = self._loops.pop(key, None) or experiment.loop(scenario, log=log)
+        self._loops[key] = loop
+        if len(self._loops) > self._MOST:
+            del self._loops[next(iter(self._loops))]
+        return loop
+
+
 class Bench:
     """Runs what an experiment needs, as the options ask.
 
@@ -226,7 +264,12 @@ class Bench:
                 )
         meshcat = experiment.scene(scenario) if options.meshcat or options.html else None
         log = experiment.needed(scenario) if options.log is None else None
-        loop = experiment.loop(scenario, meshcat=meshcat, log=log)
+        begin = None
+        if self.options.loops is not None and meshcat is None:
+            loop = self.options.loops.of(experiment, scenario, log)
+            begin = experiment.machine_scenario(scenario)
+        else:
+            loop = experiment.loop(scenario, meshcat=meshcat, log=log)
         if options.graphviz is not None:
             write_graphviz(options.graphviz, loop)
         simulator = Simulator(loop)
@@ -243,7 +286,7 @@ class Bench:
                 )
                 show_timing(timing, loop.station, self.console)
                 return time.perf_counter() - begun
-            loop.reset(simulator.get_mutable_context())
+            loop.reset(simulator.get_mutable_context(), begin)
             monitors = [] if loop.monitor is None else [loop.monitor]
             if monitor is not None:
                 monitors.append(monitor(loop, meshcat))

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from parapod.diagrams.closed_loop import ClosedLoop
     from parapod.diagrams.machine import Machine
-    from parapod.sims.lab.bench import Bench, Run
+    from parapod.sims.lab.bench import Bench, Loops, Run
     from parapod.sims.lab.panel import Panel, Readout
 
 # Options that show or write something, and the hook that each of them needs.
@@ -57,6 +57,8 @@ class RunOptions:
         log: file for the signals, or None.
         graphviz: file for the diagram in Graphviz's language, or None.
         console: console for progress and remarks.
+        loops: closed loops of earlier runs, which serve scenarios of the same structure; None:
+            each run builds its own.
     """
 
     meshcat: bool = False
@@ -65,6 +67,7 @@ class RunOptions:
     log: Path | None = None
     graphviz: Path | None = None
     console: Console = field(default_factory=partial(Console, stderr=True))
+    loops: "Loops | None" = None
 
 
 class Experiment[S, D]:
@@ -252,6 +255,15 @@ class LoopExperiment[S, D](Experiment[S, D]):
     def machine_scenario(self, scenario: S) -> Any:
         """The machine's scenario, where the experiment has one of its own."""
         return scenario
+
+    def structure(self, scenario: S) -> str | None:
+        """What is built of a scenario, as a text; None: its loop serves no other scenario.
+
+        One with a loop of its own says what that is built from, if `reset` serves the rest.
+        """
+        if type(self).loop is not LoopExperiment.loop:
+            return None
+        return self.machine.structure(self.machine_scenario(scenario))
 
     def operated(self, scenario: S, controls: Any) -> "ClosedLoop[Any] | None":
         """Builds the loop that a person operates, or None.

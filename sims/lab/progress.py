@@ -87,16 +87,30 @@ def _pace(simulated: float, total: float, elapsed: float) -> str:
     return f"{simulated:.1f} of {total:.1f} s, {factor:.3g} x real time"
 
 
+def _duration(seconds: float) -> str:
+    """A duration as people say it."""
+    whole = round(seconds)
+    if whole < 120:
+        return f"{whole} s"
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 120 else f"{seconds / 3600.0:.3g} h"
+
+
 @contextmanager
 def counted(
-    console: Console, what: str, total: int, line_period: float = _LINE_PERIOD
+    console: Console,
+    what: str,
+    total: int,
+    begin: int = 0,
+    line_period: float = _LINE_PERIOD,
 ) -> Iterator[Callable[[int], None]]:
-    """Shows how much of a number of runs is done, and how long the rest will take.
+    """Shows how much of a number of runs is done, how fast, and how long the rest will take.
 
     Args:
         console: console to show it on.
         what: name of the work, in a word or two.
         total: number of runs.
+        begin: number of runs that had been done before.
         line_period: wall-clock time between two lines in a file or pipe [s].
 
     Yields:
@@ -105,9 +119,10 @@ def counted(
     started = printed = time.monotonic()
 
     def state(done: int, now: float) -> str:
-        left = (now - started) * (total - done) / done if done else math.nan
-        rest = f", {left:.0f} s left" if math.isfinite(left) else ""
-        return f"{done} of {total}{rest}"
+        if done <= begin:
+            return f"{done} of {total}"
+        rate = (done - begin) / max(now - started, 1e-9)
+        return f"{done} of {total}, {rate:.3g}/s, {_duration((total - done) / rate)} left"
 
     if not console.is_terminal:
 
@@ -130,7 +145,7 @@ def counted(
         TextColumn("{task.fields[state]}", markup=False),
     )
     with Progress(*columns, console=console) as bar:
-        task = bar.add_task(what, total=total, state=state(0, started))
+        task = bar.add_task(what, total=total, completed=begin, state=state(begin, started))
 
         def update(done: int) -> None:
             bar.update(task, completed=done, state=state(done, time.monotonic()))

@@ -14,8 +14,11 @@ from rich.text import Text
 from parapod.sims.lab.figures import Figure
 from parapod.systems.core.schema import plain
 
-# Keys of `Result.as_json` that no metric may take.
+# Keys of `Result.as_json`, and columns of a study's table, that no metric may take.
 _RESERVED = (
+    "run",
+    "broken",
+    "error",
     "experiment",
     "backend",
     "seed",
@@ -37,6 +40,7 @@ class Metric:
         unit: unit of value and bound; "" for none.
         bound: largest admissible |value|; None for none.
         at_least: smallest admissible value; None for none.
+        is_timing: whether the clock has measured it: the same run gives another value each time.
         paper: value of the paper, in the same unit, or in words; None if it has none.
         meaning: meaning of the number, for people.
     """
@@ -48,6 +52,7 @@ class Metric:
     paper: float | str | None = None
     meaning: str = ""
     at_least: float | None = None
+    is_timing: bool = False
 
     @property
     def is_bounded(self) -> bool:

@@ -1,11 +1,9 @@
 """The same experiment with many seeds: how far its numbers spread."""
 
 import math
-import multiprocessing
 import os
 import statistics
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -18,6 +16,7 @@ from rich.text import Text
 from parapod.sims.lab.experiment import Experiment, RunOptions
 from parapod.sims.lab.progress import counted
 from parapod.sims.lab.results import Metric, Result, plain_number
+from parapod.sims.lab.work import LocalCrew, WorkerDied, carry_out
 
 type _Middle = Callable[[Sequence[float]], float]
 
@@ -47,18 +46,21 @@ def run_seeds(
 
     Returns:
         The results in the order of the seeds, without figures.
+
+    Raises:
+        WorkerDied: a run ends the process that carries it out.
     """
     scenarios = [replace(scenario, seed=scenario.seed + i) for i in range(count)]
-    workers = min(count, os.cpu_count() or 1)
-    # Not forked: Drake's threads would be copied half.
-    context = multiprocessing.get_context("spawn")
+    results: dict[int, Result] = {}
     what = f"{experiment.name}, {count} seeds"
-    with ProcessPoolExecutor(workers, context) as pool, counted(console, what, count) as report:
-        results = []
-        for result in pool.map(partial(_run, experiment), scenarios):
-            results.append(result)
+    crew = LocalCrew(min(count, os.cpu_count() or 1))
+    with crew, counted(console, what, count) as report:
+        for number, result in carry_out(crew, partial(_run, experiment), scenarios):
+            if isinstance(result, WorkerDied):
+                raise WorkerDied(f"seed {scenarios[number].seed}: {result}")
+            results[number] = result
             report(len(results))
-        return tuple(results)
+    return tuple(results[number] for number in range(count))
 
 
 def _run(experiment: Experiment[Any, Any], scenario: Any) -> Result:

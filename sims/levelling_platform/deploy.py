@@ -36,7 +36,7 @@ from parapod.diagrams.levelling_platform.scenario import (
     SensorScenario,
     emulated_hardware,
 )
-from parapod.sims.lab.bench import Bench, Monitor, Run, stay_live
+from parapod.sims.lab.bench import Bench, Monitor, Run, realtime_metric, stay_live
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.panel import Panel, Readout
@@ -301,8 +301,7 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
         yield from _standing(scenario, run)
         yield from _smoothness(scenario, run)
         yield _findings(scenario, run)
-        meaning = "simulated time by wall-clock time"
-        yield Metric("realtime_factor", run.realtime_factor, meaning=meaning)
+        yield realtime_metric(run)
 
     def note(self, scenario: DeployScenario, data: Operation) -> Iterator[str]:
         """Findings, durations of the phases, order of touchdown."""

@@ -6,11 +6,9 @@ path of the faultless run, and whether every output stays finite and within its 
 """
 
 import math
-import multiprocessing
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -26,6 +24,7 @@ from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment
 from parapod.sims.lab.progress import counted
 from parapod.sims.lab.results import Metric, plain_number
+from parapod.sims.lab.work import LocalCrew, WorkerDied, carry_out
 from parapod.sims.levelling_platform.deploy import (
     Deploy,
     DeployScenario,
@@ -199,23 +198,21 @@ class FaultCampaign(Experiment[FaultCampaignScenario, list[Cell]]):
     takes = "2 min"
 
     def run(self, scenario: FaultCampaignScenario, bench: Bench) -> list[Cell]:
-        """Runs the phases on all cores."""
-        devices = _devices(scenario)
-        phases = _phases(scenario)
-        work = partial(run_phase, scenario.operation, devices=devices, window=scenario.window)
-        # Not forked: Drake's threads would be copied half.
-        context = multiprocessing.get_context("spawn")
-        counter = context.Value("i", 0)
-        total = len(phases) * len(devices) * len(FaultKind)
-        workers = min(len(phases), os.cpu_count() or 1)
-        with (
-            ProcessPoolExecutor(workers, context, _share, (counter,)) as pool,
-            counted(bench.console, "faults", total) as report,
-        ):
-            running = [pool.submit(work, phase) for phase in phases]
-            while wait(running, timeout=_LOOK_PERIOD).not_done:
-                report(counter.value)
-            return [cell for phase in running for cell in phase.result()]
+        """Runs each device in each phase, on all cores."""
+        devices, phases = _devices(scenario), _phases(scenario)
+        pieces = [(phase, device) for phase in phases for device in devices]
+        work = partial(run_device, scenario.operation, scenario.window)
+        total = len(pieces) * len(FaultKind)
+        found: dict[int, list[Cell]] = {}
+        crew = LocalCrew(min(len(pieces), os.cpu_count() or 1))
+        with crew, counted(bench.console, "faults", total) as report:
+            for number, cells in carry_out(crew, work, pieces):
+                if isinstance(cells, WorkerDied):
+                    phase, device = pieces[number]
+                    raise WorkerDied(f"{device}, {phase.name.lower()}: {cells}")
+                found[number] = cells
+                report(len(found) * len(FaultKind))
+        return [cell for number in range(len(pieces)) for cell in found[number]]
 
     def measure(self, scenario: FaultCampaignScenario, data: list[Cell]) -> Iterable[Metric]:
         """Numbers of faults found, missed, harmful."""
@@ -236,25 +233,6 @@ def _phases(scenario: FaultCampaignScenario) -> list[Phase]:
 
 def _devices(scenario: FaultCampaignScenario) -> list[str]:
     return [device for device in DEVICES if scenario.device in (_ALL, device)]
-
-
-# Wall-clock time between two looks at the progress [s].
-_LOOK_PERIOD = 0.2
-# In a worker: number of cells that all workers have run.
-_counter: Any = None
-
-
-def _share(counter: Any) -> None:
-    """Gives a worker the shared counter."""
-    global _counter
-    _counter = counter
-
-
-def _count() -> None:
-    """Counts a cell, where a counter is shared."""
-    if _counter is not None:
-        with _counter.get_lock():
-            _counter.value += 1
 
 
 @dataclass(frozen=True)
@@ -397,18 +375,24 @@ class _Recorder:
         return _Trace(*(np.array(column) for column in zip(*self._rows, strict=True)))
 
 
-def run_phase(
-    scenario: DeployScenario, phase: Phase, devices: Sequence[str], window: float
-) -> list[Cell]:
-    """All kinds of faults of some devices in one phase."""
-    quiet = replace(scenario, faults=[])
-    campaign = Campaign(quiet, phase, window)
-    cells = []
-    for device in devices:
-        for kind in FaultKind:
-            cells.append(campaign.run(device, kind))
-            _count()
-    return cells
+# What a worker has begun last, and goes on with: scenario, phase and window; the campaign.
+_begun: tuple[tuple[DeployScenario, Phase, float], Campaign] | None = None
+
+
+def run_device(scenario: DeployScenario, window: float, piece: tuple[Phase, str]) -> list[Cell]:
+    """All kinds of faults of a device in a phase.
+
+    Args:
+        scenario: the operation's.
+        window: time for which each fault is watched [s].
+        piece: phase and device.
+    """
+    global _begun
+    phase, device = piece
+    asked = scenario, phase, window
+    if _begun is None or _begun[0] != asked:
+        _begun = asked, Campaign(replace(scenario, faults=[]), phase, window)
+    return [_begun[1].run(device, kind) for kind in FaultKind]
 
 
 def _metrics(cells: Sequence[Cell]) -> tuple[Metric, ...]:

@@ -16,7 +16,7 @@ from rich.console import Console
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingScenario
-from parapod.sims.lab.bench import RESTART, Run, stay_live
+from parapod.sims.lab.bench import RESTART, Run, realtime_metric, stay_live
 from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.panel import Panel
 from parapod.sims.lab.results import Metric
@@ -80,8 +80,7 @@ class Level(LevellingExperiment[Run]):
             yield from _leg_metrics(scenario, run)
         meaning = "share of the waypoints' size that fits the stroke"
         yield Metric("posture_scale", _scale(run), meaning=meaning)
-        meaning = "simulated time by wall-clock time"
-        yield Metric("realtime_factor", run.realtime_factor, meaning=meaning)
+        yield realtime_metric(run)
 
     def note(self, scenario: LevellingScenario, run: Run) -> Iterator[str]:
         """The source of the posture, and waypoints that were shrunk."""

@@ -24,6 +24,7 @@ from parapod.sims.lab.bench import (
     ReadOut,
     Run,
     make_viewer,
+    realtime_metric,
     stay_live,
 )
 from parapod.sims.lab.experiment import LoopExperiment, largest
@@ -255,9 +256,7 @@ def common_metrics(scenario: CenterScenario, run: Run) -> Iterator[Metric]:
             at_least=_RETRACTED * scenario.process.clearance_mm,
             meaning="of the drill's tip above the panel at the end",
         )
-    yield Metric(
-        "realtime_factor", run.realtime_factor, meaning="simulated time by wall-clock time"
-    )
+    yield realtime_metric(run)
 
 
 def tip_errors(process: Process, run: Signals) -> tuple[Array, Array]:

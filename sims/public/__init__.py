@@ -11,6 +11,7 @@
     recording = loop.recording(simulator.get_context())  # signals by port name, with units
     recording.plot("truth.posture", "posture_desired_state")
     parapod.run("level", seed=3, backend="kinematic")  # metrics, bounds and figures
+    parapod.study("level", {"seed": "0:20", "ground.pitch_deg": "-5:5:11"})  # on all cores
     parapod.draw(loop)  # the diagram as a picture
 
 `parapod list` names the experiments, `parapod.experiments()` too. A package with a machine or an
@@ -41,10 +42,11 @@ if TYPE_CHECKING:
     from parapod.diagrams.recording import Recording
     from parapod.diagrams.station import Behind, Station
     from parapod.diagrams.wiring import add, connect, named_source
-    from parapod.sims.lab.api import closed_loop, experiments, run, scenario
+    from parapod.sims.lab.api import closed_loop, experiments, run, scenario, study
     from parapod.sims.lab.experiment import Experiment, LoopExperiment, RunOptions
     from parapod.sims.lab.figures import Figure
     from parapod.sims.lab.results import Metric, Result
+    from parapod.sims.study.result import StudyResult, read_study
     from parapod.systems.core.errors import ParapodError, ScenarioError, UnreachablePosture
     from parapod.systems.core.function import FunctionSystem
     from parapod.systems.core.schema import Schema, choice, quantity
@@ -68,10 +70,11 @@ _HOMES = {
     "diagrams.recording": ("Recording",),
     "diagrams.station": ("Behind", "Station"),
     "diagrams.wiring": ("add", "connect", "named_source"),
-    "sims.lab.api": ("closed_loop", "experiments", "run", "scenario"),
+    "sims.lab.api": ("closed_loop", "experiments", "run", "scenario", "study"),
     "sims.lab.experiment": ("Experiment", "LoopExperiment", "RunOptions"),
     "sims.lab.figures": ("Figure",),
     "sims.lab.results": ("Metric", "Result"),
+    "sims.study.result": ("StudyResult", "read_study"),
     "systems.core.errors": ("ParapodError", "ScenarioError", "UnreachablePosture"),
     "systems.core.function": ("FunctionSystem",),
     "systems.core.schema": ("Schema", "choice", "quantity"),
@@ -105,6 +108,7 @@ __all__ = [
     "SelfTest",
     "Span",
     "Station",
+    "StudyResult",
     "Truth",
     "UnreachablePosture",
     "add",
@@ -116,8 +120,10 @@ __all__ = [
     "find_machine",
     "named_source",
     "quantity",
+    "read_study",
     "run",
     "scenario",
+    "study",
 ]
 
 

@@ -6,14 +6,12 @@ import re
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from parapod.sims.lab.figures import Figure, render
-from parapod.sims.lab.results import Result, amount, as_words
+from parapod.sims.lab.pages import render_page
+from parapod.sims.lab.results import Result
 from parapod.sims.lab.sweep import as_json
 from parapod.sims.report.chapter import Picture, Relation, Tone
 from parapod.sims.report.run import ChapterRun, PartRun
@@ -31,21 +29,12 @@ def make_page(runs: Sequence[ChapterRun], quick: bool, date: str) -> str:
         quick: whether they were run in a hurry.
         date: when.
     """
-    environment = Environment(
-        loader=PackageLoader("parapod.sims.report", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters.update(
-        indexed=_indexed, coded=_coded, drawn=_drawn, photo=_photo, amount=amount, words=as_words
-    )
-    return environment.get_template("page.html.jinja").render(
+    return render_page(
+        "parapod.sims.report",
+        {"indexed": _indexed, "coded": _coded, "photo": _photo},
         chapters=[_chapter(run, quick) for run in runs],
         quick=quick,
         date=date,
-        versions={name: version(name) for name in ("parapod", "drake", "numpy")},
     )
 
 
@@ -143,11 +132,6 @@ def _indexed(text: str) -> Markup:
 def _coded(text: str) -> Markup:
     """Text in which what stands between backticks is code."""
     return Markup(_CODE.sub(r"<code>\1</code>", str(escape(text))))
-
-
-def _drawn(figure: Figure) -> str:
-    """A figure as a data URI."""
-    return "data:image/svg+xml;base64," + base64.b64encode(render(figure, "svg")).decode()
 
 
 def _photo(picture: Picture) -> str:

@@ -34,7 +34,7 @@ from parapod.diagrams.terrain_simulator.terrains import (
     TerrainChoice,
 )
 from parapod.diagrams.terrain_simulator.world import walking_in_the_world
-from parapod.sims.lab.bench import Bench, Run
+from parapod.sims.lab.bench import Bench, Run, realtime_metric
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.panel import Readout
@@ -296,10 +296,7 @@ class BenchCourse(LoopExperiment[BenchCourseScenario, Courses]):
                 "%",
                 meaning=f"difference of the forces, {name}",
             )
-        factors = [run.realtime_factor for pair in data.pairs.values() for run in pair[1:]]
-        yield Metric(
-            "realtime_factor", min(factors), meaning="least simulated time by wall-clock time"
-        )
+        yield realtime_metric(*(run for pair in data.pairs.values() for run in pair[1:]))
 
     def draw(self, scenario: BenchCourseScenario, data: Courses) -> Iterator[Figure]:
         """The forces on bench and ground, one over the other."""

@@ -28,7 +28,7 @@ from parapod.diagrams.terrain_simulator.scenario import (
     TerrainBenchScenario,
 )
 from parapod.diagrams.terrain_simulator.terrains import Step
-from parapod.sims.lab.bench import Bench, Run
+from parapod.sims.lab.bench import Bench, Run, realtime_metric
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.panel import Readout
@@ -279,8 +279,7 @@ class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
         ):
             if name in data.runs:
                 yield from measured(scenario, data.runs[name])
-        factor = min(run.realtime_factor for run in data.runs.values())
-        yield Metric("realtime_factor", factor, meaning="simulated time by wall-clock time")
+        yield realtime_metric(*data.runs.values())
 
     def draw(self, scenario: BenchLegScenario, data: Trial) -> Iterator[Figure]:
         """Height of the hip and force of the ground, on the step and in the jump."""

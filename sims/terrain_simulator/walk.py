@@ -19,7 +19,7 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.terrain_simulator.drawing import TerrainRibbon
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH, make_terrain
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
-from parapod.sims.lab.bench import Run, make_viewer, stay_live
+from parapod.sims.lab.bench import Run, make_viewer, realtime_metric, stay_live
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.panel import Panel, Readout, Row
@@ -138,9 +138,7 @@ class BenchWalking(LoopExperiment[TerrainBenchScenario, Run]):
         if scenario.backend == "multibody":
             yield from force_metrics(walk, run, asked)
             yield from leg_metrics(scenario, run, asked)
-        yield Metric(
-            "realtime_factor", run.realtime_factor, meaning="simulated time by wall-clock time"
-        )
+        yield realtime_metric(run)
 
     def draw(self, scenario: TerrainBenchScenario, run: Run) -> Iterator[Figure]:
         """Forces, plate and leg over some strides."""

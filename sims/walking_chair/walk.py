@@ -21,7 +21,15 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.sims.lab.bench import LOOK_PERIOD, Live, ReadOut, Run, make_viewer, stay_live
+from parapod.sims.lab.bench import (
+    LOOK_PERIOD,
+    Live,
+    ReadOut,
+    Run,
+    make_viewer,
+    realtime_metric,
+    stay_live,
+)
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.panel import Panel, Readout, Row
@@ -117,8 +125,7 @@ class ChairWalk(LoopExperiment[ChairScenario, Run]):
         if "truth.body_position" in run:
             yield from _truth_metrics(scenario, run, kept)
         yield from _controller_metrics(scenario, run, kept)
-        meaning = "simulated time by wall-clock time"
-        yield Metric("realtime_factor", run.realtime_factor, meaning=meaning)
+        yield realtime_metric(run)
 
     def draw(self, scenario: ChairScenario, run: Run) -> Iterator[Figure]:
         """Body, currents (Fig. 17) and margin, as far as the signals allow."""

@@ -9,11 +9,13 @@ from parapod.systems.core.errors import MissingExtra
 EXTRAS = {
     "can": "can",
     "canopen": "can",
+    "distributed": "cluster",
     "grpc": "ni",
     "iio": "iio",
     "mcap": "log",
     "mujoco": "mujoco",
     "nidaqmx": "ni",
+    "pyarrow": "study",
     "serial": "serial",
     "spidev": "spi",
 }

@@ -348,21 +348,36 @@ class Reader:
         """A copy of a complete tree in which the value that `keys` lead to is replaced."""
         if not keys:
             return overlay(kind, node, self.read(kind, value, key, rule))
+        head, rest = keys[0], keys[1:]
+        node, at, kind, rule = self._step(kind, node, head, key, rule)
+        child = self.assign(kind, node[at], rest, value, _join(key, head), rule)
+        if isinstance(node, dict):
+            return node | {at: child}
+        return [child if i == at else item for i, item in enumerate(node)]
+
+    def locate(self, kind: Any, node: Any, keys: Sequence[str]) -> tuple[Any, Rule]:
+        """Kind and rule of the value in a complete tree that `keys` lead to."""
+        key, rule = "", None
+        for head in keys:
+            node, at, kind, rule = self._step(kind, node, head, key, rule)
+            node, key = node[at], _join(key, head)
+        return split_optional(kind)[0], rule
+
+    def _step(
+        self, kind: Any, node: Any, head: str, key: str, rule: Rule
+    ) -> tuple[Any, Any, Any, Rule]:
+        """One key down: the node with all its keys, and place, kind and rule of the one below."""
         kind, _ = split_optional(kind)
         if is_family(kind):
             if node is None:
                 self._refuse(key, f"is null; give it whole, with one of the tags {_tags(kind)}")
             kind = variant_of(kind, node)
-        head, rest = keys[0], keys[1:]
         inner = _join(key, head)
         if is_schema(kind):
             fields = fields_of(kind)
             if head not in fields:
                 self.refuse_key(kind, head, key)
-            node = defaults(kind) if node is None else node
-            inner_kind, inner_rule = fields[head]
-            child = self.assign(inner_kind, node[head], rest, value, inner, inner_rule)
-            return node | {head: child}
+            return defaults(kind) if node is None else node, head, *fields[head]
         if typing.get_origin(kind) is list:
             inner_kind = typing.get_args(kind)[0]
             if node is None:
@@ -371,8 +386,7 @@ class Reader:
             if head not in map(str, range(count)):
                 elements = f"has elements 0..{count - 1}" if count else "is empty"
                 self._refuse_path(inner, f"'{key}' {elements}")
-            child = self.assign(inner_kind, node[int(head)], rest, value, inner, rule)
-            return [child if i == int(head) else node[i] for i in range(count)]
+            return node, int(head), inner_kind, rule
         self._refuse_path(inner, f"'{key}' is {_noun(kind)}, not a mapping")
 
     def refuse_key(self, kind: type, name: str, parent: str = "") -> NoReturn:

@@ -1,0 +1,168 @@
+"""`parapod study`: runs an experiment over grounds, seeds and tolerances, on all cores."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from parapod.sims.cli.arguments import (
+    BROKEN,
+    HELD,
+    UsageError,
+    add_scenario_arguments,
+    check_outputs,
+    count,
+    load,
+)
+
+if TYPE_CHECKING:
+    from parapod.sims.lab.work import Crew
+    from parapod.sims.study.result import StudyResult
+
+HELP = "run an experiment over the values of some keys, on all cores or on a cluster"
+DESCRIPTION = (
+    "Runs an experiment over the values of some keys of its scenario, and shows how its metrics "
+    "spread, what each key contributes, and where the bounds are held.\n\n"
+    "Values: FIRST:LAST:NUMBER, FIRST:END (whole numbers below END; of other keys all between), "
+    "VALUE,VALUE,..., normal(MEAN, DEVIATION), uniform(LOW, HIGH) or loguniform(LOW, HIGH)."
+)
+EXAMPLES = (
+    "parapod study level --backend kinematic --vary ground.pitch_deg=-5:5:11 seed=0:20",
+    "parapod study level --vary 'plant.length_error_mm=normal(0, 0.3)' seed=0:200 "
+    "--sampling sobol --runs 2000 --out study.parquet --html study.html",
+    "parapod study level --vary seed=0:1000 --out seeds.parquet --cluster tcp://10.0.0.1:8786",
+)
+_OUTPUTS = {
+    "html": "a page with the summary and the figures",
+    "json": "the summary in JSON",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's arguments."""
+    add_scenario_arguments(parser)
+    parser.add_argument(
+        "--vary",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="KEY=VALUES",
+        help="vary keys, as in ground.pitch_deg=-5:5:11 or seed=0:200; may be repeated",
+    )
+    parser.add_argument(
+        "--sampling",
+        choices=("grid", "latin", "sobol"),
+        default="grid",
+        help="grid: every combination (default); latin: a Latin hypercube; sobol: the design that "
+        "tells what each variable contributes",
+    )
+    parser.add_argument(
+        "--runs", type=count, metavar="N", help="number of runs; a grid has its own"
+    )
+    parser.add_argument(
+        "--sampling-seed", type=int, default=0, metavar="N", help="seed of the sampling; default 0"
+    )
+    parser.add_argument(
+        "--workers", type=count, metavar="N", help="processes on this computer; default all cores"
+    )
+    parser.add_argument(
+        "--cluster", metavar="ADDRESS", help="Dask scheduler whose workers do it instead"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="append the runs to FILE, a Parquet table"
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="go on with FILE: do only the runs that are missing"
+    )
+    parser.add_argument(
+        "--figures", type=Path, metavar="DIR", help="draw the figures into DIR, as SVG"
+    )
+    for option, what in _OUTPUTS.items():
+        parser.add_argument(f"--{option}", type=Path, metavar="FILE", help=f"write {what} to FILE")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Runs the command; returns the exit code."""
+    files = {option: getattr(arguments, option) for option in (*_OUTPUTS, "out")}
+    check_outputs(files, {"figures": arguments.figures})
+    if arguments.drivers is not None:
+        raise UsageError("--drivers is for hardware; a study simulates")
+    if arguments.resume and arguments.out is None:
+        raise UsageError("--resume goes on with a file: name it with --out")
+    if arguments.workers and arguments.cluster:
+        raise UsageError("--workers are processes of this computer, --cluster has its own")
+    _, scenario = load(arguments)
+
+    from rich.console import Console
+
+    from parapod.sims.study.file import check_path
+    from parapod.sims.study.records import Records
+    from parapod.sims.study.result import StudyResult
+    from parapod.sims.study.study import Study
+    from parapod.sims.study.variables import split_variable
+
+    given = [split_variable(text) for text in arguments.vary]
+    for key, _ in given:
+        if [other for other, _ in given].count(key) > 1:
+            raise UsageError(f"--vary gives {key} twice")
+    study = Study.of(
+        arguments.name,
+        scenario,
+        dict(given),
+        arguments.sampling,
+        arguments.runs,
+        arguments.sampling_seed,
+    )
+    if arguments.out is not None:
+        check_path(arguments.out)
+    records = Records(study.sampling)
+    is_over = False
+    try:
+        with _crew(arguments) as crew:
+            console = Console(stderr=True)
+            study.carry_out(crew, records, console, arguments.out, arguments.resume)
+        is_over = True
+    finally:
+        if not is_over and arguments.out is not None and records.done.any():
+            done = f"{records.done.sum()} of {study.sampling.runs} runs are in {arguments.out}"
+            print(f"parapod: {done}; --resume does the rest", file=sys.stderr)
+    return _show(StudyResult(study, records), arguments)
+
+
+def _crew(arguments: argparse.Namespace) -> "Crew":
+    if arguments.cluster is not None:
+        from parapod.sims.study.cluster import ClusterCrew
+
+        return ClusterCrew(arguments.cluster)
+    from parapod.sims.lab.work import LocalCrew
+
+    return LocalCrew(arguments.workers)
+
+
+def _show(result: "StudyResult", arguments: argparse.Namespace) -> int:
+    """Prints and writes what came out; returns the exit code."""
+    from rich.console import Console
+
+    from parapod.sims.lab.figures import write_figures
+    from parapod.sims.lab.files import atomic_output, write_json
+    from parapod.sims.study.page import make_page
+    from parapod.sims.study.summary import print_summary
+
+    written = [] if arguments.out is None else [arguments.out]
+    try:
+        if arguments.json is not None:
+            write_json(arguments.json, result.summary.as_json())
+            written.append(arguments.json)
+        if arguments.html is not None:
+            with atomic_output(arguments.html) as temporary:
+                temporary.write_text(make_page(result), encoding="utf-8")
+            written.append(arguments.html)
+        if arguments.figures is not None:
+            written += write_figures(arguments.figures, result.figures)
+    finally:
+        # Even if the disk is full by now: the study may have been long.
+        print_summary(result.summary, Console())
+        for path in written:
+            print(f"wrote {path}")
+        sys.stdout.flush()
+    return HELD if result.summary.passed == result.study.sampling.runs else BROKEN

@@ -1,0 +1,1 @@
+"""Studies: one experiment over grounds, seeds and tolerances, on all cores or on a cluster."""

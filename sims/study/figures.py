@@ -1,0 +1,247 @@
+"""Figures of a study: distributions, contributions of the variables, borders of feasibility."""
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.sims.lab.figures import COLOURS, Figure
+from parapod.sims.study.records import Column, Records
+from parapod.sims.study.sensitivity import Contributions, contributions
+from parapod.sims.study.study import Study
+from parapod.sims.study.variables import Variable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Canvas
+
+type Array = NDArray[np.float64]
+
+_HELD, _BROKEN, _REFUSED = COLOURS[2], COLOURS[1], "0.55"
+# Metrics and pairs of variables that are drawn; more than these nobody reads.
+_MOST_METRICS, _MOST_PAIRS, _MOST_VARIABLES = 12, 3, 5
+# Height of a panel [inch].
+_PANEL = 1.7
+# Cells along each variable of a map, where runs do not lie on a grid.
+_CELLS = 24
+
+
+def draw_study(study: Study, records: Records) -> Iterator[Figure]:
+    """The figures of what has been carried out; none where nothing has.
+
+    Args:
+        study: the study.
+        records: what came out.
+    """
+    bounded = [column for column in records.columns if column.is_bounded]
+    # Those nearest to their bounds first.
+    ranked = sorted(bounded, key=lambda c: -np.nan_to_num(_largest(c.use), nan=-1.0))
+    shown = sorted(ranked[:_MOST_METRICS], key=bounded.index)
+    if shown:
+        yield _distributions(shown, records)
+    found = contributions(study.sampling, [c for c in shown if c.is_there.any()])
+    if found:
+        yield _contributions(study, found)
+    numbers = [v for v in study.variables if v.is_number and v.key != "seed"]
+    if ranked and numbers:
+        yield _scatter(study, records, ranked[:4], numbers[:_MOST_VARIABLES])
+    for one, other in itertools.islice(itertools.combinations(numbers, 2), _MOST_PAIRS):
+        yield _border(study, records, one, other)
+
+
+def _largest(values: Array) -> float:
+    return float(np.nanmax(values)) if not np.isnan(values).all() else math.nan
+
+
+def _distributions(columns: Sequence[Column], records: Records) -> Figure:
+    count = int(records.done.sum())
+    width = min(3, len(columns))
+    rows = math.ceil(len(columns) / width)
+
+    def draw(canvas: "Canvas") -> None:
+        axes = canvas.subplots(rows, width, squeeze=False).ravel()
+        for ax, column in itertools.zip_longest(axes, columns):
+            if column is None:
+                ax.set_visible(False)
+            else:
+                _histogram(ax, column)
+
+    caption = (
+        f"Each metric over {count} runs, in green where its bound (dashed) is held and in orange "
+        "where it is broken."
+    )
+    size = (7.0, _PANEL * rows + 0.2)
+    return Figure("distributions", "Distributions against the bounds", caption, draw, size)
+
+
+def _histogram(ax: "Axes", column: Column) -> None:
+    is_finite = column.is_there & np.isfinite(column.values)
+    values, held = column.values[is_finite], column.held[is_finite]
+    limits = [column.limit(limits) for limits in (column.bound, column.at_least)]
+    signed = values.min(initial=0.0) < 0.0 and limits[0] is not None
+    ends = [*values, *(x for x in limits if x is not None)]
+    if signed and limits[0] is not None:
+        ends.append(-limits[0])
+    edges = np.linspace(min(ends, default=0.0), max(ends, default=1.0), 41)
+    colours = {"color": [_HELD, _BROKEN], "stacked": True}
+    ax.hist([values[held], values[~held]], edges, **colours)  # type: ignore[arg-type]
+    for limit in (*limits, -limits[0] if signed and limits[0] is not None else None):
+        if limit is not None:
+            ax.axvline(limit, color="0.2", linestyle="--", linewidth=1.0)
+    lost = int((column.is_there & ~np.isfinite(column.values)).sum())
+    if lost:
+        ax.set_title(f"{lost} not finite", fontsize=7, color=_BROKEN, loc="right", pad=2)
+    ax.set_xlabel(_label(column), fontsize=8)
+    ax.set_yticks([])
+    ax.tick_params(labelsize=7)
+    ax.spines["left"].set_visible(False)
+    ax.grid(visible=False)
+
+
+def _label(column: Column) -> str:
+    """Name with its unit, which most names end with already."""
+    name = column.key.removesuffix(f"_{column.unit}").replace("_", " ")
+    return f"{name} [{column.unit}]" if column.unit else name
+
+
+def _contributions(study: Study, found: Sequence[Contributions]) -> Figure:
+    names = [variable.key for variable in study.variables]
+
+    def draw(canvas: "Canvas") -> None:
+        ax = canvas.subplots()
+        middle = np.arange(len(found), dtype=float)
+        height = 0.8 / len(names)
+        for i, name in enumerate(names):
+            at = middle - 0.4 + (i + 0.5) * height
+            colour = COLOURS[i % len(COLOURS)]
+            total = np.array([one.total[i] for one in found])
+            low, high = (
+                np.array([getattr(one, end)[i] for one in found]) for end in ("low", "high")
+            )
+            error = np.abs(np.stack((total - low, high - total)))
+            style = {"linewidth": 0.8, "ecolor": "0.4", "capsize": 1.5}
+            ax.barh(at, total, height, color=colour, alpha=0.35, xerr=error, error_kw=style)
+            ax.barh(at, [one.first[i] for one in found], height, color=colour, label=name)
+        ax.set_yticks(middle, [one.key for one in found], fontsize=8)
+        ax.invert_yaxis()
+        ax.set_xlim(0.0, 1.05)
+        ax.set_xlabel("share of the variance")
+        ax.legend(fontsize=8)
+
+    is_exact = study.sampling.kind == "grid"
+    how = "exact for the grid" if is_exact else "with the 95 % interval of the total share"
+    caption = (
+        "Sobol indices of each metric: the share of its variance that a variable has alone "
+        f"(full colour) and that in which it has a part (pale), {how}."
+    )
+    size = (7.0, 0.8 + max(0.16 * len(names), 0.3) * len(found))
+    return Figure("contributions", "What each variable contributes", caption, draw, size)
+
+
+def _scatter(
+    study: Study, records: Records, columns: Sequence[Column], variables: Sequence[Variable]
+) -> Figure:
+    values = {variable.key: _numbers(study, records, variable) for variable in variables}
+    done = np.flatnonzero(records.done)
+
+    def draw(canvas: "Canvas") -> None:
+        axes = canvas.subplots(
+            len(columns), len(variables), squeeze=False, sharex="col", sharey="row"
+        )
+        for row, column in zip(axes, columns, strict=True):
+            use, held = column.use[done], column.held[done]
+            is_finite = np.isfinite(use)
+            for ax, variable in zip(row, variables, strict=True):
+                x = values[variable.key]
+                for which, colour in ((held, _HELD), (~held, _BROKEN)):
+                    which = which & is_finite
+                    ax.plot(x[which], 100.0 * use[which], ".", color=colour, markersize=2.5)
+                ax.axhline(100.0, color="0.2", linestyle="--", linewidth=1.0)
+                ax.set_ylim(bottom=0.0)
+                ax.tick_params(labelsize=7)
+            row[0].set_ylabel(f"{column.key}\n[% of its bound]", fontsize=7)
+        for ax, variable in zip(axes[-1], variables, strict=True):
+            ax.set_xlabel(variable.key, fontsize=8)
+
+    caption = (
+        "The metrics that come nearest to their bounds, over each variable: share of the bound "
+        "that each run uses; above the dashed line the bound is broken."
+    )
+    size = (7.0, 0.5 + _PANEL * len(columns))
+    return Figure("over_variables", "Metrics over the variables", caption, draw, size)
+
+
+def _numbers(study: Study, records: Records, variable: Variable) -> Array:
+    """Values of a variable in the runs that have been carried out."""
+    place = study.variables.index(variable)
+    runs = np.flatnonzero(records.done).tolist()
+    return np.array([study.sampling.values(run)[place] for run in runs], float)
+
+
+def _border(study: Study, records: Records, one: Variable, other: Variable) -> Figure:
+    x, y = (_numbers(study, records, variable) for variable in (one, other))
+    done = np.flatnonzero(records.done)
+    passed, refused = records.passed[done], records.refused[done]
+
+    def draw(canvas: "Canvas") -> None:
+        ax = canvas.subplots()
+        xs, ys = _edges(x, one), _edges(y, other)
+        every, _, _ = np.histogram2d(x, y, (xs, ys))
+        held, _, _ = np.histogram2d(x[passed], y[passed], (xs, ys))
+        with np.errstate(invalid="ignore"):
+            share = 100.0 * held / every  # NaN where no run is
+        image = ax.pcolormesh(xs, ys, share.T, cmap=_map(), vmin=0.0, vmax=100.0)
+        _draw_contour(ax, xs, ys, share)
+        for which, marker, colour, label in (
+            (~passed & ~refused, "x", "0.1", "a bound is broken"),
+            (refused, "+", _REFUSED, "refused or failed"),
+        ):
+            if which.any():
+                ax.plot(x[which], y[which], marker, color=colour, markersize=3.5,
+                        markeredgewidth=0.8, linestyle="none", label=label)  # fmt: skip
+        ax.set_xlabel(one.key)
+        ax.set_ylabel(other.key)
+        ax.grid(visible=False)
+        if not passed.all():
+            ax.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=2)
+        canvas.colorbar(image, ax=ax, label="runs with all bounds held [%]")
+
+    others = [v.key for v in study.variables if v not in (one, other)]
+    over = f", over all values of {', '.join(others)}" if others else ""
+    caption = (
+        f"Share of the runs in which all bounds are held{over}; the line is the border between "
+        "more and less than half of them."
+    )
+    name = f"border_{one.key}_{other.key}".replace(".", "_")
+    title = f"Border of feasibility: {one.key} and {other.key}"
+    return Figure(name, title, caption, draw, (7.0, 4.6))
+
+
+def _edges(values: Array, variable: Variable) -> Array:
+    """Edges of the cells of a map: one cell for each value where there are few."""
+    found = np.unique(values)
+    if 1 < found.size <= _CELLS:
+        middles = 0.5 * (found[1:] + found[:-1])
+        first, last = 1.5 * found[0] - 0.5 * found[1], 1.5 * found[-1] - 0.5 * found[-2]
+        return np.concatenate(([first], middles, [last]))
+    low, high = float(found[0]), float(found[-1])
+    margin = 1e-9 + 1e-6 * abs(high) if low == high else 0.0
+    cells = max(4, min(_CELLS, math.isqrt(max(values.size // 6, 1))))
+    return np.linspace(low - margin, high + margin, cells + 1)
+
+
+def _draw_contour(ax: "Axes", xs: Array, ys: Array, share: Array) -> None:
+    """The border of the cells in which most runs hold all bounds."""
+    if min(share.shape) < 2 or np.isnan(share).any() or not share.min() < 50.0 < share.max():
+        return
+    middles = [0.5 * (edges[1:] + edges[:-1]) for edges in (xs, ys)]
+    ax.contour(*middles, share.T, [50.0], colors="0.1", linewidths=1.5)
+
+
+def _map() -> Any:
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("held", ["#F6C8A8", "#FFFFFF", "#A5D8C6"])

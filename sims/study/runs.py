@@ -1,0 +1,170 @@
+"""One run of a study, as a worker carries it out."""
+
+import functools
+import gc
+import hashlib
+import importlib
+import io
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from socket import gethostname
+from typing import Any
+
+from rich.console import Console
+
+from parapod.diagrams.drivers.external import load_installed_drivers
+from parapod.sims.lab.bench import Loops
+from parapod.sims.lab.discovery import Entry, find_entry
+from parapod.sims.lab.experiment import Experiment, RunOptions
+from parapod.sims.lab.results import Metric
+from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.quoting import printable
+from parapod.systems.core.schema import Reader, build
+
+# Files of which a run's numbers are made.
+_SOURCE = (".py", ".yaml", ".urdf", ".xml", ".obj")
+
+
+class AnotherVersion(ParapodError):
+    """A worker, or a file, of another parapod or Drake than that of this program."""
+
+
+@dataclass(frozen=True)
+class Software:
+    """Software that the numbers of an experiment depend on.
+
+    Attributes:
+        package: distribution that declares the experiment, with its version.
+        parapod: version of parapod, with a digest of its source.
+        drake: version of Drake.
+    """
+
+    package: str
+    parapod: str
+    drake: str
+
+    @classmethod
+    def of(cls, entry: Entry) -> "Software":
+        """That of this process."""
+        package = f"{entry.package} {version(entry.package)}"
+        return cls(package, f"{version('parapod')} ({_digest()})", version("drake"))
+
+    def __str__(self) -> str:
+        package = "" if self.package.startswith("parapod ") else f"{self.package}, "
+        return f"{package}parapod {self.parapod} and Drake {self.drake}"
+
+
+@functools.cache
+def _digest() -> str:
+    found = hashlib.sha256()
+    for room in ("systems", "diagrams", "urdf", "sims"):
+        (folder,) = map(Path, importlib.import_module(f"parapod.{room}").__path__)
+        for path in sorted(folder.rglob("*")):
+            if path.suffix in _SOURCE:
+                found.update(path.relative_to(folder).as_posix().encode())
+                found.update(path.read_bytes())
+    return found.hexdigest()[:12]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What all runs of a study have in common; it can be pickled.
+
+    Attributes:
+        experiment: name of the experiment.
+        tree: the scenario, as plain data.
+        keys: dotted keys of the variables.
+        software: what it is to be carried out with.
+    """
+
+    experiment: str
+    tree: Mapping[str, Any]
+    keys: tuple[str, ...]
+    software: Software
+
+    def scenario(self, schema: type, values: tuple[Any, ...]) -> Any:
+        """The scenario of a run.
+
+        Args:
+            schema: the experiment's.
+            values: those of the variables.
+
+        Raises:
+            ScenarioError: values that it does not admit together.
+        """
+        tree, reader = self.tree, Reader(schema)
+        for key, value in zip(self.keys, values, strict=True):
+            tree = reader.assign(schema, tree, key.split("."), value)
+        return build(schema, tree)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came out of a run.
+
+    Attributes:
+        run: its number.
+        metrics: those that the scenario decides, not the clock; empty if there was an error.
+        error: reason why it was refused or failed; empty if it was not.
+    """
+
+    run: int
+    metrics: tuple[Metric, ...] = ()
+    error: str = ""
+
+
+def carry_out_run(order: Order, piece: tuple[int, tuple[Any, ...]]) -> Outcome:
+    """Carries out a run; what it refuses and where it fails is its outcome too.
+
+    Args:
+        order: what all runs have in common.
+        piece: number of the run, and the values of its variables.
+
+    Raises:
+        AnotherVersion: the software here is not that of the order.
+        UnknownExperiment: there is no such experiment here.
+    """
+    run, values = piece
+    shop = _shop(order)
+    try:
+        scenario = order.scenario(shop.experiment.schema, values)
+        result = shop.experiment.execute(scenario, shop.options)
+    except ParapodError as error:
+        return Outcome(run, error=str(error))
+    except Exception as error:  # a solver that does not converge, a plant that blows up
+        return Outcome(run, error=printable(f"{type(error).__name__}: {error}"))
+    metrics = tuple(metric for metric in result.metrics if not metric.is_timing)
+    return Outcome(run, metrics)
+
+
+@dataclass(frozen=True)
+class _Shop:
+    """What a worker's thread needs for all runs of an experiment."""
+
+    software: Software
+    experiment: Experiment[Any, Any]
+    options: RunOptions
+
+
+_shops = threading.local()
+
+
+def _shop(order: Order) -> _Shop:
+    shop: _Shop | None = getattr(_shops, order.experiment, None)
+    if shop is None:
+        entry = find_entry(order.experiment)
+        load_installed_drivers()
+        options = RunOptions(console=Console(file=io.StringIO(), quiet=True), loops=Loops())
+        shop = _Shop(Software.of(entry), entry.load(), options)
+        # What has been imported stays: the garbage collector need not go through it each run.
+        gc.collect()
+        gc.freeze()
+        setattr(_shops, order.experiment, shop)
+    if shop.software != order.software:
+        raise AnotherVersion(
+            f"the worker on {gethostname()} has {shop.software}; here is {order.software}"
+        )
+    return shop

@@ -1,0 +1,196 @@
+"""A study: one experiment, its variables and its sampling; how it is carried out."""
+
+import json
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from parapod.sims.lab.discovery import Entry, find_entry
+from parapod.sims.lab.experiment import LoopExperiment
+from parapod.sims.lab.progress import counted
+from parapod.sims.lab.work import Crew, WorkerDied, carry_out
+from parapod.sims.study.file import open_file
+from parapod.sims.study.records import Records
+from parapod.sims.study.runs import Order, Outcome, Software, carry_out_run
+from parapod.sims.study.sampling import Sampling
+from parapod.sims.study.variables import Variable, read_variables
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.scenario_file import inline, load_scenario
+from parapod.systems.core.schema import TAG, checked
+
+
+@dataclass(frozen=True)
+class Study:
+    """An experiment over the values of some keys of its scenario.
+
+    Attributes:
+        entry: the experiment.
+        tree: the scenario that the variables change, as plain data.
+        sampling: the runs.
+        software: what it is carried out with.
+    """
+
+    entry: Entry
+    tree: Mapping[str, Any]
+    sampling: Sampling
+    software: Software
+
+    @classmethod
+    def of(
+        cls,
+        experiment: str,
+        scenario: Any,
+        vary: Mapping[str, str | Sequence[Any]],
+        sampling: str = "grid",
+        runs: int | None = None,
+        sampling_seed: int = 0,
+    ) -> "Study":
+        """A study, checked before anything is run.
+
+        Args:
+            experiment: name of the experiment.
+            scenario: the scenario that the variables change.
+            vary: by dotted key the values, see `variables`.
+            sampling: "grid", "latin" or "sobol".
+            runs: number of runs; a grid has its own.
+            sampling_seed: seed of the random samplings.
+
+        Raises:
+            UnknownExperiment: there is none of that name.
+            ScenarioError: variables or a sampling that are not admissible.
+        """
+        entry = find_entry(experiment)
+        tree = checked(scenario)
+        if tree["backend"] == "hardware":
+            raise ScenarioError("a study simulates; the backend is hardware", "backend")
+        variables = read_variables(type(scenario), tree, vary)
+        for variable in variables:
+            if variable.key == "backend" and "hardware" in variable.values:
+                raise ScenarioError(
+                    "a study simulates; one of its backends is hardware", "backend"
+                )
+        chosen = Sampling.of(sampling, variables, runs, sampling_seed)
+        return cls(entry, tree, chosen, Software.of(entry))
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        """The variables."""
+        return self.sampling.variables
+
+    @property
+    def schema(self) -> type:
+        """Class of the scenarios."""
+        schema: type = self.entry.load().schema
+        return schema
+
+    @property
+    def order(self) -> Order:
+        """What workers are told of it."""
+        keys = tuple(variable.key for variable in self.variables)
+        return Order(self.entry.name, self.tree, keys, self.software)
+
+    def as_json(self) -> dict[str, Any]:
+        """Everything by which it is told from other studies, as JSON can say it."""
+        return {
+            "software": asdict(self.software),
+            "experiment": self.entry.name,
+            "variables": {variable.key: variable.text for variable in self.variables},
+            "sampling": self.sampling.kind,
+            "runs": self.sampling.runs,
+            "sampling_seed": self.sampling.seed,
+            "scenario": json.loads(json.dumps(self.tree)),
+        }
+
+    def command(self, run: int) -> str:
+        """Shell command that repeats a run alone."""
+        default = checked(load_scenario(self.schema, self.entry.default_scenario))
+        changed = dict(_differing(default, self.order.tree))
+        values = self.sampling.values(run)
+        given = dict(zip(self.order.keys, values, strict=True))
+        # Of a part that differs whole, the variables' own keys come last and win.
+        settings = [f"{key}={inline(value)}" for key, value in (changed | given).items()]
+        return shlex.join(["parapod", "run", self.entry.name, "--set", *settings])
+
+    def carry_out(
+        self,
+        crew: Crew,
+        records: Records,
+        console: Console,
+        path: Path | None = None,
+        resume: bool = False,
+    ) -> None:
+        """Carries out what a file does not have yet.
+
+        Args:
+            crew: does the work.
+            records: empty ones; they take what the file has, and what comes out.
+            console: console for progress.
+            path: the table that is written, *.parquet; None for none.
+            resume: whether to go on with one that is there.
+
+        Raises:
+            OutputError: the file cannot be written, or is not to be gone on with.
+            NoWorkers: nothing carries out anything any more; what is done is in the file.
+            AnotherVersion: a worker has other software.
+        """
+        with ExitStack() as stack:
+            file = None
+            if path is not None:
+                file = stack.enter_context(open_file(path, self.as_json(), records, resume))
+            missing = self._in_order(np.flatnonzero(~records.done))
+            pieces = ((run, self.sampling.values(run)) for run in missing)
+            total = self.sampling.runs
+            done = total - len(missing)
+            report = stack.enter_context(counted(console, self.entry.name, total, done))
+            report(done)
+            for place, found in carry_out(crew, partial(carry_out_run, self.order), pieces):
+                run = missing[place]
+                if isinstance(found, WorkerDied):
+                    found = Outcome(run, error=str(found))
+                records.add(found)
+                if file is not None:
+                    file.add(found)
+                done += 1
+                report(done)
+
+    def _in_order(self, runs: NDArray[np.int_]) -> list[int]:
+        """Runs of the same structure after each other, for workers build each structure once."""
+        codes = []
+        for i, variable in enumerate(self.variables):
+            if variable.quantile is None and self._is_built_in(variable):
+                column = [repr(self.sampling.values(run)[i]) for run in runs.tolist()]
+                codes.append(np.unique(column, return_inverse=True)[1])
+        ordered: list[int] = (runs[np.lexsort(codes)] if codes else runs).tolist()
+        return ordered
+
+    def _is_built_in(self, variable: Variable) -> bool:
+        """Whether loops of its values are of different structures."""
+        experiment = self.entry.load()
+        if not isinstance(experiment, LoopExperiment):
+            return False
+        structures = set()
+        for value in (variable.values[0], variable.values[-1]):
+            order = replace(self.order, keys=(variable.key,))
+            scenario = order.scenario(experiment.schema, (value,))
+            structures.add(experiment.structure(scenario))
+        return len(structures) > 1
+
+
+def _differing(default: Any, tree: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted keys and values in which a scenario is not the default one."""
+    are_alike = (
+        isinstance(default, dict) and isinstance(tree, dict) and default.keys() == tree.keys()
+    )
+    if are_alike and default.get(TAG) == tree.get(TAG):
+        for name, value in tree.items():
+            yield from _differing(default[name], value, f"{key}.{name}" if key else name)
+    elif default != tree:
+        yield key, tree

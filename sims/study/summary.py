@@ -1,0 +1,223 @@
+"""Summary of a study: quantiles of each metric, how often its bound was held, the worst runs."""
+
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from parapod.sims.lab.results import Metric, amount, plain_number
+from parapod.sims.study.records import Column, Records
+from parapod.sims.study.study import Study
+
+QUANTILES: Mapping[str, float] = {"min": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "max": 1.0}
+# Width of a terminal from which on all quantiles have room [characters].
+_WIDE = 110
+# Runs whose commands are printed, and reasons for refusals.
+_SHOWN = 5
+
+
+@dataclass(frozen=True)
+class MetricSummary:
+    """One metric over all runs that have measured it.
+
+    Attributes:
+        key: its name.
+        unit: its unit.
+        meaning: its meaning.
+        quantiles: by the names of `QUANTILES`; NaN as soon as one value is.
+        limits: its bounds as people write them; empty for none.
+        held: number of runs in which the bounds were held.
+        measured: number of runs that have measured it.
+        worst: run that uses most of its bound; None without a bound.
+        use: share of the bound that this run uses; more than 1 is broken.
+    """
+
+    key: str
+    unit: str
+    meaning: str
+    quantiles: Mapping[str, float]
+    limits: str
+    held: int
+    measured: int
+    worst: int | None
+    use: float
+
+    @classmethod
+    def of(cls, column: Column) -> "MetricSummary":
+        """That of a column."""
+        there = column.is_there
+        values = column.values[there]
+        with np.errstate(invalid="ignore"):  # between two infinite values
+            found = np.quantile(values, list(QUANTILES.values()), method="inverted_cdf")
+        if np.isnan(values).any():
+            found = np.full(len(QUANTILES), np.nan)
+        use = column.use
+        worst = None if np.isnan(use).all() else int(np.nanargmax(use))
+        return cls(
+            column.key,
+            column.unit,
+            column.meaning,
+            dict(zip(QUANTILES, found.tolist(), strict=True)),
+            _limits(column),
+            int((column.held & there).sum()),
+            int(there.sum()),
+            worst,
+            np.nan if worst is None else float(use[worst]),
+        )
+
+
+def _limits(column: Column) -> str:
+    """Bounds; where they differ from run to run, the range of each."""
+    if not column.is_bounded:
+        return ""
+    single = [column.limit(limits) for limits in (column.bound, column.at_least)]
+    varying = [
+        found is None and not np.isnan(limits).all()
+        for found, limits in zip(single, (column.bound, column.at_least), strict=True)
+    ]
+    if not any(varying):
+        return Metric(column.key, 0.0, bound=single[0], at_least=single[1]).limits
+    texts = []
+    for sign, limits in (("<=", column.bound), (">=", column.at_least)):
+        if not np.isnan(limits).all():
+            low, high = (amount(float(f"{f(limits):.3g}")) for f in (np.nanmin, np.nanmax))
+            texts.append(f"{sign} {low}" if low == high else f"{sign} {low}..{high}")
+    return ", ".join(texts)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a study has shown.
+
+    Attributes:
+        study: the study.
+        done: number of runs that have been carried out.
+        passed: number of those in which all bounds were held.
+        metrics: in the order in which the runs measure them.
+        refusals: reasons for which runs were refused or failed, with their numbers of runs and
+            the first of these; the most frequent first.
+    """
+
+    study: Study
+    done: int
+    passed: int
+    metrics: tuple[MetricSummary, ...]
+    refusals: tuple[tuple[str, int, int], ...]
+
+    @classmethod
+    def of(cls, study: Study, records: Records) -> "Summary":
+        """That of all runs that have been carried out."""
+        return cls(
+            study,
+            int(records.done.sum()),
+            int(records.passed.sum()),
+            tuple(MetricSummary.of(column) for column in records.columns),
+            _refusals(records.errors),
+        )
+
+    @property
+    def worst(self) -> tuple[MetricSummary, ...]:
+        """Bounded metrics by their worst runs, the one that uses most of its bound first."""
+        bounded = [metric for metric in self.metrics if metric.worst is not None]
+        return tuple(sorted(bounded, key=lambda metric: -metric.use))
+
+    @property
+    def commands(self) -> dict[int, str]:
+        """By run, the command that repeats it: the worst of each metric, and the first refused."""
+        runs = [metric.worst for metric in self.worst] + [first for _, _, first in self.refusals]
+        return {run: self.study.command(run) for run in dict.fromkeys(runs) if run is not None}
+
+    def as_json(self) -> dict[str, Any]:
+        """The study, and everything about its metrics, as JSON can say it."""
+        return {
+            "study": self.study.as_json(),
+            "done": self.done,
+            "passed": self.passed,
+            "metrics": {
+                metric.key: {
+                    **{name: plain_number(x) for name, x in metric.quantiles.items()},
+                    "unit": metric.unit,
+                    "limits": metric.limits,
+                    "held": metric.held,
+                    "measured": metric.measured,
+                    "worst_run": metric.worst,
+                }
+                for metric in self.metrics
+            },
+            "refused": [
+                {"reason": text, "runs": count, "first": first}
+                for text, count, first in self.refusals
+            ],
+            "commands": {str(run): command for run, command in self.commands.items()},
+        }
+
+
+def _refusals(errors: Mapping[int, str]) -> tuple[tuple[str, int, int], ...]:
+    """Reasons that differ in their numbers only are one; the words are those of its first run."""
+    first: dict[str, int] = {}
+    counts: Counter[str] = Counter()
+    for run in sorted(errors):
+        kind = re.sub(r"-?[\d.]+(e[-+]?\d+)?", "#", errors[run])
+        first.setdefault(kind, run)
+        counts[kind] += 1
+    return tuple((errors[first[kind]], n, first[kind]) for kind, n in counts.most_common())
+
+
+def print_summary(summary: Summary, console: Console) -> None:
+    """Prints quantiles and bounds, the worst runs and the refused ones, and one line in sum."""
+    study = summary.study
+    variables = ", ".join(str(variable) for variable in study.variables)
+    backend = study.tree["backend"]
+    title = f"{study.entry.name} ({backend}), {summary.done} runs ({study.sampling.kind}): "
+    console.print(Text(title, style="bold").append(variables, style="not bold"))
+    if summary.metrics:
+        console.print(_table(summary, console.width))
+    shown = [metric for metric in summary.worst if metric.use > 1.0] or list(summary.worst)
+    commands = summary.commands
+    for run in list(dict.fromkeys(metric.worst for metric in shown))[:_SHOWN]:
+        of = [metric for metric in shown if metric.worst == run]
+        style = "bold red" if any(metric.use > 1.0 for metric in of) else ""
+        console.print(
+            Text(f"run {run}, worst of {', '.join(metric.key for metric in of)}:", style=style)
+        )
+        console.print(Text(f"  {commands[run or 0]}"), soft_wrap=True)
+    for text, count, first in summary.refusals[:_SHOWN]:
+        console.print(Text(f"{count} refused or failed, run {first} with: {text}", "bold red"))
+        console.print(Text(f"  {commands[first]}"), soft_wrap=True)
+    more = len(summary.refusals) - _SHOWN
+    if more > 0:
+        console.print(f"and {more} more reasons", highlight=False)
+    left = study.sampling.runs - summary.done
+    if left:
+        console.print(Text(f"{left} of {study.sampling.runs} runs are not done", "bold red"))
+    style = "green" if summary.passed == summary.done else "bold red"
+    text = f"all bounds held in {summary.passed} of {summary.done} runs"
+    console.print(Text(text, style=style))
+
+
+def _table(summary: Summary, width: int) -> Table:
+    table = Table(box=SIMPLE_HEAD)
+    names = [name for name in QUANTILES if width >= _WIDE or "%" not in name]
+    longest = max(len(metric.key) + len(metric.unit) + 3 for metric in summary.metrics)
+    table.add_column("metric", overflow="fold", min_width=min(longest, width // 3))
+    for name in names:
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("bound", justify="right", overflow="fold", min_width=8)
+    table.add_column("held", no_wrap=True)
+    for metric in summary.metrics:
+        style = "green" if metric.held == metric.measured else "bold red"
+        held = f"{metric.held}/{metric.measured}" if metric.limits else "-"
+        table.add_row(
+            Text(f"{metric.key} [{metric.unit}]" if metric.unit else metric.key),
+            *(f"{metric.quantiles[name]:.3g}" for name in names),
+            metric.limits,
+            Text(held, style=style if metric.limits else ""),
+        )
+    return table
