@@ -66,12 +66,14 @@ def _emulated(scenario: LevellingScenario, period: float) -> LevellingScenario:
 
 
 def _resets(scenario: LevellingScenario) -> tuple[str, ...]:
-    """What a beginning is made of; the dimensions as built are none of it, and come of the seed."""
+    """Keys of a beginning; dimensions as built, which the seed decides too, are no part of it."""
     plant = scenario.plant
     is_as_drawn = plant.length_error_mm == plant.angle_error_deg == 0.0
+    # Bodies stand on pads, which are built in.
+    uneven = ("ground.foot_heights_mm",) if scenario.backend == "kinematic" else ()
     return (
         *(("seed",) if is_as_drawn else ()),
-        "ground",
+        *("ground.roll_deg", "ground.pitch_deg", *uneven),
         "actuators.gain_error",
         "sensors.accel_bias_mg",
         "sensors.gyro_bias_deg_s",

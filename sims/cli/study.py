@@ -24,12 +24,13 @@ DESCRIPTION = (
     "Runs an experiment over the values of some keys of its scenario, and shows how its metrics "
     "spread, what each key contributes, and where the bounds are held.\n\n"
     "Values: FIRST:LAST:NUMBER, FIRST:END (whole numbers below END; of other keys all between), "
-    "VALUE,VALUE,..., normal(MEAN, DEVIATION), uniform(LOW, HIGH) or loguniform(LOW, HIGH)."
+    "VALUE,VALUE,... or, in quotes, 'normal(MEAN, DEVIATION)', 'uniform(LOW, HIGH)', "
+    "'loguniform(LOW, HIGH)'."
 )
 EXAMPLES = (
     "parapod study level --backend kinematic --vary ground.pitch_deg=-5:5:11 seed=0:20",
-    "parapod study level --vary 'plant.length_error_mm=normal(0, 0.3)' seed=0:200 "
-    "--sampling sobol --runs 2000 --out study.parquet --html study.html",
+    "parapod study level --vary plant.length_error_mm=0:0.3 seed=0:200 --sampling sobol "
+    "--runs 2000 --out study.parquet --html study.html",
     "parapod study level --vary seed=0:1000 --out seeds.parquet --cluster tcp://10.0.0.1:8786",
 )
 _OUTPUTS = {

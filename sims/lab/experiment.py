@@ -257,7 +257,7 @@ class LoopExperiment[S, D](Experiment[S, D]):
         return scenario
 
     def structure(self, scenario: S) -> str | None:
-        """What is built of a scenario, as a text; None: its loop serves no other scenario.
+        """The part of a scenario that is built in, as a text; None: its loop serves no other one.
 
         One with a loop of its own says what that is built from, if `reset` serves the rest.
         """

@@ -174,6 +174,8 @@ def carry_out[T, R](
                 parcel = running.pop(future)
                 try:
                     results, seconds = future.result()
+                except ModuleNotFoundError as error:
+                    raise NoWorkers(f"a worker cannot import {error.name}") from error
                 except CancelledError as error:
                     raise NoWorkers("the executor has given up: its work was cancelled") from error
                 except crew.losses as error:

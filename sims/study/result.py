@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class StudyResult:
-    """What came out of a study; pandas and polars read it as a table.
+    """Result of a study; pandas and polars read it as a table.
 
         polars.DataFrame(result)
         result.table.to_pandas()

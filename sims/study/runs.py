@@ -17,7 +17,7 @@ from rich.console import Console
 
 from parapod.diagrams.drivers.external import load_installed_drivers
 from parapod.sims.lab.bench import Loops
-from parapod.sims.lab.discovery import Entry, find_entry
+from parapod.sims.lab.discovery import Entry, UnknownExperiment, find_entry
 from parapod.sims.lab.experiment import Experiment, RunOptions
 from parapod.sims.lab.results import Metric
 from parapod.systems.core.errors import ParapodError
@@ -71,7 +71,7 @@ def _digest() -> str:
 
 @dataclass(frozen=True)
 class Order:
-    """What all runs of a study have in common; it can be pickled.
+    """Common part of all runs of a study; it can be pickled.
 
     Attributes:
         experiment: name of the experiment.
@@ -103,7 +103,7 @@ class Order:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came out of a run.
+    """Outcome of a run.
 
     Attributes:
         run: its number.
@@ -125,7 +125,6 @@ def carry_out_run(order: Order, piece: tuple[int, tuple[Any, ...]]) -> Outcome:
 
     Raises:
         AnotherVersion: the software here is not that of the order.
-        UnknownExperiment: there is no such experiment here.
     """
     run, values = piece
     shop = _shop(order)
@@ -142,7 +141,7 @@ def carry_out_run(order: Order, piece: tuple[int, tuple[Any, ...]]) -> Outcome:
 
 @dataclass(frozen=True)
 class _Shop:
-    """What a worker's thread needs for all runs of an experiment."""
+    """Everything that a worker's thread needs for all runs of an experiment."""
 
     software: Software
     experiment: Experiment[Any, Any]
@@ -155,7 +154,13 @@ _shops = threading.local()
 def _shop(order: Order) -> _Shop:
     shop: _Shop | None = getattr(_shops, order.experiment, None)
     if shop is None:
-        entry = find_entry(order.experiment)
+        try:
+            entry = find_entry(order.experiment)
+        except UnknownExperiment as error:
+            package = order.software.package
+            raise AnotherVersion(
+                f"the worker on {gethostname()} lacks {package}: {error}"
+            ) from None
         load_installed_drivers()
         options = RunOptions(console=Console(file=io.StringIO(), quiet=True), loops=Loops())
         shop = _Shop(Software.of(entry), entry.load(), options)

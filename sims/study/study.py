@@ -93,7 +93,7 @@ class Study:
 
     @property
     def order(self) -> Order:
-        """What workers are told of it."""
+        """The part of it that workers are told."""
         keys = tuple(variable.key for variable in self.variables)
         return Order(self.entry.name, self.tree, keys, self.software)
 

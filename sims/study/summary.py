@@ -94,7 +94,7 @@ def _limits(column: Column) -> str:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a study has shown.
+    """Numbers that a study has shown.
 
     Attributes:
         study: the study.

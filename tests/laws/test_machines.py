@@ -1,5 +1,6 @@
 """Laws of every machine that is installed, and of every backend of each."""
 
+import functools
 import gc
 import re
 import subprocess
@@ -24,6 +25,7 @@ from parapod.diagrams.station import Behind, Station
 from parapod.diagrams.wiring import inputs_of, leaf_systems, outputs_of
 from parapod.systems.core.errors import ParapodError, ScenarioError, WiringError
 from parapod.systems.core.scenario_file import load_scenario
+from parapod.systems.core.schema import fields_of, is_schema
 
 MACHINES = list_machines()
 ROOMS = Path(__file__).parents[2]
@@ -397,6 +399,58 @@ def test_a_scenario_reached_by_reset_is_the_default_of_a_loop_built_from_it(mach
         assert differing(default, values_of(served, context)), "the seed has no effect"
     served.reset(context, one)
     assert differing(default, values_of(served, context)) == []
+
+
+def _changed(kind, rule, value):
+    """A value some way within its range, or a scenario of which all numbers are so."""
+    if is_schema(kind):
+        return replace(
+            value,
+            **{
+                name: _changed(inner, rule, getattr(value, name))
+                for name, (inner, rule) in fields_of(kind).items()
+            },
+        )
+    if isinstance(value, list):
+        return [_changed(float, rule, item) + 0.1 * i for i, item in enumerate(value)]
+    return 7 if kind is int else value + 0.02 * (rule.high - rule.low)
+
+
+@pytest.mark.parametrize(
+    ("machine", "backend"),
+    [(machine, backend) for machine in MACHINES for backend in machine.plants],
+    ids=lambda value: value if isinstance(value, str) else value.name,
+)
+def test_reset_takes_over_whatever_a_machine_says_that_it_does(machine, backend):
+    """A loop gives the numbers of one that was built with other values of all those keys."""
+    one, other = (machine.scenario(backend=backend) for _ in range(2))
+    assert "seed" in machine.resets(one)
+    for key in machine.resets(one):
+        *parts, last = key.split(".")
+        part = functools.reduce(getattr, parts, other)
+        setattr(part, last, _changed(*fields_of(type(part))[last], getattr(part, last)))
+        assert part != functools.reduce(getattr, parts, one)
+    assert machine.structure(one) == machine.structure(other)
+
+    def run(loop):
+        simulator = Simulator(loop)
+        loop.reset(simulator.get_mutable_context(), other)
+        begun = values_of(loop, simulator.get_context())
+        simulator.AdvanceTo(0.06)
+        return begun, loop.recording(simulator.get_context())
+
+    (begun, served), (asked, built) = (run(ClosedLoop(machine, s)) for s in (one, other))
+    assert differing(asked, begun) == []
+    for name in built:
+        assert np.array_equal(built[name], served[name], equal_nan=True), name
+
+
+@each_machine
+def test_what_is_built_in_is_of_another_structure(machine):
+    one, other, mock = (machine.scenario(backend="kinematic") for _ in range(3))
+    other.control.period *= 2.0
+    mock.backend = "mock"
+    assert len({machine.structure(scenario) for scenario in (one, other, mock)}) == 3
 
 
 @each_machine

@@ -60,7 +60,7 @@ def test_counted_work_says_how_much_is_done_and_how_long_the_rest_takes(clock):
         clock.now = 6.0
         report(10)
         report(11)
-    assert stream.getvalue() == "faults [x]: 10 of 40, 18 s left\n"
+    assert stream.getvalue() == "faults [x]: 10 of 40, 1.67/s, 18 s left\n"
     terminal = io.StringIO()
     with counted(Console(file=terminal, force_terminal=True, width=80), "faults", 40) as report:
         report(40)

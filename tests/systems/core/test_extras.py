@@ -9,7 +9,7 @@ import pytest
 from parapod.systems.core.errors import MissingExtra, ParapodError
 from parapod.systems.core.extras import EXTRAS, need
 
-SIMULATORS = {"mujoco"}
+NO_DEVICES = {"distributed", "mujoco", "pyarrow"}
 PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
 
 
@@ -29,7 +29,7 @@ def test_every_optional_module_has_an_extra_of_the_package(module):
     assert EXTRAS[module] in extras
     (everything,) = extras["hardware"]
     is_of_hardware = EXTRAS[module] in everything.partition("[")[2].rstrip("]").split(",")
-    assert is_of_hardware == (module not in SIMULATORS)
+    assert is_of_hardware == (module not in NO_DEVICES)
 
 
 def test_tests_need_all_of_them_but_the_one_that_has_to_be_compiled():
