@@ -66,6 +66,13 @@ class Crew:
         """Takes an executor that somebody else has opened, and closes."""
         self.executor, self.size = executor, size
 
+    def begin(self) -> None:
+        """Makes sure that there are workers.
+
+        Raises:
+            NoWorkers: there are none.
+        """
+
     def renew(self) -> None:
         """Replaces an executor that is broken.
 
@@ -106,6 +113,16 @@ class LocalCrew(Crew):
     def _pool(self, size: int) -> ProcessPoolExecutor:
         context = multiprocessing.get_context("spawn")
         return ProcessPoolExecutor(size, context, _begin_worker, (self._theirs,))
+
+    def begin(self) -> None:
+        """Begins a process, and sees whether it lives."""
+        try:
+            self.executor.submit(os.getpid).result()
+        except BrokenExecutor as error:
+            raise NoWorkers(
+                "the workers end as soon as they begin; in a script everything that begins them "
+                'must stand below `if __name__ == "__main__":`'
+            ) from error
 
     def renew(self) -> None:
         """Begins anew with as many processes."""
@@ -151,6 +168,7 @@ def carry_out[T, R](
     Raises:
         NoWorkers: nothing carries out anything any more.
     """
+    crew.begin()
     waiting = enumerate(pieces)
     doubtful: deque[tuple[int, T]] = deque()
     lost: dict[int, int] = {}
