@@ -4,6 +4,7 @@ import math
 import os
 import pty
 import re
+import shlex
 import sys
 import threading
 import time
@@ -11,6 +12,7 @@ import tty
 from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts
@@ -244,3 +246,33 @@ def test_drivers_that_cannot_be_imported_are_refused(tmp_path):
     path.write_text("1 / 0\n")
     with pytest.raises(ScenarioError, match=r"broken_lab_drivers\.py' cannot be imported"):
         load_drivers(path)
+
+
+# --- studies
+
+_STUDIES = (_DOCS / "studies.md").read_text()
+
+
+def test_every_form_of_values_that_the_documents_show_is_understood():
+    from parapod.sims.study.variables import read_variables, split_variable
+    from parapod.systems.core.schema import checked
+
+    shown = re.findall(r"^\| `'?([\w.]+=[^`']+)'?` \|", _STUDIES, re.MULTILINE)
+    assert len(shown) == 6
+    for text in shown:
+        key, values = split_variable(text)
+        (variable,) = read_variables(
+            LevellingScenario, checked(LevellingScenario()), {key: values}
+        )
+        assert len(variable.at(np.linspace(0.0, 1.0, 5))) == 5
+
+
+def test_every_command_for_studies_that_the_documents_show_is_understood():
+    from parapod.sims.cli.main import _parser
+
+    blocks = re.findall(r"```bash\n(.*?)```", _STUDIES, re.DOTALL)
+    lines = "".join(blocks).replace("\\\n", " ").splitlines()
+    commands = [shlex.split(line, comments=True) for line in lines if line.startswith("parapod ")]
+    assert len(commands) >= 2
+    for command in commands:
+        assert _parser().parse_args(command[1:]).command == "study"
