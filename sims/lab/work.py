@@ -28,7 +28,6 @@ from concurrent.futures import (
 )
 from functools import partial
 from multiprocessing.connection import Connection
-from types import TracebackType
 from typing import Any, Self
 
 from parapod.systems.core.errors import ParapodError
@@ -87,12 +86,7 @@ class Crew:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
 

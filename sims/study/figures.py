@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter  # type: ignore[import-untyped]
 
 from parapod.sims.lab.figures import COLOURS, Figure
+from parapod.sims.lab.results import Metric
 from parapod.sims.study.records import Column, Records
 from parapod.sims.study.sensitivity import Contributions, contributions
 from parapod.sims.study.study import Study
@@ -21,12 +23,15 @@ if TYPE_CHECKING:
 type Array = NDArray[np.float64]
 
 _HELD, _BROKEN, _REFUSED = COLOURS[2], COLOURS[1], "0.55"
-# Metrics and pairs of variables that are drawn; more than these nobody reads.
-_MOST_METRICS, _MOST_PAIRS, _MOST_VARIABLES = 12, 3, 5
+# Metrics, panels, pairs and variables that are drawn; more of them would be too small to read.
+_MOST_METRICS, _MOST_PANELS, _MOST_PAIRS, _MOST_VARIABLES = 12, 4, 3, 5
+_PASSED = "all bounds held"
 # Height of a panel [inch].
 _PANEL = 1.7
-# Cells along each variable of a map, where runs do not lie on a grid.
-_CELLS = 24
+# Cells along each variable of a map, and mean number of runs in each that is aimed at, where runs
+# do not lie on a grid; there the border is that of shares smoothed over so many cells.
+_CELLS, _IN_CELL = 24, 8
+_SMOOTHED = 1.0
 
 
 def draw_study(study: Study, records: Records) -> Iterator[Figure]:
@@ -42,14 +47,26 @@ def draw_study(study: Study, records: Records) -> Iterator[Figure]:
     shown = sorted(ranked[:_MOST_METRICS], key=bounded.index)
     if shown:
         yield _distributions(shown, records)
-    found = contributions(study.sampling, [c for c in shown if c.is_there.any()])
+    found = contributions(study.sampling, [_verdict(records), *shown])
     if found:
         yield _contributions(study, found)
     numbers = [v for v in study.variables if v.is_number and v.key != "seed"]
     if ranked and numbers:
-        yield _scatter(study, records, ranked[:4], numbers[:_MOST_VARIABLES])
+        yield _scatter(study, records, ranked[:_MOST_PANELS], numbers[:_MOST_VARIABLES])
+    # Those that decide most whether all bounds are held.
+    if found and found[0].key == _PASSED:
+        order = dict(zip(study.variables, -found[0].total, strict=True))
+        numbers.sort(key=lambda variable: order[variable])
     for one, other in itertools.islice(itertools.combinations(numbers, 2), _MOST_PAIRS):
         yield _border(study, records, one, other)
+
+
+def _verdict(records: Records) -> Column:
+    """Whether all bounds were held, as a metric: 1 or 0; a run that was refused held none."""
+    metric = Metric(_PASSED, 0.0)
+    column = Column.empty(metric, records.sampling.runs)
+    column.values[:], column.is_there[:] = records.passed, records.done
+    return column
 
 
 def _largest(values: Array) -> float:
@@ -70,8 +87,8 @@ def _distributions(columns: Sequence[Column], records: Records) -> Figure:
                 _histogram(ax, column)
 
     caption = (
-        f"Each metric over {count} runs, in green where its bound (dashed) is held and in orange "
-        "where it is broken."
+        f"Each metric over those of {count} runs that measured it, in green where its bound "
+        "(dashed) is held and in orange where it is broken."
     )
     size = (7.0, _PANEL * rows + 0.2)
     return Figure("distributions", "Distributions against the bounds", caption, draw, size)
@@ -129,7 +146,8 @@ def _contributions(study: Study, found: Sequence[Contributions]) -> Figure:
         ax.invert_yaxis()
         ax.set_xlim(0.0, 1.05)
         ax.set_xlabel("share of the variance")
-        ax.legend(fontsize=8)
+        columns = min(3, len(names))
+        ax.legend(fontsize=8, ncols=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0))
 
     is_exact = study.sampling.kind == "grid"
     how = "exact for the grid" if is_exact else "with the 95 % interval of the total share"
@@ -137,7 +155,7 @@ def _contributions(study: Study, found: Sequence[Contributions]) -> Figure:
         "Sobol indices of each metric: the share of its variance that a variable has alone "
         f"(full colour) and that in which it has a part (pale), {how}."
     )
-    size = (7.0, 0.8 + max(0.16 * len(names), 0.3) * len(found))
+    size = (7.0, 1.2 + max(0.14 * len(names), 0.3) * len(found))
     return Figure("contributions", "What each variable contributes", caption, draw, size)
 
 
@@ -194,7 +212,7 @@ def _border(study: Study, records: Records, one: Variable, other: Variable) -> F
         with np.errstate(invalid="ignore"):
             share = 100.0 * held / every  # NaN where no run is
         image = ax.pcolormesh(xs, ys, share.T, cmap=_map(), vmin=0.0, vmax=100.0)
-        _draw_contour(ax, xs, ys, share)
+        _draw_contour(ax, (xs, ys), held, every)
         for which, marker, colour, label in (
             (~passed & ~refused, "x", "0.1", "a bound is broken"),
             (refused, "+", _REFUSED, "refused or failed"),
@@ -229,16 +247,20 @@ def _edges(values: Array, variable: Variable) -> Array:
         return np.concatenate(([first], middles, [last]))
     low, high = float(found[0]), float(found[-1])
     margin = 1e-9 + 1e-6 * abs(high) if low == high else 0.0
-    cells = max(4, min(_CELLS, math.isqrt(max(values.size // 6, 1))))
+    cells = max(4, min(_CELLS, math.isqrt(values.size // _IN_CELL)))
     return np.linspace(low - margin, high + margin, cells + 1)
 
 
-def _draw_contour(ax: "Axes", xs: Array, ys: Array, share: Array) -> None:
-    """The border of the cells in which most runs hold all bounds."""
-    if min(share.shape) < 2 or np.isnan(share).any() or not share.min() < 50.0 < share.max():
+def _draw_contour(ax: "Axes", edges: tuple[Array, Array], held: Array, every: Array) -> None:
+    """The border between cells in which most runs hold all bounds and the others."""
+    if min(every.shape) < 2:
         return
-    middles = [0.5 * (edges[1:] + edges[:-1]) for edges in (xs, ys)]
-    ax.contour(*middles, share.T, [50.0], colors="0.1", linewidths=1.5)
+    if (every != every[0, 0]).any():  # not a grid: neighbours help to tell the share
+        held, every = (gaussian_filter(one, _SMOOTHED, mode="nearest") for one in (held, every))
+    share = held / every
+    if np.isfinite(share).all() and share.min() < 0.5 < share.max():
+        middles = [0.5 * (ends[1:] + ends[:-1]) for ends in edges]
+        ax.contour(*middles, share.T, [0.5], colors="0.1", linewidths=1.5)
 
 
 def _map() -> Any:
