@@ -105,6 +105,5 @@ def study(trial):
 def carry_out(study, path=None, resume=False, crew=None):
     """Its result; by default everything is carried out in this process."""
     records = Records(study.sampling)
-    with crew or Crew(Here(), 1) as crew:
-        study.carry_out(crew, records, Console(quiet=True), path, resume)
+    study.carry_out(crew or Crew(Here(), 1), records, Console(quiet=True), path, resume)
     return StudyResult(study, records)

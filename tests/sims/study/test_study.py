@@ -359,11 +359,10 @@ SLOW = {"x": "-2:2:6", "y": "-2:2:4", "wait": "0.05"}
 
 
 def test_two_workers_one_of_whom_is_killed_give_the_rows_of_one(study, work):
+    """And a run that kills its worker is a row, the others are done."""
     path, whole = work / "slow.parquet", carry_out(study(SLOW))
     with LocalCrew(2) as crew:
-        killed = []
-
-        submit = crew.executor.submit
+        killed, submit = [], crew.executor.submit
 
         def kill_one(*arguments):
             if not killed and len(rows_so_far(path)) > 2:
@@ -373,8 +372,11 @@ def test_two_workers_one_of_whom_is_killed_give_the_rows_of_one(study, work):
 
         crew.executor.submit = kill_one
         result = carry_out(study(SLOW), path, crew=crew)
+        lethal = carry_out(study({"kind": "lethal,good"}), crew=crew)
     assert killed
     assert result.table.equals(whole.table, check_metadata=True)
+    assert lethal["error"][0].startswith("the process that carried it out died")
+    assert lethal["total_mm"][1:].tolist() == [0.0]
 
 
 def rows_so_far(path):
@@ -382,17 +384,6 @@ def rows_so_far(path):
     if not journal.exists():
         return []
     return [line for line in journal.read_bytes().split(b"\n") if line.startswith(b'{"run"')]
-
-
-def test_a_run_that_kills_its_worker_is_a_row_and_the_others_are_done(study):
-    vary = {"kind": "good,lethal", "x": "1:3:3"}
-    with LocalCrew(2) as crew:
-        result = carry_out(study(vary), crew=crew)
-    assert len(result) == 6
-    assert result["total_mm"][:3].tolist() == [1.0, 2.0, 3.0]
-    assert all(
-        text.startswith("the process that carried it out died") for text in result["error"][3:]
-    )
 
 
 def test_a_study_whose_program_is_killed_is_gone_on_with(study, importable, work):
