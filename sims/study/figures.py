@@ -41,6 +41,8 @@ def draw_study(study: Study, records: Records) -> Iterator[Figure]:
         study: the study.
         records: what came out.
     """
+    if not records.done.any():
+        return
     bounded = [column for column in records.columns if column.is_bounded]
     # Those nearest to their bounds first.
     ranked = sorted(bounded, key=lambda c: -np.nan_to_num(_largest(c.use), nan=-1.0))
@@ -55,8 +57,8 @@ def draw_study(study: Study, records: Records) -> Iterator[Figure]:
         yield _scatter(study, records, ranked[:_MOST_PANELS], numbers[:_MOST_VARIABLES])
     # Those that decide most whether all bounds are held.
     if found and found[0].key == _PASSED:
-        order = dict(zip(study.variables, -found[0].total, strict=True))
-        numbers.sort(key=lambda variable: order[variable])
+        keys = [variable.key for variable in study.variables]
+        numbers.sort(key=lambda variable: -found[0].total[keys.index(variable.key)])
     for one, other in itertools.islice(itertools.combinations(numbers, 2), _MOST_PAIRS):
         yield _border(study, records, one, other)
 

@@ -24,6 +24,7 @@ from parapod.sims.lab.work import Crew, LocalCrew, NoWorkers
 from parapod.sims.study.records import Records
 from parapod.sims.study.result import read_study
 from parapod.sims.study.runs import AnotherVersion, Software, carry_out_run
+from parapod.sims.study.study import Study
 from parapod.systems.core.errors import OutputError
 from tests.sims.study.conftest import Here, carry_out
 
@@ -340,6 +341,52 @@ def test_loops_that_serve_many_runs_give_what_single_runs_give(monkeypatch):
         for i in order:
             assert values(runs[i], loops=loops) == alone[i]
     assert next(built) == 4 + 1 + 3
+
+
+def test_only_so_many_loops_are_kept(monkeypatch):
+    """That which was used last stays."""
+
+    class Built:
+        made = 0
+
+        def structure(self, scenario):
+            return scenario
+
+        def loop(self, scenario, log):
+            self.made += 1
+            return object()
+
+    monkeypatch.setattr(Loops, "_MOST", 2)
+    loops, experiment = Loops(), Built()
+    for scenario, built in (("a", 1), ("b", 2), ("a", 2), ("c", 3), ("a", 3), ("b", 4)):
+        loops.of(experiment, scenario, None)
+        assert experiment.made == built
+
+
+def test_runs_of_one_structure_follow_each_other():
+    scenario = parapod.scenario("level", "backend=kinematic")
+    vary = {"seed": "0:2", "job.height_mm": "476,478", "ground.pitch_deg": "1,2"}
+    study = Study.of("level", scenario, vary)
+    order = study._in_order(np.arange(8))
+    heights = [study.sampling.values(run)[1] for run in order]
+    assert heights == [476] * 4 + [478] * 4
+    assert order == [0, 1, 4, 5, 2, 3, 6, 7]
+
+
+def test_the_table_can_be_read_in_the_midst_of_a_study(study, work, monkeypatch):
+    monkeypatch.setattr("parapod.sims.study.file._WRITE_PERIOD", 0.0)
+    monkeypatch.setattr("parapod.sims.study.file._WRITE_SHARE", 1e9)
+    path, seen = work / "xy.parquet", []
+
+    class Reads(Here):
+        def submit(self, *arguments, **options):
+            seen.append(len(rows(path)))
+            return super().submit(*arguments, **options)
+
+    carry_out(study(XY), path, crew=Crew(Reads(), 1))
+    assert seen[0] == 0
+    assert seen == sorted(seen)
+    assert seen[-1] > 5
 
 
 def _structure(experiment, scenario):
