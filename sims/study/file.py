@@ -311,7 +311,6 @@ def from_table(
                 limits[runs] = table[key].to_numpy()
             elif item[name] is not None:
                 limits[runs] = item[name]
-                limits[~column.is_there] = np.nan
         column.place = tuple(item["place"])
         records.add_column(column)
 

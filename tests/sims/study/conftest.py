@@ -102,8 +102,9 @@ def study(trial):
     return make
 
 
-def carry_out(study, path=None, resume=False, crew=None):
+def carry_out(study, path=None, resume=False, crew=None, console=None):
     """Its result; by default everything is carried out in this process."""
     records = Records(study.sampling)
-    study.carry_out(crew or Crew(Here(), 1), records, Console(quiet=True), path, resume)
+    console = console or Console(quiet=True)
+    study.carry_out(crew or Crew(Here(), 1), records, console, path, resume)
     return StudyResult(study, records)

@@ -1,7 +1,9 @@
 """Studies: the rows of their table, what is refused, and what survives."""
 
 import fcntl
+import io
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -285,24 +287,27 @@ def test_what_is_done_is_not_done_again(study, work):
 
 @pytest.mark.parametrize("cut", [1, 40, 100_000])
 def test_a_journal_that_is_cut_off_counts_as_far_as_it_is_complete(study, work, cut):
-    """As after a power failure: the table has no rows, and the last line is in part there."""
+    """As after a power failure, twice: there is no table, and the last line is in part there."""
     path, whole = work / "xy.parquet", carry_out(study(XY))
-    journal = work / "xy.parquet.journal"
-    with pytest.raises(NoWorkers):
-        carry_out(study(XY), path, crew=Crew(Copies(journal), 1))
-    saved = work / "copy"
-    path.unlink()
-    journal.write_bytes(saved.read_bytes()[:-cut] or b"")
-    result = carry_out(study(XY), path, resume=True)
+    journal, copy = work / "xy.parquet.journal", work / "copy"
+    for resume, sent in ((False, 3), (True, 1)):
+        with pytest.raises(NoWorkers):
+            carry_out(study(XY), path, resume, crew=Crew(Copies(journal, sent), 1))
+        path.unlink()
+        journal.write_bytes(copy.read_bytes()[:-cut])
+    console = Console(file=io.StringIO(), force_terminal=True, width=80)
+    result = carry_out(study(XY), path, resume=True, console=console)
     assert result.table.equals(whole.table, check_metadata=True)
     assert not journal.exists()
+    done = min(map(int, re.findall(r"(\d+) of 15", console.file.getvalue())))
+    assert (done == 0) == (cut > 1000)
 
 
 class Copies(Fails):
     """Copies the journal as it is in the midst of a study, and breaks off."""
 
-    def __init__(self, journal):
-        super().__init__(4, NoWorkers("gone"))
+    def __init__(self, journal, after):
+        super().__init__(after, NoWorkers("gone"))
         self._journal = journal
 
     def submit(self, *arguments, **options):
