@@ -140,6 +140,8 @@ def test_quantiles_are_those_of_the_runs(study):
     assert (own.held, own.measured, own.limits) == (25, 50, "<= 1")
     assert (own.worst, own.use) == (100, 2.0)
     assert summary.passed == 76
+    (total, *_) = carry_out(study({"x": "0:3:4"})).summary.metrics
+    assert list(total.quantiles.values()) == [0.0, 0.0, 1.0, 3.0, 3.0]  # of values that there are
 
 
 # --- refused
@@ -290,16 +292,18 @@ def test_a_journal_that_is_cut_off_counts_as_far_as_it_is_complete(study, work, 
     """As after a power failure, twice: there is no table, and the last line is in part there."""
     path, whole = work / "xy.parquet", carry_out(study(XY))
     journal, copy = work / "xy.parquet.journal", work / "copy"
-    for resume, sent in ((False, 3), (True, 1)):
+    for resume, sent in ((False, 3), (True, 3)):
         with pytest.raises(NoWorkers):
             carry_out(study(XY), path, resume, crew=Crew(Copies(journal, sent), 1))
         path.unlink()
         journal.write_bytes(copy.read_bytes()[:-cut])
+    complete = len(re.findall(rb'^{"run".*\n', journal.read_bytes(), re.MULTILINE))
     console = Console(file=io.StringIO(), force_terminal=True, width=80)
     result = carry_out(study(XY), path, resume=True, console=console)
     assert result.table.equals(whole.table, check_metadata=True)
     assert not journal.exists()
     done = min(map(int, re.findall(r"(\d+) of 15", console.file.getvalue())))
+    assert done == complete
     assert (done == 0) == (cut > 1000)
 
 
