@@ -1,4 +1,4 @@
-"""Where the time of a loop's tick goes, system by system.
+"""Breakdown of a loop's tick: the time of each system, its calls and its reads of ports.
 
 `python -m benchmarks loop` prints it for the levelling platform's loops and its controller;
 `python -m benchmarks loop EXPERIMENT [KEY=VALUE ...]` for the loop of an experiment's scenario.
@@ -18,8 +18,9 @@ from rich.table import Table
 
 import parapod
 from benchmarks.realtime import CASES, moving_controller, platform_loop
-from parapod.diagrams.closed_loop import ClosedLoop
+from benchmarks.yardstick import clock
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.sims.lab.discovery import find_experiment
 from parapod.systems.core import ports
 
 # Simulated time that passes before anything is counted, and that is counted [s].
@@ -72,9 +73,7 @@ class Tally:
             callback.calls = callback.reads = 0
             callback.seconds = callback.reading = 0.0
 
-    def counted(
-        self, system: Any, name: str, function: Callable[..., Any]
-    ) -> Callable[..., Any]:
+    def counted(self, system: Any, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
         """The same function, counted as a callback of a system."""
         tally = Callback(system, name)
         self.callbacks.append(tally)
@@ -124,15 +123,16 @@ def counting() -> Iterator[Tally]:
     """Counts the callbacks of systems that are made, and simulated, in this context."""
     tally = Tally()
     leaf: Any = LeafSystem
+    of_ports: Any = ports
     before = [(leaf, name, getattr(leaf, name)) for name in _DECLARE]
     before += [(leaf, "DeclareCacheEntry", leaf.DeclareCacheEntry)]
-    before += [(ports, "ValueProducer", ports.ValueProducer)]
+    before += [(of_ports, "ValueProducer", of_ports.ValueProducer)]
     before += [(owner, name, getattr(owner, name)) for owner, name in _READ]
     try:
         for name in _DECLARE:
             setattr(leaf, name, _declaring(tally, getattr(leaf, name)))
         leaf.DeclareCacheEntry = _declaring_cache(tally, leaf.DeclareCacheEntry)
-        setattr(ports, "ValueProducer", _making_producers(tally, ports.ValueProducer))
+        of_ports.ValueProducer = _making_producers(tally, of_ports.ValueProducer)
         for owner, name in _READ:
             setattr(owner, name, tally.read(getattr(owner, name)))
         yield tally
@@ -184,9 +184,10 @@ def run(console: Console, arguments: Sequence[str] = ()) -> None:
     """
     if arguments:
         name, *settings = arguments
+        experiment: Any = find_experiment(name)
         scenario = parapod.scenario(name, *settings)
-        machine = parapod.experiments()[name].machine
-        _report(console, name, lambda: ClosedLoop(machine, scenario, log=()), scenario)
+        make = partial(experiment.loop, scenario, log=())
+        _report(console, name, make, experiment.machine_scenario(scenario))
         return
     for case in CASES:
         _report(console, case.name, partial(platform_loop, case), case.scenario())
@@ -194,9 +195,7 @@ def run(console: Console, arguments: Sequence[str] = ()) -> None:
     _report(console, "controller alone", partial(moving_controller, scenario), scenario)
 
 
-def _report(
-    console: Console, title: str, make: Callable[[], Diagram], scenario: Any
-) -> None:
+def _report(console: Console, title: str, make: Callable[[], Diagram], scenario: Any) -> None:
     period = scenario.control.period
     plain = min(_seconds(Simulator(make())) for _ in range(2)) * period / _COUNTED
     with counting() as tally:
@@ -209,28 +208,35 @@ def _report(
             path = callback.system.GetSystemPathname().removeprefix("::").split("::", 1)[-1]
             of_systems.setdefault(path, []).append(callback)
     table = Table(title=title, title_justify="left", title_style="bold")
-    for heading in ("system", "own us", "reading us", "calls", "reads", "calculated"):
-        table.add_column(heading, justify="left" if heading in ("system", "calculated") else "right")
-    own = reading = calls = reads = 0.0
+    table.add_column("system", no_wrap=True)
+    for heading in ("own us", "reading us", "calls", "reads"):
+        table.add_column(heading, justify="right")
+    table.add_column("calculated")
     for path, callbacks in sorted(of_systems.items(), key=lambda item: -_own(item[1])):
-        sums = [
-            1e6 * _own(callbacks) / ticks,
-            1e6 * sum(c.reading for c in callbacks) / ticks,
-            sum(c.calls for c in callbacks) / ticks,
-            sum(c.reads for c in callbacks) / ticks,
-        ]
-        own, reading, calls, reads = (a + b for a, b in zip((own, reading, calls, reads), sums))
         each = ", ".join(f"{c.name} {c.calls / ticks:.3g}" for c in callbacks)
-        table.add_row(path, *(f"{x:.3g}" for x in sums), each)
+        table.add_row(path, *_sums(callbacks, ticks), each)
     table.add_section()
-    table.add_row("all of Python", f"{own:.3g}", f"{reading:.3g}", f"{calls:.3g}", f"{reads:.3g}")
+    everything = [callback for callbacks in of_systems.values() for callback in callbacks]
+    table.add_row("all of Python", *_sums(everything, ticks))
     console.print(table)
+    in_python = 1e6 * sum(c.seconds + c.reading for c in everything) / ticks
     console.print(
         f"one tick of {1e3 * period:g} ms: {1e6 * plain:.4g} us "
         f"({period / plain:.4g} x real time); {1e6 * counted:.4g} us while it is counted, "
-        f"of which {1e6 * counted - own - reading:.4g} us are Drake's between the callbacks",
+        f"of which {1e6 * counted - in_python:.4g} us are Drake's between the callbacks",
         highlight=False,
     )
+
+
+def _sums(callbacks: Sequence[Callback], ticks: float) -> list[str]:
+    """Columns of a row, each a tick: own time, time of reading, calls, reads."""
+    sums = (
+        1e6 * _own(callbacks),
+        1e6 * sum(c.reading for c in callbacks),
+        sum(c.calls for c in callbacks),
+        sum(c.reads for c in callbacks),
+    )
+    return [f"{x / ticks:.3g}" for x in sums]
 
 
 def _own(callbacks: Sequence[Callback]) -> float:
@@ -246,6 +252,6 @@ def _seconds(simulator: Simulator, tally: Tally | None = None) -> float:
     simulator.AdvanceTo(_BEFORE)
     if tally is not None:
         tally.clear()
-    began = time.process_time()
+    began = clock()
     simulator.AdvanceTo(_BEFORE + _COUNTED)
-    return time.process_time() - began
+    return clock() - began
