@@ -265,6 +265,9 @@ def LinearActuator_(T: Any) -> Any:
             return self.params.motor_constant * scale
 
         def _calc_next_state(self, context: Context, output: Any) -> None:
+            output.SetFromVector(np.array(self._ahead(context)))
+
+        def _ahead(self, context: Context) -> list[Any]:
             n = self.channels
             positions = elements(context.get_discrete_state(0))
             velocities = elements(context.get_discrete_state(1))
@@ -284,7 +287,7 @@ def LinearActuator_(T: Any) -> Any:
                     voltage if voltage == voltage else 0.0,
                     load if abs(load) < _LARGEST_LOAD else 0.0,
                 )
-            output.SetFromVector(np.array(positions + velocities))
+            return positions + velocities
 
         def _update_state(self, context: Context, discrete_state: Any) -> None:
             ahead = self._next.Eval(context)

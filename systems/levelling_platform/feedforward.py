@@ -15,7 +15,6 @@ from pydrake.systems.framework import (  # type: ignore[attr-defined]
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from parapod.systems.core.elementwise import Elementwise
 from parapod.systems.core.ports import elements, is_on, read, read_array, read_or_zeros
 from parapod.systems.core.templates import for_floats
 from parapod.systems.levelling_platform.geometry import (
@@ -25,35 +24,11 @@ from parapod.systems.levelling_platform.geometry import (
     PlatformGeometry,
 )
 from parapod.systems.levelling_platform.leg import (
-    extension_on_plane,
+    extension_on_moving_plane,
     extension_rate_on_plane,
     foot_motion,
 )
-from parapod.systems.levelling_platform.plane import (
-    Vector3,
-    attitude_derivatives,
-    dot,
-    normal_of,
-    to_platform,
-)
-
-
-def moving_plane(
-    ground: Sequence[Elementwise],
-    attitude: Sequence[Elementwise],
-    attitude_rate: Sequence[Elementwise],
-) -> tuple[Vector3, Vector3]:
-    """The ground's normal in the frame of a turning platform, and its rate [1/s]."""
-    n = normal_of(*ground)
-    roll, pitch = attitude
-    g = to_platform(n, roll, pitch)
-    by_roll, by_pitch = attitude_derivatives(n, g, roll, pitch)
-    roll_rate, pitch_rate = attitude_rate
-    return g, (
-        roll_rate * by_roll[0] + pitch_rate * by_pitch[0],
-        roll_rate * by_roll[1] + pitch_rate * by_pitch[1],
-        roll_rate * by_roll[2] + pitch_rate * by_pitch[2],
-    )
+from parapod.systems.levelling_platform.plane import dot, normal_of, seen_moving
 
 
 @TemplateSystem.define("KinematicFeedforward_", scope=sys.modules[__name__])
@@ -124,21 +99,22 @@ def KinematicFeedforward_(T: Any) -> Any:
 
         def _calc_desired_state(self, context: Context, output: Any) -> None:
             roll, pitch, height, roll_rate, pitch_rate, height_rate = read(self._posture, context)
-            g, g_rate = moving_plane(
-                read(self._ground, context), (roll, pitch), (roll_rate, pitch_rate)
-            )
+            n = normal_of(*read(self._ground, context))
+            g, g_rate = seen_moving(n, roll, pitch, roll_rate, pitch_rate)
             if self.law == "differential":
                 extension = self._integral(context)
+                rate = [
+                    extension_rate_on_plane(leg, d, g, g_rate, height_rate)
+                    for leg, d in zip(self._legs, extension, strict=True)
+                ]
             else:
                 offsets = read_or_zeros(self._offsets, context)
-                extension = [
-                    extension_on_plane(leg, g, height - leg.foot_radius - offsets[i])
-                    for i, leg in zip(self.active_legs, self._legs, strict=True)
-                ]
-            rate = [
-                extension_rate_on_plane(leg, d, g, g_rate, height_rate)
-                for leg, d in zip(self._legs, extension, strict=True)
-            ]
+                extension, rate = [], []
+                for i, leg in zip(self.active_legs, self._legs, strict=True):
+                    above = height - leg.foot_radius - offsets[i]
+                    d, v = extension_on_moving_plane(leg, g, g_rate, above, height_rate)
+                    extension.append(d)
+                    rate.append(v)
             output.SetFromVector(np.array(extension + rate))
 
         def _integral(self, context: Context) -> list[Any]:
@@ -194,6 +170,7 @@ def PassiveLegSolver_(T: Any) -> Any:
             self.set_name("passive_leg_solver")
             self.geometry, self.active_legs = geometry, tuple(active_legs)
             (self._passive,) = set(range(LEG_COUNT)) - set(active_legs)
+            self._first = geometry.legs[active_legs[0]]
             self._active = self.DeclareVectorInputPort("active_desired_state", 6)
             self._posture = self.DeclareVectorInputPort("posture_desired_state", 6)
             self._ground = self.DeclareVectorInputPort("ground", 2)
@@ -215,16 +192,16 @@ def PassiveLegSolver_(T: Any) -> Any:
 
         def _calc_desired_state(self, context: Context, output: Any) -> None:
             active = read(self._active, context)
-            posture = read(self._posture, context)
-            g, g_rate = moving_plane(read(self._ground, context), posture[0:2], posture[3:5])
-            first = self.geometry.legs[self.active_legs[0]]
-            passive = self.geometry.legs[self._passive]
-            foot, slope = foot_motion(first, active[0])
+            roll, pitch, _, roll_rate, pitch_rate, _ = read(self._posture, context)
+            n = normal_of(*read(self._ground, context))
+            g, g_rate = seen_moving(n, roll, pitch, roll_rate, pitch_rate)
+            foot, slope = foot_motion(self._first, active[0])
             height_rate = dot(g, slope) * active[3] + dot(g_rate, foot)
             offsets = read_or_zeros(self._offsets, context)
-            rise = offsets[self.active_legs[0]] - offsets[self._passive]
-            extension = extension_on_plane(passive, g, dot(g, foot) + rise)
-            rate = extension_rate_on_plane(passive, extension, g, g_rate, height_rate)
+            above = dot(g, foot) + offsets[self.active_legs[0]] - offsets[self._passive]
+            extension, rate = extension_on_moving_plane(
+                self.geometry.legs[self._passive], g, g_rate, above, height_rate
+            )
             desired = [extension] * LEG_COUNT + [rate] * LEG_COUNT
             for k, leg in enumerate(self.active_legs):
                 desired[leg], desired[LEG_COUNT + leg] = active[k], active[3 + k]

@@ -71,6 +71,16 @@ class LegGeometry:
             self.l_z + (self.l_7 - self.foot_radius) + self.l_6 * sa,
         )
 
+    @cached_property
+    def constants(self) -> tuple[float, ...]:
+        """What formulas of the leg are made of, to be unpacked in one go.
+
+        e_a (2), e_b (2), p_MF (3), l_3, l_4^2, l_3^2 - l_4^2 and l_3^2 + l_4^2.
+        """
+        l_3, squares = self.l_3, (self.l_3 * self.l_3, self.l_4 * self.l_4)
+        lengths = (l_3, squares[1], squares[0] - squares[1], squares[0] + squares[1])
+        return (*self.e_a, *self.e_b, *self.p_MF, *lengths)
+
 
 @dataclass(frozen=True)
 class LegDeviation:

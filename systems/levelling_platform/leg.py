@@ -75,10 +75,13 @@ def foot_to_centre(leg: LegGeometry, extension: Elementwise) -> Vector3:
 
 def foot_motion(leg: LegGeometry, extension: Elementwise) -> tuple[Vector3, Vector3]:
     """`foot_to_centre` and `foot_to_centre_rate` in one go."""
-    x, z = long_side(leg, extension)
-    cb, sb = leg.e_b
-    c_x, c_y, c_z = leg.p_MF
-    psi_rate = _swing_rate(leg, extension, x, z)
+    ca, sa, cb, sb, c_x, c_y, c_z, l_3, _, difference, _ = leg.constants
+    # As `long_side` and `_swing_rate` have them: four legs of a tick are worth no calls.
+    along = (extension * extension + difference) * (0.5 / l_3)
+    across = sqrt(extension * extension - along * along)
+    side = along - l_3
+    x, z = side * ca - across * sa, side * sa + across * ca
+    psi_rate = -extension / (l_3 * (z * ca - x * sa))
     sideways = z * psi_rate
     return (c_x - cb * x, c_y - sb * x, c_z - z), (cb * sideways, sb * sideways, -x * psi_rate)
 
@@ -138,3 +141,40 @@ def extension_rate_on_plane(
     """
     foot, slope = foot_motion(leg, extension)
     return (height_rate - dot(g_rate, foot)) / dot(g, slope)
+
+
+def extension_on_moving_plane(
+    leg: LegGeometry,
+    g: Vector3,
+    g_rate: Vector3,
+    height: Elementwise,
+    height_rate: Elementwise,
+) -> tuple[Elementwise, Elementwise]:
+    """`extension_on_plane` and `extension_rate_on_plane` in one go.
+
+    The long side solves the first, and everything in the second follows from it: with it,
+    g . dP/dd is the root of the first times dpsi/dd.
+
+    Args:
+        leg: the leg.
+        g: the plane's unit normal in the platform's frame.
+        g_rate: its rate [1/s].
+        height: distance of F above the plane through the foot (or the roller's centre) [m].
+        height_rate: its rate [m/s].
+
+    Returns:
+        The extension [m] and its rate [m/s].
+    """
+    ca, sa, cb, sb, c_x, c_y, c_z, l_3, l_4_squared, _, total = leg.constants
+    g_1, g_2, g_3 = g
+    w_1, w_2, w_3 = g_rate
+    a_1 = g_1 * cb + g_2 * sb
+    b = g_1 * c_x + g_2 * c_y + g_3 * c_z - height
+    a_squared = a_1 * a_1 + g_3 * g_3
+    root = sqrt(l_4_squared * a_squared - b * b)
+    x = (b * a_1 - root * g_3) / a_squared
+    z = (b * g_3 + root * a_1) / a_squared
+    extension = sqrt(total + (2.0 * l_3) * (ca * x + sa * z))
+    psi_rate = -extension / (l_3 * (z * ca - x * sa))
+    by_turning = w_1 * (c_x - cb * x) + w_2 * (c_y - sb * x) + w_3 * (c_z - z)
+    return extension, (height_rate - by_turning) / (root * psi_rate)

@@ -121,8 +121,7 @@ class PostureReference(LeafSystem):
     def _calc_desired_state(self, context: Context, output: BasicVector) -> None:
         state = elements(context.get_discrete_state_vector())
         if state[_STARTED] > 0.5:
-            now = context.get_time()
-            output.SetFromVector(np.array(_position(state, now) + _rate(state, now)))
+            output.SetFromVector(np.array(_motion(state, context.get_time())))
         else:
             output.SetFromVector(np.append(self._measured_posture(context), np.zeros(3)))
 
@@ -148,7 +147,8 @@ class PostureReference(LeafSystem):
             return
         now = context.get_time()
         if started:
-            start = (_position(plan, now), _rate(plan, now), _acceleration(plan, now))
+            motion = _motion(plan, now)
+            start = (motion[:3], motion[3:], _acceleration(plan, now))
         else:
             start = (self._measured_posture(context).tolist(), [0.0] * 3, [0.0] * 3)
         if np.isfinite(start).all():
@@ -279,19 +279,18 @@ def _elapsed(state: list[float], time: float) -> float:
 
 
 def _position(state: list[float], time: float) -> list[float]:
-    t = _elapsed(state, time)
-    return [
-        c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5))))
-        for c0, c1, c2, c3, c4, c5 in (state[0:6], state[6:12], state[12:18])
-    ]
+    return _motion(state, time)[:3]
 
 
-def _rate(state: list[float], time: float) -> list[float]:
+def _motion(state: list[float], time: float) -> list[float]:
+    """Position and rate."""
     t = _elapsed(state, time)
-    return [
-        c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5)))
-        for _, c1, c2, c3, c4, c5 in (state[0:6], state[6:12], state[12:18])
-    ]
+    positions, rates = [], []
+    for k in (0, 6, 12):
+        c0, c1, c2, c3, c4, c5 = state[k : k + 6]
+        positions.append(c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5)))))
+        rates.append(c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5))))
+    return positions + rates
 
 
 def _acceleration(state: list[float], time: float) -> list[float]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from parapod.systems.core.ports import read
+from parapod.systems.core.ports import elements, read
 
 _DEGREE = math.radians(1.0)
 # Value of the state's sample count once the averaging is over.
@@ -123,7 +123,7 @@ class AttitudeEstimator(LeafSystem):
         self._start_samples = max(1, round(params.start_time / period))
 
     def _calc_attitude(self, context: Context, output: BasicVector) -> None:
-        x, y, z, _, _, _, count, _ = context.get_discrete_state(self._filter).value().tolist()
+        x, y, z, _, _, _, count, _ = elements(context.get_discrete_state(self._filter))
         if count == 0.0:
             accel = read(self._accel, context)
             if self._may_start(math.hypot(*accel)):
@@ -136,9 +136,9 @@ class AttitudeEstimator(LeafSystem):
         output.SetFromVector(np.array([float(calm >= self.params.calm_time - 1e-9)]))
 
     def _update_filter(self, context: Context, discrete_state: DiscreteValues) -> None:
-        state = context.get_discrete_state(self._filter).value().tolist()
+        state = elements(context.get_discrete_state(self._filter))
         up, last, (count, calm) = state[0:3], state[3:6], state[6:8]
-        bias = context.get_discrete_state(self._bias).value().tolist()
+        bias = elements(context.get_discrete_state(self._bias))
         gyro = read(self._gyro, context)
         accel = read(self._accel, context)
         if not _is_within(gyro, self.params.rate_limit):
@@ -149,13 +149,8 @@ class AttitudeEstimator(LeafSystem):
         if count == _RUNNING:
             is_calm = self._is_calm(up, bias, gyro, accel, norm)
             calm = min(calm + self.period, self.params.calm_time) if is_calm else 0.0
-            rate = [
-                0.5 * (last[0] + gyro[0]),
-                0.5 * (last[1] + gyro[1]),
-                0.5 * (last[2] + gyro[2]),
-            ]
             tau = context.get_numeric_parameter(self._time_constant)[0]
-            self._correct(up, bias, rate, accel, norm, tau)
+            self._correct(up, bias, last, gyro, accel, norm, tau)
         elif count > 0.0 or self._may_start(norm):
             count = self._average(up, bias, gyro, accel, norm, count)
         discrete_state.set_value(self._filter, np.array([*up, *gyro, count, calm]))
@@ -188,16 +183,21 @@ class AttitudeEstimator(LeafSystem):
         self,
         up: list[float],
         bias: list[float],
-        rate: list[float],
+        last: list[float],
+        gyro: list[float],
         accel: list[float],
         norm: float,
         time_constant: float,
     ) -> None:
         """One step of Mahony's filter: turns `up` and integrates `bias`, both in place."""
         dt = self.period
-        # Prediction: v turns by -angle about the rate; exact for a constant rate (Rodrigues).
+        # Prediction: v turns by -angle about the rate, the mean of the last two samples; exact
+        # for a constant rate (Rodrigues).
         v_x, v_y, v_z = up
-        x, y, z = (rate[0] - bias[0]) * dt, (rate[1] - bias[1]) * dt, (rate[2] - bias[2]) * dt
+        b_x, b_y, b_z = bias
+        x = (0.5 * (last[0] + gyro[0]) - b_x) * dt
+        y = (0.5 * (last[1] + gyro[1]) - b_y) * dt
+        z = (0.5 * (last[2] + gyro[2]) - b_z) * dt
         angle = math.sqrt(x * x + y * y + z * z)
         sine = math.sin(angle) / angle if angle > 0.0 else 1.0
         versine = 2.0 * (math.sin(0.5 * angle) / angle) ** 2 if angle > 0.0 else 0.5
@@ -220,9 +220,7 @@ class AttitudeEstimator(LeafSystem):
                 v_y + k_p * (v_z * e_x - v_x * e_z),
                 v_z + k_p * (v_x * e_y - v_y * e_x),
             )
-            bias[0] -= k_i * e_x
-            bias[1] -= k_i * e_y
-            bias[2] -= k_i * e_z
+            bias[:] = b_x - k_i * e_x, b_y - k_i * e_y, b_z - k_i * e_z
             self._limit(bias)
         length = math.sqrt(v_x * v_x + v_y * v_y + v_z * v_z)
         if length > 0.0:
@@ -254,6 +252,8 @@ class AttitudeEstimator(LeafSystem):
 
     def _limit(self, bias: list[float]) -> None:
         limit = self.params.bias_limit
+        if _is_within(bias, limit):
+            return
         for i in range(3):
             if bias[i] > limit:
                 bias[i] = limit

@@ -52,10 +52,11 @@ class SensorAxis(NamedTuple):
             value: measured value, with its biases.
             noise: unit Gaussian.
         """
-        value += self.deviation * noise
-        if not -self.limit < value < self.limit:
-            return 0.0 if value != value else math.copysign(self.limit, value)
-        return round(value / self.resolution) * self.resolution if self.resolution else value
+        deviation, resolution, limit = self
+        value += deviation * noise
+        if not -limit < value < limit:
+            return 0.0 if value != value else math.copysign(limit, value)
+        return round(value / resolution) * resolution if resolution else value
 
 
 class Drift(NamedTuple):
@@ -252,19 +253,19 @@ class Imu(LeafSystem):
 
     def _update_sample(self, context: Context, discrete_state: DiscreteValues) -> None:
         noise = self._read_noise(context)
-        drift = [
-            decay * bias + kick * sample
-            for (decay, kick), bias, sample in zip(
-                self._drifts, elements(context.get_discrete_state(3)), noise[9:], strict=True
-            )
-        ]
+        drift = elements(context.get_discrete_state(3))
+        for i, (decay, kick) in enumerate(self._drifts):
+            drift[i] = decay * drift[i] + kick * noise[9 + i]
         discrete_state.set_value(3, np.array(drift))
         self._sample(context, discrete_state, noise, drift)
 
     def _read_noise(self, context: Context) -> list[float]:
         if not self._noise.HasValue(context):
             return [0.0] * self.NOISE_SIZE
-        return [sample if math.isfinite(sample) else 0.0 for sample in read(self._noise, context)]
+        noise = read(self._noise, context)
+        if math.isfinite(sum(noise)):
+            return noise
+        return [sample if math.isfinite(sample) else 0.0 for sample in noise]
 
     def _sample(
         self,
@@ -277,20 +278,18 @@ class Imu(LeafSystem):
         if self._attitude.HasValue(context):
             axes = Axes.from_roll_pitch_yaw(*read(self._attitude, context))
             field = axes.components(field)
-        moved = read(self._angular_velocity, context) + read(self._specific_force, context)
+        w_x, w_y, w_z = read(self._angular_velocity, context)
+        f_x, f_y, f_z = read(self._specific_force, context)
+        truth = (w_x, w_y, w_z, f_x, f_y, f_z)
         constant = elements(context.get_numeric_parameter(self._turn_on_bias))
-        truth = [a + b + c for a, b, c in zip(moved, constant, drift, strict=True)]
-        reading = np.array(
-            [
-                axis.read(value, sample)
-                for axis, value, sample in zip(
-                    self._axes, (*truth, *field), noise[:9], strict=True
-                )
-            ]
-        )
-        discrete_state.set_value(0, reading[:3])
-        discrete_state.set_value(1, reading[3:6])
-        discrete_state.set_value(2, reading[6:])
+        biased = [a + b + c for a, b, c in zip(truth, constant, drift, strict=True)]
+        reading = [
+            axis.read(value, sample)
+            for axis, value, sample in zip(self._axes, (*biased, *field), noise, strict=False)
+        ]
+        for i in range(3):
+            shown: Any = discrete_state.get_mutable_vector(i)
+            shown[0], shown[1], shown[2] = reading[3 * i : 3 * i + 3]
 
 
 def sample_period(decimation: int = _DECIMATION) -> float:
