@@ -74,11 +74,6 @@ class Stance(NamedTuple):
     foot_height: Sequence[float]
     normal: Sequence[float]  # of the ground, in the platform's frame
 
-    @property
-    def inertial_motion(self) -> list[float]:
-        """Attitude, angular velocity and specific force (9), as `InertialMotion` gives them."""
-        return [*self.attitude, *self.angular_velocity, *self.specific_force]
-
 
 def stand(
     geometry: PlatformGeometry,
