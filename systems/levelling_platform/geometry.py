@@ -73,13 +73,13 @@ class LegGeometry:
 
     @cached_property
     def constants(self) -> tuple[float, ...]:
-        """What formulas of the leg are made of, to be unpacked in one go.
+        """Constants of the parallelogram, to be unpacked in one go.
 
-        e_a (2), e_b (2), p_MF (3), l_3, l_4^2, l_3^2 - l_4^2 and l_3^2 + l_4^2.
+        e_a (2), l_3 [m], l_4^2, l_3^2 - l_4^2 and l_3^2 + l_4^2 [m^2].
         """
-        l_3, squares = self.l_3, (self.l_3 * self.l_3, self.l_4 * self.l_4)
-        lengths = (l_3, squares[1], squares[0] - squares[1], squares[0] + squares[1])
-        return (*self.e_a, *self.e_b, *self.p_MF, *lengths)
+        l_3, l_3_squared, l_4_squared = self.l_3, self.l_3 * self.l_3, self.l_4 * self.l_4
+        sums = l_4_squared, l_3_squared - l_4_squared, l_3_squared + l_4_squared
+        return (*self.e_a, l_3, *sums)
 
 
 @dataclass(frozen=True)

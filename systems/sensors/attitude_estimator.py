@@ -136,8 +136,8 @@ class AttitudeEstimator(LeafSystem):
         output.SetFromVector(np.array([float(calm >= self.params.calm_time - 1e-9)]))
 
     def _update_filter(self, context: Context, discrete_state: DiscreteValues) -> None:
-        state = elements(context.get_discrete_state(self._filter))
-        up, last, (count, calm) = state[0:3], state[3:6], state[6:8]
+        *vectors, count, calm = elements(context.get_discrete_state(self._filter))
+        up, last = vectors[:3], vectors[3:]
         bias = elements(context.get_discrete_state(self._bias))
         gyro = read(self._gyro, context)
         accel = read(self._accel, context)
