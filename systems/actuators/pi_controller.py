@@ -140,8 +140,8 @@ def PiController_(T: Any) -> Any:
                 friction = extending if rate > 0.0 else retracting
                 feedforward = rate * (per_rate / share + friction / (abs(rate) + friction_rate))
                 direct = k_v / share * error + feedforward
-                # What is not finite differs from itself, or by NaN.
-                if not direct - direct == 0.0 or abs(error) > self._error_limit:
+                # The difference is NaN where it is not finite.
+                if direct - direct != 0.0 or abs(error) > self._error_limit:
                     voltages[i] = 0.0
                     continue
                 if not inner[n + i] > 0.5:

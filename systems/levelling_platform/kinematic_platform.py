@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.ports import read
+from parapod.systems.core.remembered import Remembered
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import (
     LEVEL_GROUND,
@@ -18,7 +19,6 @@ from parapod.systems.levelling_platform.inclined_ground import (
 from parapod.systems.levelling_platform.model import standing_pose
 from parapod.systems.levelling_platform.statics import (
     KinematicPlatformParams,
-    Stance,
     stand,
     stand_on_feet_and_wheels,
 )
@@ -89,7 +89,7 @@ class KinematicPlatform(OnInclinedGround):
         """
         super().__init__(ground, foot_offsets)
         self.set_name("kinematic_platform")
-        self._geometry, self._params, self._wheels = geometry, params, wheels
+        self._solved = Remembered(functools.partial(_solved, geometry, params, wheels))
         self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
         self._velocity = self.DeclareVectorInputPort("velocity", LEG_COUNT)
         self._arm = self.DeclareVectorInputPort("arm_position", 2)
@@ -118,34 +118,39 @@ class KinematicPlatform(OnInclinedGround):
         output.SetFromVector(standing_pose(posture, self._ground_of(context)))
 
     def _calc_stance(self, context: Context, output: BasicVector) -> None:
-        stance = self._solved(context)
-        output.SetFromVector(
-            np.array(
-                [
-                    *stance.posture,
-                    *stance.attitude,
-                    *stance.angular_velocity,
-                    *stance.specific_force,
-                    *stance.contact_force,
-                    *stance.load_force,
-                    *stance.foot_height,
-                ]
-            )
-        )
-
-    def _solved(self, context: Context) -> Stance:
         arm = read(self._arm, context) if self._arm.HasValue(context) else [0.0, 0.0]
-        state = (
-            self._params,
+        shown = self._solved(
             read(self._extension, context),
             read(self._velocity, context),
             self._ground_of(context),
             arm,
             self._offsets_of(context),
         )
-        if self._wheels is None:
-            return stand(self._geometry, *state)
-        return stand_on_feet_and_wheels(self._geometry, self._wheels, *state)
+        output.SetFromVector(shown)
+
+
+def _solved(
+    geometry: PlatformGeometry,
+    params: KinematicPlatformParams,
+    wheels: WheelGeometry | None,
+    *state: list[float],
+) -> NDArray[np.float64]:
+    """The stance as its port shows it."""
+    if wheels is None:
+        stance = stand(geometry, params, *state)
+    else:
+        stance = stand_on_feet_and_wheels(geometry, wheels, params, *state)
+    return np.array(
+        [
+            *stance.posture,
+            *stance.attitude,
+            *stance.angular_velocity,
+            *stance.specific_force,
+            *stance.contact_force,
+            *stance.load_force,
+            *stance.foot_height,
+        ]
+    )
 
 
 def _copy_part(

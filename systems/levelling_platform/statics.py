@@ -190,9 +190,7 @@ def _carry(
 _OTHERS = tuple(tuple(i for i in range(LEG_COUNT) if i != leg) for leg in range(LEG_COUNT))
 
 
-def _barycentric(
-    feet: list[Vector3], legs: tuple[int, ...], x: float, y: float
-) -> list[float]:
+def _barycentric(feet: list[Vector3], legs: tuple[int, ...], x: float, y: float) -> list[float]:
     """Shares of three legs that balance the weight at (x, y); the fourth gets zero."""
     first, second, third = legs
     (xa, ya, _), (xb, yb, _), (xc, yc, _) = feet[first], feet[second], feet[third]

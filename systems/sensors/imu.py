@@ -17,7 +17,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from parapod.systems.core.ports import elements, read
+from parapod.systems.core.ports import elements, read, read_or_zeros
 from parapod.systems.core.vectors import Axes
 from parapod.systems.sensors.noise import NoiseSource
 
@@ -201,8 +201,9 @@ class Imu(LeafSystem):
     delay and pass band are not modelled. Initialization takes a sample as well, so outputs are
     measurements from the start.
 
-    State: discrete, the last samples (3 each) and the in-run biases of gyro and accelerometer
-    (6), Gauss-Markov processes that start from zero.
+    State: discrete, the last samples of gyro and accelerometer (3 each), attitude and noise of the
+    last one of the magnetometer (6), from which its reading is worked out where it is read, and
+    the in-run biases of gyro and accelerometer (6), Gauss-Markov processes that start from zero.
 
     Parameters (Context): turn-on biases of gyro and accelerometer (6), see `set_turn_on_bias`.
 
@@ -224,14 +225,16 @@ class Imu(LeafSystem):
         self._turn_on_bias = self.DeclareNumericParameter(
             BasicVector(np.array(params.gyro_turn_on_bias + params.accel_turn_on_bias))
         )
-        for name in ("gyro", "accel", "mag"):
+        for name in ("gyro", "accel"):
             self.DeclareStateOutputPort(name, self.DeclareDiscreteState(3))
+        magnetometer = self.discrete_state_ticket(self.DeclareDiscreteState(6))
+        self.DeclareVectorOutputPort("mag", 3, self._calc_mag, {magnetometer})
         self.DeclareDiscreteState(6)
         self.DeclareInitializationDiscreteUpdateEvent(self._update_first_sample)
         self.DeclarePeriodicDiscreteUpdateEvent(self.period, 0.0, self._update_sample)
 
-        # One element an axis: gyro, accelerometer, magnetometer.
-        self._axes = [axis for axis in params.axes(self.period) for _ in range(3)]
+        gyro, accel, self._mag_axis = params.axes(self.period)
+        self._axes = (gyro,) * 3 + (accel,) * 3
         self._drifts = [drift for drift in params.drifts(self.period) for _ in range(3)]
 
     def set_turn_on_bias(
@@ -274,22 +277,22 @@ class Imu(LeafSystem):
         noise: list[float],
         drift: list[float],
     ) -> None:
-        field = self.params.magnetic_field
-        if self._attitude.HasValue(context):
-            axes = Axes.from_roll_pitch_yaw(*read(self._attitude, context))
-            field = axes.components(field)
-        w_x, w_y, w_z = read(self._angular_velocity, context)
-        f_x, f_y, f_z = read(self._specific_force, context)
-        truth = (w_x, w_y, w_z, f_x, f_y, f_z)
+        truth = read(self._angular_velocity, context) + read(self._specific_force, context)
         constant = elements(context.get_numeric_parameter(self._turn_on_bias))
-        biased = [a + b + c for a, b, c in zip(truth, constant, drift, strict=True)]
-        reading = [
-            axis.read(value, sample)
-            for axis, value, sample in zip(self._axes, (*biased, *field), noise, strict=False)
-        ]
-        for i in range(3):
-            shown: Any = discrete_state.get_mutable_vector(i)
-            shown[0], shown[1], shown[2] = reading[3 * i : 3 * i + 3]
+        each = zip(self._axes, truth, constant, drift, noise, strict=False)
+        reading = np.array([axis.read(a + b + c, sample) for axis, a, b, c, sample in each])
+        discrete_state.set_value(0, reading[:3])
+        discrete_state.set_value(1, reading[3:])
+        attitude = read_or_zeros(self._attitude, context)
+        discrete_state.set_value(2, np.array(attitude + noise[6:9]))
+
+    def _calc_mag(self, context: Context, output: BasicVector) -> None:
+        roll, pitch, yaw, *noise = elements(context.get_discrete_state(2))
+        field = Axes.from_roll_pitch_yaw(roll, pitch, yaw).components(self.params.magnetic_field)
+        axis = self._mag_axis
+        output.SetFromVector(
+            np.array([axis.read(b, e) for b, e in zip(field, noise, strict=True)])
+        )
 
 
 def sample_period(decimation: int = _DECIMATION) -> float:
