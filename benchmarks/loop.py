@@ -18,13 +18,13 @@ from rich.table import Table
 
 import parapod
 from benchmarks.realtime import CASES, moving_controller, platform_loop
-from benchmarks.yardstick import clock
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.lab.discovery import find_experiment
 from parapod.systems.core import ports
 
 # Simulated time that passes before anything is counted, and that is counted [s].
 _BEFORE, _COUNTED = 2.0, 6.0
+_RUNS = 3
 _DECLARE = (
     *("DeclareVectorOutputPort", "DeclareAbstractOutputPort"),
     *("DeclarePeriodicDiscreteUpdateEvent", "DeclarePerStepDiscreteUpdateEvent"),
@@ -197,10 +197,10 @@ def run(console: Console, arguments: Sequence[str] = ()) -> None:
 
 def _report(console: Console, title: str, make: Callable[[], Diagram], scenario: Any) -> None:
     period = scenario.control.period
-    plain = min(_seconds(Simulator(make())) for _ in range(2)) * period / _COUNTED
-    with counting() as tally:
-        simulator = Simulator(make())
-        counted = _seconds(simulator, tally) * period / _COUNTED
+    plain = min(_seconds(Simulator(make())) for _ in range(_RUNS)) * period / _COUNTED
+    # Each callback is timed by the wall: the run that took least is the one that nobody disturbed.
+    counted, tally = min((_counted(make) for _ in range(_RUNS)), key=lambda found: found[0])
+    counted *= period / _COUNTED
     ticks = _COUNTED / period
     of_systems: dict[str, list[Callback]] = {}
     for callback in tally.callbacks:
@@ -228,6 +228,11 @@ def _report(console: Console, title: str, make: Callable[[], Diagram], scenario:
     )
 
 
+def _counted(make: Callable[[], Diagram]) -> tuple[float, Tally]:
+    with counting() as tally:
+        return _seconds(Simulator(make()), tally), tally
+
+
 def _sums(callbacks: Sequence[Callback], ticks: float) -> list[str]:
     """Columns of a row, each a tick: own time, time of reading, calls, reads."""
     sums = (
@@ -244,7 +249,7 @@ def _own(callbacks: Sequence[Callback]) -> float:
 
 
 def _seconds(simulator: Simulator, tally: Tally | None = None) -> float:
-    """Seconds of processor time for the time that is counted."""
+    """Seconds for the time that is counted."""
     system = simulator.get_system()
     if (monitor := getattr(system, "monitor", None)) is not None:
         simulator.set_monitor(monitor)
@@ -252,6 +257,6 @@ def _seconds(simulator: Simulator, tally: Tally | None = None) -> float:
     simulator.AdvanceTo(_BEFORE)
     if tally is not None:
         tally.clear()
-    began = clock()
+    began = time.perf_counter()
     simulator.AdvanceTo(_BEFORE + _COUNTED)
-    return clock() - began
+    return time.perf_counter() - began

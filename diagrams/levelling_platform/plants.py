@@ -245,11 +245,9 @@ def _add_kinematic_plant(
     connect(builder, drives.arm_angles, platform.GetInputPort("arm_position"))
     stance = add(builder, Demultiplexer([3, 9, 4, 4, 4]), "stance_parts")
     connect(builder, platform.GetOutputPort("stance"), stance.get_input_port(0))
-    motion = stance.get_output_port(1)
-    signals = {
-        name: stance.get_output_port(i)
-        for i, name in ((0, "posture"), (2, "contact_force"), (3, "load_force"), (4, "foot_height"))
-    }
+    names = ("posture", "inertial_motion", "contact_force", "load_force", "foot_height")
+    signals = {name: stance.get_output_port(i) for i, name in enumerate(names)}
+    motion = signals.pop("inertial_motion")
     # The inertial sensor samples at instants of its own; held, the platform's statics are solved
     # once a period and not again for every sample.
     hold = add(builder, Hold(scenario.control.period, begun.inertial_motion), "held_motion")
