@@ -32,6 +32,8 @@ _GROUPS = (
     *("kinematics", "realtime", "accuracy", "chair", "centers", "terrain"),
     *("endurance", "hardware", "deadlines", "faults", "day"),
 )
+# Of tables that go into a file or a pipe [characters].
+_FILE_WIDTH = 130
 _DEFAULT = tuple(name for name in _GROUPS if name != "day")
 
 
@@ -40,7 +42,7 @@ def main(arguments: list[str]) -> int:
         return mutants.main(arguments[1:])
     if arguments[:1] == ["faults"]:
         return faults.main(arguments[1:])
-    console = Console()
+    console = Console(width=None if sys.stdout.isatty() else _FILE_WIDTH)
     if arguments[:1] == ["loop"]:
         loop.run(console, arguments[1:])
         return 0

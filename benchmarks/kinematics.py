@@ -15,6 +15,7 @@ from parapod.systems.terrain_simulator import kinematics as bench
 
 _POSTURES = 500_000
 _NEWTON_POSTURES = 300
+_BLOCK = 4096  # which the second cache holds, as in the kinematics
 # On one core; unit, floor and aim.
 _BOUND = ("M/s", 5.0, 10.0)
 _BENCH_BOUND = 2.0
@@ -45,9 +46,35 @@ def run() -> list[Measurement]:
     return [
         Measurement("inverse kinematics, ground of each", closed_form / 1e6, *_BOUND, pace=pace),
         Measurement("inverse kinematics, one ground", one_ground / 1e6, *_BOUND, pace=pace_of_one),
+        *_limits(posture, ground),
         Measurement("  times scipy's Newton", closed_form / newton, "x", 100.0),
         Measurement("  largest difference to Newton", worst * 1e9, "nm", 1.0, at_most=True),
         *_bench(),
+    ]
+
+
+def _limits(posture: NDArray[np.float64], ground: NDArray[np.float64]) -> list[Measurement]:
+    """What numpy would reach if it only did the sines and cosines, or only moved the numbers."""
+    angles = [np.ascontiguousarray(column) for column in (*posture.T[:2], *ground.T)]
+    shown = np.empty((_POSTURES, 4))
+    blocks = [slice(start, start + _BLOCK) for start in range(0, _POSTURES, _BLOCK)]
+
+    def turn() -> None:
+        for block in blocks:
+            for angle in angles:
+                np.sin(angle[block])
+                np.cos(angle[block])
+
+    def move() -> None:
+        for block in blocks:
+            for leg in range(4):
+                shown[block, leg] = posture[block, leg % 3]
+
+    trigonometric, _ = rate(turn, _POSTURES, NUMPY)
+    moving, _ = rate(move, _POSTURES, NUMPY)
+    return [
+        Measurement("  its sines and cosines alone", trigonometric / 1e6, "M/s"),
+        Measurement("  reading and writing alone", moving / 1e6, "M/s"),
     ]
 
 

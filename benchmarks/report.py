@@ -52,7 +52,7 @@ def print_measurements(title: str, measurements: list[Measurement], console: Con
     table = Table(title=title, title_justify="left", title_style="bold")
     for heading in ("measured", "value", "yardstick", "judged", "bound", "aim", ""):
         justify: JustifyMethod = "left" if heading == "measured" else "right"
-        table.add_column(heading, justify=justify, no_wrap=heading in ("measured", "yardstick"))
+        table.add_column(heading, justify=justify, no_wrap=heading != "measured")
     for m in measurements:
         sign = "<=" if m.at_most else ">="
         table.add_row(
