@@ -14,7 +14,6 @@ from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_motion, foot_to_centre
 from parapod.systems.levelling_platform.plane import (
     Vector3,
-    attitude_derivatives,
     attitude_seeing,
     dot,
     minus,
@@ -106,24 +105,25 @@ def stand(
     contact = [normal_weight * share for share in shares]
     give = normal_weight / params.foot_stiffness
     sunk = [(x, y, z - give * share) for (x, y, z), share in zip(feet, shares, strict=True)]
-    carrying = sorted(range(LEG_COUNT), key=contact.__getitem__)[1:]
+    carrying = _OTHERS[contact.index(min(contact))]
     points = [sunk[i] for i in carrying]
     g, g_rate = _moving_normal(points, [scaled(slopes[i], velocity[i]) for i in carrying])
     height = dot(g, points[0])
-    roll, pitch = attitude_seeing(g, n)
-    roll_rate, pitch_rate = attitude_rate(n, g, g_rate, roll, pitch)
-    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(roll), sin_cos(pitch)
-    gravity = params.gravity
+    roll, pitch, turning, up = _attitude(n, g, g_rate)
     return Stance(
         [roll, pitch, height + geometry.foot_radius],
         [roll, pitch, 0.0],
-        [roll_rate, pitch_rate * cos_roll, -pitch_rate * sin_roll],
-        (-gravity * sin_pitch, gravity * cos_pitch * sin_roll, gravity * cos_pitch * cos_roll),
+        turning,
+        scaled(up, params.gravity),
         contact,
         [f * dot(g, slope) for f, slope in zip(contact, slopes, strict=True)],
         [max(0.0, height - dot(g, foot)) for foot in sunk],
         g,
     )
+
+
+# The other three legs of each.
+_OTHERS = tuple(tuple(i for i in range(LEG_COUNT) if i != leg) for leg in range(LEG_COUNT))
 
 
 def _moving_normal(points: list[Vector3], rates: list[Vector3]) -> tuple[Vector3, Vector3]:
@@ -186,10 +186,6 @@ def _carry(
     return max(results, key=lambda result: min(result[0]))
 
 
-# The other three legs of each.
-_OTHERS = tuple(tuple(i for i in range(LEG_COUNT) if i != leg) for leg in range(LEG_COUNT))
-
-
 def _barycentric(feet: list[Vector3], legs: tuple[int, ...], x: float, y: float) -> list[float]:
     """Shares of three legs that balance the weight at (x, y); the fourth gets zero."""
     first, second, third = legs
@@ -239,14 +235,26 @@ def centre_of_mass(params: KinematicPlatformParams, arm: list[float]) -> Vector3
     return params.centre_with(on_arm)
 
 
-def attitude_rate(
-    n: Vector3, g: Vector3, g_rate: Vector3, roll: float, pitch: float
-) -> tuple[float, float]:
-    """Rates of roll and pitch that turn the ground's normal by g_rate in the platform's frame."""
-    _, by_pitch = attitude_derivatives(n, g, roll, pitch)
-    pitch_rate = g_rate[0] / by_pitch[0]
-    rest_y, rest_z = g_rate[1] - pitch_rate * by_pitch[1], g_rate[2] - pitch_rate * by_pitch[2]
-    return (rest_y * g[2] - rest_z * g[1]) / (g[1] * g[1] + g[2] * g[2]), pitch_rate
+def _attitude(
+    n: Vector3, g: Vector3, g_rate: Vector3
+) -> tuple[float, float, list[float], Vector3]:
+    """Attitude of a platform that sees the ground's normal n as g, which moves.
+
+    Returns:
+        Roll and pitch [rad], the angular velocity in the platform's frame (3) [rad/s], and the
+        world's vertical seen by the platform.
+    """
+    n_1, _, n_3 = n
+    _, g_2, g_3 = g
+    roll, pitch = attitude_seeing(g, n)
+    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(roll), sin_cos(pitch)
+    # What the pitch changes of g tells its rate, and what is left that of the roll.
+    pitch_rate = -g_rate[0] / (n_1 * sin_pitch + n_3 * cos_pitch)
+    by_pitch = pitch_rate * (n_1 * cos_pitch - n_3 * sin_pitch)
+    rest_2, rest_3 = g_rate[1] - sin_roll * by_pitch, g_rate[2] - cos_roll * by_pitch
+    roll_rate = (rest_2 * g_3 - rest_3 * g_2) / (g_2 * g_2 + g_3 * g_3)
+    turning = [roll_rate, pitch_rate * cos_roll, -pitch_rate * sin_roll]
+    return roll, pitch, turning, (-sin_pitch, cos_pitch * sin_roll, cos_pitch * cos_roll)
 
 
 _MOST_STEPS = 60
@@ -461,17 +469,12 @@ def _stance(
     slopes: list[Vector3],
 ) -> Stance:
     g, h, forces = footing.g, footing.h, footing.forces
-    roll, pitch = attitude_seeing(g, n)
-    roll_rate, pitch_rate = attitude_rate(n, g, _normal_rate(supports, footing), roll, pitch)
+    roll, pitch, turning, up = _attitude(n, g, _normal_rate(supports, footing))
     return Stance(
         posture=[roll, pitch, h],
         attitude=[roll, pitch, 0.0],
-        angular_velocity=[
-            roll_rate,
-            pitch_rate * math.cos(roll),
-            -pitch_rate * math.sin(roll),
-        ],
-        specific_force=scaled(upwards(roll, pitch), params.gravity),
+        angular_velocity=turning,
+        specific_force=scaled(up, params.gravity),
         contact_force=forces[:LEG_COUNT],
         load_force=[f * dot(g, slope) for f, slope in zip(forces, slopes, strict=False)],
         foot_height=[max(0.0, -depth) for depth in footing.depths[:LEG_COUNT]],

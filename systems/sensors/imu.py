@@ -201,9 +201,9 @@ class Imu(LeafSystem):
     delay and pass band are not modelled. Initialization takes a sample as well, so outputs are
     measurements from the start.
 
-    State: discrete, the last samples of gyro and accelerometer (3 each), attitude and noise of the
-    last one of the magnetometer (6), from which its reading is worked out where it is read, and
-    the in-run biases of gyro and accelerometer (6), Gauss-Markov processes that start from zero.
+    State: discrete, the last samples of gyro and accelerometer (3 each); and (12) the in-run
+    biases of both (6), Gauss-Markov processes that start from zero, with attitude and noise of
+    the magnetometer's last sample (6), whose reading is worked out where it is read.
 
     Parameters (Context): turn-on biases of gyro and accelerometer (6), see `set_turn_on_bias`.
 
@@ -227,9 +227,8 @@ class Imu(LeafSystem):
         )
         for name in ("gyro", "accel"):
             self.DeclareStateOutputPort(name, self.DeclareDiscreteState(3))
-        magnetometer = self.discrete_state_ticket(self.DeclareDiscreteState(6))
-        self.DeclareVectorOutputPort("mag", 3, self._calc_mag, {magnetometer})
-        self.DeclareDiscreteState(6)
+        hidden = self.discrete_state_ticket(self.DeclareDiscreteState(12))
+        self.DeclareVectorOutputPort("mag", 3, self._calc_mag, {hidden})
         self.DeclareInitializationDiscreteUpdateEvent(self._update_first_sample)
         self.DeclarePeriodicDiscreteUpdateEvent(self.period, 0.0, self._update_sample)
 
@@ -251,15 +250,14 @@ class Imu(LeafSystem):
         context.get_mutable_numeric_parameter(self._turn_on_bias).SetFromVector(bias)
 
     def _update_first_sample(self, context: Context, discrete_state: DiscreteValues) -> None:
-        drift = elements(context.get_discrete_state(3))
+        drift = elements(context.get_discrete_state(2))[:6]
         self._sample(context, discrete_state, self._read_noise(context), drift)
 
     def _update_sample(self, context: Context, discrete_state: DiscreteValues) -> None:
         noise = self._read_noise(context)
-        drift = elements(context.get_discrete_state(3))
+        drift = elements(context.get_discrete_state(2))[:6]
         for i, (decay, kick) in enumerate(self._drifts):
             drift[i] = decay * drift[i] + kick * noise[9 + i]
-        discrete_state.set_value(3, np.array(drift))
         self._sample(context, discrete_state, noise, drift)
 
     def _read_noise(self, context: Context) -> list[float]:
@@ -284,10 +282,10 @@ class Imu(LeafSystem):
         discrete_state.set_value(0, reading[:3])
         discrete_state.set_value(1, reading[3:])
         attitude = read_or_zeros(self._attitude, context)
-        discrete_state.set_value(2, np.array(attitude + noise[6:9]))
+        discrete_state.set_value(2, np.array(drift + attitude + noise[6:9]))
 
     def _calc_mag(self, context: Context, output: BasicVector) -> None:
-        roll, pitch, yaw, *noise = elements(context.get_discrete_state(2))
+        roll, pitch, yaw, *noise = elements(context.get_discrete_state(2))[6:]
         field = Axes.from_roll_pitch_yaw(roll, pitch, yaw).components(self.params.magnetic_field)
         axis = self._mag_axis
         output.SetFromVector(
