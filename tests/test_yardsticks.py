@@ -5,6 +5,10 @@ from itertools import count
 from pathlib import Path
 
 import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 ROOT = Path(__file__).parents[1]
 
@@ -85,3 +89,53 @@ def test_work_of_a_yardstick_can_be_repeated(benchmarks, name):
     work = getattr(yardstick, name).work()
     work()
     work()
+
+
+def test_a_breakdown_counts_calls_reads_and_what_is_calculated_anew(benchmarks):
+    from benchmarks import loop
+
+    with loop.counting() as tally:
+        sampler, diagram = _sampled()
+        simulator = Simulator(diagram)
+        simulator.AdvanceTo(0.05)
+        tally.clear()
+        simulator.AdvanceTo(0.95)
+    found = {callback.name: callback for callback in tally.callbacks}
+    assert set(found) == {"doubled", "_update"}
+    # A sample every .1 s, read twice; what it depends on is calculated once.
+    assert (found["doubled"].calls, found["_update"].calls) == (9, 9)
+    assert (found["doubled"].reads, found["_update"].reads) == (9, 18)
+    assert all(callback.seconds > 0.0 for callback in tally.callbacks)
+    assert found["_update"].system is sampler
+
+
+def _sampled():
+    """A sampler of twice the time, and the diagram with both."""
+
+    class Doubler(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            self.given = self.DeclareVectorInputPort("given", 1)
+            self.DeclareVectorOutputPort("doubled", 1, self._calc, {self.given.ticket()})
+
+        def _calc(self, context, output):
+            output.SetFromVector(2.0 * self.given.Eval(context))
+
+    class Sampler(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            self.signal = self.DeclareVectorInputPort("signal", 1)
+            self.DeclareDiscreteState(1)
+            self.DeclarePeriodicDiscreteUpdateEvent(0.1, 0.0, self._update)
+
+        def _update(self, context, discrete_state):
+            again = self.signal.Eval(context)
+            discrete_state.set_value(0.5 * (self.signal.Eval(context) + again))
+
+    builder = DiagramBuilder()
+    line = PiecewisePolynomial.FirstOrderHold([0.0, 10.0], [[0.0, 10.0]])
+    time = builder.AddSystem(TrajectorySource(line))
+    doubler, sampler = builder.AddSystem(Doubler()), builder.AddSystem(Sampler())
+    builder.Connect(time.get_output_port(), doubler.given)
+    builder.Connect(doubler.get_output_port(), sampler.signal)
+    return sampler, builder.Build()
