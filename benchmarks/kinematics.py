@@ -54,7 +54,7 @@ def run() -> list[Measurement]:
 
 
 def _limits(posture: NDArray[np.float64], ground: NDArray[np.float64]) -> list[Measurement]:
-    """What numpy would reach if it only did the sines and cosines, or only moved the numbers."""
+    """Rates that numpy reaches with the sines and cosines only, or moving the numbers only."""
     angles = [np.ascontiguousarray(column) for column in (*posture.T[:2], *ground.T)]
     shown = np.empty((_POSTURES, 4))
     blocks = [slice(start, start + _BLOCK) for start in range(0, _POSTURES, _BLOCK)]
