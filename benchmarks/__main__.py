@@ -70,7 +70,7 @@ def main(arguments: list[str]) -> int:
         }[name]()
         print_measurements(name, measured, console)
         results += measured
-    missed = [m.name for m in results if m.is_missed]
+    missed = [m.name for m in results if not m.passed]
     if missed:
         console.print(f"missed: {', '.join(missed)}", highlight=False)
     return 1 if missed and strict else 0

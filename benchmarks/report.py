@@ -44,8 +44,8 @@ class Measurement:
         return MISSED if self.pace is None or self.pace.is_steady else TOO_BUSY
 
     @property
-    def is_missed(self) -> bool:
-        return self.verdict == MISSED
+    def passed(self) -> bool:
+        return self.verdict != MISSED
 
 
 def print_measurements(title: str, measurements: list[Measurement], console: Console) -> None:

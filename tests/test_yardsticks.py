@@ -51,7 +51,7 @@ def test_speed_is_judged_beside_its_yardstick(benchmarks, value, at_most, sample
     pace = yardstick.Pace("fake", samples, QUIET)
     found = report.Measurement("speed", value, "x", 60.0, at_most=at_most, pace=pace)
     assert found.verdict == verdict
-    assert found.is_missed == (verdict == "missed")
+    assert found.passed == (verdict != "missed")
 
 
 def test_without_a_yardstick_or_a_bound_the_figure_counts(benchmarks):
