@@ -1,9 +1,11 @@
 """`python -m benchmarks [--strict] [GROUP ...]`: kinematics, realtime, accuracy, .. (see _GROUPS).
 `python -m benchmarks faults [--help]`: the fault matrix by itself, with options.
+`python -m benchmarks loop [EXPERIMENT [KEY=VALUE ..]]`: where the time of a loop's tick goes.
 `python -m benchmarks mutants [--help]`: how many single changes of the code the tests notice.
 
 Measures and prints: the groups that are named, or all but the day's run. With `--strict` a missed
-bound is an exit code of 1; what a busy machine misses is no error.
+bound is an exit code of 1; what a busy machine misses is no error. Figures of speed stand beside
+a yardstick taken in the same minute, see `benchmarks.yardstick`.
 """
 
 import sys
@@ -19,6 +21,7 @@ from benchmarks import (
     faults,
     hardware,
     kinematics,
+    loop,
     mutants,
     realtime,
     terrain,
@@ -29,6 +32,8 @@ _GROUPS = (
     *("kinematics", "realtime", "accuracy", "chair", "centers", "terrain"),
     *("endurance", "hardware", "deadlines", "faults", "day"),
 )
+# Of tables that go into a file or a pipe [characters].
+_FILE_WIDTH = 130
 _DEFAULT = tuple(name for name in _GROUPS if name != "day")
 
 
@@ -37,7 +42,10 @@ def main(arguments: list[str]) -> int:
         return mutants.main(arguments[1:])
     if arguments[:1] == ["faults"]:
         return faults.main(arguments[1:])
-    console = Console()
+    console = Console(width=None if sys.stdout.isatty() else _FILE_WIDTH)
+    if arguments[:1] == ["loop"]:
+        loop.run(console, arguments[1:])
+        return 0
     names = [name for name in arguments if name != "--strict"]
     strict = len(names) < len(arguments)
     unknown = [name for name in names if name not in _GROUPS]

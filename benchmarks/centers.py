@@ -1,9 +1,8 @@
 """The machining centres: wrench indices beside brute force, swings, a workspace, whole jobs."""
 
 import io
-import time
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from itertools import combinations, repeat
 from multiprocessing import get_context
 
@@ -12,7 +11,9 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 import parapod
+from benchmarks.factor import rate
 from benchmarks.report import Measurement
+from benchmarks.yardstick import DRAKE, NUMPY, PYTHON, clock, seconds
 from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.lab.progress import counted
 from parapod.sims.machining_center.machining import CenterMachining
@@ -47,14 +48,15 @@ def run(console: Console) -> list[Measurement]:
     for limbs, name in NAMES.items():
         results += _indices(CenterGeometry(limbs), name)
         results += _swings(CenterGeometry(limbs), name)
-    began = time.perf_counter()
     quiet = RunOptions(console=Console(file=io.StringIO()))
-    CenterWorkspace("center-workspace").execute(CenterWorkspaceScenario(), quiet)
+    workspace, scenario = CenterWorkspace("center-workspace"), CenterWorkspaceScenario()
+    took, pace = NUMPY.best_beside(lambda: seconds(lambda: workspace.execute(scenario, quiet)), 1)
     results.append(
         Measurement(
             "workspace of both, cells of 12.5 mm",
-            *(time.perf_counter() - began, "s", _WORKSPACE_BOUND),
+            *(took, "s", _WORKSPACE_BOUND),
             at_most=True,
+            pace=pace,
         )
     )
     for limbs, name in NAMES.items():
@@ -71,10 +73,11 @@ def _jobs(limbs: int, name: str, console: Console) -> list[Measurement]:
         ("center-walk", CenterWalk("center-walk")),
     ):
         scenario = parapod.scenario(what, limbs=limbs)
-        result = experiment.execute(scenario, quiet)
+        result, pace = DRAKE.beside(partial(experiment.execute, scenario, quiet))
         metrics = {metric.key: metric.value for metric in result.metrics}
+        factor = metrics["realtime_factor"]
         found += [
-            Measurement(f"{what}, {name}", metrics["realtime_factor"], "x", _LOOP_BOUND),
+            Measurement(f"{what}, {name}", factor, "x", _LOOP_BOUND, pace=pace),
             Measurement("  bounds broken", float(len(result.broken)), "", 0.0, at_most=True),
         ]
     until = experiment.duration(scenario) / 1.3
@@ -110,17 +113,19 @@ def _indices(geometry: CenterGeometry, name: str) -> list[Measurement]:
             random.uniform(-0.2, 0.2, (_POSES, 3)),
         )
     )
-    rate = _POSES / min(_timed(lambda: wrench_indices(geometry, poses)) for _ in range(_TURNS))
+    fast, pace = rate(lambda: wrench_indices(geometry, poses), _POSES, NUMPY, _TURNS)
     few = poses[:_BY_FORCE]
-    began = time.perf_counter()
+    began = clock()
     by_force = np.array([_nearest_facet(geometry, pose) for pose in few])
-    slow = _BY_FORCE / (time.perf_counter() - began)
+    slow = _BY_FORCE / (clock() - began)
     error = float(np.abs(wrench_indices(geometry, few).w_minmax - by_force).max())
     return [
         Measurement(
-            f"wrench indices, {name}", rate / 1e3, "k/s", _INDEX_BOUNDS[geometry.limbs] / 1e3
+            f"wrench indices, {name}",
+            *(fast / 1e3, "k/s", _INDEX_BOUNDS[geometry.limbs] / 1e3),
+            pace=pace,
         ),
-        Measurement("  times all facets by numpy", rate / slow, "x"),
+        Measurement("  times all facets by numpy", fast / slow, "x"),
         Measurement("  largest difference to these", 1e12 * error, "e-12", 1.0, at_most=True),
     ]
 
@@ -146,13 +151,6 @@ def _swings(geometry: CenterGeometry, name: str) -> list[Measurement]:
             foot = geometry.footholds[0] + share * way
             near = swing_inverse(geometry, foot, locks, near).pose
 
-    rate = _SWING / min(_timed(swing) for _ in range(3))
-    return [
-        Measurement(f"swing of a foot, {name}, from the pose before", rate, "/s", _SWING_BOUND)
-    ]
-
-
-def _timed(work: Callable[[], object]) -> float:
-    began = time.perf_counter()
-    work()
-    return time.perf_counter() - began
+    swings, pace = rate(swing, _SWING, PYTHON, 3)
+    what = f"swing of a foot, {name}, from the pose before"
+    return [Measurement(what, swings, "/s", _SWING_BOUND, pace=pace)]

@@ -2,8 +2,9 @@
 
 from rich.console import Console
 
-from benchmarks.factor import real_time_factor
+from benchmarks.factor import measured_factor
 from benchmarks.report import Measurement
+from benchmarks.yardstick import DRAKE, PYTHON
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario
@@ -28,8 +29,9 @@ def run(console: Console) -> list[Measurement]:
         console.print(f"  chair, {name} ...", highlight=False)
         scenario = ChairScenario(backend=backend)
         scenario.plant.time_step = time_step
-        factor = real_time_factor(ClosedLoop(CHAIR, scenario, log=()), _DURATION, 3)
-        results.append(Measurement(f"real-time factor, chair, {name}", factor, "x", floor, aim))
+        yardstick = PYTHON if backend == "kinematic" else DRAKE
+        loop = ClosedLoop(CHAIR, scenario, log=())
+        results.append(measured_factor(f"chair, {name}", loop, _DURATION, yardstick, floor, aim))
     return results + _ten_cycles(console)
 
 

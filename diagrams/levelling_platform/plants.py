@@ -243,15 +243,18 @@ def _add_kinematic_plant(
     connect(builder, drives.rods.GetOutputPort("extension"), platform.GetInputPort("extension"))
     connect(builder, drives.rods.GetOutputPort("velocity"), platform.GetInputPort("velocity"))
     connect(builder, drives.arm_angles, platform.GetInputPort("arm_position"))
-    names = ("posture", "contact_force", "foot_height", "load_force")
-    signals = {name: platform.GetOutputPort(name) for name in names}
+    stance = add(builder, Demultiplexer([3, 9, 4, 4, 4]), "stance_parts")
+    connect(builder, platform.GetOutputPort("stance"), stance.get_input_port(0))
+    names = ("posture", "inertial_motion", "contact_force", "load_force", "foot_height")
+    signals = {name: stance.get_output_port(i) for i, name in enumerate(names)}
+    motion = signals.pop("inertial_motion")
     # The inertial sensor samples at instants of its own; held, the platform's statics are solved
     # once a period and not again for every sample.
     hold = add(builder, Hold(scenario.control.period, begun.inertial_motion), "held_motion")
     parts = add(builder, Demultiplexer(9, 3), "inertial_motion_parts")
     for i, name in enumerate(("attitude", "angular_velocity", "specific_force")):
         signals[name] = parts.get_output_port(i)
-    connect(builder, platform.GetOutputPort("inertial_motion"), hold.get_input_port())
+    connect(builder, motion, hold.get_input_port())
     connect(builder, hold.get_output_port(), parts.get_input_port(0))
     signals["loop_error"] = _zeros(builder, "no_loops")
     plant = Plant(signals, (platform,), hold, None)

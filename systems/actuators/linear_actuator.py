@@ -14,7 +14,7 @@ from pydrake.systems.framework import (  # type: ignore[attr-defined]
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from parapod.systems.core.elementwise import Elementwise, clamp, exp, log
+from parapod.systems.core.elementwise import Elementwise, exp, log
 from parapod.systems.core.ports import elements, is_on, read
 from parapod.systems.core.templates import for_floats
 
@@ -76,6 +76,14 @@ class Stepper:
 
     def __init__(self, params: LinearActuatorParams, duration: float):
         self._params, self._duration = params, duration
+        self._constants = (
+            params.model == "integrator",
+            params.supply_voltage,
+            params.viscous_friction,
+            params.coulomb_friction,
+            params.stop_min,
+            params.stop_max,
+        )
         self._tau = params.inertia / params.viscous_friction
         self._decay = math.exp(-duration / self._tau) if self._tau > 0.0 else 0.0
         # What a newton of load takes from the motor when the rod moves against it, and along it.
@@ -99,14 +107,14 @@ class Stepper:
             voltage: saturated at the supply here [V].
             load_force: force that the rod must exert to extend [N].
         """
-        params = self._params
-        supply = params.supply_voltage
-        force = motor_constant * clamp(voltage, -supply, supply)
-        if params.model == "integrator":
-            velocity = force / params.viscous_friction
+        is_integrator, supply, nu, coulomb, low, high = self._constants
+        # As `clamp` has it.
+        voltage = (supply if voltage >= supply else voltage) if voltage > -supply else -supply
+        force = motor_constant * voltage
+        if is_integrator:
+            velocity = force / nu
             position = position + velocity * self._duration
         else:
-            coulomb = params.coulomb_friction
             if load_force > 0.0:
                 extending = coulomb + self._against * load_force
                 retracting = coulomb - self._along * load_force
@@ -116,9 +124,9 @@ class Stepper:
             if velocity == 0.0 and -retracting <= force <= extending:
                 return position, velocity
             position, velocity = self._slide(position, velocity, force, extending, retracting)
-        if params.stop_min < position < params.stop_max:
+        if low < position < high:
             return position, velocity
-        stop = params.stop_min if position <= params.stop_min else params.stop_max
+        stop = low if position <= low else high
         return stop + 0.0 * position, 0.0 * velocity
 
     def _slide(
@@ -130,12 +138,8 @@ class Stepper:
         retracting: Elementwise,
     ) -> tuple[Elementwise, Elementwise]:
         """Motion under a constant motor force and constant resistances to either direction."""
-        nu, tau, duration, decay = (
-            self._params.viscous_friction,
-            self._tau,
-            self._duration,
-            self._decay,
-        )
+        nu, tau = self._params.viscous_friction, self._tau
+        duration, decay = self._duration, self._decay
         if tau == 0.0:
             # Without inertia the limit speed is taken at once, or the rod does not move.
             excess = max(0.0, force - extending) + min(0.0, force + retracting)
@@ -265,24 +269,23 @@ def LinearActuator_(T: Any) -> Any:
             return self.params.motor_constant * scale
 
         def _calc_next_state(self, context: Context, output: Any) -> None:
-            n = self.channels
             positions = elements(context.get_discrete_state(0))
             velocities = elements(context.get_discrete_state(1))
             gains = elements(context.get_numeric_parameter(self._gains))
             voltages = read(self._voltage, context)
             if self._stop.HasValue(context) and is_on(self._stop, context):
-                voltages = [0.0] * n
+                voltages = [0.0] * self.channels
             loaded = self._load.HasValue(context)
-            loads = read(self._load, context) if loaded else [0.0] * n
+            loads = read(self._load, context) if loaded else [0.0] * self.channels
             step = self._stepper.step
-            for i in range(n):
-                voltage, load = voltages[i], loads[i]
+            for i, voltage in enumerate(voltages):
+                load = loads[i]
+                if voltage != voltage:
+                    voltage = 0.0
+                if not -_LARGEST_LOAD < load < _LARGEST_LOAD:
+                    load = 0.0
                 positions[i], velocities[i] = step(
-                    gains[i],
-                    positions[i],
-                    velocities[i],
-                    voltage if voltage == voltage else 0.0,
-                    load if abs(load) < _LARGEST_LOAD else 0.0,
+                    gains[i], positions[i], velocities[i], voltage, load
                 )
             output.SetFromVector(np.array(positions + velocities))
 

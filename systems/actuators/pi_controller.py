@@ -13,7 +13,6 @@ from pydrake.systems.framework import (  # type: ignore[attr-defined]
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from parapod.systems.core.elementwise import clamp
 from parapod.systems.core.ports import elements, is_on, read
 from parapod.systems.core.templates import for_floats
 
@@ -120,10 +119,6 @@ def PiController_(T: Any) -> Any:
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Impl._construct(self, other.params, other.channels, other.period, converter=converter)
 
-        def _feedforward(self, rate: Any, share: float) -> Any:
-            friction = self._friction[0 if rate > 0.0 else 1]
-            return rate * (self._per_rate / share + friction / (abs(rate) + self._friction_rate))
-
         def _update_voltage(self, context: Context, discrete_state: Any) -> None:
             n = self.channels
             if self._enable.HasValue(context) and not is_on(self._enable, context):
@@ -138,19 +133,27 @@ def PiController_(T: Any) -> Any:
             k_i = k_p * self.period
             desired = read(self._desired, context)
             measured = read(self._measured, context)
+            per_rate, friction_rate = self._per_rate, self._friction_rate
+            extending, retracting = self._friction
             for i, share in enumerate(self._share):
-                error = desired[i] - measured[i]
-                direct = k_v / share * error + self._feedforward(desired[n + i], share)
-                known = math.isfinite(direct if type(direct) is float else direct.value())
-                if not known or abs(error) > self._error_limit:
+                error, rate = desired[i] - measured[i], desired[n + i]
+                friction = extending if rate > 0.0 else retracting
+                feedforward = rate * (per_rate / share + friction / (abs(rate) + friction_rate))
+                direct = k_v / share * error + feedforward
+                # The difference is NaN where it is not finite.
+                if direct - direct != 0.0 or abs(error) > self._error_limit:
                     voltages[i] = 0.0
                     continue
                 if not inner[n + i] > 0.5:
                     inner[i], inner[n + i] = voltages[i] - direct, 1.0
                 voltage = direct + inner[i]
-                if abs(voltage) <= limit or voltage * error < 0.0:
+                if abs(voltage) <= limit:
                     inner[i] = inner[i] + k_i / share * error
-                voltages[i] = clamp(voltage, -limit, limit)
+                else:
+                    if voltage * error < 0.0:
+                        inner[i] = inner[i] + k_i / share * error
+                    voltage = limit if voltage > limit else -limit
+                voltages[i] = voltage
             discrete_state.set_value(0, np.array(voltages))
             discrete_state.set_value(1, np.array(inner))
 

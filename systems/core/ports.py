@@ -10,6 +10,7 @@ collector cannot see, and a diagram with one is never freed: hence `declare_cach
 import weakref
 from collections.abc import Callable, Set
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -25,13 +26,17 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-# Up to this size reading number by number is faster than making a view.
-_SHORT = 6
+# Takes the numbers of a vector one by one: up to this size that is faster than making a view.
+_SHORT = 12
+_PICK = {size: itemgetter(*range(size)) for size in range(2, _SHORT + 1)}
 
 
 def read(port: InputPort, context: Context) -> list[Any]:
     """The numbers at an input port, which must be connected."""
-    return elements(port.EvalBasicVector(context))
+    vector = port.EvalBasicVector(context)
+    if type(vector) is BasicVector and (pick := _PICK.get(vector.size())):
+        return list(pick(vector))
+    return elements(vector)
 
 
 def read_or_zeros(port: InputPort, context: Context) -> list[Any]:
@@ -53,8 +58,8 @@ def is_on(port: InputPort, context: Context) -> bool:
 
 def elements(vector: Any) -> list[Any]:
     """The numbers of a BasicVector: floats, or AutoDiffXd."""
-    if type(vector) is BasicVector and (size := vector.size()) <= _SHORT:
-        return [vector[i] for i in range(size)]
+    if type(vector) is BasicVector and (pick := _PICK.get(vector.size())):
+        return list(pick(vector))
     try:
         return vector.value().tolist()
     except (RuntimeError, TypeError):  # scalars other than float have no view

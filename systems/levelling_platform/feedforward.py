@@ -5,9 +5,11 @@ Three legs are active; the fourth is kept on the ground by calculation, Eqs. (30
 
 import sys
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.framework import (  # type: ignore[attr-defined]
     BasicVector_,
     Context,
@@ -17,6 +19,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 
 from parapod.systems.core.elementwise import Elementwise
 from parapod.systems.core.ports import elements, is_on, read, read_array, read_or_zeros
+from parapod.systems.core.remembered import Remembered
 from parapod.systems.core.templates import for_floats
 from parapod.systems.levelling_platform.geometry import (
     ACTIVE_LEGS,
@@ -25,35 +28,69 @@ from parapod.systems.levelling_platform.geometry import (
     PlatformGeometry,
 )
 from parapod.systems.levelling_platform.leg import (
-    extension_on_plane,
+    extension_on_moving_plane,
     extension_rate_on_plane,
     foot_motion,
 )
-from parapod.systems.levelling_platform.plane import (
-    Vector3,
-    attitude_derivatives,
-    dot,
-    normal_of,
-    to_platform,
-)
+from parapod.systems.levelling_platform.plane import dot, normal_of, seen_moving
 
 
-def moving_plane(
+def _active_state(
+    legs: Sequence[LegGeometry],
+    indices: Sequence[int],
+    posture: Sequence[Elementwise],
     ground: Sequence[Elementwise],
-    attitude: Sequence[Elementwise],
-    attitude_rate: Sequence[Elementwise],
-) -> tuple[Vector3, Vector3]:
-    """The ground's normal in the frame of a turning platform, and its rate [1/s]."""
-    n = normal_of(*ground)
-    roll, pitch = attitude
-    g = to_platform(n, roll, pitch)
-    by_roll, by_pitch = attitude_derivatives(n, g, roll, pitch)
-    roll_rate, pitch_rate = attitude_rate
-    return g, (
-        roll_rate * by_roll[0] + pitch_rate * by_pitch[0],
-        roll_rate * by_roll[1] + pitch_rate * by_pitch[1],
-        roll_rate * by_roll[2] + pitch_rate * by_pitch[2],
-    )
+    offsets: Sequence[Elementwise],
+) -> NDArray[Any]:
+    """Extensions and rates (6) of the active legs for a posture and its rates (6)."""
+    roll, pitch, height, roll_rate, pitch_rate, height_rate = posture
+    g, g_rate = seen_moving(normal_of(*ground), roll, pitch, roll_rate, pitch_rate)
+    extension, rate = [], []
+    for i, leg in zip(indices, legs, strict=True):
+        above = height - leg.foot_radius - offsets[i]
+        d, v = extension_on_moving_plane(leg, g, g_rate, above, height_rate)
+        extension.append(d)
+        rate.append(v)
+    return np.array(extension + rate)
+
+
+def _rates(
+    legs: Sequence[LegGeometry],
+    extension: Sequence[Elementwise],
+    posture: Sequence[Elementwise],
+    ground: Sequence[Elementwise],
+) -> list[Elementwise]:
+    """Rates of legs that have these extensions, for a posture and its rates (6): Eq. (26)."""
+    roll, pitch, _, roll_rate, pitch_rate, height_rate = posture
+    g, g_rate = seen_moving(normal_of(*ground), roll, pitch, roll_rate, pitch_rate)
+    return [
+        extension_rate_on_plane(leg, d, g, g_rate, height_rate)
+        for leg, d in zip(legs, extension, strict=True)
+    ]
+
+
+def _whole_state(
+    geometry: PlatformGeometry,
+    active_legs: Sequence[int],
+    passive: int,
+    active: Sequence[Elementwise],
+    posture: Sequence[Elementwise],
+    ground: Sequence[Elementwise],
+    offsets: Sequence[Elementwise],
+) -> NDArray[Any]:
+    """Extensions and rates (8) of all legs, from those (6) of the active ones: Eq. (31)."""
+    first = active_legs[0]
+    roll, pitch, _, roll_rate, pitch_rate, _ = posture
+    g, g_rate = seen_moving(normal_of(*ground), roll, pitch, roll_rate, pitch_rate)
+    foot, slope = foot_motion(geometry.legs[first], active[0])
+    above = dot(g, foot) + offsets[first] - offsets[passive]
+    height_rate = dot(g, slope) * active[3] + dot(g_rate, foot)
+    leg = geometry.legs[passive]
+    extension, rate = extension_on_moving_plane(leg, g, g_rate, above, height_rate)
+    desired = [extension] * LEG_COUNT + [rate] * LEG_COUNT
+    for k, i in enumerate(active_legs):
+        desired[i], desired[LEG_COUNT + i] = active[k], active[3 + k]
+    return np.array(desired)
 
 
 @TemplateSystem.define("KinematicFeedforward_", scope=sys.modules[__name__])
@@ -98,6 +135,8 @@ def KinematicFeedforward_(T: Any) -> Any:
             self.geometry, self.law, self.period = geometry, law, period
             self.active_legs = tuple(active_legs)
             self._legs: tuple[LegGeometry, ...] = tuple(geometry.legs[i] for i in active_legs)
+            solve = partial(_active_state, self._legs, self.active_legs)
+            self._solve = Remembered(solve) if T is float else solve
             self._posture = self.DeclareVectorInputPort("posture_desired_state", 6)
             self._ground = self.DeclareVectorInputPort("ground", 2)
             self._offsets = self.DeclareVectorInputPort("foot_offsets", LEG_COUNT)
@@ -123,23 +162,14 @@ def KinematicFeedforward_(T: Any) -> Any:
             )
 
         def _calc_desired_state(self, context: Context, output: Any) -> None:
-            roll, pitch, height, roll_rate, pitch_rate, height_rate = read(self._posture, context)
-            g, g_rate = moving_plane(
-                read(self._ground, context), (roll, pitch), (roll_rate, pitch_rate)
-            )
+            posture, ground = read(self._posture, context), read(self._ground, context)
             if self.law == "differential":
                 extension = self._integral(context)
+                rate = _rates(self._legs, extension, posture, ground)
+                output.SetFromVector(np.array(extension + rate))
             else:
                 offsets = read_or_zeros(self._offsets, context)
-                extension = [
-                    extension_on_plane(leg, g, height - leg.foot_radius - offsets[i])
-                    for i, leg in zip(self.active_legs, self._legs, strict=True)
-                ]
-            rate = [
-                extension_rate_on_plane(leg, d, g, g_rate, height_rate)
-                for leg, d in zip(self._legs, extension, strict=True)
-            ]
-            output.SetFromVector(np.array(extension + rate))
+                output.SetFromVector(self._solve(posture, ground, offsets))
 
         def _integral(self, context: Context) -> list[Any]:
             """Integrated extensions, or the measured ones before the integration starts."""
@@ -193,7 +223,9 @@ def PassiveLegSolver_(T: Any) -> Any:
             LeafSystem_[T].__init__(self, converter)
             self.set_name("passive_leg_solver")
             self.geometry, self.active_legs = geometry, tuple(active_legs)
-            (self._passive,) = set(range(LEG_COUNT)) - set(active_legs)
+            (passive,) = set(range(LEG_COUNT)) - set(active_legs)
+            solve = partial(_whole_state, geometry, self.active_legs, passive)
+            self._solve = Remembered(solve) if T is float else solve
             self._active = self.DeclareVectorInputPort("active_desired_state", 6)
             self._posture = self.DeclareVectorInputPort("posture_desired_state", 6)
             self._ground = self.DeclareVectorInputPort("ground", 2)
@@ -214,21 +246,13 @@ def PassiveLegSolver_(T: Any) -> Any:
             Impl._construct(self, other.geometry, other.active_legs, converter=converter)
 
         def _calc_desired_state(self, context: Context, output: Any) -> None:
-            active = read(self._active, context)
-            posture = read(self._posture, context)
-            g, g_rate = moving_plane(read(self._ground, context), posture[0:2], posture[3:5])
-            first = self.geometry.legs[self.active_legs[0]]
-            passive = self.geometry.legs[self._passive]
-            foot, slope = foot_motion(first, active[0])
-            height_rate = dot(g, slope) * active[3] + dot(g_rate, foot)
-            offsets = read_or_zeros(self._offsets, context)
-            rise = offsets[self.active_legs[0]] - offsets[self._passive]
-            extension = extension_on_plane(passive, g, dot(g, foot) + rise)
-            rate = extension_rate_on_plane(passive, extension, g, g_rate, height_rate)
-            desired = [extension] * LEG_COUNT + [rate] * LEG_COUNT
-            for k, leg in enumerate(self.active_legs):
-                desired[leg], desired[LEG_COUNT + leg] = active[k], active[3 + k]
-            output.SetFromVector(np.array(desired))
+            desired = self._solve(
+                read(self._active, context),
+                read(self._posture, context),
+                read(self._ground, context),
+                read_or_zeros(self._offsets, context),
+            )
+            output.SetFromVector(desired)
 
     return Impl
 

@@ -71,6 +71,16 @@ class LegGeometry:
             self.l_z + (self.l_7 - self.foot_radius) + self.l_6 * sa,
         )
 
+    @cached_property
+    def constants(self) -> tuple[float, ...]:
+        """Constants of the parallelogram, to be unpacked in one go.
+
+        e_a (2), l_3 [m], l_4^2, l_3^2 - l_4^2 and l_3^2 + l_4^2 [m^2].
+        """
+        l_3, l_3_squared, l_4_squared = self.l_3, self.l_3 * self.l_3, self.l_4 * self.l_4
+        sums = l_4_squared, l_3_squared - l_4_squared, l_3_squared + l_4_squared
+        return (*self.e_a, l_3, *sums)
+
 
 @dataclass(frozen=True)
 class LegDeviation:

@@ -2,12 +2,14 @@
 
 import functools
 import weakref
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context
 
-from parapod.systems.core.ports import declare_cached, read
+from parapod.systems.core.ports import read
+from parapod.systems.core.remembered import Remembered
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import (
     LEVEL_GROUND,
@@ -17,11 +19,23 @@ from parapod.systems.levelling_platform.inclined_ground import (
 from parapod.systems.levelling_platform.model import standing_pose
 from parapod.systems.levelling_platform.statics import (
     KinematicPlatformParams,
-    Stance,
     stand,
     stand_on_feet_and_wheels,
 )
 from parapod.systems.levelling_platform.wheels import WheelGeometry
+
+# Signals of the solution, where they are in it.
+STANCE = {
+    "posture": slice(0, 3),
+    "attitude": slice(3, 6),
+    "angular_velocity": slice(6, 9),
+    "specific_force": slice(9, 12),
+    "inertial_motion": slice(3, 12),
+    "contact_force": slice(12, 16),
+    "load_force": slice(16, 20),
+    "foot_height": slice(20, 24),
+}
+_STANCE_SIZE = 24
 
 
 class KinematicPlatform(OnInclinedGround):
@@ -41,11 +55,15 @@ class KinematicPlatform(OnInclinedGround):
     | out `load_force` | 4 | N | force with which the actuators hold, positive to extend |
     | out `foot_height` | 4 | m | of the feet above the ground, zero where they carry |
     | out `base_pose` | 7 | -, m | quaternion (w, x, y, z) and position, above the origin |
+    | out `stance` | 24 | as these | posture, inertial motion, contact, load, heights of the feet |
 
     Four springs on a rigid ground share the load when the feet nearly lie in one plane; where
     one would have to pull, its foot lifts and the other three carry. With wheels these carry
     where the feet do not. Ideal friction: the feet stay where they stand sideways, and yaw is
     zero; where the wheels have driven to is left out.
+
+    All of it is one solution, and `stance` shows it in one vector: where several signals are read
+    at every step, a C++ `Demultiplexer` behind `stance` costs less than their own ports.
 
     State: none. Parameters (Context): the ground, see `OnInclinedGround`.
 
@@ -71,67 +89,74 @@ class KinematicPlatform(OnInclinedGround):
         """
         super().__init__(ground, foot_offsets)
         self.set_name("kinematic_platform")
-        self._geometry, self._params, self._wheels = geometry, params, wheels
+        self._solved = Remembered(functools.partial(_solved, geometry, params, wheels))
         self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
         self._velocity = self.DeclareVectorInputPort("velocity", LEG_COUNT)
         self._arm = self.DeclareVectorInputPort("arm_position", 2)
-        self._stance = declare_cached(
-            self,
-            "stance",
-            self._calc_stance,
-            {
-                self._extension.ticket(),
-                self._velocity.ticket(),
-                self._arm.ticket(),
-                self.all_parameters_ticket(),
-            },
-        )
-        for name, size in (
-            ("posture", 3),
-            ("attitude", 3),
-            ("angular_velocity", 3),
-            ("specific_force", 3),
-            ("inertial_motion", 9),
-            ("contact_force", 4),
-            ("load_force", 4),
-            ("foot_height", 4),
-        ):
-            calc = functools.partial(_copy_signal, weakref.ref(self), name)
-            self.DeclareVectorOutputPort(name, size, calc, {self._stance.ticket})
-        self.DeclareVectorOutputPort(
-            "base_pose",
-            7,
-            self._calc_base_pose,
-            {self._stance.ticket, self.all_parameters_ticket()},
+        tickets = {
+            self._extension.ticket(),
+            self._velocity.ticket(),
+            self._arm.ticket(),
+            self.all_parameters_ticket(),
+        }
+        for name, part in STANCE.items():
+            calc = functools.partial(_copy_part, weakref.ref(self), part)
+            size = part.stop - part.start
+            self.DeclareVectorOutputPort(name, size, calc, tickets)
+        self.DeclareVectorOutputPort("base_pose", 7, self._calc_base_pose, tickets)
+        self._stance: Any = self.DeclareVectorOutputPort(
+            "stance", _STANCE_SIZE, self._calc_stance, tickets
         )
 
-    def signal(self, context: Context, name: str) -> NDArray[np.float64]:
-        """The signal of that name, from the one solution that all of them share."""
-        return np.array(getattr(self._stance.of(self, context), name))
+    def part(self, context: Context, part: slice) -> NDArray[np.float64]:
+        """Part of the one solution that all ports share."""
+        shown: NDArray[np.float64] = self._stance.Eval(context)[part]
+        return shown
 
     def _calc_base_pose(self, context: Context, output: BasicVector) -> None:
-        posture = self._stance.of(self, context).posture
+        posture = self.part(context, STANCE["posture"]).tolist()
         output.SetFromVector(standing_pose(posture, self._ground_of(context)))
 
-    def _calc_stance(self, context: Context) -> Stance:
+    def _calc_stance(self, context: Context, output: BasicVector) -> None:
         arm = read(self._arm, context) if self._arm.HasValue(context) else [0.0, 0.0]
-        state = (
-            self._params,
+        shown = self._solved(
             read(self._extension, context),
             read(self._velocity, context),
             self._ground_of(context),
             arm,
             self._offsets_of(context),
         )
-        if self._wheels is None:
-            return stand(self._geometry, *state)
-        return stand_on_feet_and_wheels(self._geometry, self._wheels, *state)
+        output.SetFromVector(shown)
 
 
-def _copy_signal(
-    platform: weakref.ref[KinematicPlatform], name: str, context: Context, output: BasicVector
+def _solved(
+    geometry: PlatformGeometry,
+    params: KinematicPlatformParams,
+    wheels: WheelGeometry | None,
+    *state: list[float],
+) -> NDArray[np.float64]:
+    """The stance as its port shows it."""
+    if wheels is None:
+        stance = stand(geometry, params, *state)
+    else:
+        stance = stand_on_feet_and_wheels(geometry, wheels, params, *state)
+    return np.array(
+        [
+            *stance.posture,
+            *stance.attitude,
+            *stance.angular_velocity,
+            *stance.specific_force,
+            *stance.contact_force,
+            *stance.load_force,
+            *stance.foot_height,
+        ]
+    )
+
+
+def _copy_part(
+    platform: weakref.ref[KinematicPlatform], part: slice, context: Context, output: BasicVector
 ) -> None:
     """Calculates one output port; knows the system weakly, as a port must not keep it alive."""
     system = platform()
     assert system is not None
-    output.SetFromVector(system.signal(context, name))
+    output.SetFromVector(system.part(context, part))

@@ -92,16 +92,19 @@ def inverse_kinematics(
     )
     if not shape:
         extension = stack(_inverse(geometry, y, n, delta), shape)
-    else:
-        size = int(np.prod(shape))
-        rows = np.empty((size, LEG_COUNT))
-        for start in range(0, size, _CHUNK):
-            part = slice(start, start + _CHUNK)
-            chunk = ([c[part] if np.ndim(c) else c for c in block] for block in (y, n, delta))
-            for leg, column in enumerate(_inverse(geometry, *chunk)):
-                rows[part, leg] = column
-        extension = rows.reshape(*shape, LEG_COUNT)
-    return _within_stroke(geometry, extension, on_unreachable)
+        return _within_stroke(geometry, extension, on_unreachable)
+    size = int(np.prod(shape))
+    rows, are_all_inside = np.empty((size, LEG_COUNT)), True
+    for start in range(0, size, _CHUNK):
+        part = slice(start, start + _CHUNK)
+        chunk = ([c[part] if np.ndim(c) else c for c in block] for block in (y, n, delta))
+        legs = _inverse(geometry, *chunk)
+        for leg, column in enumerate(legs):
+            rows[part, leg] = column
+        # Now, while they are in the cache.
+        are_all_inside = are_all_inside and _are_inside_stroke(geometry, legs)
+    extension = rows.reshape(*shape, LEG_COUNT)
+    return extension if are_all_inside else _within_stroke(geometry, extension, on_unreachable)
 
 
 def _inverse(
@@ -115,6 +118,15 @@ def _inverse(
     return tuple(
         extension_on_plane(leg, g, height - offset - leg.foot_radius)
         for leg, offset in zip(geometry.legs, offsets, strict=True)
+    )
+
+
+def _are_inside_stroke(geometry: PlatformGeometry, legs: Sequence[NDArray[np.float64]]) -> bool:
+    """Whether no extension of a batch leaves its stroke or is NaN; of four columns."""
+    low, high = geometry.extension_min, geometry.extension_max
+    return all(
+        low - leg.min() <= _STROKE_TOLERANCE and leg.max() - high <= _STROKE_TOLERANCE
+        for leg in legs
     )
 
 

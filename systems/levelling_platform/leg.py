@@ -20,14 +20,25 @@ from parapod.systems.levelling_platform.plane import Vector3, dot
 def long_side(leg: LegGeometry, extension: Elementwise) -> tuple[Elementwise, Elementwise]:
     """Components of the long side l_4 (cos psi, sin psi) in the leg's plane [m].
 
-    Eq. (2) without trigonometric calls: d cos gamma = (d^2 + l_3^2 - l_4^2) / (2 l_3), and the
-    diagonal is d (cos z, sin z) with z = alpha + gamma. NaN where the triangle cannot close.
+    NaN where the triangle cannot close.
     """
-    ca, sa = leg.e_a
-    along = (extension * extension + (leg.l_3 * leg.l_3 - leg.l_4 * leg.l_4)) * (0.5 / leg.l_3)
+    return _side_motion(leg, extension)[:2]
+
+
+def _side_motion(
+    leg: LegGeometry, extension: Elementwise
+) -> tuple[Elementwise, Elementwise, Elementwise]:
+    """`long_side` (2) and `swing_rate`.
+
+    Eq. (2) without trigonometric calls: d cos gamma = (d^2 + l_3^2 - l_4^2) / (2 l_3), and the
+    diagonal is d (cos z, sin z) with z = alpha + gamma. The rate is that of d^2 = l_3^2 + l_4^2 +
+    2 l_3 l_4 cos(psi - alpha), where l_4 sin(psi - alpha) is d sin gamma.
+    """
+    ca, sa, l_3, _, difference, _ = leg.constants
+    along = (extension * extension + difference) * (0.5 / l_3)
     across = sqrt(extension * extension - along * along)
-    side = along - leg.l_3
-    return side * ca - across * sa, side * sa + across * ca
+    side = along - l_3
+    return side * ca - across * sa, side * sa + across * ca, -extension / (l_3 * across)
 
 
 def swing_angle(leg: LegGeometry, extension: Elementwise) -> Elementwise:
@@ -37,22 +48,14 @@ def swing_angle(leg: LegGeometry, extension: Elementwise) -> Elementwise:
 
 def swing_motion(leg: LegGeometry, extension: Elementwise) -> tuple[Elementwise, Elementwise]:
     """`swing_angle` and `swing_rate` in one go."""
-    x, z = long_side(leg, extension)
+    x, z, rate = _side_motion(leg, extension)
     # Measured from -x, so that the branch cut of atan2 is far from the working range.
-    return atan2(-z, -x) + math.pi, _swing_rate(leg, extension, x, z)
+    return atan2(-z, -x) + math.pi, rate
 
 
 def swing_rate(leg: LegGeometry, extension: Elementwise) -> Elementwise:
     """Transmission ratio dpsi/dd of the swing angle to the extension [rad/m]; negative."""
-    return _swing_rate(leg, extension, *long_side(leg, extension))
-
-
-def _swing_rate(
-    leg: LegGeometry, extension: Elementwise, x: Elementwise, z: Elementwise
-) -> Elementwise:
-    # From d^2 = l_3^2 + l_4^2 + 2 l_3 l_4 cos(psi - alpha).
-    ca, sa = leg.e_a
-    return -extension / (leg.l_3 * (z * ca - x * sa))
+    return _side_motion(leg, extension)[2]
 
 
 def diagonal_angle(leg: LegGeometry, extension: Elementwise) -> Elementwise:
@@ -75,10 +78,9 @@ def foot_to_centre(leg: LegGeometry, extension: Elementwise) -> Vector3:
 
 def foot_motion(leg: LegGeometry, extension: Elementwise) -> tuple[Vector3, Vector3]:
     """`foot_to_centre` and `foot_to_centre_rate` in one go."""
-    x, z = long_side(leg, extension)
+    x, z, psi_rate = _side_motion(leg, extension)
     cb, sb = leg.e_b
     c_x, c_y, c_z = leg.p_MF
-    psi_rate = _swing_rate(leg, extension, x, z)
     sideways = z * psi_rate
     return (c_x - cb * x, c_y - sb * x, c_z - z), (cb * sideways, sb * sideways, -x * psi_rate)
 
@@ -138,3 +140,42 @@ def extension_rate_on_plane(
     """
     foot, slope = foot_motion(leg, extension)
     return (height_rate - dot(g_rate, foot)) / dot(g, slope)
+
+
+def extension_on_moving_plane(
+    leg: LegGeometry,
+    g: Vector3,
+    g_rate: Vector3,
+    height: Elementwise,
+    height_rate: Elementwise,
+) -> tuple[Elementwise, Elementwise]:
+    """`extension_on_plane` and `extension_rate_on_plane` in one go.
+
+    The long side solves the first, and everything in the second follows from it: with it,
+    g . dP/dd is the root of the first times dpsi/dd.
+
+    Args:
+        leg: the leg.
+        g: the plane's unit normal in the platform's frame.
+        g_rate: its rate [1/s].
+        height: distance of F above the plane through the foot (or the roller's centre) [m].
+        height_rate: its rate [m/s].
+
+    Returns:
+        The extension [m] and its rate [m/s].
+    """
+    ca, sa, l_3, l_4_squared, _, total = leg.constants
+    cb, sb = leg.e_b
+    c_x, c_y, c_z = leg.p_MF
+    g_1, g_2, g_3 = g
+    w_1, w_2, w_3 = g_rate
+    a_1 = g_1 * cb + g_2 * sb
+    b = g_1 * c_x + g_2 * c_y + g_3 * c_z - height
+    a_squared = a_1 * a_1 + g_3 * g_3
+    root = sqrt(l_4_squared * a_squared - b * b)
+    x = (b * a_1 - root * g_3) / a_squared
+    z = (b * g_3 + root * a_1) / a_squared
+    extension = sqrt(total + (2.0 * l_3) * (ca * x + sa * z))
+    psi_rate = -extension / (l_3 * (z * ca - x * sa))
+    by_turning = w_1 * (c_x - cb * x) + w_2 * (c_y - sb * x) + w_3 * (c_z - z)
+    return extension, (height_rate - by_turning) / (root * psi_rate)

@@ -5,8 +5,9 @@ parallelograms' second long sides, drawn where the joints put them; and the tran
 reduced leg, between the actuator's rod and the parallelogram's swing.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex, RigidBo
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.core.ports import read, read_array
+from parapod.systems.core.remembered import Remembered
 from parapod.systems.core.vectors import Axes
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, LegGeometry, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import (
@@ -550,7 +552,8 @@ class LegTransmission(LeafSystem):
     def __init__(self, geometry: PlatformGeometry = PlatformGeometry()):
         super().__init__()
         self.set_name("leg_transmission")
-        self._legs = geometry.legs
+        self._swing = Remembered(partial(_swing_states, geometry.legs))
+        self._ratios = Remembered(partial(_swing_rates, geometry.legs))
         self._rods = self.DeclareVectorInputPort("rod_state", 2 * LEG_COUNT)
         self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
         self._torque = self.DeclareVectorInputPort("swing_torque", LEG_COUNT)
@@ -565,19 +568,25 @@ class LegTransmission(LeafSystem):
         )
 
     def _calc_swing(self, context: Context, output: BasicVector) -> None:
-        rods = read(self._rods, context)
-        angles, rates = [], []
-        for i, leg in enumerate(self._legs):
-            angle, ratio = swing_motion(leg, rods[i])
-            angles.append(angle)
-            rates.append(ratio * rods[LEG_COUNT + i])
-        output.SetFromVector(np.array(angles + rates))
+        output.SetFromVector(self._swing(read(self._rods, context)))
 
     def _calc_load(self, context: Context, output: BasicVector) -> None:
-        extension = read(self._extension, context)
+        ratios = self._ratios(read(self._extension, context))
         torques = read(self._torque, context)
-        loads = [
-            torque * swing_rate(leg, d)
-            for leg, d, torque in zip(self._legs, extension, torques, strict=True)
-        ]
+        loads = [torque * ratio for torque, ratio in zip(torques, ratios, strict=True)]
         output.SetFromVector(np.array(loads))
+
+
+def _swing_states(legs: Sequence[LegGeometry], rods: Sequence[float]) -> NDArray[np.float64]:
+    """Angles psi and their rates (8) for extensions and their rates (8)."""
+    angles, rates = [], []
+    for leg, extension, rate in zip(legs, rods[:LEG_COUNT], rods[LEG_COUNT:], strict=True):
+        angle, ratio = swing_motion(leg, extension)
+        angles.append(angle)
+        rates.append(ratio * rate)
+    return np.array(angles + rates)
+
+
+def _swing_rates(legs: Sequence[LegGeometry], extension: Sequence[float]) -> list[float]:
+    """Transmission ratios dpsi/dd (4) at these extensions."""
+    return [swing_rate(leg, d) for leg, d in zip(legs, extension, strict=True)]

@@ -169,3 +169,42 @@ def attitude_derivatives(
     m_x_rate = -n[0] * sin_pitch - n[2] * cos_pitch
     m_z_rate = n[0] * cos_pitch - n[2] * sin_pitch
     return (0.0 * g[0], g[2], -g[1]), (m_x_rate, sin_roll * m_z_rate, cos_roll * m_z_rate)
+
+
+def seen_moving(
+    n: Vector3,
+    roll: Elementwise,
+    pitch: Elementwise,
+    roll_rate: Elementwise,
+    pitch_rate: Elementwise,
+) -> tuple[Vector3, Vector3]:
+    """`to_platform` for a platform that turns, and its rate [1/s]."""
+    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(roll), sin_cos(pitch)
+    n_1, n_2, n_3 = n
+    g_1 = n_1 * cos_pitch - n_3 * sin_pitch
+    m_z = n_1 * sin_pitch + n_3 * cos_pitch
+    g_2, g_3 = n_2 * cos_roll + m_z * sin_roll, m_z * cos_roll - n_2 * sin_roll
+    m_z_rate = pitch_rate * g_1
+    return (g_1, g_2, g_3), (
+        -pitch_rate * m_z,
+        roll_rate * g_3 + sin_roll * m_z_rate,
+        cos_roll * m_z_rate - roll_rate * g_2,
+    )
+
+
+def upwards_seeing(g: Vector3, n: Vector3) -> Vector3:
+    """The world's vertical seen by the platform that sees the vector n as g.
+
+    `upwards` of the angles of `attitude_seeing`, without the angles.
+    """
+    g_1, g_2, g_3 = g
+    across = sqrt(g_2 * g_2 + g_3 * g_3)
+    share = quotient(n[1], across)
+    sine, cosine, upright = g_2 / across, g_3 / across, sqrt(1.0 - share * share)
+    sin_roll, cos_roll = sine * upright - cosine * share, cosine * upright + sine * share
+    m_z = across * upright
+    # Pitch turns (g_1, m_z) to (n_1, n_3).
+    by_sine, by_cosine = n[0] * m_z - n[2] * g_1, n[0] * g_1 + n[2] * m_z
+    length = sqrt(by_sine * by_sine + by_cosine * by_cosine)
+    cos_pitch = by_cosine / length
+    return -by_sine / length, cos_pitch * sin_roll, cos_pitch * cos_roll

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import radians
+from operator import itemgetter
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -20,9 +21,11 @@ from parapod.systems.levelling_platform.kinematics import (
 
 # Layout of the discrete state.
 _COEFFICIENTS = slice(0, 18)  # polynomials of degree 5 of roll, pitch, height
+_EACH = slice(0, 6), slice(6, 12), slice(12, 18)
 _START, _DURATION, _STARTED = 18, 19, 20
 _COMMAND, _GROUND = slice(21, 24), slice(24, 26)
 _BRAKING = 26
+_planned_for = itemgetter(*range(_COMMAND.start, _GROUND.stop))
 _SIZE = 27
 # How long it takes to come to rest where the direct way to a command would leave the stroke [s].
 _BRAKE_TIME = 0.3
@@ -121,8 +124,7 @@ class PostureReference(LeafSystem):
     def _calc_desired_state(self, context: Context, output: BasicVector) -> None:
         state = elements(context.get_discrete_state_vector())
         if state[_STARTED] > 0.5:
-            now = context.get_time()
-            output.SetFromVector(np.array(_position(state, now) + _rate(state, now)))
+            output.SetFromVector(np.array(_motion(state, context.get_time())))
         else:
             output.SetFromVector(np.append(self._measured_posture(context), np.zeros(3)))
 
@@ -132,23 +134,25 @@ class PostureReference(LeafSystem):
         return forward_kinematics(self._geometry, extension, ground, foot_offsets=offsets)
 
     def _update_plan(self, context: Context, discrete_state: Any) -> None:
-        plan = elements(context.get_discrete_state_vector())
-        started = plan[_STARTED] > 0.5
+        state: Any = context.get_discrete_state_vector()
+        started = state[_STARTED] > 0.5
         if not is_on(self._enable, context):
             if started:
                 discrete_state.set_value(np.zeros(_SIZE))
             return
         command, ground = read(self._command, context), read(self._ground, context)
-        if started and plan[_BRAKING] > 0.5:
-            if context.get_time() < plan[_START] + plan[_DURATION]:
+        if started and state[_BRAKING] > 0.5:
+            if context.get_time() < state[_START] + state[_DURATION]:
                 return
-        elif started and plan[_COMMAND] == command and plan[_GROUND] == ground:
+        elif started and _planned_for(state) == (*command, *ground):
             return
+        plan = elements(state)
         if not np.isfinite(command + ground).all():
             return
         now = context.get_time()
         if started:
-            start = (_position(plan, now), _rate(plan, now), _acceleration(plan, now))
+            motion = _motion(plan, now)
+            start = (motion[:3], motion[3:], _acceleration(plan, now))
         else:
             start = (self._measured_posture(context).tolist(), [0.0] * 3, [0.0] * 3)
         if np.isfinite(start).all():
@@ -275,28 +279,28 @@ def _state(
 
 def _elapsed(state: list[float], time: float) -> float:
     """Time since the plan began; it stops at the plan's end, where the reference rests."""
-    return min(max(time - state[_START], 0.0), state[_DURATION])
+    elapsed, duration = time - state[_START], state[_DURATION]
+    return (elapsed if elapsed < duration else duration) if elapsed > 0.0 else 0.0
 
 
 def _position(state: list[float], time: float) -> list[float]:
-    t = _elapsed(state, time)
-    return [
-        c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5))))
-        for c0, c1, c2, c3, c4, c5 in (state[0:6], state[6:12], state[12:18])
-    ]
+    return _motion(state, time)[:3]
 
 
-def _rate(state: list[float], time: float) -> list[float]:
+def _motion(state: list[float], time: float) -> list[float]:
+    """Position and rate."""
     t = _elapsed(state, time)
-    return [
-        c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5)))
-        for _, c1, c2, c3, c4, c5 in (state[0:6], state[6:12], state[12:18])
-    ]
+    positions, rates = [], []
+    for k in _EACH:
+        c0, c1, c2, c3, c4, c5 = state[k]
+        positions.append(c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5)))))
+        rates.append(c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5))))
+    return positions + rates
 
 
 def _acceleration(state: list[float], time: float) -> list[float]:
     t = _elapsed(state, time)
     return [
         2.0 * c2 + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5))
-        for _, _, c2, c3, c4, c5 in (state[0:6], state[6:12], state[12:18])
+        for _, _, c2, c3, c4, c5 in (state[k] for k in _EACH)
     ]

@@ -94,7 +94,9 @@ class PostureScript(LeafSystem):
         if begun != float(enabled):
             self._begin_or_end(context, discrete_state, enabled)
             return
-        done = self._count_until(context.get_time() - start) if begun else 0
+        if not begun or count == len(self._times):
+            return
+        done = self._count_until(context.get_time() - start)
         if done > count:
             scale = context.get_discrete_state(1)[0]
             discrete_state.set_value(0, self._commanded(done, scale))

@@ -14,11 +14,8 @@ from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_motion, foot_to_centre
 from parapod.systems.levelling_platform.plane import (
     Vector3,
-    attitude_derivatives,
     attitude_seeing,
-    cross,
     dot,
-    dot4,
     minus,
     mismatch,
     normal_of,
@@ -28,6 +25,7 @@ from parapod.systems.levelling_platform.plane import (
     scaled,
     to_platform,
     upwards,
+    upwards_seeing,
 )
 from parapod.systems.levelling_platform.wheels import WheelGeometry
 
@@ -75,11 +73,6 @@ class Stance(NamedTuple):
     foot_height: Sequence[float]
     normal: Sequence[float]  # of the ground, in the platform's frame
 
-    @property
-    def inertial_motion(self) -> list[float]:
-        """Attitude, angular velocity and specific force (9), as `InertialMotion` gives them."""
-        return [*self.attitude, *self.angular_velocity, *self.specific_force]
-
 
 def stand(
     geometry: PlatformGeometry,
@@ -110,39 +103,50 @@ def stand(
     n = normal_of(*ground)
     shares, normal_weight = _carry(params, feet, n, arm, geometry.foot_radius)
     contact = [normal_weight * share for share in shares]
-    sunk = [
-        (x, y, z - f / params.foot_stiffness) for (x, y, z), f in zip(feet, contact, strict=True)
-    ]
-    carrying = sorted(range(LEG_COUNT), key=contact.__getitem__)[1:]
+    give = normal_weight / params.foot_stiffness
+    sunk = [(x, y, z - give * share) for (x, y, z), share in zip(feet, shares, strict=True)]
+    carrying = _OTHERS[contact.index(min(contact))]
     points = [sunk[i] for i in carrying]
     g, g_rate = _moving_normal(points, [scaled(slopes[i], velocity[i]) for i in carrying])
-    height = dot(g, points[0]) + geometry.foot_radius
-    roll, pitch = attitude_seeing(g, n)
-    roll_rate, pitch_rate = attitude_rate(n, g, g_rate, roll, pitch)
-    cos_roll, sin_roll = math.cos(roll), math.sin(roll)
+    height = dot(g, points[0])
+    roll, pitch, turning, up = _attitude(n, g, g_rate)
     return Stance(
-        posture=[roll, pitch, height],
-        attitude=[roll, pitch, 0.0],
-        angular_velocity=[roll_rate, pitch_rate * cos_roll, -pitch_rate * sin_roll],
-        specific_force=scaled(upwards(roll, pitch), params.gravity),
-        contact_force=contact,
-        load_force=[f * dot(g, slope) for f, slope in zip(contact, slopes, strict=True)],
-        foot_height=[max(0.0, dot(g, minus(points[0], foot))) for foot in sunk],
-        normal=g,
+        [roll, pitch, height + geometry.foot_radius],
+        [roll, pitch, 0.0],
+        turning,
+        scaled(up, params.gravity),
+        contact,
+        [f * dot(g, slope) for f, slope in zip(contact, slopes, strict=True)],
+        [max(0.0, height - dot(g, foot)) for foot in sunk],
+        g,
     )
+
+
+# The other three legs of each.
+_OTHERS = tuple(tuple(i for i in range(LEG_COUNT) if i != leg) for leg in range(LEG_COUNT))
 
 
 def _moving_normal(points: list[Vector3], rates: list[Vector3]) -> tuple[Vector3, Vector3]:
     """Unit normal of the plane through three moving points, pointing up, and its rate."""
-    p, q, r = points
-    p_rate, q_rate, r_rate = rates
-    normal, length = normal_through(p, q, r)
-    g = scaled(normal, 1.0 / length)
-    normal_rate = plus(
-        cross(minus(p_rate, q_rate), minus(p, r)), cross(minus(p, q), minus(p_rate, r_rate))
+    (p_1, p_2, p_3), (q_1, q_2, q_3), (r_1, r_2, r_3) = points
+    u_1, u_2, u_3 = p_1 - q_1, p_2 - q_2, p_3 - q_3
+    v_1, v_2, v_3 = p_1 - r_1, p_2 - r_2, p_3 - r_3
+    n_1, n_2, n_3 = u_2 * v_3 - u_3 * v_2, u_3 * v_1 - u_1 * v_3, u_1 * v_2 - u_2 * v_1
+    by_length = math.copysign(1.0 / math.sqrt(n_1 * n_1 + n_2 * n_2 + n_3 * n_3), n_3)
+    g_1, g_2, g_3 = g = n_1 * by_length, n_2 * by_length, n_3 * by_length
+    (p_1, p_2, p_3), (q_1, q_2, q_3), (r_1, r_2, r_3) = rates
+    q_1, q_2, q_3 = p_1 - q_1, p_2 - q_2, p_3 - q_3
+    r_1, r_2, r_3 = p_1 - r_1, p_2 - r_2, p_3 - r_3
+    # Derivative of u x v, without what only stretches it.
+    n_1 = q_2 * v_3 - q_3 * v_2 + u_2 * r_3 - u_3 * r_2
+    n_2 = q_3 * v_1 - q_1 * v_3 + u_3 * r_1 - u_1 * r_3
+    n_3 = q_1 * v_2 - q_2 * v_1 + u_1 * r_2 - u_2 * r_1
+    stretch = g_1 * n_1 + g_2 * n_2 + g_3 * n_3
+    return g, (
+        (n_1 - stretch * g_1) * by_length,
+        (n_2 - stretch * g_2) * by_length,
+        (n_3 - stretch * g_3) * by_length,
     )
-    stretch = dot(g, normal_rate)
-    return g, scaled(minus(normal_rate, scaled(g, stretch)), 1.0 / length)
 
 
 def _carry(
@@ -154,51 +158,52 @@ def _carry(
 ) -> tuple[list[float], float]:
     """Shares of the weight carried by the four feet, and the weight normal to the ground [N]."""
     weight = (params.mass + params.arm_mass) * params.gravity
+    com = centre_of_mass(params, arm)
     weights, excess = mismatch(feet)
-    squared = dot4(weights, weights)
+    w_1, w_2, w_3, w_4 = weights
+    squared = w_1 * w_1 + w_2 * w_2 + w_3 * w_3 + w_4 * w_4
     gap = excess / squared
-    flat = [(x, y, z - w * gap) for (x, y, z), w in zip(feet, weights, strict=True)]
-    centre, upright = _pressure_point(params, arm, (flat[0], flat[1], flat[2]), n, radius)
+    (x_1, y_1, z_1), (x_2, y_2, z_2), (x_3, y_3, z_3), _ = feet
+    flat = (x_1, y_1, z_1 - w_1 * gap), (x_2, y_2, z_2 - w_2 * gap), (x_3, y_3, z_3 - w_3 * gap)
+    x, y, upright = _pressure_point(com, *flat, n, radius)
     # Any balanced shares plus a multiple of the dependency balance too; springs that give by
     # force / stiffness are balanced where (weights . force) = stiffness * excess.
-    three = _barycentric(feet, (0, 1, 2), centre)
-    along = (params.foot_stiffness * excess / weight - dot4(weights, three)) / squared
-    shares = [s + w * along for s, w in zip(three, weights, strict=True)]
+    three = _barycentric(feet, (0, 1, 2), x, y)
+    s_1, s_2, s_3, _ = three
+    balance = w_1 * s_1 + w_2 * s_2 + w_3 * s_3
+    along = (params.foot_stiffness * excess / weight - balance) / squared
+    shares = [s_1 + w_1 * along, s_2 + w_2 * along, s_3 + w_3 * along, w_4 * along]
     if min(shares) >= 0.0:
         return shares, weight * upright
     # One end of the shorter diagonal lifts: the one on the far side of the centre of mass.
     lifted = min(range(LEG_COUNT), key=shares.__getitem__)
     results = []
     for leg in (lifted, (lifted + 2) % LEG_COUNT):
-        a, b, c = (i for i in range(LEG_COUNT) if i != leg)
-        centre, upright = _pressure_point(params, arm, (feet[a], feet[b], feet[c]), n, radius)
-        results.append((_barycentric(feet, (a, b, c), centre), weight * upright))
+        legs = _OTHERS[leg]
+        a, b, c = (feet[i] for i in legs)
+        x, y, upright = _pressure_point(com, a, b, c, n, radius)
+        results.append((_barycentric(feet, legs, x, y), weight * upright))
     return max(results, key=lambda result: min(result[0]))
 
 
-def _barycentric(
-    feet: list[Vector3], legs: tuple[int, ...], centre: tuple[float, float]
-) -> list[float]:
-    """Shares of three legs that balance the weight at `centre`; the fourth gets zero."""
-    (xa, ya, _), (xb, yb, _), (xc, yc, _) = (feet[i] for i in legs)
+def _barycentric(feet: list[Vector3], legs: tuple[int, ...], x: float, y: float) -> list[float]:
+    """Shares of three legs that balance the weight at (x, y); the fourth gets zero."""
+    first, second, third = legs
+    (xa, ya, _), (xb, yb, _), (xc, yc, _) = feet[first], feet[second], feet[third]
     # Feet stand at minus the vectors to F.
-    x, y = -centre[0], -centre[1]
-    area = (xb - xa) * (yc - ya) - (xc - xa) * (yb - ya)
-    b = ((x - xa) * (yc - ya) - (xc - xa) * (y - ya)) / area
-    c = ((xb - xa) * (y - ya) - (x - xa) * (yb - ya)) / area
+    x, y = -x - xa, -y - ya
+    xb, yb, xc, yc = xb - xa, yb - ya, xc - xa, yc - ya
+    area = xb * yc - xc * yb
     shares = [0.0] * LEG_COUNT
-    for leg, share in zip(legs, (1.0 - b - c, b, c), strict=True):
-        shares[leg] = share
+    shares[second] = b = (x * yc - xc * y) / area
+    shares[third] = c = (xb * y - x * yb) / area
+    shares[first] = 1.0 - b - c
     return shares
 
 
 def _pressure_point(
-    params: KinematicPlatformParams,
-    arm: list[float],
-    feet: tuple[Vector3, Vector3, Vector3],
-    n: Vector3,
-    radius: float,
-) -> tuple[tuple[float, float], float]:
+    com: Vector3, p: Vector3, q: Vector3, r: Vector3, n: Vector3, radius: float
+) -> tuple[float, float, float]:
     """Point in which the line of gravity of the centre of mass meets the ground under three feet.
 
     The ground is below the feet's centres by their radius; the point is told as if seen along
@@ -208,17 +213,13 @@ def _pressure_point(
         That point (x, y) in the platform's frame [m], and the cosine between the ground's normal
         and the vertical.
     """
-    com = centre_of_mass(params, arm)
-    normal, length = normal_through(*feet)
-    g = scaled(normal, 1.0 / length)
-    up = upwards(*attitude_seeing(g, n))
+    normal, length = normal_through(p, q, r)
+    g_1, g_2, g_3 = g = scaled(normal, 1.0 / length)
+    up_1, up_2, up_3 = upwards_seeing(g, n)
     # A foot is at -P from F, so the plane is g . x = -g . P.
-    upright = dot(g, up)
-    fall = (dot(g, plus(feet[0], com)) + radius) / upright
-    return (
-        com[0] - fall * up[0] + radius * g[0],
-        com[1] - fall * up[1] + radius * g[1],
-    ), upright
+    upright = g_1 * up_1 + g_2 * up_2 + g_3 * up_3
+    fall = (dot(g, p) + dot(g, com) + radius) / upright
+    return com[0] - fall * up_1 + radius * g_1, com[1] - fall * up_2 + radius * g_2, upright
 
 
 def centre_of_mass(params: KinematicPlatformParams, arm: list[float]) -> Vector3:
@@ -234,14 +235,26 @@ def centre_of_mass(params: KinematicPlatformParams, arm: list[float]) -> Vector3
     return params.centre_with(on_arm)
 
 
-def attitude_rate(
-    n: Vector3, g: Vector3, g_rate: Vector3, roll: float, pitch: float
-) -> tuple[float, float]:
-    """Rates of roll and pitch that turn the ground's normal by g_rate in the platform's frame."""
-    _, by_pitch = attitude_derivatives(n, g, roll, pitch)
-    pitch_rate = g_rate[0] / by_pitch[0]
-    rest_y, rest_z = g_rate[1] - pitch_rate * by_pitch[1], g_rate[2] - pitch_rate * by_pitch[2]
-    return (rest_y * g[2] - rest_z * g[1]) / (g[1] * g[1] + g[2] * g[2]), pitch_rate
+def _attitude(
+    n: Vector3, g: Vector3, g_rate: Vector3
+) -> tuple[float, float, list[float], Vector3]:
+    """Attitude of a platform that sees the ground's normal n as g, which moves.
+
+    Returns:
+        Roll and pitch [rad], the angular velocity in the platform's frame (3) [rad/s], and the
+        world's vertical seen by the platform.
+    """
+    n_1, _, n_3 = n
+    _, g_2, g_3 = g
+    roll, pitch = attitude_seeing(g, n)
+    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(roll), sin_cos(pitch)
+    # What the pitch changes of g tells its rate, and what is left that of the roll.
+    pitch_rate = -g_rate[0] / (n_1 * sin_pitch + n_3 * cos_pitch)
+    by_pitch = pitch_rate * (n_1 * cos_pitch - n_3 * sin_pitch)
+    rest_2, rest_3 = g_rate[1] - sin_roll * by_pitch, g_rate[2] - cos_roll * by_pitch
+    roll_rate = (rest_2 * g_3 - rest_3 * g_2) / (g_2 * g_2 + g_3 * g_3)
+    turning = [roll_rate, pitch_rate * cos_roll, -pitch_rate * sin_roll]
+    return roll, pitch, turning, (-sin_pitch, cos_pitch * sin_roll, cos_pitch * cos_roll)
 
 
 _MOST_STEPS = 60
@@ -456,17 +469,12 @@ def _stance(
     slopes: list[Vector3],
 ) -> Stance:
     g, h, forces = footing.g, footing.h, footing.forces
-    roll, pitch = attitude_seeing(g, n)
-    roll_rate, pitch_rate = attitude_rate(n, g, _normal_rate(supports, footing), roll, pitch)
+    roll, pitch, turning, up = _attitude(n, g, _normal_rate(supports, footing))
     return Stance(
         posture=[roll, pitch, h],
         attitude=[roll, pitch, 0.0],
-        angular_velocity=[
-            roll_rate,
-            pitch_rate * math.cos(roll),
-            -pitch_rate * math.sin(roll),
-        ],
-        specific_force=scaled(upwards(roll, pitch), params.gravity),
+        angular_velocity=turning,
+        specific_force=scaled(up, params.gravity),
         contact_force=forces[:LEG_COUNT],
         load_force=[f * dot(g, slope) for f, slope in zip(forces, slopes, strict=False)],
         foot_height=[max(0.0, -depth) for depth in footing.depths[:LEG_COUNT]],

@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from parapod.systems.core.ports import read
+from parapod.systems.core.ports import elements, read
 
 _DEGREE = math.radians(1.0)
 # Value of the state's sample count once the averaging is over.
 _RUNNING = -1.0
+# Layout of the discrete state.
+_BIAS, _COUNT, _CALM = slice(6, 9), 9, 10
 
 
 @dataclass(frozen=True)
@@ -76,8 +78,8 @@ class AttitudeEstimator(LeafSystem):
     averaged (gain 1/k); motion ends that early. Until the first update the attitude is that
     of the present accelerometer reading, so the output never jumps from zero.
 
-    State: discrete, v (3), last good gyro sample (3), number of samples averaged (1), -1 once
-    the averaging is over, for how long samples have been calm (1); gyro bias (3).
+    State: discrete, v (3), last good gyro sample (3), gyro bias (3), number of samples averaged
+    (1), -1 once the averaging is over, for how long samples have been calm (1).
 
     Parameters (Context): time constant (1) [s], at least two periods.
 
@@ -99,31 +101,31 @@ class AttitudeEstimator(LeafSystem):
         self._time_constant = self.DeclareNumericParameter(
             BasicVector(np.array([params.time_constant]))
         )
-        self._filter: Any = self.DeclareDiscreteState(
-            np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, params.calm_time])
+        state = self.DeclareDiscreteState(
+            np.array([0.0, 0.0, 1.0, *[0.0] * 6, 0.0, params.calm_time])
         )
-        self._bias: Any = self.DeclareDiscreteState(3)
+        ticket = self.discrete_state_ticket(state)
         self.DeclareVectorOutputPort(
             "attitude",
             2,
             self._calc_attitude,
-            prerequisites_of_calc={
-                self.discrete_state_ticket(self._filter),
-                self._accel.ticket(),
-            },
+            prerequisites_of_calc={ticket, self._accel.ticket()},
         )
-        self.DeclareStateOutputPort("gyro_bias", self._bias)
+        self.DeclareVectorOutputPort(
+            "gyro_bias", 3, self._calc_gyro_bias, prerequisites_of_calc={ticket}
+        )
         self.DeclareVectorOutputPort(
             "trusted",
             1,
             self._calc_trusted,
-            prerequisites_of_calc={self.discrete_state_ticket(self._filter)},
+            prerequisites_of_calc={ticket},
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_filter)
         self._start_samples = max(1, round(params.start_time / period))
 
     def _calc_attitude(self, context: Context, output: BasicVector) -> None:
-        x, y, z, _, _, _, count, _ = context.get_discrete_state(self._filter).value().tolist()
+        state = elements(context.get_discrete_state_vector())
+        (x, y, z), count = state[:3], state[_COUNT]
         if count == 0.0:
             accel = read(self._accel, context)
             if self._may_start(math.hypot(*accel)):
@@ -131,14 +133,16 @@ class AttitudeEstimator(LeafSystem):
         roll, pitch = math.atan2(y, z), math.atan2(-x, math.sqrt(y * y + z * z))
         output.SetFromVector(np.array([roll, pitch]))
 
+    def _calc_gyro_bias(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.array(elements(context.get_discrete_state_vector())[_BIAS]))
+
     def _calc_trusted(self, context: Context, output: BasicVector) -> None:
-        calm = context.get_discrete_state(self._filter)[7]
+        calm = context.get_discrete_state_vector()[_CALM]
         output.SetFromVector(np.array([float(calm >= self.params.calm_time - 1e-9)]))
 
     def _update_filter(self, context: Context, discrete_state: DiscreteValues) -> None:
-        state = context.get_discrete_state(self._filter).value().tolist()
-        up, last, (count, calm) = state[0:3], state[3:6], state[6:8]
-        bias = context.get_discrete_state(self._bias).value().tolist()
+        state = elements(context.get_discrete_state_vector())
+        up, last, bias, (count, calm) = state[:3], state[3:6], state[_BIAS], state[_COUNT:]
         gyro = read(self._gyro, context)
         accel = read(self._accel, context)
         if not _is_within(gyro, self.params.rate_limit):
@@ -149,17 +153,11 @@ class AttitudeEstimator(LeafSystem):
         if count == _RUNNING:
             is_calm = self._is_calm(up, bias, gyro, accel, norm)
             calm = min(calm + self.period, self.params.calm_time) if is_calm else 0.0
-            rate = [
-                0.5 * (last[0] + gyro[0]),
-                0.5 * (last[1] + gyro[1]),
-                0.5 * (last[2] + gyro[2]),
-            ]
             tau = context.get_numeric_parameter(self._time_constant)[0]
-            self._correct(up, bias, rate, accel, norm, tau)
+            self._correct(up, bias, last, gyro, accel, norm, tau)
         elif count > 0.0 or self._may_start(norm):
             count = self._average(up, bias, gyro, accel, norm, count)
-        discrete_state.set_value(self._filter, np.array([*up, *gyro, count, calm]))
-        discrete_state.set_value(self._bias, np.array(bias))
+        discrete_state.set_value(np.array([*up, *gyro, *bias, count, calm]))
 
     def _average(
         self,
@@ -188,16 +186,21 @@ class AttitudeEstimator(LeafSystem):
         self,
         up: list[float],
         bias: list[float],
-        rate: list[float],
+        last: list[float],
+        gyro: list[float],
         accel: list[float],
         norm: float,
         time_constant: float,
     ) -> None:
         """One step of Mahony's filter: turns `up` and integrates `bias`, both in place."""
         dt = self.period
-        # Prediction: v turns by -angle about the rate; exact for a constant rate (Rodrigues).
+        # Prediction: v turns by -angle about the rate, the mean of the last two samples; exact
+        # for a constant rate (Rodrigues).
         v_x, v_y, v_z = up
-        x, y, z = (rate[0] - bias[0]) * dt, (rate[1] - bias[1]) * dt, (rate[2] - bias[2]) * dt
+        b_x, b_y, b_z = bias
+        x = (0.5 * (last[0] + gyro[0]) - b_x) * dt
+        y = (0.5 * (last[1] + gyro[1]) - b_y) * dt
+        z = (0.5 * (last[2] + gyro[2]) - b_z) * dt
         angle = math.sqrt(x * x + y * y + z * z)
         sine = math.sin(angle) / angle if angle > 0.0 else 1.0
         versine = 2.0 * (math.sin(0.5 * angle) / angle) ** 2 if angle > 0.0 else 0.5
@@ -220,9 +223,7 @@ class AttitudeEstimator(LeafSystem):
                 v_y + k_p * (v_z * e_x - v_x * e_z),
                 v_z + k_p * (v_x * e_y - v_y * e_x),
             )
-            bias[0] -= k_i * e_x
-            bias[1] -= k_i * e_y
-            bias[2] -= k_i * e_z
+            bias[:] = b_x - k_i * e_x, b_y - k_i * e_y, b_z - k_i * e_z
             self._limit(bias)
         length = math.sqrt(v_x * v_x + v_y * v_y + v_z * v_z)
         if length > 0.0:
@@ -254,6 +255,8 @@ class AttitudeEstimator(LeafSystem):
 
     def _limit(self, bias: list[float]) -> None:
         limit = self.params.bias_limit
+        if _is_within(bias, limit):
+            return
         for i in range(3):
             if bias[i] > limit:
                 bias[i] = limit

@@ -17,7 +17,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from parapod.systems.core.ports import elements, read
+from parapod.systems.core.ports import elements, read, read_or_zeros
 from parapod.systems.core.vectors import Axes
 from parapod.systems.sensors.noise import NoiseSource
 
@@ -52,10 +52,11 @@ class SensorAxis(NamedTuple):
             value: measured value, with its biases.
             noise: unit Gaussian.
         """
-        value += self.deviation * noise
-        if not -self.limit < value < self.limit:
-            return 0.0 if value != value else math.copysign(self.limit, value)
-        return round(value / self.resolution) * self.resolution if self.resolution else value
+        deviation, resolution, limit = self
+        value += deviation * noise
+        if not -limit < value < limit:
+            return 0.0 if value != value else math.copysign(limit, value)
+        return round(value / resolution) * resolution if resolution else value
 
 
 class Drift(NamedTuple):
@@ -200,8 +201,9 @@ class Imu(LeafSystem):
     delay and pass band are not modelled. Initialization takes a sample as well, so outputs are
     measurements from the start.
 
-    State: discrete, the last samples (3 each) and the in-run biases of gyro and accelerometer
-    (6), Gauss-Markov processes that start from zero.
+    State: discrete, the last samples of gyro and accelerometer (3 each); and (12) the in-run
+    biases of both (6), Gauss-Markov processes that start from zero, with attitude and noise of
+    the magnetometer's last sample (6), whose reading is worked out where it is read.
 
     Parameters (Context): turn-on biases of gyro and accelerometer (6), see `set_turn_on_bias`.
 
@@ -223,14 +225,15 @@ class Imu(LeafSystem):
         self._turn_on_bias = self.DeclareNumericParameter(
             BasicVector(np.array(params.gyro_turn_on_bias + params.accel_turn_on_bias))
         )
-        for name in ("gyro", "accel", "mag"):
+        for name in ("gyro", "accel"):
             self.DeclareStateOutputPort(name, self.DeclareDiscreteState(3))
-        self.DeclareDiscreteState(6)
+        hidden = self.discrete_state_ticket(self.DeclareDiscreteState(12))
+        self.DeclareVectorOutputPort("mag", 3, self._calc_mag, {hidden})
         self.DeclareInitializationDiscreteUpdateEvent(self._update_first_sample)
         self.DeclarePeriodicDiscreteUpdateEvent(self.period, 0.0, self._update_sample)
 
-        # One element an axis: gyro, accelerometer, magnetometer.
-        self._axes = [axis for axis in params.axes(self.period) for _ in range(3)]
+        gyro, accel, self._mag_axis = params.axes(self.period)
+        self._axes = (gyro,) * 3 + (accel,) * 3
         self._drifts = [drift for drift in params.drifts(self.period) for _ in range(3)]
 
     def set_turn_on_bias(
@@ -247,24 +250,23 @@ class Imu(LeafSystem):
         context.get_mutable_numeric_parameter(self._turn_on_bias).SetFromVector(bias)
 
     def _update_first_sample(self, context: Context, discrete_state: DiscreteValues) -> None:
-        drift = elements(context.get_discrete_state(3))
+        drift = elements(context.get_discrete_state(2))[:6]
         self._sample(context, discrete_state, self._read_noise(context), drift)
 
     def _update_sample(self, context: Context, discrete_state: DiscreteValues) -> None:
         noise = self._read_noise(context)
-        drift = [
-            decay * bias + kick * sample
-            for (decay, kick), bias, sample in zip(
-                self._drifts, elements(context.get_discrete_state(3)), noise[9:], strict=True
-            )
-        ]
-        discrete_state.set_value(3, np.array(drift))
+        drift = elements(context.get_discrete_state(2))[:6]
+        for i, (decay, kick) in enumerate(self._drifts):
+            drift[i] = decay * drift[i] + kick * noise[9 + i]
         self._sample(context, discrete_state, noise, drift)
 
     def _read_noise(self, context: Context) -> list[float]:
         if not self._noise.HasValue(context):
             return [0.0] * self.NOISE_SIZE
-        return [sample if math.isfinite(sample) else 0.0 for sample in read(self._noise, context)]
+        noise = read(self._noise, context)
+        if math.isfinite(sum(noise)):
+            return noise
+        return [sample if math.isfinite(sample) else 0.0 for sample in noise]
 
     def _sample(
         self,
@@ -273,24 +275,22 @@ class Imu(LeafSystem):
         noise: list[float],
         drift: list[float],
     ) -> None:
-        field = self.params.magnetic_field
-        if self._attitude.HasValue(context):
-            axes = Axes.from_roll_pitch_yaw(*read(self._attitude, context))
-            field = axes.components(field)
-        moved = read(self._angular_velocity, context) + read(self._specific_force, context)
+        truth = read(self._angular_velocity, context) + read(self._specific_force, context)
         constant = elements(context.get_numeric_parameter(self._turn_on_bias))
-        truth = [a + b + c for a, b, c in zip(moved, constant, drift, strict=True)]
-        reading = np.array(
-            [
-                axis.read(value, sample)
-                for axis, value, sample in zip(
-                    self._axes, (*truth, *field), noise[:9], strict=True
-                )
-            ]
-        )
+        each = zip(self._axes, truth, constant, drift, noise, strict=False)
+        reading = np.array([axis.read(a + b + c, sample) for axis, a, b, c, sample in each])
         discrete_state.set_value(0, reading[:3])
-        discrete_state.set_value(1, reading[3:6])
-        discrete_state.set_value(2, reading[6:])
+        discrete_state.set_value(1, reading[3:])
+        attitude = read_or_zeros(self._attitude, context)
+        discrete_state.set_value(2, np.array(drift + attitude + noise[6:9]))
+
+    def _calc_mag(self, context: Context, output: BasicVector) -> None:
+        roll, pitch, yaw, *noise = elements(context.get_discrete_state(2))[6:]
+        field = Axes.from_roll_pitch_yaw(roll, pitch, yaw).components(self.params.magnetic_field)
+        axis = self._mag_axis
+        output.SetFromVector(
+            np.array([axis.read(b, e) for b, e in zip(field, noise, strict=True)])
+        )
 
 
 def sample_period(decimation: int = _DECIMATION) -> float:

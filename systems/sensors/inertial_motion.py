@@ -1,5 +1,6 @@
 """Motion that an ideal inertial sensor in a simulated floating body would sense."""
 
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -46,9 +47,11 @@ class InertialMotion(LeafSystem):
         super().__init__()
         self.set_name("inertial_motion")
         self._period, self._gravity = period, gravity
-        self._quaternion = slice(pose_start, pose_start + 4)
-        self._velocities = slice(velocity_start, velocity_start + 6)
-        self._translation = slice(velocity_start + 3, velocity_start + 6)
+        turning = range(velocity_start, velocity_start + 3)
+        translation = range(velocity_start + 3, velocity_start + 6)
+        # Of some fifty numbers these are taken one by one.
+        self._moving = itemgetter(*range(pose_start, pose_start + 4), *turning, *translation)
+        self._translation = itemgetter(*translation)
         self._state: Any = self.DeclareVectorInputPort("state", state_size)
         self._last: Any = self.DeclareVectorInputPort("last_state", state_size)
         self.DeclareVectorOutputPort(
@@ -56,13 +59,12 @@ class InertialMotion(LeafSystem):
         )
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
-        state = self._state.EvalBasicVector(context).value()
-        last = self._last.EvalBasicVector(context).value()[self._translation].tolist()
-        axes = Axes.from_quaternion(state[self._quaternion].tolist())
-        w_x, w_y, w_z, *velocity = state[self._velocities].tolist()
-        f_x, f_y, f_z = (
-            (now - before) / self._period for now, before in zip(velocity, last, strict=True)
-        )
+        now = self._moving(self._state.EvalBasicVector(context))
+        last = self._translation(self._last.EvalBasicVector(context))
+        axes = Axes.from_quaternion(now[:4])
+        w_x, w_y, w_z, v_x, v_y, v_z = now[4:]
+        f_x, f_y = (v_x - last[0]) / self._period, (v_y - last[1]) / self._period
+        f_z = (v_z - last[2]) / self._period
         output.SetFromVector(
             np.array(
                 (

@@ -104,6 +104,8 @@ class _Stream:
 
     def sample(self, number: int) -> NDArray[np.float64]:
         block, row = divmod(number, _BLOCK)
+        if (kept := self._blocks.get(block)) is not None:
+            return kept[row]
         with self._lock:
             if block < self._next and block not in self._blocks:
                 self._restart()

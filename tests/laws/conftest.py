@@ -554,7 +554,7 @@ ENTRIES: dict[str, Entry] = {
     ),
     "KinematicPlatform": Entry(
         variants=({"wheels": WheelGeometry(), "ground": (0.01, 0.0)},),
-        passes={NOT_BUILT: f"{OF_A_PLANT} load_force foot_height base_pose"},
+        passes={NOT_BUILT: f"{OF_A_PLANT} load_force foot_height base_pose stance"},
         shares=True,
     ),
     "LegRamp": Entry(

@@ -287,3 +287,12 @@ def test_each_param_counts(stand, field, value, name):
     arm = (0.4, 0.5)
     changed = stand([0.405] * 4, arm=arm, params=replace(PARAMS, **{field: value}))
     assert (changed[name] != stand([0.405] * 4, arm=arm, params=PARAMS)[name]).any()
+
+
+def test_stance_shows_what_the_other_ports_show(stand):
+    platform = stand((0.404, 0.405, 0.406, 0.405), (0.001, 0.0, -0.001, 0.002), ground=GROUND)
+    names = ("posture", "attitude", "angular_velocity", "specific_force")
+    names += ("contact_force", "load_force", "foot_height")
+    shown = np.concatenate([platform[name] for name in names])
+    np.testing.assert_array_equal(platform["stance"], shown)
+    assert np.count_nonzero(shown) > 15

@@ -6,6 +6,7 @@ import pytest
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.leg import (
     diagonal_angle,
+    extension_on_moving_plane,
     extension_on_plane,
     extension_rate_on_plane,
     foot_to_centre,
@@ -148,6 +149,17 @@ def test_rate_on_a_moving_plane_agrees_with_differences():
         exact = extension_rate_on_plane(leg, extension(leg, 0.0), g, g_rate, height_rate)
         numeric = (extension(leg, step) - extension(leg, -step)) / (2.0 * step)
         assert exact == pytest.approx(numeric, rel=1e-7)
+
+
+def test_extension_and_rate_in_one_go_are_those_of_their_own():
+    g = to_platform(normal_of(0.03, -0.05), 0.02, 0.04)
+    g_rate, height, height_rate = (0.2, -0.3, 0.05), 0.45, 0.1
+    for leg in LEGS:
+        d, v = extension_on_moving_plane(leg, g, g_rate, height, height_rate)
+        assert d == pytest.approx(extension_on_plane(leg, g, height), rel=1e-15)
+        expected = extension_rate_on_plane(leg, d, g, g_rate, height_rate)
+        assert v == pytest.approx(expected, rel=1e-13)
+    assert all(map(math.isnan, extension_on_moving_plane(LEGS[0], g, g_rate, 1.0, 0.0)))
 
 
 def test_arrays_give_what_floats_give():

@@ -16,9 +16,11 @@ from parapod.systems.levelling_platform.plane import (
     normal_through,
     plus,
     scaled,
+    seen_moving,
     to_platform,
     to_world,
     upwards,
+    upwards_seeing,
 )
 
 ROUND = np.array([(0.7, -0.5), (0.8, 0.6), (-0.7, 0.5), (-0.6, -0.55)])
@@ -140,3 +142,20 @@ def test_attitude_derivatives_agree_with_differences():
 def test_angles_that_are_not_finite_give_nan(bad):
     assert all(math.isnan(c) for c in to_platform((0.1, 0.2, 1.0), 0.0, bad)[::2])
     assert all(math.isnan(c) for c in normal_of(bad, 0.0))
+
+
+def test_vertical_without_angles_is_that_of_the_angles():
+    for (roll, pitch), ground in zip(attitudes(), attitudes(seed=1, limit=0.3), strict=True):
+        n = normal_of(*ground)
+        g = to_platform(n, roll, pitch)
+        np.testing.assert_allclose(upwards_seeing(g, n), upwards(roll, pitch), atol=1e-15)
+
+
+def test_vector_seen_by_a_turning_platform_moves_as_its_derivatives_say():
+    for (roll, pitch), ground in zip(attitudes(), attitudes(seed=1, limit=0.3), strict=True):
+        n = normal_of(*ground)
+        g, g_rate = seen_moving(n, roll, pitch, 0.3, -0.2)
+        np.testing.assert_allclose(g, to_platform(n, roll, pitch), atol=1e-16)
+        by_roll, by_pitch = attitude_derivatives(n, g, roll, pitch)
+        expected = 0.3 * np.array(by_roll) - 0.2 * np.array(by_pitch)
+        np.testing.assert_allclose(g_rate, expected, atol=1e-16)
