@@ -25,8 +25,8 @@ from parapod.sims.lab.companion import PIECE, Companion, told
 from parapod.sims.lab.files import check_writable
 from parapod.sims.lab.mcap import McapWriter
 from parapod.systems.core.errors import OutputError, ParapodError
+from parapod.systems.core.extras import need
 from parapod.systems.core.quoting import quoted_path
-from parapod.systems.hardware.device import need
 
 # Longest time for which what has been read is not in the file [s].
 _FLUSH_PERIOD = 0.2

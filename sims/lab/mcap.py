@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from parapod.sims.lab.files import Log, atomic_output
 from parapod.systems.core.errors import OutputError
+from parapod.systems.core.extras import need
 from parapod.systems.core.quoting import quoted_path
-from parapod.systems.hardware.device import need
 
 _SCHEMA = {
     "type": "object",

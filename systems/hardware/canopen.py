@@ -12,7 +12,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from parapod.systems.hardware.device import DeviceError, DeviceFault, need
+from parapod.systems.core.extras import need
+from parapod.systems.hardware.device import DeviceError, DeviceFault
 
 # Identifiers of frames; those of a node have its id added.
 SYNC_ID, NMT_ID, HEARTBEAT_BASE = 0x080, 0x000, 0x700

@@ -1,18 +1,17 @@
-"""Life cycle, signals and failures that all devices have in common, and their libraries.
+"""Life cycle, signals and failures that all devices have in common.
 
-A library that only one part needs is imported when its device is configured, by `need`, which
-names the extra that brings it. A part that the machine does not have is `NotFitted`.
+A library that only one part needs is imported when its device is configured, see
+`parapod.systems.core.extras`. A part that the machine does not have is `NotFitted`.
 """
 
-import importlib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from enum import IntEnum
-from types import ModuleType, TracebackType
+from types import TracebackType
 from typing import Self
 
-from parapod.systems.core.errors import MissingExtra, ParapodError
+from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.quoting import printable
 from parapod.systems.hardware.exclusive import InUse, only_program
 
@@ -160,37 +159,6 @@ class Device(ABC):
         traceback: TracebackType | None,
     ) -> None:
         self._program.close()
-
-
-# The extra of `pip install "parapod[extra]"` that brings each module.
-EXTRAS = {
-    "can": "can",
-    "canopen": "can",
-    "grpc": "ni",
-    "iio": "iio",
-    "mcap": "log",
-    "nidaqmx": "ni",
-    "serial": "serial",
-    "spidev": "spi",
-}
-
-
-def need(module: str) -> ModuleType:
-    """A module of an optional library.
-
-    Args:
-        module: its dotted name.
-
-    Raises:
-        MissingExtra: it is not installed, or a library of the system that it needs is not.
-    """
-    try:
-        return importlib.import_module(module)
-    # ctypes, given the name of a library that is not there, looks in the program itself and misses
-    # the first symbol: an AttributeError.
-    except (ImportError, OSError, AttributeError) as error:
-        top = module.partition(".")[0]
-        raise MissingExtra(top, EXTRAS[top], str(error)) from error
 
 
 class NotFitted(Device):

@@ -32,7 +32,8 @@ from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.station import Station
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.hardware.device import EXTRAS, Device, DeviceError, DeviceFault
+from parapod.systems.core.extras import EXTRAS
+from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 PARTS = ("arm", "imu", "legs", "turntable", "wheels")

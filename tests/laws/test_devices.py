@@ -23,9 +23,10 @@ import pytest
 from parapod.diagrams.drivers.driver import Driver, PartPorts
 from parapod.diagrams.machine import list_machines
 from parapod.systems.core.errors import MissingExtra, ScenarioError
+from parapod.systems.core.extras import EXTRAS, need
 from parapod.systems.core.schema import Range, fields_of
 from parapod.systems.hardware.adis16448.iiod import is_available
-from parapod.systems.hardware.device import EXTRAS, DeviceError, DeviceFault, need
+from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.emulation.harness import SUPPLY, Harness, Misbehaviour
 
 SILENT, CORRUPT, UNPLUGGED = DeviceFault.SILENT, DeviceFault.CORRUPT, DeviceFault.UNPLUGGED

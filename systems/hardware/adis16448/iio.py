@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from parapod.systems.core.extras import need
 from parapod.systems.core.quoting import show
 from parapod.systems.hardware.adis16448.registers import (
     MEASURES,
@@ -18,7 +19,7 @@ from parapod.systems.hardware.adis16448.registers import (
     sample_rate,
 )
 from parapod.systems.hardware.adis16448.settings import IioSettings
-from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals, need
+from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
 
 # What IIO's units are in ours (Linux, Documentation/ABI/testing/sysfs-bus-iio): the driver's
 # channels of rad/s, m/s^2, gauss, and thousandths of a degree Celsius.

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
+from parapod.systems.core.extras import need
 from parapod.systems.core.quoting import show
 from parapod.systems.hardware.adis16448.registers import (
     BURST_CRC,
@@ -29,7 +30,7 @@ from parapod.systems.hardware.adis16448.registers import (
     mounting_axes,
 )
 from parapod.systems.hardware.adis16448.settings import SpiSettings
-from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals, need
+from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
 
 _SOCKET = "unix:"
 _DEVICE = re.compile(r"/.+|\d+\.\d+")

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from parapod.systems.core.extras import need
 from parapod.systems.hardware.canopen import (
     HEARTBEAT_BASE,
     HEARTBEAT_CONSUMED,
@@ -12,7 +13,6 @@ from parapod.systems.hardware.canopen import (
     SYNC_ID,
     Entry,
 )
-from parapod.systems.hardware.device import need
 from parapod.systems.hardware.emulation.harness import Misbehaviour
 
 # Every so many frames of a garbled node is cut short.

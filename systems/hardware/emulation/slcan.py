@@ -10,7 +10,7 @@ import threading
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-from parapod.systems.hardware.device import need
+from parapod.systems.core.extras import need
 from parapod.systems.hardware.emulation.harness import Misbehaviour
 from parapod.systems.hardware.emulation.pty import PtyPort
 

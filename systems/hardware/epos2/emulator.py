@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from parapod.systems.core.elementwise import clamp
+from parapod.systems.core.extras import need
 from parapod.systems.hardware.canopen import (
     HEARTBEAT_CONSUMED,
     HEARTBEAT_PRODUCED,
     Entry,
     wrapped,
 )
-from parapod.systems.hardware.device import need
 from parapod.systems.hardware.ds402 import STATUSWORDS, DriveState, is_energised, obeyed
 from parapod.systems.hardware.emulation.canopen_slave import (
     CanopenSlave,

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from parapod.systems.hardware.device import need
+from parapod.systems.core.extras import need
 from parapod.systems.hardware.ni.terminals import COUNTERS, OUTPUTS, NiWiring
 
 # What NI-DAQmx says; the numbers are those of nidaqmx.error_codes.

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from parapod.systems.hardware.device import need
+from parapod.systems.core.extras import need
 from parapod.systems.hardware.ni.daqmx import FUNCTIONS, NiCard, NiRefusal
 from parapod.systems.hardware.ni.terminals import NiWiring
 

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from parapod.systems.hardware.device import DeviceError, DeviceFault, need
+from parapod.systems.core.extras import need
+from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ni.settings import NiCardSettings
 
 # A driver that has lost its server tries again this often [ms], not ever more rarely, and by

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from parapod.systems.hardware.device import DeviceError, DeviceFault, need
+from parapod.systems.core.extras import need
+from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ni.session import NiSession
 from parapod.systems.hardware.ni.settings import NiDaqSettings, expand_channels
 from parapod.systems.hardware.ni.watchdog import NiWatchdog

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from typing import Any
 
-from parapod.systems.hardware.device import need
+from parapod.systems.core.extras import need
 from parapod.systems.hardware.ni.settings import NiDaqSettings
 
 # Timeout of a task that only clears what another one has left [s]; it is never started.

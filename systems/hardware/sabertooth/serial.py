@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
-from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals, need
+from parapod.systems.core.extras import need
+from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
 from parapod.systems.hardware.sabertooth.protocol import (
     ADDRESSES,
     BITS_PER_BYTE,

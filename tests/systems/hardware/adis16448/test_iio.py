@@ -7,12 +7,13 @@ from types import SimpleNamespace
 import pytest
 
 from parapod.systems.core.errors import MissingExtra
+from parapod.systems.core.extras import need
 from parapod.systems.hardware.adis16448 import iio as adis16448_iio
 from parapod.systems.hardware.adis16448.iio import Adis16448Iio
 from parapod.systems.hardware.adis16448.iiod import IiodServer, is_available
 from parapod.systems.hardware.adis16448.registers import SCALES
 from parapod.systems.hardware.adis16448.settings import IioSettings
-from parapod.systems.hardware.device import DeviceError, DeviceFault, need
+from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 

@@ -1,0 +1,37 @@
+"""Libraries that only some users of parapod need: imported where they are used, by `need`."""
+
+import importlib
+from types import ModuleType
+
+from parapod.systems.core.errors import MissingExtra
+
+# The extra of `pip install "parapod[extra]"` that brings each module.
+EXTRAS = {
+    "can": "can",
+    "canopen": "can",
+    "grpc": "ni",
+    "iio": "iio",
+    "mcap": "log",
+    "mujoco": "mujoco",
+    "nidaqmx": "ni",
+    "serial": "serial",
+    "spidev": "spi",
+}
+
+
+def need(module: str) -> ModuleType:
+    """A module of an optional library.
+
+    Args:
+        module: its dotted name.
+
+    Raises:
+        MissingExtra: it is not installed, or a library of the system that it needs is not.
+    """
+    try:
+        return importlib.import_module(module)
+    # ctypes, given the name of a library that is not there, looks in the program itself and misses
+    # the first symbol: an AttributeError.
+    except (ImportError, OSError, AttributeError) as error:
+        top = module.partition(".")[0]
+        raise MissingExtra(top, EXTRAS[top], str(error)) from error

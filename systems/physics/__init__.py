@@ -1,0 +1,1 @@
+"""Physics engines beside Drake's own."""
