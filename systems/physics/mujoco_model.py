@@ -1,0 +1,625 @@
+"""Translation of a machine's `MultibodyPlant` into a model of MuJoCo.
+
+One description serves both engines: bodies, inertias, joints, drives, geometry and friction come
+from the finalized plant, so that there is no second file that could say something else. Beside
+the plant it needs the loops and couplings, which Drake's Python bindings do not tell.
+
+Stiffness and damping come from the plant too. MuJoCo's constraints have no stiffness of their
+own but a regularisation R and a reference acceleration, a = -b v - k r, with a constraint force
+of (-b v - k r - a) / R. Drake's implicit spring and damper of stiffness c and damping d over a
+step h exert -c (r + h v') - d v', where v' = v + h a is the velocity after the step. Both are the
+same with
+
+    1/R = h (d + h c),    b = 1/h,    k = c R,
+
+which is what contacts and loops get here: `_Compliance`. Drives and damped joints need no such
+detour, as the integrator `discrete` takes their stiffness and damping implicitly.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.geometry import Box, GeometryId, HalfSpace, SceneGraph, Sphere
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import (
+    BodyIndex,
+    Joint,
+    JointActuatorIndex,
+    PrismaticJoint,
+    QuaternionFloatingJoint,
+    RevoluteJoint,
+    RigidBody,
+    WeldJoint,
+)
+from pydrake.systems.framework import Context
+
+from parapod.systems.core.errors import WiringError
+from parapod.systems.core.extras import need
+
+# Regularisation of loops and couplings [1/kg, 1/(kg m^2)]: a ten-thousandth of what a kilogram
+# has, so that a loop is as stiff as 1e10 N/m at steps of 1 ms; smaller ones gain nothing.
+_RIGID = 1e-4
+# Ratio of the regularisations of normal and tangential contact forces. Feet creep on a slope by
+# the tangential force times step and regularisation: 100 makes that a hundredth of what the
+# contact's stiffness would give, without making the solver's problem much harder.
+_FRICTION_RATIO = 100.0
+# Weight that all bodies and joints have in MuJoCo's estimate of a constraint's inertia. It
+# otherwise depends on the masses; with a number that is known the impedance that belongs to a
+# regularisation is known too, and within MuJoCo's bounds of 1e-4 to .9999.
+_WEIGHT = 5e-3
+# Of the iterations [-]. Newton's method has converged after two to four.
+_TOLERANCE, _ITERATIONS = 1e-10, 50
+# Radius of the site around a body's spheres in which its contacts are felt, by theirs [-].
+_FELT = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Ball:
+    """A ball joint that closes a loop: a point of one body is a point of another.
+
+    Attributes:
+        body: one body.
+        point: the point (3) in its frame [m].
+        other: the other body.
+        other_point: the point (3) in the other's frame [m].
+    """
+
+    body: RigidBody
+    point: ArrayLike
+    other: RigidBody
+    other_point: ArrayLike
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A joint whose position is a multiple of another's.
+
+    Attributes:
+        joint: the joint.
+        leader: the other joint.
+        ratio: position of the joint by the leader's.
+    """
+
+    joint: Joint
+    leader: Joint
+    ratio: float
+
+
+@dataclass(frozen=True)
+class _Compliance:
+    """Stiffness and damping as MuJoCo's parameters of a constraint, see the module.
+
+    Attributes:
+        regularization: R [1/kg].
+        damping: b [1/s].
+        stiffness: k [1/s^2].
+    """
+
+    regularization: float
+    damping: float
+    stiffness: float
+
+    @classmethod
+    def of(cls, stiffness: float, damping: float, step: float) -> "_Compliance":
+        """Of a spring [N/m] and a damper [N s/m] that act implicitly over a step [s]."""
+        regularization = 1.0 / (step * (damping + step * stiffness))
+        return cls(regularization, 1.0 / step, stiffness * regularization)
+
+    @classmethod
+    def rigid(cls, step: float) -> "_Compliance":
+        """Of what shall not give way: gaps are closed within the step."""
+        return cls(_RIGID, 1.0 / step, 1.0 / step**2)
+
+    def parameters(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """`solref` (2) and `solimp` (5) of a constraint between two weights of `_WEIGHT`."""
+        inertia = 2.0 * _WEIGHT
+        impedance = inertia / (inertia + self.regularization)
+        # MuJoCo divides both by the impedance where they are negative, and multiplies k by it.
+        reference = np.array((-self.stiffness * impedance, -self.damping * impedance))
+        # The same whatever the gap; width, midpoint and power do not matter then.
+        return reference, np.array((impedance, impedance, 1.0, 0.5, 1.0))
+
+
+class MujocoModel:
+    """A model of MuJoCo translated from a plant, and the maps between the states of both.
+
+    Attributes:
+        model: the compiled model.
+        data: scratch memory for calculations; nothing in it outlives a call.
+        plant: the plant that was translated.
+        feet: bodies whose contact forces `model`'s sensors tell, in their order.
+        loads: bodies whose inertia and place the model takes from `set_loads`.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        scene_graph: SceneGraph,
+        balls: Sequence[Ball] = (),
+        couplings: Sequence[Coupling] = (),
+        feet: Sequence[RigidBody] = (),
+        loads: Sequence[RigidBody] = (),
+    ):
+        """Translates a plant.
+
+        Args:
+            plant: finalized, with a time step above zero and registered with `scene_graph`.
+            scene_graph: holds the geometry of the plant.
+            balls: ball joints that close the plant's loops.
+            couplings: its coupled joints.
+            feet: bodies whose contact forces are wanted.
+            loads: bodies, welded to others, whose inertia and place may be exchanged.
+
+        Raises:
+            MissingExtra: MuJoCo is not installed.
+            WiringError: a part of the plant that cannot be translated.
+        """
+        told = len(balls) + len(couplings)
+        if plant.num_constraints() != told:
+            raise WiringError(
+                f"the plant has {plant.num_constraints()} constraints, {told} of them are told"
+            )
+        self.plant, self.feet, self.loads = plant, tuple(feet), tuple(loads)
+        self._mujoco: Any = need("mujoco")
+        self._defaults = plant.CreateDefaultContext()
+        translation = _Translation(self._mujoco, plant, self._defaults)
+        translation.add_bodies()
+        translation.add_drives()
+        translation.add_balls(balls)
+        translation.add_couplings(couplings)
+        translation.add_contacts(scene_graph)
+        translation.add_sensors(scene_graph, self.feet)
+        self.model: Any = translation.spec.compile()
+        self.data: Any = self._mujoco.MjData(self.model)
+        self._maps = _StateMaps(self._mujoco, self.model, plant)
+        self._poses = [self.model.body(body_name(b)).id for b in bodies_of(plant)]
+        self._anchored = {
+            index: self.model.body_mocapid[self._poses[index]]
+            for index in range(plant.num_bodies())
+            if self.model.body_mocapid[self._poses[index]] >= 0
+        }
+        self._load_ids = [self.model.body(body_name(body)).id for body in self.loads]
+        self._set: NDArray[np.float64] | None = None
+        self.set_loads(self.loads_of(self._defaults))
+
+    @property
+    def state_size(self) -> int:
+        """Size of MuJoCo's state."""
+        return int(self._mujoco.mj_stateSize(self.model, self._state))
+
+    @property
+    def _state(self) -> int:
+        """Everything that a step depends on, the solver's warm start included."""
+        return int(self._mujoco.mjtState.mjSTATE_INTEGRATION)
+
+    def read_state(self) -> NDArray[np.float64]:
+        """The state in the scratch memory."""
+        state = np.empty(self.state_size)
+        self._mujoco.mj_getState(self.model, self.data, state, self._state)
+        return state
+
+    def write_state(self, state: NDArray[np.float64]) -> None:
+        """Puts a state into the scratch memory."""
+        self._mujoco.mj_setState(self.model, self.data, state, self._state)
+
+    def begin(self, plant_context: Context) -> NDArray[np.float64]:
+        """State of MuJoCo that begins where a context of the plant is.
+
+        Args:
+            plant_context: its positions, velocities and poses of what is anchored are taken.
+        """
+        self._mujoco.mj_resetData(self.model, self.data)
+        q = self.plant.GetPositions(plant_context)
+        v = self.plant.GetVelocities(plant_context)
+        self.data.qpos[:], self.data.qvel[:] = self._maps.to_mujoco(q, v)
+        for index, mocap in self._anchored.items():
+            body = self.plant.get_body(BodyIndex(index))
+            X_WB = self.plant.EvalBodyPoseInWorld(plant_context, body)
+            self.data.mocap_pos[mocap] = X_WB.translation()
+            self.data.mocap_quat[mocap] = X_WB.rotation().ToQuaternion().wxyz()
+        return self.read_state()
+
+    def step(self) -> None:
+        """Steps what is in the scratch memory."""
+        self._mujoco.mj_step(self.model, self.data)
+
+    def plant_state(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        """State of the plant, positions and velocities, in a state of MuJoCo."""
+        # Which begins with the time, positions and velocities.
+        end = 1 + self.model.nq
+        return self._maps.to_plant(state[1:end], state[end : end + self.model.nv])
+
+    def poses(self) -> list[RigidTransform]:
+        """Poses of the plant's bodies in the world, by their indices."""
+        self._mujoco.mj_kinematics(self.model, self.data)
+        places, turns = self.data.xpos, self.data.xmat
+        return [
+            RigidTransform(RotationMatrix(turns[i].reshape(3, 3)), places[i]) for i in self._poses
+        ]
+
+    def loads_of(self, plant_context: Context) -> NDArray[np.float64]:
+        """Inertias and poses of the loads in a context of the plant (17 each)."""
+        rows = [np.zeros(0)]
+        for body in self.loads:
+            mass, centre, inertia = inertia_of(body, plant_context)
+            X_PB = _weld_of(self.plant, body, plant_context)
+            quaternion = X_PB.rotation().ToQuaternion().wxyz()
+            rows += [[mass], centre, inertia[np.triu_indices(3)], X_PB.translation(), quaternion]
+        return np.concatenate(rows)
+
+    def set_loads(self, loads: NDArray[np.float64]) -> None:
+        """Gives the loads inertias and places, as `loads_of` tells them.
+
+        Cheap where they are those that the model has.
+        """
+        if self._set is not None and np.array_equal(loads, self._set):
+            return
+        model = self.model
+        for i, row in zip(self._load_ids, loads.reshape(-1, _LOAD), strict=True):
+            inertia = np.zeros((3, 3))
+            inertia[np.triu_indices(3)] = row[4:10]
+            model.body_mass[i], model.body_ipos[i] = row[0], row[1:4]
+            model.body_inertia[i], model.body_iquat[i] = _principal(inertia)
+            model.body_pos[i], model.body_quat[i] = row[10:13], row[13:]
+        self._mujoco.mj_setConst(model, self._mujoco.MjData(model))
+        model.body_invweight0[:] = _WEIGHT
+        model.dof_invweight0[:] = _WEIGHT
+        self._set = loads.copy()
+
+    def index_of(self, joint: Joint) -> tuple[int, int]:
+        """Indices of a joint's position and velocity in MuJoCo's."""
+        found = self.model.joint(joint_name(joint))
+        return int(found.qposadr[0]), int(found.dofadr[0])
+
+
+_LOAD = 17  # mass, centre of mass (3), inertia about it (6), position (3) and quaternion (4)
+
+
+def bodies_of(plant: MultibodyPlant) -> list[RigidBody]:
+    """The bodies of a plant in the order of their indices."""
+    return [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
+
+
+def body_name(body: RigidBody) -> str:
+    """Name of a body in MuJoCo's model."""
+    return "world" if body.index() == 0 else str(body.scoped_name())
+
+
+def joint_name(joint: Joint) -> str:
+    """Name of a joint in MuJoCo's model; names are unique within an instance only."""
+    return f"{int(joint.model_instance())}::{joint.name()}"
+
+
+def inertia_of(
+    body: RigidBody, plant_context: Context
+) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """Mass [kg], centre of mass (3) [m] and inertia about it (3, 3) [kg m^2] of a body."""
+    inertia = body.CalcSpatialInertiaInBodyFrame(plant_context)
+    mass, centre = inertia.get_mass(), np.asarray(inertia.get_com())
+    about_origin = inertia.CalcRotationalInertia().CopyToFullMatrix3()
+    shift = centre @ centre * np.eye(3) - np.outer(centre, centre)
+    return mass, centre, about_origin - mass * shift
+
+
+def _principal(inertia: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Principal moments (3) and the quaternion of their axes; reads the upper triangle."""
+    moments, axes = np.linalg.eigh(inertia, UPLO="U")
+    axes[:, 0] *= np.linalg.det(axes)
+    # Rods have two that make up the third, which rounding lets MuJoCo refuse.
+    moments[2] = min(moments[2], moments[0] + moments[1])
+    return moments, Quaternion(axes).wxyz()
+
+
+def _weld_of(plant: MultibodyPlant, body: RigidBody, plant_context: Context) -> RigidTransform:
+    """Pose of a body in the frame of the one that it is welded to."""
+    for joint in _joints_of(plant):
+        if joint.child_body().index() == body.index() and isinstance(joint, WeldJoint):
+            return _pose_at_zero(joint, plant_context)
+    raise WiringError(f"{body.scoped_name()} is welded to nothing")
+
+
+def _joints_of(plant: MultibodyPlant) -> list[Joint]:
+    return [plant.get_joint(i) for i in plant.GetJointIndices()]
+
+
+def _pose_at_zero(joint: Joint, plant_context: Context) -> RigidTransform:
+    """X_PB: pose of a joint's child in its parent, with the joint at zero."""
+    X_PF = joint.frame_on_parent().CalcPoseInBodyFrame(plant_context)
+    X_BM = joint.frame_on_child().CalcPoseInBodyFrame(plant_context)
+    X_FM = joint.X_FM() if isinstance(joint, WeldJoint) else RigidTransform()
+    return X_PF.multiply(X_FM).multiply(X_BM.inverse())
+
+
+class _Translation:
+    """Fills a specification of MuJoCo with what a plant has.
+
+    Attributes:
+        spec: the specification.
+    """
+
+    def __init__(self, mujoco: ModuleType, plant: MultibodyPlant, plant_context: Context):
+        self._mujoco: Any = mujoco
+        self._plant, self._context, self._step = plant, plant_context, plant.time_step()
+        self.spec = self._mujoco.MjSpec()
+        compiler, option = self.spec.compiler, self.spec.option
+        compiler.degree = compiler.autolimits = compiler.balanceinertia = False
+        compiler.fusestatic = compiler.alignfree = False
+        compiler.inertiafromgeom = self._mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+        option.timestep = self._step
+        option.gravity = plant.gravity_field().gravity_vector()
+        # The only one that solves constraints together with stiff drives, as Drake does; the
+        # others have contacts and loops hold against forces that the drives do not exert.
+        option.integrator = self._mujoco.mjtIntegrator.mjINT_DISCRETE
+        option.solver = self._mujoco.mjtSolver.mjSOL_NEWTON
+        option.cone = self._mujoco.mjtCone.mjCONE_ELLIPTIC
+        # Not sparse, which 4.0.0 factorizes wrongly, and which gains nothing at this size.
+        option.jacobian = self._mujoco.mjtJacobian.mjJAC_DENSE
+        option.impratio = _FRICTION_RATIO
+        option.tolerance, option.iterations = _TOLERANCE, _ITERATIONS
+        # What is not finite is to be seen, not to be reset.
+        option.disableflags |= self._mujoco.mjtDisableBit.mjDSBL_AUTORESET
+
+    def add_bodies(self) -> None:
+        """Adds bodies and joints, from the world outwards."""
+        joints = _joints_of(self._plant)
+        added = {0: self.spec.worldbody}
+        while len(added) < self._plant.num_bodies():
+            ready = [
+                joint
+                for joint in joints
+                if int(joint.parent_body().index()) in added
+                and int(joint.child_body().index()) not in added
+            ]
+            if not ready:
+                missing = self._plant.num_bodies() - len(added)
+                raise WiringError(f"{missing} bodies hang on joints the wrong way round")
+            for joint in ready:
+                parent = added[int(joint.parent_body().index())]
+                added[int(joint.child_body().index())] = self._add_body(parent, joint)
+
+    def _add_body(self, parent: Any, joint: Joint) -> Any:
+        body = joint.child_body()
+        X_PB = _pose_at_zero(joint, self._context)
+        mass, centre, inertia = inertia_of(body, self._context)
+        moments, turn = _principal(inertia)
+        added = parent.add_body(
+            name=body_name(body),
+            pos=X_PB.translation(),
+            quat=X_PB.rotation().ToQuaternion().wxyz(),
+            mass=mass,
+            ipos=centre,
+            inertia=moments,
+            iquat=turn,
+            explicitinertial=True,
+        )
+        if isinstance(joint, WeldJoint):
+            # What is anchored is moved by the state: grounds are inclined without a new model.
+            added.mocap = parent is self.spec.worldbody
+        else:
+            self._add_joint(added, joint)
+        return added
+
+    def _add_joint(self, body: Any, joint: Joint) -> None:
+        kinds, name = self._mujoco.mjtJoint, joint_name(joint)
+        if isinstance(joint, QuaternionFloatingJoint):
+            body.add_joint(name=name, type=kinds.mjJNT_FREE)
+            return
+        X_BM = joint.frame_on_child().CalcPoseInBodyFrame(self._context)
+        if isinstance(joint, RevoluteJoint):
+            kind, axis = kinds.mjJNT_HINGE, joint.revolute_axis()
+        elif isinstance(joint, PrismaticJoint):
+            kind, axis = kinds.mjJNT_SLIDE, joint.translation_axis()
+        else:
+            raise WiringError(f"{joint.name()} is a joint of a kind that is not translated")
+        lower, upper = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
+        reference, impedance = _Compliance.rigid(self._step).parameters()
+        body.add_joint(
+            name=name,
+            type=kind,
+            axis=X_BM.rotation().matrix() @ axis,
+            pos=X_BM.translation(),
+            damping=joint.GetDampingVector(self._context)[0],
+            limited=bool(np.isfinite(lower) and np.isfinite(upper)),
+            range=[lower, upper] if np.isfinite(lower) and np.isfinite(upper) else [0.0, 0.0],
+            solref_limit=reference,
+            solimp_limit=impedance,
+        )
+
+    def add_drives(self) -> None:
+        """Adds the drives, whose control is what their springs and dampers aim at [N, N m].
+
+        Limits of their effort are left out: MuJoCo cuts a force before it is taken implicitly,
+        and so cuts what Drake does not.
+        """
+        for i in range(self._plant.num_actuators()):
+            drive = self._plant.get_joint_actuator(JointActuatorIndex(i))
+            gains = drive.get_controller_gains()
+            self.spec.add_actuator(
+                name=joint_name(drive.joint()),
+                target=joint_name(drive.joint()),
+                trntype=self._mujoco.mjtTrn.mjTRN_JOINT,
+                gaintype=self._mujoco.mjtGain.mjGAIN_FIXED,
+                gainprm=_padded(1.0),
+                biastype=self._mujoco.mjtBias.mjBIAS_AFFINE,
+                biasprm=_padded(0.0, -gains.p, -gains.d),
+            )
+
+    def add_balls(self, balls: Sequence[Ball]) -> None:
+        """Adds the ball joints that close loops."""
+        reference, impedance = _Compliance.rigid(self._step).parameters()
+        for i, ball in enumerate(balls):
+            ends = ((ball.body, ball.point), (ball.other, ball.other_point))
+            for k, (body, point) in enumerate(ends):
+                # By sites, as points of bodies would have to meet in the model's first pose.
+                owner = self.spec.body(body_name(body))
+                owner.add_site(name=f"ball {i} {k}", pos=np.asarray(point))
+            self.spec.add_equality(
+                type=self._mujoco.mjtEq.mjEQ_CONNECT,
+                objtype=self._mujoco.mjtObj.mjOBJ_SITE,
+                name1=f"ball {i} 0",
+                name2=f"ball {i} 1",
+                solref=reference,
+                solimp=impedance,
+            )
+
+    def add_couplings(self, couplings: Sequence[Coupling]) -> None:
+        """Adds the coupled joints."""
+        reference, impedance = _Compliance.rigid(self._step).parameters()
+        for coupling in couplings:
+            equality = self.spec.add_equality(
+                type=self._mujoco.mjtEq.mjEQ_JOINT,
+                objtype=self._mujoco.mjtObj.mjOBJ_JOINT,
+                name1=joint_name(coupling.joint),
+                name2=joint_name(coupling.leader),
+                solref=reference,
+                solimp=impedance,
+            )
+            equality.data[1] = coupling.ratio
+
+    def add_contacts(self, scene_graph: SceneGraph) -> None:
+        """Adds the pairs of geometry that may touch in Drake, and no others."""
+        inspector = scene_graph.model_inspector()
+        added: dict[GeometryId, tuple[str, bool]] = {}
+        for body in bodies_of(self._plant):
+            for geometry in self._plant.GetCollisionGeometriesForBody(body):
+                added[geometry] = (inspector.GetName(geometry), self._is_anchored(body))
+                self._add_geometry(body, geometry, inspector)
+        for one, other in inspector.GetCollisionCandidates():
+            if one not in added or other not in added or (added[one][1] and added[other][1]):
+                continue
+            self._add_pair(inspector, one, other)
+
+    def _is_anchored(self, body: RigidBody) -> bool:
+        return self._plant.IsAnchored(body)
+
+    def _add_geometry(self, body: RigidBody, geometry: GeometryId, inspector: Any) -> None:
+        shape, kinds = inspector.GetShape(geometry), self._mujoco.mjtGeom
+        if isinstance(shape, HalfSpace):
+            kind, size = kinds.mjGEOM_PLANE, [0.0, 0.0, 1.0]
+        elif isinstance(shape, Sphere):
+            kind, size = kinds.mjGEOM_SPHERE, [shape.radius(), 0.0, 0.0]
+        elif isinstance(shape, Box):
+            kind, size = kinds.mjGEOM_BOX, list(0.5 * shape.size())
+        else:
+            raise WiringError(f"{inspector.GetName(geometry)} has a shape that is not translated")
+        X_BG = inspector.GetPoseInFrame(geometry)
+        self.spec.body(body_name(body)).add_geom(
+            name=_geometry_name(geometry),
+            type=kind,
+            size=size,
+            pos=X_BG.translation(),
+            quat=X_BG.rotation().ToQuaternion().wxyz(),
+            contype=0,
+            conaffinity=0,
+        )
+
+    def _add_pair(self, inspector: Any, one: GeometryId, other: GeometryId) -> None:
+        """Adds a pair, with the properties that Drake combines from those of both."""
+        both = [inspector.GetProximityProperties(geometry) for geometry in (one, other)]
+        frictions = [of.GetProperty("material", "coulomb_friction") for of in both]
+        springs = [of.GetProperty("material", "point_contact_stiffness") for of in both]
+        friction = _harmonic(*(of.static_friction() for of in frictions))
+        # Two springs in a row. Dissipation is left out: it grows with the penetration, and that
+        # of these stiff contacts is below what the implicit step damps anyway.
+        spring = 0.5 * _harmonic(*springs)
+        reference, impedance = _Compliance.of(spring, 0.0, self._step).parameters()
+        self.spec.add_pair(
+            geomname1=_geometry_name(one),
+            geomname2=_geometry_name(other),
+            condim=3,
+            friction=[friction, friction, 0.0, 0.0, 0.0],
+            solref=reference,
+            solimp=impedance,
+        )
+
+    def add_sensors(self, scene_graph: SceneGraph, feet: Sequence[RigidBody]) -> None:
+        """Adds sensors of the normal contact forces on bodies with spheres."""
+        inspector = scene_graph.model_inspector()
+        for i, foot in enumerate(feet):
+            reach = 0.0
+            for geometry in self._plant.GetCollisionGeometriesForBody(foot):
+                away = np.linalg.norm(inspector.GetPoseInFrame(geometry).translation())
+                reach = max(reach, float(away) + inspector.GetShape(geometry).radius())
+            self.spec.body(body_name(foot)).add_site(
+                name=f"foot {i}",
+                type=self._mujoco.mjtGeom.mjGEOM_SPHERE,
+                size=[_FELT * reach, 0.0, 0.0],
+            )
+            self.spec.add_sensor(
+                type=self._mujoco.mjtSensor.mjSENS_TOUCH,
+                objtype=self._mujoco.mjtObj.mjOBJ_SITE,
+                objname=f"foot {i}",
+            )
+
+
+def _harmonic(one: float, other: float) -> float:
+    """Drake's combination of two frictions, and twice that of two stiffnesses."""
+    return 2.0 * one * other / (one + other)
+
+
+def _geometry_name(geometry: GeometryId) -> str:
+    return f"geometry {geometry.get_value()}"
+
+
+def _padded(*values: float) -> NDArray[np.float64]:
+    """Parameters of an actuator, of which MuJoCo has ten."""
+    return np.array(values + (0.0,) * (10 - len(values)))
+
+
+class _StateMaps:
+    """Positions and velocities of plant and MuJoCo, which order them differently.
+
+    A floating body has its quaternion first in Drake and its position first in MuJoCo; its angular
+    velocity is along the world's axes there and along its own here.
+    """
+
+    def __init__(self, mujoco: Any, model: Any, plant: MultibodyPlant):
+        self._positions = np.zeros(plant.num_positions(), dtype=int)
+        self._velocities = np.zeros(plant.num_velocities(), dtype=int)
+        self._mujoco = mujoco
+        self._floating: list[tuple[int, int]] = []  # where quaternion and angular velocity begin
+        for joint in _joints_of(plant):
+            if joint.num_velocities() == 0:
+                continue
+            found = model.joint(joint_name(joint))
+            q, v = int(found.qposadr[0]), int(found.dofadr[0])
+            start, rate = joint.position_start(), joint.velocity_start()
+            if isinstance(joint, QuaternionFloatingJoint):
+                self._positions[start : start + 7] = (q + 3, q + 4, q + 5, q + 6, q, q + 1, q + 2)
+                self._velocities[rate : rate + 6] = (v + 3, v + 4, v + 5, v, v + 1, v + 2)
+                self._floating.append((start, rate))
+            else:
+                self._positions[start], self._velocities[rate] = q, v
+        self._size = plant.num_positions()
+
+    def to_plant(
+        self, qpos: NDArray[np.float64], qvel: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """State of the plant for MuJoCo's positions and velocities."""
+        state = np.concatenate((qpos[self._positions], qvel[self._velocities]))
+        for start, rate in self._floating:
+            w = slice(self._size + rate, self._size + rate + 3)
+            self._mujoco.mju_rotVecQuat(turned := np.empty(3), state[w], state[start : start + 4])
+            state[w] = turned
+        return state
+
+    def to_mujoco(
+        self, q: NDArray[np.float64], v: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """MuJoCo's positions and velocities for those of the plant."""
+        qpos, qvel = np.empty_like(q), v.copy()
+        for start, rate in self._floating:
+            back = q[start : start + 4] * (1.0, -1.0, -1.0, -1.0)
+            w = v[rate : rate + 3]
+            self._mujoco.mju_rotVecQuat(turned := np.empty(3), w, back)
+            qvel[rate : rate + 3] = turned
+        qpos[self._positions] = q
+        reordered = np.empty_like(v)
+        reordered[self._velocities] = qvel
+        return qpos, reordered

@@ -1,0 +1,220 @@
+"""Rigid bodies stepped by MuJoCo as a discrete system of a diagram."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform
+from pydrake.multibody.tree import JointActuatorIndex, ModelInstanceIndex
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from parapod.systems.core.ports import read_array
+from parapod.systems.physics.mujoco_model import MujocoModel
+
+
+class MujocoPlant(LeafSystem):
+    """A translated `MultibodyPlant`, stepped by MuJoCo: for results of two engines.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `desired_state` | 2k | m, rad, and their rates | what the drives are led to |
+    | out `holding_force` | k | N, N m | with which the drives held in the last step |
+    | out `positions` | n | m, rad | positions, in the order of the `MultibodyPlant` |
+    | out `state` | n + m | m, rad, and their rates | positions and velocities of the plant |
+    | out `body_poses` | abstract | - | poses of its bodies in the world, by their indices |
+    | out `contact_force` | f | N | normal contact forces on the feet in the last step |
+
+    Drives come in groups; `desired_state` has positions and then velocities of each group, one
+    step ahead. Like those of Drake's discrete plant they are springs and dampers that act
+    implicitly over a step. In a default context the last step is a first one at rest.
+
+    State: discrete, MuJoCo's own with the solver's warm start, and the forces of the last step,
+    updated every step. MuJoCo's memory is scratch: nothing in it outlives a call.
+
+    Parameters (Context): inertias and places of the model's loads, see `MujocoModel.loads_of`.
+
+    Bad input: a drive whose command is not finite is led to where it is.
+    """
+
+    def __init__(
+        self,
+        model: MujocoModel,
+        groups: Sequence[Sequence[ModelInstanceIndex]] = (),
+        begins: Context | None = None,
+    ):
+        """Creates the plant.
+
+        Args:
+            model: the translated plant.
+            groups: model instances whose drives make a group of commands; all that have some.
+            begins: context of the translated plant that is the beginning in a default context;
+                None for its default.
+        """
+        super().__init__()
+        self.set_name("mujoco_plant")
+        self.model = model
+        self._drives = _Drives(model, groups)
+        count = self._drives.count
+        self._desired = self.DeclareVectorInputPort("desired_state", 2 * count)
+        context = model.plant.CreateDefaultContext() if begins is None else begins
+        loads, physics, forces = self._beginning(context)
+        self._loads = self.DeclareNumericParameter(BasicVector(loads))
+        self._physics = self.DeclareDiscreteState(physics)
+        self._forces = self.DeclareDiscreteState(forces)
+        moves = {self.discrete_state_ticket(self._physics)}
+        acts = {self.discrete_state_ticket(self._forces)}
+        plant = model.plant
+        for name, size, calc, tickets in (
+            ("holding_force", count, self._calc_holding_force, acts),
+            ("positions", plant.num_positions(), self._calc_positions, moves),
+            ("state", plant.num_multibody_states(), self._calc_state, moves),
+            ("contact_force", len(model.feet), self._calc_contact_force, acts),
+        ):
+            self.DeclareVectorOutputPort(name, size, calc, tickets)
+        self.DeclareAbstractOutputPort(
+            "body_poses",
+            Value[list[RigidTransform]],
+            self._calc_body_poses,
+            moves | {self.all_parameters_ticket()},
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(plant.time_step(), 0.0, self._update_state)
+
+    def put(self, context: Context, plant_context: Context) -> None:
+        """Begins where a context of the translated plant is.
+
+        Args:
+            context: of this system.
+            plant_context: its positions, velocities, anchored poses and loads are taken.
+        """
+        loads, physics, forces = self._beginning(plant_context)
+        context.SetDiscreteState(self._physics, physics)
+        context.SetDiscreteState(self._forces, forces)
+        self._set_loads(context, loads)
+
+    def load(self, context: Context, plant_context: Context) -> None:
+        """Exchanges the loads for those in a context of the translated plant."""
+        self._set_loads(context, self.model.loads_of(plant_context))
+
+    def _set_loads(self, context: Context, loads: NDArray[np.float64]) -> None:
+        parameter: Any = context.get_mutable_numeric_parameter(self._loads)
+        parameter.SetFromVector(loads)
+
+    def _beginning(self, plant_context: Context) -> tuple[NDArray[np.float64], ...]:
+        """Loads, MuJoCo's state, and the forces of a first step with the drives at rest."""
+        loads = self.model.loads_of(plant_context)
+        self.model.set_loads(loads)
+        physics = self.model.begin(plant_context)
+        return loads, physics, self._step(self._drives.hold(physics))
+
+    def _step(self, control: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Steps what is in the scratch memory; returns the forces (k + f) during the step."""
+        data = self.model.data
+        data.ctrl[self._drives.order] = control
+        self.model.step()
+        holding = self._drives.holding_force(control, data.qpos, data.qvel)
+        return np.concatenate((holding, data.sensordata))
+
+    def _restore(self, context: Context) -> NDArray[np.float64]:
+        """Puts the scratch memory where a context is; returns MuJoCo's state."""
+        loads: Any = context.get_numeric_parameter(self._loads)
+        physics: NDArray[np.float64] = context.get_discrete_state(self._physics).value()
+        self.model.set_loads(loads.value())
+        self.model.write_state(physics)
+        return physics
+
+    def _update_state(self, context: Context, discrete_state: DiscreteValues) -> None:
+        physics = self._restore(context)
+        control = self._drives.control(read_array(self._desired, context), physics)
+        forces = self._step(control)
+        discrete_state.set_value(self._physics, self.model.read_state())
+        discrete_state.set_value(self._forces, forces)
+
+    def _calc_state(self, context: Context, output: BasicVector) -> None:
+        physics = context.get_discrete_state(self._physics).value()
+        output.SetFromVector(self.model.plant_state(physics))
+
+    def _calc_positions(self, context: Context, output: BasicVector) -> None:
+        physics = context.get_discrete_state(self._physics).value()
+        output.SetFromVector(self.model.plant_state(physics)[: output.size()])
+
+    def _calc_body_poses(self, context: Context, output: Any) -> None:
+        self._restore(context)
+        output.set_value(self.model.poses())
+
+    def _calc_holding_force(self, context: Context, output: BasicVector) -> None:
+        forces = context.get_discrete_state(self._forces).value()
+        output.SetFromVector(forces[: self._drives.count])
+
+    def _calc_contact_force(self, context: Context, output: BasicVector) -> None:
+        forces = context.get_discrete_state(self._forces).value()
+        output.SetFromVector(forces[self._drives.count :])
+
+
+class _Drives:
+    """Springs and dampers between where drives are and where they are led.
+
+    Attributes:
+        count: number k of the drives.
+        order: their indices among MuJoCo's, in the order of the port.
+    """
+
+    def __init__(self, model: MujocoModel, groups: Sequence[Sequence[ModelInstanceIndex]]):
+        plant, drives, self.order = model.plant, [], np.zeros(0, dtype=int)
+        for group in groups:
+            members = [i for instance in group for i in _actuators_of(plant, instance)]
+            self.order = np.append(self.order, members)
+            drives.append([plant.get_joint_actuator(JointActuatorIndex(i)) for i in members])
+        self.count = len(self.order)
+        flat = [drive for group in drives for drive in group]
+        joints = [model.index_of(drive.joint()) for drive in flat]
+        indices = np.array(joints, dtype=int).reshape(-1, 2)
+        self._positions, self._rates = indices.T
+        self._stiffness = np.array([drive.get_controller_gains().p for drive in flat])
+        self._damping = np.array([drive.get_controller_gains().d for drive in flat])
+        # (k, 2k): the control for what the port has.
+        self._gains = np.zeros((self.count, 2 * self.count))
+        row = 0
+        for group in drives:
+            for i in range(len(group)):
+                self._gains[row, 2 * (row - i) + i] = self._stiffness[row]
+                self._gains[row, 2 * (row - i) + len(group) + i] = self._damping[row]
+                row += 1
+
+    def control(
+        self, desired: NDArray[np.float64], physics: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Control (k) for what the port has (2k); drives without a command stay."""
+        control: NDArray[np.float64] = self._gains @ desired
+        if math.isfinite(control.sum()):
+            return control
+        own = [(self._gains[:, i] != 0.0) & ~np.isfinite(desired[i]) for i in range(desired.size)]
+        lost = np.any(own, axis=0)
+        known = self._gains @ np.nan_to_num(desired, posinf=0.0, neginf=0.0)
+        return np.where(lost, self.hold(physics), known)
+
+    def hold(self, physics: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Control (k) that leads the drives to where they are in a state of MuJoCo."""
+        at: NDArray[np.float64] = physics[1 + self._positions]  # the time comes first
+        return self._stiffness * at
+
+    def holding_force(
+        self,
+        control: NDArray[np.float64],
+        qpos: NDArray[np.float64],
+        qvel: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Forces (k) during the step that led to these positions and velocities.
+
+        MuJoCo tells forces as they were before the step, which is not what acted.
+        """
+        forces: NDArray[np.float64] = (
+            control - self._stiffness * qpos[self._positions] - self._damping * qvel[self._rates]
+        )
+        return forces
+
+
+def _actuators_of(plant: Any, instance: ModelInstanceIndex) -> list[int]:
+    return [int(i) for i in plant.GetJointActuatorIndices(instance)]
