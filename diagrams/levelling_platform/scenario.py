@@ -17,6 +17,7 @@ from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, LegDeviation
 
+BODIES = ("multibody", "mujoco")  # backends of rigid bodies, each by an engine of its own
 SIMULATED = ("multibody", "kinematic", "mujoco")
 BACKENDS = (*SIMULATED, "mock", "hardware")
 

@@ -13,6 +13,7 @@ from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.gait import ORDERS, TrotGait, Walk, there_and_back
 from parapod.systems.walking_chair.masses import Passenger
 
+BODIES = ("multibody", "mujoco")  # backends of rigid bodies, each by an engine of its own
 SIMULATED = ("multibody", "kinematic", "mujoco")
 BACKENDS = (*SIMULATED, "mock", "hardware")
 WAYS = ("forward", "back", "forward and back")

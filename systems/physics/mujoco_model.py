@@ -45,6 +45,9 @@ from parapod.systems.core.extras import need
 # Regularisation of loops and couplings [1/kg, 1/(kg m^2)]: a ten-thousandth of what a kilogram
 # has, so that a loop is as stiff as 1e10 N/m at steps of 1 ms; smaller ones gain nothing.
 _RIGID = 1e-4
+# Least regularisation of a contact [1/kg]. Stiffer ones, at steps above 2 ms here, are felt as a
+# blow within a step: feet chatter between ground and air. Drake has such a bound too.
+_LEAST = 1e-2
 # Ratio of the regularisations of normal and tangential contact forces. Feet creep on a slope by
 # the tangential force times step and regularisation: 100 makes that a hundredth of what the
 # contact's stiffness would give, without making the solver's problem much harder.
@@ -107,13 +110,15 @@ class _Compliance:
 
     @classmethod
     def of(cls, stiffness: float, damping: float, step: float) -> "_Compliance":
-        """Of a spring [N/m] and a damper [N s/m] that act implicitly over a step [s]."""
+        """Compliance of a spring [N/m] and a damper [N s/m] over a step [s]; never too rigid."""
         regularization = 1.0 / (step * (damping + step * stiffness))
+        if regularization < _LEAST:
+            return cls(_LEAST, 1.0 / step, 1.0 / step**2)
         return cls(regularization, 1.0 / step, stiffness * regularization)
 
     @classmethod
     def rigid(cls, step: float) -> "_Compliance":
-        """Of what shall not give way: gaps are closed within the step."""
+        """Compliance of what shall not give way: gaps are closed within the step [s]."""
         return cls(_RIGID, 1.0 / step, 1.0 / step**2)
 
     def parameters(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -245,7 +250,7 @@ class MujocoModel:
 
     def loads_of(self, plant_context: Context) -> NDArray[np.float64]:
         """Inertias and poses of the loads in a context of the plant (17 each)."""
-        rows = [np.zeros(0)]
+        rows: list[ArrayLike] = [np.zeros(0)]
         for body in self.loads:
             mass, centre, inertia = inertia_of(body, plant_context)
             X_PB = _weld_of(self.plant, body, plant_context)
@@ -490,7 +495,9 @@ class _Translation:
             for geometry in self._plant.GetCollisionGeometriesForBody(body):
                 added[geometry] = (inspector.GetName(geometry), self._is_anchored(body))
                 self._add_geometry(body, geometry, inspector)
-        for one, other in inspector.GetCollisionCandidates():
+        # In an order that is the same in every process: it decides how contacts are summed.
+        candidates = (sorted(pair, key=_number) for pair in inspector.GetCollisionCandidates())
+        for one, other in sorted(candidates, key=lambda pair: [*map(_number, pair)]):
             if one not in added or other not in added or (added[one][1] and added[other][1]):
                 continue
             self._add_pair(inspector, one, other)
@@ -545,7 +552,8 @@ class _Translation:
             reach = 0.0
             for geometry in self._plant.GetCollisionGeometriesForBody(foot):
                 away = np.linalg.norm(inspector.GetPoseInFrame(geometry).translation())
-                reach = max(reach, float(away) + inspector.GetShape(geometry).radius())
+                sphere: Any = inspector.GetShape(geometry)
+                reach = max(reach, float(away) + sphere.radius())
             self.spec.body(body_name(foot)).add_site(
                 name=f"foot {i}",
                 type=self._mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -563,8 +571,13 @@ def _harmonic(one: float, other: float) -> float:
     return 2.0 * one * other / (one + other)
 
 
+def _number(geometry: GeometryId) -> int:
+    """Number of a geometry, in the order in which they were made."""
+    return int(geometry.get_value())
+
+
 def _geometry_name(geometry: GeometryId) -> str:
-    return f"geometry {geometry.get_value()}"
+    return f"geometry {_number(geometry)}"
 
 
 def _padded(*values: float) -> NDArray[np.float64]:

@@ -1,6 +1,5 @@
 """Rigid bodies stepped by MuJoCo as a discrete system of a diagram."""
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -8,11 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform
-from pydrake.multibody.tree import JointActuatorIndex, ModelInstanceIndex
+from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from parapod.systems.core.ports import read_array
 from parapod.systems.physics.mujoco_model import MujocoModel
+
+# Force of a drive with its joint at zero that no command means, and that MuJoCo refuses [N, N m].
+_LARGEST = 1e10
+
+
+_PHYSICS, _FORCES = 0, 1  # groups of the discrete state
 
 
 class MujocoPlant(LeafSystem):
@@ -23,9 +28,9 @@ class MujocoPlant(LeafSystem):
     | in `desired_state` | 2k | m, rad, and their rates | what the drives are led to |
     | out `holding_force` | k | N, N m | with which the drives held in the last step |
     | out `positions` | n | m, rad | positions, in the order of the `MultibodyPlant` |
-    | out `state` | n + m | m, rad, and their rates | positions and velocities of the plant |
-    | out `body_poses` | abstract | - | poses of its bodies in the world, by their indices |
+    | out `state` | m | m, rad, and their rates | positions and velocities of the plant |
     | out `contact_force` | f | N | normal contact forces on the feet in the last step |
+    | out `body_poses` | abstract | - | poses of its bodies in the world, by their indices |
 
     Drives come in groups; `desired_state` has positions and then velocities of each group, one
     step ahead. Like those of Drake's discrete plant they are springs and dampers that act
@@ -36,7 +41,7 @@ class MujocoPlant(LeafSystem):
 
     Parameters (Context): inertias and places of the model's loads, see `MujocoModel.loads_of`.
 
-    Bad input: a drive whose command is not finite is led to where it is.
+    Bad input: a drive whose command is not finite, or absurd, is led to where it is.
     """
 
     def __init__(
@@ -62,10 +67,8 @@ class MujocoPlant(LeafSystem):
         context = model.plant.CreateDefaultContext() if begins is None else begins
         loads, physics, forces = self._beginning(context)
         self._loads = self.DeclareNumericParameter(BasicVector(loads))
-        self._physics = self.DeclareDiscreteState(physics)
-        self._forces = self.DeclareDiscreteState(forces)
-        moves = {self.discrete_state_ticket(self._physics)}
-        acts = {self.discrete_state_ticket(self._forces)}
+        moves = {self.discrete_state_ticket(self.DeclareDiscreteState(physics))}
+        acts = {self.discrete_state_ticket(self.DeclareDiscreteState(forces))}
         plant = model.plant
         for name, size, calc, tickets in (
             ("holding_force", count, self._calc_holding_force, acts),
@@ -90,8 +93,8 @@ class MujocoPlant(LeafSystem):
             plant_context: its positions, velocities, anchored poses and loads are taken.
         """
         loads, physics, forces = self._beginning(plant_context)
-        context.SetDiscreteState(self._physics, physics)
-        context.SetDiscreteState(self._forces, forces)
+        context.SetDiscreteState(_PHYSICS, physics)
+        context.SetDiscreteState(_FORCES, forces)
         self._set_loads(context, loads)
 
     def load(self, context: Context, plant_context: Context) -> None:
@@ -120,7 +123,7 @@ class MujocoPlant(LeafSystem):
     def _restore(self, context: Context) -> NDArray[np.float64]:
         """Puts the scratch memory where a context is; returns MuJoCo's state."""
         loads: Any = context.get_numeric_parameter(self._loads)
-        physics: NDArray[np.float64] = context.get_discrete_state(self._physics).value()
+        physics: NDArray[np.float64] = context.get_discrete_state(_PHYSICS).value()
         self.model.set_loads(loads.value())
         self.model.write_state(physics)
         return physics
@@ -129,27 +132,27 @@ class MujocoPlant(LeafSystem):
         physics = self._restore(context)
         control = self._drives.control(read_array(self._desired, context), physics)
         forces = self._step(control)
-        discrete_state.set_value(self._physics, self.model.read_state())
-        discrete_state.set_value(self._forces, forces)
+        discrete_state.set_value(_PHYSICS, self.model.read_state())
+        discrete_state.set_value(_FORCES, forces)
 
     def _calc_state(self, context: Context, output: BasicVector) -> None:
-        physics = context.get_discrete_state(self._physics).value()
+        physics = context.get_discrete_state(_PHYSICS).value()
         output.SetFromVector(self.model.plant_state(physics))
 
     def _calc_positions(self, context: Context, output: BasicVector) -> None:
-        physics = context.get_discrete_state(self._physics).value()
+        physics = context.get_discrete_state(_PHYSICS).value()
         output.SetFromVector(self.model.plant_state(physics)[: output.size()])
 
-    def _calc_body_poses(self, context: Context, output: Any) -> None:
+    def _calc_body_poses(self, context: Any, output: Any) -> None:
         self._restore(context)
         output.set_value(self.model.poses())
 
     def _calc_holding_force(self, context: Context, output: BasicVector) -> None:
-        forces = context.get_discrete_state(self._forces).value()
+        forces = context.get_discrete_state(_FORCES).value()
         output.SetFromVector(forces[: self._drives.count])
 
     def _calc_contact_force(self, context: Context, output: BasicVector) -> None:
-        forces = context.get_discrete_state(self._forces).value()
+        forces = context.get_discrete_state(_FORCES).value()
         output.SetFromVector(forces[self._drives.count :])
 
 
@@ -162,11 +165,16 @@ class _Drives:
     """
 
     def __init__(self, model: MujocoModel, groups: Sequence[Sequence[ModelInstanceIndex]]):
-        plant, drives, self.order = model.plant, [], np.zeros(0, dtype=int)
-        for group in groups:
-            members = [i for instance in group for i in _actuators_of(plant, instance)]
-            self.order = np.append(self.order, members)
-            drives.append([plant.get_joint_actuator(JointActuatorIndex(i)) for i in members])
+        plant = model.plant
+        drives = [
+            [
+                plant.get_joint_actuator(i)
+                for instance in group
+                for i in plant.GetJointActuatorIndices(instance)
+            ]
+            for group in groups
+        ]
+        self.order = np.array([int(drive.index()) for group in drives for drive in group], int)
         self.count = len(self.order)
         flat = [drive for group in drives for drive in group]
         joints = [model.index_of(drive.joint()) for drive in flat]
@@ -176,24 +184,24 @@ class _Drives:
         self._damping = np.array([drive.get_controller_gains().d for drive in flat])
         # (k, 2k): the control for what the port has.
         self._gains = np.zeros((self.count, 2 * self.count))
-        row = 0
-        for group in drives:
-            for i in range(len(group)):
-                self._gains[row, 2 * (row - i) + i] = self._stiffness[row]
-                self._gains[row, 2 * (row - i) + len(group) + i] = self._damping[row]
-                row += 1
+        first = 0
+        for size in map(len, drives):
+            rows = np.arange(first, first + size)
+            self._gains[rows, first + rows] = self._stiffness[rows]
+            self._gains[rows, first + rows + size] = self._damping[rows]
+            first += size
 
     def control(
         self, desired: NDArray[np.float64], physics: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Control (k) for what the port has (2k); drives without a command stay."""
-        control: NDArray[np.float64] = self._gains @ desired
-        if math.isfinite(control.sum()):
-            return control
-        own = [(self._gains[:, i] != 0.0) & ~np.isfinite(desired[i]) for i in range(desired.size)]
-        lost = np.any(own, axis=0)
-        known = self._gains @ np.nan_to_num(desired, posinf=0.0, neginf=0.0)
-        return np.where(lost, self.hold(physics), known)
+        with np.errstate(all="ignore"):
+            control: NDArray[np.float64] = self._gains @ desired
+            if np.abs(control).max(initial=0.0) < _LARGEST:
+                return control
+            # Row by row, as what is not finite is so in all rows of the product.
+            own = np.where(self._gains != 0.0, self._gains * desired, 0.0).sum(axis=1)
+            return np.where(np.abs(own) < _LARGEST, own, self.hold(physics))
 
     def hold(self, physics: NDArray[np.float64]) -> NDArray[np.float64]:
         """Control (k) that leads the drives to where they are in a state of MuJoCo."""
@@ -214,7 +222,3 @@ class _Drives:
             control - self._stiffness * qpos[self._positions] - self._damping * qvel[self._rates]
         )
         return forces
-
-
-def _actuators_of(plant: Any, instance: ModelInstanceIndex) -> list[int]:
-    return [int(i) for i in plant.GetJointActuatorIndices(instance)]
