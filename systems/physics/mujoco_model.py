@@ -4,16 +4,16 @@ One description serves both engines: bodies, inertias, joints, drives, geometry 
 from the finalized plant, so that there is no second file that could say something else. Beside
 the plant it needs the loops and couplings, which Drake's Python bindings do not tell.
 
-Stiffness and damping come from the plant too. MuJoCo's constraints have no stiffness of their
-own but a regularisation R and a reference acceleration, a = -b v - k r, with a constraint force
-of (-b v - k r - a) / R. Drake's implicit spring and damper of stiffness c and damping d over a
-step h exert -c (r + h v') - d v', where v' = v + h a is the velocity after the step. Both are the
-same with
+Stiffness and damping come from the plant too. A constraint of MuJoCo has a regularisation R, a
+stiffness k and a damping b; with the integrator `discrete` it exerts, over a step h,
 
-    1/R = h (d + h c),    b = 1/h,    k = c R,
+    f = -(a + b v' + k (r + h v')) / R,    v' = v + h a,
 
-which is what contacts and loops get here: `_Compliance`. Drives and damped joints need no such
-detour, as the integrator `discrete` takes their stiffness and damping implicitly.
+an implicit spring of k / R, a damper of b / R, and a mass of 1 / R that is felt while the
+constraint holds. (Found by experiment with 4.0.0, and held by tests.) Drake's contacts are such
+springs, so that contacts and loops get R = 1 / mass, with a mass that does not matter, and k and b
+as the springs have them: `_Spring`. Drives and damped joints need no such detour, as the
+integrator takes their stiffness and damping implicitly as it is.
 """
 
 from collections.abc import Sequence
@@ -42,20 +42,23 @@ from pydrake.systems.framework import Context
 from parapod.systems.core.errors import WiringError
 from parapod.systems.core.extras import need
 
-# Regularisation of loops and couplings [1/kg, 1/(kg m^2)]: a ten-thousandth of what a kilogram
-# has, so that a loop is as stiff as 1e10 N/m at steps of 1 ms; smaller ones gain nothing.
-_RIGID = 1e-4
-# Least regularisation of a contact [1/kg]. Stiffer ones, at steps above 2 ms here, are felt as a
-# blow within a step: feet chatter between ground and air. Drake has such a bound too.
-_LEAST = 1e-2
-# Ratio of the regularisations of normal and tangential contact forces. Feet creep on a slope by
-# the tangential force times step and regularisation: 100 makes that a hundredth of what the
-# contact's stiffness would give, without making the solver's problem much harder.
+# Stiffness of loops and couplings [N/m, N m/rad], with which a leg's loop gapes by .1 um.
+_RIGID = 1e10
+# Mass that MuJoCo adds where a constraint holds [kg]: small beside a foot's.
+_ADDED_MASS = 1e-2
+# Time in which a contact relaxes, by the step [-].
+_RELAXATION = 1.0
+# Damping of friction below the cone [N s/m]: a foot that bears 10 N along a slope creeps by 1e-3
+# mm/s. Drake's value follows from masses and the step; at 1 ms it is ten times smaller.
+_STICTION = 1e7
+# Ratio of the regularisations of normal and tangential forces. The larger, the less of the
+# friction's reference acceleration is lost to the regularisation, down to a creep that `_STICTION`
+# gives; beyond it the solver needs more iterations.
 _FRICTION_RATIO = 100.0
 # Weight that all bodies and joints have in MuJoCo's estimate of a constraint's inertia. It
-# otherwise depends on the masses; with a number that is known the impedance that belongs to a
-# regularisation is known too, and within MuJoCo's bounds of 1e-4 to .9999.
-_WEIGHT = 5e-3
+# otherwise depends on the masses and on the model's first pose; with a number that is known, the
+# impedance that belongs to a regularisation is known too.
+_WEIGHT = 0.5
 # Of the iterations [-]. Newton's method has converged after two to four.
 _TOLERANCE, _ITERATIONS = 1e-10, 50
 # Radius of the site around a body's spheres in which its contacts are felt, by theirs [-].
@@ -95,40 +98,30 @@ class Coupling:
 
 
 @dataclass(frozen=True)
-class _Compliance:
-    """Stiffness and damping as MuJoCo's parameters of a constraint, see the module.
+class _Spring:
+    """Spring and damper as MuJoCo's parameters of a constraint, see the module.
 
     Attributes:
-        regularization: R [1/kg].
-        damping: b [1/s].
-        stiffness: k [1/s^2].
+        stiffness: [N/m, N m/rad].
+        damping: [N s/m, N m s/rad].
     """
 
-    regularization: float
-    damping: float
     stiffness: float
+    damping: float = 0.0
 
-    @classmethod
-    def of(cls, stiffness: float, damping: float, step: float) -> "_Compliance":
-        """Compliance of a spring [N/m] and a damper [N s/m] over a step [s]; never too rigid."""
-        regularization = 1.0 / (step * (damping + step * stiffness))
-        if regularization < _LEAST:
-            return cls(_LEAST, 1.0 / step, 1.0 / step**2)
-        return cls(regularization, 1.0 / step, stiffness * regularization)
+    @property
+    def reference(self) -> NDArray[np.float64]:
+        """`solref` (2): negative, which makes MuJoCo take them as stiffness and damping."""
+        # It divides both by the impedance, and multiplies the stiffness by it again.
+        return -np.array((self.stiffness, self.damping)) * self.impedance[0] / _ADDED_MASS
 
-    @classmethod
-    def rigid(cls, step: float) -> "_Compliance":
-        """Compliance of what shall not give way: gaps are closed within the step [s]."""
-        return cls(_RIGID, 1.0 / step, 1.0 / step**2)
-
-    def parameters(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """`solref` (2) and `solimp` (5) of a constraint between two weights of `_WEIGHT`."""
+    @property
+    def impedance(self) -> NDArray[np.float64]:
+        """`solimp` (5) of a constraint between two weights of `_WEIGHT`."""
         inertia = 2.0 * _WEIGHT
-        impedance = inertia / (inertia + self.regularization)
-        # MuJoCo divides both by the impedance where they are negative, and multiplies k by it.
-        reference = np.array((-self.stiffness * impedance, -self.damping * impedance))
+        impedance = inertia / (inertia + 1.0 / _ADDED_MASS)
         # The same whatever the gap; width, midpoint and power do not matter then.
-        return reference, np.array((impedance, impedance, 1.0, 0.5, 1.0))
+        return np.array((impedance, impedance, 1.0, 0.5, 1.0))
 
 
 class MujocoModel:
@@ -423,7 +416,6 @@ class _Translation:
         else:
             raise WiringError(f"{joint.name()} is a joint of a kind that is not translated")
         lower, upper = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
-        reference, impedance = _Compliance.rigid(self._step).parameters()
         body.add_joint(
             name=name,
             type=kind,
@@ -432,8 +424,8 @@ class _Translation:
             damping=joint.GetDampingVector(self._context)[0],
             limited=bool(np.isfinite(lower) and np.isfinite(upper)),
             range=[lower, upper] if np.isfinite(lower) and np.isfinite(upper) else [0.0, 0.0],
-            solref_limit=reference,
-            solimp_limit=impedance,
+            solref_limit=_Spring(_RIGID).reference,
+            solimp_limit=_Spring(_RIGID).impedance,
         )
 
     def add_drives(self) -> None:
@@ -457,7 +449,6 @@ class _Translation:
 
     def add_balls(self, balls: Sequence[Ball]) -> None:
         """Adds the ball joints that close loops."""
-        reference, impedance = _Compliance.rigid(self._step).parameters()
         for i, ball in enumerate(balls):
             ends = ((ball.body, ball.point), (ball.other, ball.other_point))
             for k, (body, point) in enumerate(ends):
@@ -469,21 +460,20 @@ class _Translation:
                 objtype=self._mujoco.mjtObj.mjOBJ_SITE,
                 name1=f"ball {i} 0",
                 name2=f"ball {i} 1",
-                solref=reference,
-                solimp=impedance,
+                solref=_Spring(_RIGID).reference,
+                solimp=_Spring(_RIGID).impedance,
             )
 
     def add_couplings(self, couplings: Sequence[Coupling]) -> None:
         """Adds the coupled joints."""
-        reference, impedance = _Compliance.rigid(self._step).parameters()
         for coupling in couplings:
             equality = self.spec.add_equality(
                 type=self._mujoco.mjtEq.mjEQ_JOINT,
                 objtype=self._mujoco.mjtObj.mjOBJ_JOINT,
                 name1=joint_name(coupling.joint),
                 name2=joint_name(coupling.leader),
-                solref=reference,
-                solimp=impedance,
+                solref=_Spring(_RIGID).reference,
+                solimp=_Spring(_RIGID).impedance,
             )
             equality.data[1] = coupling.ratio
 
@@ -534,15 +524,16 @@ class _Translation:
         friction = _harmonic(*(of.static_friction() for of in frictions))
         # Two springs in a row. Dissipation is left out: it grows with the penetration, and that
         # of these stiff contacts is below what the implicit step damps anyway.
-        spring = 0.5 * _harmonic(*springs)
-        reference, impedance = _Compliance.of(spring, 0.0, self._step).parameters()
+        stiffness = 0.5 * _harmonic(*springs)
+        spring = _Spring(stiffness, _RELAXATION * self._step * stiffness)
         self.spec.add_pair(
             geomname1=_geometry_name(one),
             geomname2=_geometry_name(other),
             condim=3,
             friction=[friction, friction, 0.0, 0.0, 0.0],
-            solref=reference,
-            solimp=impedance,
+            solref=spring.reference,
+            solreffriction=_Spring(0.0, _STICTION).reference,
+            solimp=spring.impedance,
         )
 
     def add_sensors(self, scene_graph: SceneGraph, feet: Sequence[RigidBody]) -> None:
