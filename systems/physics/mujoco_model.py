@@ -46,15 +46,14 @@ from parapod.systems.core.extras import need
 _RIGID = 1e10
 # Mass that MuJoCo adds where a constraint holds [kg]: small beside a foot's.
 _ADDED_MASS = 1e-2
-# Time in which a contact relaxes, by the step [-].
-_RELAXATION = 1.0
-# Damping of friction below the cone [N s/m]: a foot that bears 10 N along a slope creeps by 1e-3
-# mm/s. Drake's value follows from masses and the step; at 1 ms it is ten times smaller.
-_STICTION = 1e7
-# Ratio of the regularisations of normal and tangential forces. The larger, the less of the
-# friction's reference acceleration is lost to the regularisation, down to a creep that `_STICTION`
-# gives; beyond it the solver needs more iterations.
-_FRICTION_RATIO = 100.0
+# Rate at which friction stops what slides [1/s]. MuJoCo's convex contact lifts a foot that slides
+# by a share h b / (1 + h b) of friction times its way in a step; with a rate far above 1 / h that
+# is more than the micrometres by which feet sink in, and they chatter.
+_STOPPING = 100.0
+# Ratio of the regularisations of normal and tangential forces. With the two values above it makes
+# a friction below the cone of 1e4 N s/m and as much mass, which lets a platform on a slope of 5
+# deg creep by 1e-3 mm/s at 1 ms. From 1e6 on the solver does not converge at steps above 1 ms.
+_FRICTION_RATIO = 1e4
 # Weight that all bodies and joints have in MuJoCo's estimate of a constraint's inertia. It
 # otherwise depends on the masses and on the model's first pose; with a number that is known, the
 # impedance that belongs to a regularisation is known too.
@@ -343,13 +342,13 @@ class _Translation:
 
     def __init__(self, mujoco: ModuleType, plant: MultibodyPlant, plant_context: Context):
         self._mujoco: Any = mujoco
-        self._plant, self._context, self._step = plant, plant_context, plant.time_step()
+        self._plant, self._context = plant, plant_context
         self.spec = self._mujoco.MjSpec()
         compiler, option = self.spec.compiler, self.spec.option
         compiler.degree = compiler.autolimits = compiler.balanceinertia = False
         compiler.fusestatic = compiler.alignfree = False
         compiler.inertiafromgeom = self._mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
-        option.timestep = self._step
+        option.timestep = plant.time_step()
         option.gravity = plant.gravity_field().gravity_vector()
         # The only one that solves constraints together with stiff drives, as Drake does; the
         # others have contacts and loops hold against forces that the drives do not exert.
@@ -524,15 +523,14 @@ class _Translation:
         friction = _harmonic(*(of.static_friction() for of in frictions))
         # Two springs in a row. Dissipation is left out: it grows with the penetration, and that
         # of these stiff contacts is below what the implicit step damps anyway.
-        stiffness = 0.5 * _harmonic(*springs)
-        spring = _Spring(stiffness, _RELAXATION * self._step * stiffness)
+        spring = _Spring(0.5 * _harmonic(*springs))
         self.spec.add_pair(
             geomname1=_geometry_name(one),
             geomname2=_geometry_name(other),
             condim=3,
             friction=[friction, friction, 0.0, 0.0, 0.0],
             solref=spring.reference,
-            solreffriction=_Spring(0.0, _STICTION).reference,
+            solreffriction=_Spring(0.0, _STOPPING * _ADDED_MASS).reference,
             solimp=spring.impedance,
         )
 

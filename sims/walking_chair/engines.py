@@ -1,0 +1,74 @@
+"""Compare Drake and MuJoCo on the walking chair: body, forces, loops, convergence of the steps.
+
+Both simulate the same bodies, drives and gait. Feet that come down and leave make it harder than
+the platform: where a foot touches first, and so which branch bears how much, hangs on
+micrometres.
+"""
+
+from dataclasses import dataclass
+
+from pydrake.geometry import Meshcat
+
+from parapod.diagrams.walking_chair.machine import CHAIR
+from parapod.diagrams.walking_chair.scenario import ChairScenario
+from parapod.sims.lab.engines import EngineComparison, Quantity, check_steps
+from parapod.sims.walking_chair.walk import check_walk, make_scene
+from parapod.systems.core.schema import quantity
+
+_DEGREE = 57.29577951308232
+# The chair has settled on its feet this long after the start [s].
+_SETTLED = 0.5
+
+
+@dataclass
+class ChairEnginesScenario(ChairScenario):
+    """One comparison of engines on the walking chair; the walk's keys are those of `chair-walk`.
+
+    Attributes:
+        steps_ms: steps with which both engines repeat the walk [ms].
+    """
+
+    steps_ms: list[float] = quantity([4.0, 2.0, 1.0, 0.5], 0.1, 10.0)
+
+
+class ChairEngines(EngineComparison[ChairScenario]):
+    """Runs the walk with both engines."""
+
+    machine = CHAIR
+    schema = ChairEnginesScenario
+    takes = "2 min"
+    signals = (
+        "truth.body_position",
+        "truth.body_attitude",
+        "truth.force",
+        "truth.contact_force",
+        "truth.loop_error",
+    )
+    quantities = (
+        Quantity(
+            "position", "truth.body_position", "mm", 1e3, "the body's place", (0, 1, 2), 0.3, True
+        ),
+        Quantity(
+            "tilt", "truth.body_attitude", "deg", _DEGREE, "roll and pitch", (0, 1), 0.02, True
+        ),
+        Quantity("heading", "truth.body_attitude", "deg", _DEGREE, "the heading", (2,)),
+        Quantity("force", "truth.force", "N", 1.0, "branches' forces", tuple(range(12))),
+        Quantity("contact_force", "truth.contact_force", "N", 1.0, "feet's forces", (0, 1, 2, 3)),
+    )
+
+    def check(self, scenario: ChairScenario) -> None:
+        """Refuses a walk or steps that do not fit together."""
+        check_walk(scenario)
+        check_steps(scenario)
+
+    def duration(self, scenario: ChairScenario) -> float:
+        """Standing, walk, standing [s]."""
+        return scenario.begin + scenario.gait.walk.duration + scenario.end
+
+    def scene(self, scenario: ChairScenario) -> Meshcat:
+        """A scene around the chair's way."""
+        return make_scene(scenario)
+
+    def counts_from(self, scenario: ChairScenario) -> float:
+        """When it has settled on its feet [s]."""
+        return min(_SETTLED, scenario.begin)
