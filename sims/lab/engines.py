@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 # Backends of rigid bodies, and how figures call them.
 ENGINES = {"multibody": "Drake", "mujoco": "MuJoCo"}
 
+# Up to this step of the plants their loops are closed to micrometres [s].
+FINE_STEP = 1e-3
+
 type Floats = NDArray[np.float64]
 
 
@@ -32,13 +35,15 @@ class Quantity:
 
     Attributes:
         key: stem of its metrics.
-        signal: name of its port.
+        signal: name of its port, or of a derived signal.
         unit: unit in which it is shown.
         scale: the shown number by the signal's.
         meaning: meaning, for people.
         elements: elements of the signal that are compared.
         bound: largest admissible difference [unit]; None for none.
         counts: whether its convergence is shown.
+        is_rough: whether single samples say little, as those of forces at a touchdown do: the
+            root mean square is measured instead of the largest.
     """
 
     key: str
@@ -49,11 +54,21 @@ class Quantity:
     elements: tuple[int, ...]
     bound: float | None = None
     counts: bool = False
+    is_rough: bool = False
 
     def of(self, signals: Mapping[str, Floats]) -> Floats:
         """(n, k) values of a run, as they are shown."""
         values: Floats = self.scale * signals[self.signal][:, list(self.elements)]
         return values
+
+    def difference(
+        self, pair: Mapping[Any, Mapping[str, Floats]], when: NDArray[np.bool_]
+    ) -> float:
+        """Difference between two runs over the times that count [unit]."""
+        one, other = (self.of(signals)[when] for signals in pair.values())
+        if self.is_rough:
+            return float(np.sqrt(np.mean((other - one) ** 2)))
+        return float(np.abs(other - one).max())
 
 
 @dataclass(frozen=True)
@@ -62,13 +77,15 @@ class Engines:
 
     Attributes:
         run: run that was watched.
-        runs: runs with the scenario's step, by backend.
+        signals: signals with the scenario's step, by backend.
+        realtime_factors: simulated time by wall-clock time with that step, by backend.
         steps: steps of the repetitions, the longest first [s].
         repeated: signals of the repetitions, by backend, in the order of the steps.
     """
 
     run: Run
-    runs: Mapping[str, Run]
+    signals: Mapping[str, Mapping[str, Floats]]
+    realtime_factors: Mapping[str, float]
     steps: Floats
     repeated: Mapping[str, Sequence[Mapping[str, Floats]]]
 
@@ -81,7 +98,7 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
     Attributes:
         quantities: signals that are compared.
         gap: name of the signal that tells how far loops are open [m].
-        most_open: largest admissible gap [um].
+        most_open: largest admissible gap with steps up to `FINE_STEP` [um].
     """
 
     backends = tuple(ENGINES)
@@ -92,6 +109,10 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
     def counts_from(self, scenario: S) -> float:
         """Time from which on differences count: the machine has settled [s]."""
         raise NotImplementedError(f"{type(self).__name__} does not define counts_from")
+
+    def derived(self, scenario: S, signals: Mapping[str, Floats]) -> Mapping[str, Floats]:
+        """Further signals (n, k), by names that no port has."""
+        return {}
 
     def run(self, scenario: S, bench: Bench) -> Engines:
         """Runs both with the scenario's step, and again with every other one."""
@@ -106,31 +127,44 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
         repeated: dict[str, list[Mapping[str, Floats]]] = {backend: [] for backend in ENGINES}
         for step in steps:
             for backend in ENGINES:
-                if np.isclose(1e-3 * step, own):
-                    repeated[backend].append(dict(runs[backend]))
-                    continue
-                finer = with_engine(scenario, backend, 1e-3 * step)
-                repeated[backend].append(dict(bench.run(self, finer, watched=False)))
-        return Engines(runs[settings.backend], runs, 1e-3 * np.array(steps), repeated)
+                run = runs[backend]
+                if not np.isclose(1e-3 * step, own):
+                    again = with_engine(scenario, backend, 1e-3 * step)
+                    run = bench.run(self, again, watched=False)
+                repeated[backend].append(self._all_signals(scenario, run))
+        return Engines(
+            runs[settings.backend],
+            {backend: self._all_signals(scenario, run) for backend, run in runs.items()},
+            {backend: run.realtime_factor for backend, run in runs.items()},
+            1e-3 * np.array(steps),
+            repeated,
+        )
+
+    def _all_signals(self, scenario: S, run: Run) -> dict[str, Floats]:
+        signals: dict[str, Floats] = {name: run[name] for name in self.signals}
+        return {**signals, **self.derived(scenario, signals)}
 
     def measure(self, scenario: S, data: Engines) -> Iterator[Metric]:
         """Largest differences, gaps, and how fast each was."""
         late = data.run.time >= self.counts_from(scenario)
         for quantity in self.quantities:
+            kind = "root mean square" if quantity.is_rough else "largest"
             yield Metric(
-                f"{quantity.key}_difference_{suffix(quantity.unit)}",
-                largest_difference(quantity, data.runs, late),
+                f"{quantity.key}_difference_{quantity.unit}",
+                quantity.difference(data.signals, late),
                 quantity.unit,
                 quantity.bound,
-                meaning=f"largest between the engines, of {quantity.meaning}",
+                meaning=f"{kind} between the engines, of {quantity.meaning}",
             )
-        for backend, run in data.runs.items():
-            gap = 1e6 * float(run[self.gap].max())
+        settings: Any = scenario
+        most = self.most_open if settings.plant.time_step <= FINE_STEP else None
+        for backend, signals in data.signals.items():
+            gap = 1e6 * float(signals[self.gap].max())
             meaning = f"largest gap in the loops, {ENGINES[backend]}"
-            yield Metric(f"{backend}_loop_error_um", gap, "um", self.most_open, meaning=meaning)
-        for backend, run in data.runs.items():
+            yield Metric(f"{backend}_loop_error_um", gap, "um", most, meaning=meaning)
+        for backend, factor in data.realtime_factors.items():
             meaning = f"simulated time by wall-clock time, {ENGINES[backend]}"
-            yield Metric(f"{backend}_realtime_factor", run.realtime_factor, meaning=meaning)
+            yield Metric(f"{backend}_realtime_factor", factor, meaning=meaning)
         yield from self._convergence(data, late)
 
     def _convergence(self, data: Engines, late: NDArray[np.bool_]) -> Iterator[Metric]:
@@ -142,7 +176,7 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
                 pair = {backend: runs[k] for backend, runs in data.repeated.items()}
                 yield Metric(
                     f"{quantity.key}_difference_at_{1e6 * step:.0f}_us",
-                    largest_difference(quantity, pair, late),
+                    quantity.difference(pair, late),
                     quantity.unit,
                     meaning=f"the same with steps of {1e3 * step:g} ms",
                 )
@@ -161,11 +195,13 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
             time = data.run.time
             late = time >= start
             for i, quantity in enumerate(self.quantities):
-                for (backend, run), colour in zip(data.runs.items(), COLOURS, strict=False):
+                for (backend, signals), colour in zip(data.signals.items(), COLOURS, strict=False):
                     width = 2.2 if backend == next(iter(ENGINES)) else 1.0
-                    lines = axes[0, i].plot(time, quantity.of(run), color=colour, linewidth=width)
+                    lines = axes[0, i].plot(
+                        time, quantity.of(signals), color=colour, linewidth=width
+                    )
                     lines[0].set_label(ENGINES[backend])
-                one, other = (quantity.of(run) for run in data.runs.values())
+                one, other = map(quantity.of, data.signals.values())
                 axes[1, i].plot(time[late], (other - one)[late], color=COLOURS[2], linewidth=0.8)
                 axes[0, i].set_title(quantity.meaning)
                 axes[0, i].set_ylabel(f"[{quantity.unit}]")
@@ -194,12 +230,12 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
             for axis, quantity in zip(axes[0], counted, strict=True):
                 for (backend, runs), colour in zip(data.repeated.items(), COLOURS, strict=False):
                     own = [
-                        largest_difference(quantity, {"": run, "finest": runs[-1]}, late)
+                        quantity.difference({"": run, "finest": runs[-1]}, late)
                         for run in runs[:-1]
                     ]
                     axis.loglog(steps[:-1], own, "o-", color=colour, label=ENGINES[backend])
                 between = [
-                    largest_difference(quantity, dict(enumerate(pair)), late)
+                    quantity.difference(dict(enumerate(pair)), late)
                     for pair in zip(*data.repeated.values(), strict=True)
                 ]
                 axis.loglog(steps, between, "s--", color=COLOURS[2], label="between both")
@@ -241,19 +277,6 @@ def check_steps(scenario: Any) -> None:
         raise ScenarioError(
             f"{key} = {max(steps):g} ms is above control.period = {longest:g} ms", key
         )
-
-
-def largest_difference(
-    quantity: Quantity, pair: Mapping[Any, Mapping[str, Floats]], when: NDArray[np.bool_]
-) -> float:
-    """Largest difference of a quantity between two runs, at the times that count."""
-    one, other = (quantity.of(signals) for signals in pair.values())
-    return float(np.abs(other - one)[when].max())
-
-
-def suffix(unit: str) -> str:
-    """A unit as keys of metrics have it."""
-    return unit.replace("/", "_")
 
 
 def _stem(name: str) -> str:

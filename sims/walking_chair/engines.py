@@ -1,21 +1,25 @@
 """Compare Drake and MuJoCo on the walking chair: body, forces, loops, convergence of the steps.
 
 Both simulate the same bodies, drives and gait. Feet that come down and leave make it harder than
-the platform: where a foot touches first, and so which branch bears how much, hangs on
-micrometres.
+the platform. Four flat feet have twelve corners, of which three bear what statics determines; how
+much each branch bears hangs on micrometres, while all feet together bear the weight.
 """
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pydrake.geometry import Meshcat
 
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.sims.lab.engines import EngineComparison, Quantity, check_steps
+from parapod.sims.lab.engines import EngineComparison, Floats, Quantity, check_steps
 from parapod.sims.walking_chair.walk import check_walk, make_scene
 from parapod.systems.core.schema import quantity
+from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
 
-_DEGREE = 57.29577951308232
+_DEGREE = math.degrees(1.0)
+_BRANCHES, _LEGS = tuple(range(len(BRANCHES))), tuple(range(LEG_COUNT))
 # The chair has settled on its feet this long after the start [s].
 _SETTLED = 0.5
 
@@ -52,9 +56,20 @@ class ChairEngines(EngineComparison[ChairScenario]):
             "tilt", "truth.body_attitude", "deg", _DEGREE, "roll and pitch", (0, 1), 0.02, True
         ),
         Quantity("heading", "truth.body_attitude", "deg", _DEGREE, "the heading", (2,)),
-        Quantity("force", "truth.force", "N", 1.0, "branches' forces", tuple(range(12))),
-        Quantity("contact_force", "truth.contact_force", "N", 1.0, "feet's forces", (0, 1, 2, 3)),
+        Quantity(
+            "force", "truth.force", "N", 1.0, "branches' forces", _BRANCHES, 20.0, is_rough=True
+        ),
+        Quantity("weight", "weight", "N", 1.0, "all feet together", (0,), 20.0, is_rough=True),
+        Quantity(
+            "contact_force", "truth.contact_force", "N", 1.0, "feet's forces", _LEGS, is_rough=True
+        ),
     )
+
+    def derived(
+        self, scenario: ChairScenario, signals: Mapping[str, Floats]
+    ) -> Mapping[str, Floats]:
+        """What all feet bear together; how they share it is not determined by statics."""
+        return {"weight": signals["truth.contact_force"].sum(axis=1, keepdims=True)}
 
     def check(self, scenario: ChairScenario) -> None:
         """Refuses a walk or steps that do not fit together."""

@@ -54,6 +54,11 @@ BRIEF = {
         "job.waypoints=[{time: 0.5, height_mm: 1}]",
         "job.end=6",
     ),
+    "compare-engines": (*JOB[1:], "plant.time_step=0.005", "steps_ms=[5]"),
+    "chair-engines": (
+        *("plant.time_step=0.005", "steps_ms=[5, 10]", "gait.lift_mm=6", "gait.step_mm=10"),
+        *("gait.swing_height_mm=2", "gait.phase_duration=1", "begin=0.5", "end=0.5"),
+    ),
     "validate-kinematics": (*COARSE, *JOB[3:]),
     "deploy": ("backend=kinematic", "longest=3"),
     "fault-campaign": ("device=encoder", "phase=transport", "window=0.5"),
