@@ -16,6 +16,7 @@ as the springs have them: `_Spring`. Drives and damped joints need no such detou
 integrator takes their stiffness and damping implicitly as it is.
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
@@ -41,6 +42,8 @@ from pydrake.systems.framework import Context
 
 from parapod.systems.core.errors import WiringError
 from parapod.systems.core.extras import need
+
+_LOG = logging.getLogger(__name__)
 
 # Stiffness of loops and couplings [N/m, N m/rad], with which a leg's loop gapes by .1 um.
 _RIGID = 1e10
@@ -164,6 +167,8 @@ class MujocoModel:
             )
         self.plant, self.feet, self.loads = plant, tuple(feet), tuple(loads)
         self._mujoco: Any = need("mujoco")
+        # It would write a file into the folder in which the program runs.
+        self._mujoco.set_mju_user_warning(_LOG.warning)
         self._defaults = plant.CreateDefaultContext()
         translation = _Translation(self._mujoco, plant, self._defaults)
         translation.add_bodies()

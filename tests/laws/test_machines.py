@@ -23,6 +23,7 @@ from parapod.diagrams.machine import In, Out, find_machine, list_machines
 from parapod.diagrams.station import Behind, Station
 from parapod.diagrams.wiring import inputs_of, leaf_systems, outputs_of
 from parapod.systems.core.errors import ParapodError, ScenarioError, WiringError
+from parapod.systems.core.extras import EXTRAS
 from parapod.systems.core.scenario_file import load_scenario
 
 MACHINES = list_machines()
@@ -260,7 +261,7 @@ def test_importing_a_machine_loads_no_other_and_no_device_library(machine):
     loaded = set(done.stdout.split())
     others = [other.name for other in MACHINES if other is not machine]
     assert not [name for name in loaded if name.split(".")[2:3] and name.split(".")[2] in others]
-    assert not loaded & {"can", "canopen", "nidaqmx", "iio", "spidev", "serial", "mcap", "grpc"}
+    assert not loaded & set(EXTRAS)
     assert not [name for name in loaded if name.startswith("matplotlib")]
     devices = {name for name in loaded if name.startswith("parapod.systems.hardware.")}
     settings = {name for name in devices if name.endswith(".settings")}
