@@ -4,7 +4,8 @@ from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
-from parapod.diagrams.wiring import add
+from parapod.diagrams.wiring import add, connect
+from parapod.systems.physics.mujoco_plant import MujocoPlant
 
 
 def make_plant(
@@ -25,3 +26,17 @@ def make_plant(
         add(builder, scene_graph, "drawing")
     plant.RegisterAsSourceForSceneGraph(scene_graph)
     return plant, scene_graph
+
+
+def draw(builder: DiagramBuilder, bodies: MujocoPlant, scene_graph: SceneGraph) -> None:
+    """Poses the geometry of the bodies where MuJoCo has them.
+
+    Args:
+        builder: builder of the diagram that holds both.
+        bodies: the bodies.
+        scene_graph: scene with which their plant is registered.
+    """
+    source_id = bodies.model.plant.get_source_id()
+    assert source_id is not None
+    sink = scene_graph.get_source_pose_port(source_id)
+    connect(builder, bodies.GetOutputPort("geometry_pose"), sink)

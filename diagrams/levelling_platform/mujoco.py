@@ -4,7 +4,6 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
-from parapod.diagrams.drawing import draw
 from parapod.diagrams.levelling_platform.beginning import Beginning
 from parapod.diagrams.levelling_platform.model import (
     add_platform,
@@ -20,7 +19,7 @@ from parapod.diagrams.levelling_platform.plants import (
     observe,
 )
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.mujoco import make_plant
+from parapod.diagrams.mujoco import draw, make_plant
 from parapod.diagrams.station import Behind
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
@@ -68,9 +67,8 @@ def _add_mujoco_plant(
     contact_force = bodies.GetOutputPort("contact_force")
     signals |= {"load_force": load_force, "contact_force": contact_force}
     if meshcat is not None and model.is_full:
-        positions = bodies.GetOutputPort("positions")
-        draw(builder, plant, positions, scene_graph)
-        add_visualization(builder, model, positions, scene_graph, meshcat)
+        draw(builder, bodies, scene_graph)
+        add_visualization(builder, model, state, scene_graph, meshcat)
     elif meshcat is not None:
         draw_as_full(builder, scenario, model, drives, state, meshcat)
 

@@ -3,8 +3,8 @@
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from parapod.diagrams.drawing import draw, publish
-from parapod.diagrams.mujoco import make_plant
+from parapod.diagrams.drawing import publish
+from parapod.diagrams.mujoco import draw, make_plant
 from parapod.diagrams.station import Behind
 from parapod.diagrams.walking_chair.model import add_chair
 from parapod.diagrams.walking_chair.plants import Beginning, Plant, add_simulated
@@ -48,7 +48,7 @@ def _add_mujoco_plant(
     truth = add(builder, ChairTruth(model))
     connect(builder, bodies.GetOutputPort("body_poses"), truth.GetInputPort("body_poses"))
     if meshcat is not None:
-        draw(builder, plant, bodies.GetOutputPort("positions"), scene_graph)
+        draw(builder, bodies, scene_graph)
         publish(builder, scene_graph, meshcat, "chair")
     names = ("body_position", "body_attitude", "foot_height", "loop_error")
     signals = {name: truth.GetOutputPort(name) for name in names}

@@ -78,14 +78,12 @@ class Engines:
     Attributes:
         run: run that was watched.
         signals: signals with the scenario's step, by backend.
-        realtime_factors: simulated time by wall-clock time with that step, by backend.
         steps: steps of the repetitions, the longest first [s].
         repeated: signals of the repetitions, by backend, in the order of the steps.
     """
 
     run: Run
     signals: Mapping[str, Mapping[str, Floats]]
-    realtime_factors: Mapping[str, float]
     steps: Floats
     repeated: Mapping[str, Sequence[Mapping[str, Floats]]]
 
@@ -135,7 +133,6 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
         return Engines(
             runs[settings.backend],
             {backend: self._all_signals(scenario, run) for backend, run in runs.items()},
-            {backend: run.realtime_factor for backend, run in runs.items()},
             1e-3 * np.array(steps),
             repeated,
         )
@@ -162,10 +159,9 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
             gap = 1e6 * float(signals[self.gap].max())
             meaning = f"largest gap in the loops, {ENGINES[backend]}"
             yield Metric(f"{backend}_loop_error_um", gap, "um", most, meaning=meaning)
-        for backend, factor in data.realtime_factors.items():
-            meaning = f"simulated time by wall-clock time, {ENGINES[backend]}"
-            yield Metric(f"{backend}_realtime_factor", factor, meaning=meaning)
         yield from self._convergence(data, late)
+        meaning = f"simulated time by wall-clock time, {ENGINES[settings.backend]}"
+        yield Metric("realtime_factor", data.run.realtime_factor, meaning=meaning)
 
     def _convergence(self, data: Engines, late: NDArray[np.bool_]) -> Iterator[Metric]:
         """Differences of the engines at each step."""
@@ -203,8 +199,7 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
                     lines[0].set_label(ENGINES[backend])
                 one, other = map(quantity.of, data.signals.values())
                 axes[1, i].plot(time[late], (other - one)[late], color=COLOURS[2], linewidth=0.8)
-                axes[0, i].set_title(quantity.meaning)
-                axes[0, i].set_ylabel(f"[{quantity.unit}]")
+                axes[0, i].set_ylabel(f"{quantity.meaning} [{quantity.unit}]")
                 axes[1, i].set_ylabel(f"difference [{quantity.unit}]")
                 axes[1, i].set_xlabel("time [s]")
             canvas.legend(

@@ -68,7 +68,7 @@ class ChairEngines(EngineComparison[ChairScenario]):
     def derived(
         self, scenario: ChairScenario, signals: Mapping[str, Floats]
     ) -> Mapping[str, Floats]:
-        """What all feet bear together; how they share it is not determined by statics."""
+        """The force that all feet bear together, which statics determines."""
         return {"weight": signals["truth.contact_force"].sum(axis=1, keepdims=True)}
 
     def check(self, scenario: ChairScenario) -> None:
@@ -85,5 +85,5 @@ class ChairEngines(EngineComparison[ChairScenario]):
         return make_scene(scenario)
 
     def counts_from(self, scenario: ChairScenario) -> float:
-        """When it has settled on its feet [s]."""
+        """The time at which it stands on its feet [s]."""
         return min(_SETTLED, scenario.begin)

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import Value
+from pydrake.geometry import FramePoseVector
 from pydrake.math import RigidTransform
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from parapod.systems.core.ports import read_array
@@ -27,10 +28,10 @@ class MujocoPlant(LeafSystem):
     |---|---|---|---|
     | in `desired_state` | 2k | m, rad, and their rates | what the drives are led to |
     | out `holding_force` | k | N, N m | with which the drives held in the last step |
-    | out `positions` | n | m, rad | positions, in the order of the `MultibodyPlant` |
     | out `state` | m | m, rad, and their rates | positions and velocities of the plant |
     | out `contact_force` | f | N | normal contact forces on the feet in the last step |
     | out `body_poses` | abstract | - | poses of its bodies in the world, by their indices |
+    | out `geometry_pose` | abstract | - | the same for the scene graph of its geometry |
 
     Drives come in groups; `desired_state` has positions and then velocities of each group, one
     step ahead. Like those of Drake's discrete plant they are springs and dampers that act
@@ -72,17 +73,16 @@ class MujocoPlant(LeafSystem):
         plant = model.plant
         for name, size, calc, tickets in (
             ("holding_force", count, self._calc_holding_force, acts),
-            ("positions", plant.num_positions(), self._calc_positions, moves),
             ("state", plant.num_multibody_states(), self._calc_state, moves),
             ("contact_force", len(model.feet), self._calc_contact_force, acts),
         ):
             self.DeclareVectorOutputPort(name, size, calc, tickets)
-        self.DeclareAbstractOutputPort(
-            "body_poses",
-            Value[list[RigidTransform]],
-            self._calc_body_poses,
-            moves | {self.all_parameters_ticket()},
-        )
+        for name, kind, show in (
+            ("body_poses", Value[list[RigidTransform]], self._calc_body_poses),
+            ("geometry_pose", Value[FramePoseVector], self._calc_geometry_pose),
+        ):
+            tickets = moves | {self.all_parameters_ticket()}
+            self.DeclareAbstractOutputPort(name, kind, show, tickets)
         self.DeclarePeriodicDiscreteUpdateEvent(plant.time_step(), 0.0, self._update_state)
 
     def put(self, context: Context, plant_context: Context) -> None:
@@ -139,13 +139,18 @@ class MujocoPlant(LeafSystem):
         physics = context.get_discrete_state(_PHYSICS).value()
         output.SetFromVector(self.model.plant_state(physics))
 
-    def _calc_positions(self, context: Context, output: BasicVector) -> None:
-        physics = context.get_discrete_state(_PHYSICS).value()
-        output.SetFromVector(self.model.plant_state(physics)[: output.size()])
-
     def _calc_body_poses(self, context: Any, output: Any) -> None:
         self._restore(context)
         output.set_value(self.model.poses())
+
+    def _calc_geometry_pose(self, context: Any, output: Any) -> None:
+        self._restore(context)
+        poses = FramePoseVector()
+        for index, pose in enumerate(self.model.poses()):
+            frame = self.model.plant.GetBodyFrameIdIfExists(BodyIndex(index))
+            if frame is not None and index:
+                poses.set_value(frame, pose)
+        output.set_value(poses)
 
     def _calc_holding_force(self, context: Context, output: BasicVector) -> None:
         forces = context.get_discrete_state(_FORCES).value()
