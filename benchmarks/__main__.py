@@ -1,5 +1,6 @@
 """`python -m benchmarks [--strict] [GROUP ...]`: kinematics, realtime, accuracy, .. (see _GROUPS).
 `python -m benchmarks faults [--help]`: the fault matrix by itself, with options.
+`python -m benchmarks engines [--help]`: Drake and MuJoCo, speed against accuracy.
 `python -m benchmarks mutants [--help]`: how many single changes of the code the tests notice.
 
 Measures and prints: the groups that are named, or all but the day's run. With `--strict` a missed
@@ -16,6 +17,7 @@ from benchmarks import (
     chair,
     deadlines,
     endurance,
+    engines,
     faults,
     hardware,
     kinematics,
@@ -33,6 +35,8 @@ _DEFAULT = tuple(name for name in _GROUPS if name != "day")
 
 
 def main(arguments: list[str]) -> int:
+    if arguments[:1] == ["engines"]:
+        return engines.main(arguments[1:])
     if arguments[:1] == ["mutants"]:
         return mutants.main(arguments[1:])
     if arguments[:1] == ["faults"]:

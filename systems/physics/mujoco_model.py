@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.common.eigen_geometry import Quaternion
-from pydrake.geometry import Box, GeometryId, HalfSpace, SceneGraph, Sphere
+from pydrake.geometry import Box, GeometryId, HalfSpace, Role, SceneGraph, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -130,6 +130,7 @@ class MujocoModel:
     """A model of MuJoCo translated from a plant, and the maps between the states of both.
 
     Attributes:
+        spec: the specification from which the model is compiled.
         model: the compiled model.
         data: scratch memory for calculations; nothing in it outlives a call.
         plant: the plant that was translated.
@@ -171,13 +172,14 @@ class MujocoModel:
         self._mujoco.set_mju_user_warning(_LOG.warning)
         self._defaults = plant.CreateDefaultContext()
         translation = _Translation(self._mujoco, plant, self._defaults)
+        self.spec: Any = translation.spec
         translation.add_bodies()
         translation.add_drives()
         translation.add_balls(balls)
         translation.add_couplings(couplings)
         translation.add_contacts(scene_graph)
         translation.add_sensors(scene_graph, self.feet)
-        self.model: Any = translation.spec.compile()
+        self.model: Any = self.spec.compile()
         self.data: Any = self._mujoco.MjData(self.model)
         self._maps = _StateMaps(self._mujoco, self.model, plant)
         self._poses = [self.model.body(body_name(b)).id for b in bodies_of(plant)]
@@ -484,20 +486,18 @@ class _Translation:
     def add_contacts(self, scene_graph: SceneGraph) -> None:
         """Adds the pairs of geometry that may touch in Drake, and no others."""
         inspector = scene_graph.model_inspector()
-        added: dict[GeometryId, tuple[str, bool]] = {}
-        for body in bodies_of(self._plant):
-            for geometry in self._plant.GetCollisionGeometriesForBody(body):
-                added[geometry] = (inspector.GetName(geometry), self._is_anchored(body))
+        is_anchored: dict[GeometryId, bool] = {}
+        for geometry in sorted(inspector.GetAllGeometryIds(Role.kProximity), key=_number):
+            # What the plant has registered; some of it may have been removed since.
+            body = self._plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
+            if body is not None:
+                is_anchored[geometry] = self._plant.IsAnchored(body)
                 self._add_geometry(body, geometry, inspector)
         # In an order that is the same in every process: it decides how contacts are summed.
         candidates = (sorted(pair, key=_number) for pair in inspector.GetCollisionCandidates())
         for one, other in sorted(candidates, key=lambda pair: [*map(_number, pair)]):
-            if one not in added or other not in added or (added[one][1] and added[other][1]):
-                continue
-            self._add_pair(inspector, one, other)
-
-    def _is_anchored(self, body: RigidBody) -> bool:
-        return self._plant.IsAnchored(body)
+            if not (is_anchored.get(one, True) and is_anchored.get(other, True)):
+                self._add_pair(inspector, one, other)
 
     def _add_geometry(self, body: RigidBody, geometry: GeometryId, inspector: Any) -> None:
         shape, kinds = inspector.GetShape(geometry), self._mujoco.mjtGeom
