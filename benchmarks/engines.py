@@ -410,7 +410,7 @@ def refined(best: Sequence[Case]) -> Iterator[Case]:
 
 
 def search(candidates: Sequence[Case]) -> list[Case]:
-    """Of each leg and step the fastest that is accurate, else the most accurate."""
+    """The two fastest accurate cases of each leg and step, else the most accurate one."""
     groups: dict[tuple[str, float], list[Case]] = {}
     for case in candidates:
         case.judge()
