@@ -56,8 +56,8 @@ BRIEF = {
     ),
     "compare-engines": (*JOB[1:], "plant.time_step=0.005", "steps_ms=[5]"),
     "chair-engines": (
-        *("plant.time_step=0.005", "steps_ms=[5, 10]", "gait.lift_mm=6", "gait.step_mm=10"),
-        *("gait.swing_height_mm=2", "gait.phase_duration=1", "begin=0.5", "end=0.5"),
+        *("plant.time_step=0.005", "steps_ms=[5]", "gait.lift_mm=3", "gait.step_mm=4"),
+        *("gait.swing_height_mm=1", "gait.phase_duration=0.5", "begin=0.1", "end=0.1"),
     ),
     "validate-kinematics": (*COARSE, *JOB[3:]),
     "deploy": ("backend=kinematic", "longest=3"),
