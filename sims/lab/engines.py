@@ -4,6 +4,7 @@ Both simulate the same bodies behind the same ports, from the same scenario and 
 agree on is no peculiarity of a solver; what they do not is explained, or is a fault of one.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -25,6 +26,8 @@ ENGINES = {"multibody": "Drake", "mujoco": "MuJoCo"}
 
 # Up to this step of the plants their loops are closed to micrometres [s].
 FINE_STEP = 1e-3
+
+_COLUMNS = 4  # of a figure, at most
 
 type Floats = NDArray[np.float64]
 
@@ -185,12 +188,19 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
             yield self._steps(data, start)
 
     def _signals(self, data: Engines, start: float) -> Figure:
+        rows = math.ceil(len(self.quantities) / _COLUMNS)
+        columns = math.ceil(len(self.quantities) / rows)
+
         def draw(canvas: "Canvas") -> None:
-            shape = (2, len(self.quantities))
-            axes: Any = canvas.subplots(*shape, sharex=True, squeeze=False, height_ratios=(2, 1))
+            ratios = (2, 1) * rows
+            all_axes: Any = canvas.subplots(
+                2 * rows, columns, sharex=True, squeeze=False, height_ratios=ratios
+            )
             time = data.run.time
             late = time >= start
-            for i, quantity in enumerate(self.quantities):
+            for k, quantity in enumerate(self.quantities):
+                row, i = divmod(k, columns)
+                axes = all_axes[2 * row : 2 * row + 2]
                 for (backend, signals), colour in zip(data.signals.items(), COLOURS, strict=False):
                     width = 2.2 if backend == next(iter(ENGINES)) else 1.0
                     lines = axes[0, i].plot(
@@ -202,8 +212,11 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
                 axes[0, i].set_ylabel(f"{quantity.meaning} [{quantity.unit}]")
                 axes[1, i].set_ylabel(f"difference [{quantity.unit}]")
                 axes[1, i].set_xlabel("time [s]")
+            used = len(self.quantities) - columns * (rows - 1)  # of the last row
+            for unused in all_axes[-2:, used:].flat:
+                unused.remove()
             canvas.legend(
-                *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2
+                *all_axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2
             )
 
         return Figure(
@@ -212,7 +225,7 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
             "The same bodies, drives and commands, simulated by Drake and by MuJoCo; below, "
             "MuJoCo's signals less Drake's.",
             draw,
-            (3.2 * len(self.quantities), 4.6),
+            (3.2 * columns, 4.4 * rows),
         )
 
     def _steps(self, data: Engines, start: float) -> Figure:
