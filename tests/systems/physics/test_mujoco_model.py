@@ -12,7 +12,7 @@ from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.walking_chair.model import add_chair
 from parapod.systems.core.errors import MissingExtra, WiringError
 from parapod.systems.levelling_platform.geometry import LegDeviation, PlatformGeometry
-from parapod.systems.physics.mujoco_model import MujocoModel
+from parapod.systems.physics.mujoco_model import MujocoModel, joint_name
 from parapod.systems.walking_chair.masses import Passenger
 
 mujoco = pytest.importorskip("mujoco")
@@ -116,6 +116,28 @@ def test_both_have_the_same_inertia_weight_and_poses(machine):
             body = machine.plant.get_body(BodyIndex(i))
             wanted = machine.plant.EvalBodyPoseInWorld(machine.context, body)
             assert pose.IsNearlyEqualTo(wanted, 1e-13), body.name()
+
+
+def test_joints_and_drives_have_the_same_limits_damping_and_gains(machine):
+    model, damped = machine.translated.model, 0
+    for i in machine.plant.GetJointIndices():
+        joint = machine.plant.get_joint(i)
+        if joint.num_positions() != 1:
+            continue
+        found = model.joint(joint_name(joint))
+        assert found.damping == joint.GetDampingVector(machine.context)
+        damped += found.damping[0] > 0.0
+        limits = [joint.position_lower_limits()[0], joint.position_upper_limits()[0]]
+        assert bool(model.jnt_limited[found.id]) == bool(np.isfinite(limits).all())
+        if model.jnt_limited[found.id]:
+            assert found.range.tolist() == limits
+    assert damped or hasattr(machine.machine, "feet")  # rollers are damped, the chair's feet not
+    assert model.nu == machine.plant.num_actuators()
+    for i in machine.plant.GetJointActuatorIndices():
+        drive = machine.plant.get_joint_actuator(i)
+        gains = drive.get_controller_gains()
+        found = model.actuator(joint_name(drive.joint()))
+        assert (found.gainprm[0], *found.biasprm[:3]) == (1.0, 0.0, -gains.p, -gains.d)
 
 
 def test_another_passenger_is_as_one_that_was_there_from_the_start():
