@@ -46,7 +46,7 @@ from parapod.systems.levelling_platform.leg import (
 )
 from parapod.systems.levelling_platform.plane import dot, normal_of
 from parapod.systems.levelling_platform.statics import resting_posture
-from parapod.systems.physics.mujoco_model import Ball, Coupling
+from parapod.systems.physics.loops import Ball, Coupling
 from parapod.systems.sensors.limit_switches import LimitSwitchesParams
 
 # What the files in `parapod.urdf.levelling_platform` are drawn to: Tables 1 and 2, with rollers.

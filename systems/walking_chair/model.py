@@ -25,7 +25,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.core.ports import declare_cached, read_array
-from parapod.systems.physics.mujoco_model import Ball
+from parapod.systems.physics.loops import Ball
 from parapod.systems.walking_chair.geometry import (
     BRANCHES,
     LEG_COUNT,
