@@ -1,6 +1,7 @@
 """`python -m benchmarks [--strict] [GROUP ...]`: kinematics, realtime, accuracy, .. (see _GROUPS).
 `python -m benchmarks faults [--help]`: the fault matrix by itself, with options.
 `python -m benchmarks loop [EXPERIMENT [KEY=VALUE ..]]`: where the time of a loop's tick goes.
+`python -m benchmarks engines [--help]`: Drake and MuJoCo, speed against accuracy.
 `python -m benchmarks mutants [--help]`: how many single changes of the code the tests notice.
 
 Measures and prints: the groups that are named, or all but the day's run. With `--strict` a missed
@@ -18,19 +19,21 @@ from benchmarks import (
     chair,
     deadlines,
     endurance,
+    engines,
     faults,
     hardware,
     kinematics,
     loop,
     mutants,
     realtime,
+    scale,
     terrain,
 )
 from benchmarks.report import Measurement, print_measurements
 
 _GROUPS = (
     *("kinematics", "realtime", "accuracy", "chair", "centers", "terrain"),
-    *("endurance", "hardware", "deadlines", "faults", "day"),
+    *("scale", "endurance", "hardware", "deadlines", "faults", "day"),
 )
 # Of tables that go into a file or a pipe [characters].
 _FILE_WIDTH = 130
@@ -38,6 +41,8 @@ _DEFAULT = tuple(name for name in _GROUPS if name != "day")
 
 
 def main(arguments: list[str]) -> int:
+    if arguments[:1] == ["engines"]:
+        return engines.main(arguments[1:])
     if arguments[:1] == ["mutants"]:
         return mutants.main(arguments[1:])
     if arguments[:1] == ["faults"]:
@@ -62,6 +67,7 @@ def main(arguments: list[str]) -> int:
             "chair": lambda: chair.run(console),
             "centers": lambda: centers.run(console),
             "terrain": lambda: terrain.run(console),
+            "scale": lambda: scale.run(console),
             "endurance": lambda: endurance.run(console),
             "hardware": lambda: hardware.run(console),
             "deadlines": lambda: deadlines.run(console),

@@ -35,7 +35,7 @@ _EFFICIENCY = 95.0  # [%]
 
 @dataclass(frozen=True)
 class _Timed:
-    """What a study took.
+    """Time and memory that a study took.
 
     Attributes:
         rate: runs per second.

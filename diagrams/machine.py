@@ -244,7 +244,7 @@ class Machine[S]:
         return replace(self, **self.variant(scenario), variant=None)
 
     def structure(self, scenario: S) -> str:
-        """The part of a scenario that is built in, as a text: one loop serves all that share it."""
+        """The built-in part of a scenario, as a text: one loop serves all that share it."""
         settings: Any = scenario
         tree = plain(scenario)
         for key in self.resets(scenario) if settings.backend in self.plants else ():

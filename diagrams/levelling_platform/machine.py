@@ -13,6 +13,7 @@ from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.guard import PlatformGuard
 from parapod.diagrams.levelling_platform.homing import LEGS
 from parapod.diagrams.levelling_platform.model import geometry_as_known
+from parapod.diagrams.levelling_platform.mujoco import add_mujoco_bodies
 from parapod.diagrams.levelling_platform.plants import add_bodies, add_mock, add_statics
 from parapod.diagrams.levelling_platform.ports import PARTS, PORTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
@@ -101,7 +102,7 @@ PLATFORM = Machine(
     scenario=LevellingScenario,
     ports=PORTS,
     parts=PARTS,
-    plants={"multibody": add_bodies, "kinematic": add_statics},
+    plants={"multibody": add_bodies, "kinematic": add_statics, "mujoco": add_mujoco_bodies},
     mock=add_mock,
     controller=make_controller,
     sources=make_sources,
@@ -135,6 +136,6 @@ PLATFORM = Machine(
     guard=PlatformGuard,
     instrument=_instrument,
     twin=PlatformTwin,
-    exchange={"multibody": 2e-3, "kinematic": 2e-3},
+    exchange={"multibody": 2e-3, "kinematic": 2e-3, "mujoco": 2e-3},
     resets=_resets,
 )

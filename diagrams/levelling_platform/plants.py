@@ -1,4 +1,7 @@
-"""Plants behind the levelling platform's station: rigid bodies, statics, mock."""
+"""Plants behind the levelling platform's station: rigid bodies, statics, mock.
+
+Rigid bodies of another engine are in `parapod.diagrams.levelling_platform.mujoco`.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -84,15 +87,14 @@ class Plant:
         signals: ports by name: posture, attitude, angular_velocity, specific_force,
             contact_force, foot_height, load_force, loop_error.
         on_ground: systems that know how the ground is inclined.
-        hold: hold of attitude, angular velocity and specific force (9), which begins at rest;
-            None where these are not held.
-        model: bodies and joints; None where none are simulated.
+        put: puts what moves at a beginning, in a root context.
+        model: bodies and joints of a `MultibodyPlant`; None where none is simulated.
     """
 
     signals: dict[str, OutputPort]
     on_ground: tuple[OnInclinedGround, ...]
-    hold: Hold | None
-    model: PlatformModel | None
+    put: Callable[[Context, Beginning], None]
+    model: PlatformModel | None = None
 
 
 def _add_multibody_plant(
@@ -119,37 +121,75 @@ def _add_multibody_plant(
     if model.has_rolling_wheels:
         _drive_wheels(builder, model, drives)
     load_force = _drive_legs(builder, model, drives, scenario.plant.time_step)
-
-    truth = add(builder, PlatformTruth(model, begun.ground, begun.foot_offsets))
-    connect(builder, plant.get_state_output_port(), truth.GetInputPort("state"))
-    feet = add(builder, FootTruth(model, begun.ground, begun.foot_offsets))
+    state, poses = plant.get_state_output_port(), plant.get_body_poses_output_port()
+    signals, observers = observe(builder, model, begun, state, poses)
+    feet = observers[1]
     connect(builder, plant.get_contact_results_output_port(), feet.GetInputPort("contact_results"))
-    connect(builder, plant.get_body_poses_output_port(), feet.GetInputPort("body_poses"))
-    attitude, angular_velocity, specific_force = _add_inertial_motion(builder, model)
+    signals |= {"load_force": load_force, "contact_force": feet.GetOutputPort("contact_force")}
     if meshcat is not None and model.is_full:
-        add_visualization(builder, model, plant.get_state_output_port(), scene_graph, meshcat)
+        add_visualization(builder, model, state, scene_graph, meshcat)
     else:
         remove_visuals(plant, scene_graph)
     if meshcat is not None and not model.is_full:
-        _draw_as_full(builder, scenario, model, drives, meshcat)
+        draw_as_full(builder, scenario, model, drives, state, meshcat)
+
+    def put(root_context: Context, begun: Beginning) -> None:
+        context = plant.GetMyMutableContextFromRoot(root_context)
+        model.put(context, begun.positions(model), begun.ground, begun.foot_offsets)
+
+    return Plant(signals, observers, put, model)
+
+
+def observe(
+    builder: DiagramBuilder,
+    model: PlatformModel,
+    begun: Beginning,
+    state: OutputPort,
+    body_poses: OutputPort,
+) -> tuple[dict[str, OutputPort], tuple[PlatformTruth, FootTruth]]:
+    """Adds what tells about simulated bodies: signals of a `Plant` but forces, and observers.
+
+    Args:
+        builder: builder of the station.
+        model: the platform.
+        begun: the beginning.
+        state: state of the model's plant.
+        body_poses: poses of its bodies in the world.
+    """
+    truth = add(builder, PlatformTruth(model, begun.ground, begun.foot_offsets))
+    connect(builder, state, truth.GetInputPort("state"))
+    feet = add(builder, FootTruth(model, begun.ground, begun.foot_offsets))
+    connect(builder, body_poses, feet.GetInputPort("body_poses"))
+    attitude, angular_velocity, specific_force = _add_inertial_motion(builder, model, state)
     signals = {
         "posture": truth.GetOutputPort("posture"),
         "attitude": attitude,
         "angular_velocity": angular_velocity,
         "specific_force": specific_force,
-        "load_force": load_force,
-    } | {name: feet.GetOutputPort(name) for name in ("contact_force", "foot_height", "loop_error")}
-    return Plant(signals, (truth, feet), None, model)
+        "foot_height": feet.GetOutputPort("foot_height"),
+        "loop_error": feet.GetOutputPort("loop_error"),
+    }
+    return signals, (truth, feet)
 
 
-def _draw_as_full(
+def draw_as_full(
     builder: DiagramBuilder,
     scenario: LevellingScenario,
     model: PlatformModel,
     drives: Drives,
+    state: OutputPort,
     meshcat: Meshcat,
 ) -> None:
-    """Draws reduced legs as what they stand for."""
+    """Draws reduced legs as what they stand for.
+
+    Args:
+        builder: builder of the station.
+        scenario: its ground is drawn.
+        model: the platform.
+        drives: its drives.
+        state: state of the model's plant.
+        meshcat: scene in which to draw.
+    """
     plant = model.plant
     start = model.base.floating_positions_start()
     joints = [plant.get_joint(i) for i in plant.GetJointIndices(model.arm)]
@@ -158,7 +198,7 @@ def _draw_as_full(
     for name, indices in (("base_pose", range(start, start + 7)), ("arm_position", turned)):
         selection = np.eye(plant.num_multibody_states())[list(indices)]
         part = add(builder, MatrixGain(selection), f"drawn_{name}")
-        connect(builder, plant.get_state_output_port(), part.get_input_port())
+        connect(builder, state, part.get_input_port())
         parts.append(part.get_output_port())
     rods = drives.rods.GetOutputPort("extension")
     add_drawing(builder, scenario.ground.inclination, meshcat, rods, *parts)
@@ -185,27 +225,41 @@ def _drive_legs(
     # The legs' actuators come first.
     parts = add(builder, Demultiplexer([LEG_COUNT, count - LEG_COUNT]), "efforts")
     connect(builder, holding.get_output_port(), parts.get_input_port(0))
-    # One step ahead: the plant's implicit drives then arrive where the actuators will be.
-    ahead = drives.rods.GetOutputPort("next_state")
-    load_force = parts.get_output_port(0)
-    if not model.is_full:
-        transmission = add(builder, LegTransmission(model.geometry))
-        connect(builder, ahead, transmission.GetInputPort("rod_state"))
-        connect(
-            builder, drives.rods.GetOutputPort("extension"), transmission.GetInputPort("extension")
-        )
-        connect(builder, load_force, transmission.GetInputPort("swing_torque"))
-        ahead = transmission.GetOutputPort("swing_state")
-        load_force = transmission.GetOutputPort("load_force")
+    ahead, load_force = led_legs(builder, model, drives, parts.get_output_port(0))
     split = split_states(builder, "leg_states", ahead, LEG_COUNT)
     for port, leg in zip(split, model.legs, strict=True):
         connect(builder, port, plant.get_desired_state_input_port(leg))
     return load_force
 
 
-def _add_inertial_motion(builder: DiagramBuilder, model: PlatformModel) -> list[OutputPort]:
+def led_legs(
+    builder: DiagramBuilder, model: PlatformModel, drives: Drives, holding: OutputPort
+) -> tuple[OutputPort, OutputPort]:
+    """States (8) that the legs' joints are led to, and the forces (4) of their rods.
+
+    Args:
+        builder: builder of the station.
+        model: the platform.
+        drives: its drives.
+        holding: forces or torques (4) that hold the legs' joints.
+    """
+    # One step ahead: the plant's implicit drives then arrive where the actuators will be.
+    ahead = drives.rods.GetOutputPort("next_state")
+    if model.is_full:
+        return ahead, holding
+    transmission = add(builder, LegTransmission(model.geometry))
+    connect(builder, ahead, transmission.GetInputPort("rod_state"))
+    extension = drives.rods.GetOutputPort("extension")
+    connect(builder, extension, transmission.GetInputPort("extension"))
+    connect(builder, holding, transmission.GetInputPort("swing_torque"))
+    return transmission.GetOutputPort("swing_state"), transmission.GetOutputPort("load_force")
+
+
+def _add_inertial_motion(
+    builder: DiagramBuilder, model: PlatformModel, state: OutputPort
+) -> list[OutputPort]:
     """True attitude, angular velocity and specific force at the platform's centre."""
-    plant, state = model.plant, model.plant.get_state_output_port()
+    plant = model.plant
     period = sample_period()
     motion = add(
         builder,
@@ -257,7 +311,11 @@ def _add_kinematic_plant(
     connect(builder, motion, hold.get_input_port())
     connect(builder, hold.get_output_port(), parts.get_input_port(0))
     signals["loop_error"] = _zeros(builder, "no_loops")
-    plant = Plant(signals, (platform,), hold, None)
+
+    def put(root_context: Context, begun: Beginning) -> None:
+        hold.set_value(hold.GetMyMutableContextFromRoot(root_context), begun.inertial_motion)
+
+    plant = Plant(signals, (platform,), put)
     if meshcat is None:
         return plant
     add_drawing(
@@ -318,13 +376,7 @@ class Simulation:
         for system in self.plant.on_ground:
             context = system.GetMyMutableContextFromRoot(root_context)
             system.set_ground(context, begun.ground, begun.foot_offsets)
-        if (hold := self.plant.hold) is not None:
-            context = hold.GetMyMutableContextFromRoot(root_context)
-            hold.set_value(context, begun.inertial_motion)
-        if self.model is not None:
-            plant = self.model.plant.GetMyMutableContextFromRoot(root_context)
-            positions = begun.positions(self.model)
-            self.model.put(plant, positions, begun.ground, begun.foot_offsets)
+        self.plant.put(root_context, begun)
 
 
 # Without lag and counts; as fast as the real ones.
@@ -335,7 +387,7 @@ type PlantMaker = Callable[
 ]
 
 
-def _add_simulated(
+def add_simulated(
     add_plant: PlantMaker,
     time_step: float,
     builder: DiagramBuilder,
@@ -389,7 +441,7 @@ def add_bodies(
 ) -> Behind:
     """Adds the platform as rigid bodies with closed loops and contact, its drives and sensors."""
     step = scenario.plant.time_step
-    return _add_simulated(_add_multibody_plant, step, builder, scenario, meshcat)
+    return add_simulated(_add_multibody_plant, step, builder, scenario, meshcat)
 
 
 def add_statics(
@@ -397,7 +449,7 @@ def add_statics(
 ) -> Behind:
     """Adds the platform as closed-form statics, its drives and sensors."""
     step = scenario.control.period
-    return _add_simulated(_add_kinematic_plant, step, builder, scenario, meshcat)
+    return add_simulated(_add_kinematic_plant, step, builder, scenario, meshcat)
 
 
 def _drive_inputs(actuators: LinearActuator, wheels: VelocityServo) -> dict[str, InputPort]:

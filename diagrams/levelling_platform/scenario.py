@@ -17,7 +17,8 @@ from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, LegDeviation
 
-SIMULATED = ("multibody", "kinematic")
+BODIES = ("multibody", "mujoco")  # backends of rigid bodies, each by an engine of its own
+SIMULATED = ("multibody", "kinematic", "mujoco")
 BACKENDS = (*SIMULATED, "mock", "hardware")
 
 
@@ -51,12 +52,12 @@ class PlantScenario(Schema):
     """The simulated machine.
 
     Attributes:
-        leg_model: legs of the multibody backend: "full" has the actuators as bodies in closed
-            loops, "reduced" their exact transmission.
-        wheels: wheels of the multibody backend: "braked" makes them part of the base, "rolling"
-            gives them joints that the wheel drives turn.
-        time_step: step of the multibody plant and of the actuators [s]; the kinematic backend
-            steps its actuators with the controller's period.
+        leg_model: legs of rigid bodies: "full" has the actuators as bodies in closed loops,
+            "reduced" their exact transmission.
+        wheels: wheels of rigid bodies: "braked" makes them part of the base, "rolling" gives them
+            joints that the wheel drives turn.
+        time_step: step of the rigid bodies and of the actuators [s]; the kinematic backend steps
+            its actuators with the controller's period.
         length_error_mm: largest error of each length of each leg as built, drawn from the seed
             [mm]; the controller knows the drawing only.
         angle_error_deg: largest error of each angle of each leg as built, drawn from the seed
@@ -317,7 +318,8 @@ class LevellingScenario(Schema):
 
     Attributes:
         backend: plant behind the station's ports: "multibody" (rigid bodies and contact),
-            "kinematic" (quasi-static), "mock" (commands are mirrored) or "hardware" (devices).
+            "kinematic" (quasi-static), "mujoco" (rigid bodies of another engine), "mock"
+            (commands are mirrored) or "hardware" (devices).
         seed: seed of everything random: gains, biases, noise.
         ground: see `GroundScenario`.
         plant: see `PlantScenario`.

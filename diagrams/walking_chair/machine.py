@@ -6,6 +6,7 @@ from parapod.diagrams.machine import Machine, SelfTest
 from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.guard import ChairGuard
 from parapod.diagrams.walking_chair.homing import LEGS
+from parapod.diagrams.walking_chair.mujoco import add_mujoco_bodies
 from parapod.diagrams.walking_chair.plants import add_bodies, add_mock, add_statics
 from parapod.diagrams.walking_chair.ports import PARTS, PORTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
@@ -35,7 +36,7 @@ CHAIR = Machine(
     scenario=ChairScenario,
     ports=PORTS,
     parts=PARTS,
-    plants={"multibody": add_bodies, "kinematic": add_statics},
+    plants={"multibody": add_bodies, "kinematic": add_statics, "mujoco": add_mujoco_bodies},
     mock=add_mock,
     controller=make_controller,
     self_tests={
@@ -53,7 +54,7 @@ CHAIR = Machine(
     guard=ChairGuard,
     twin=ChairTwin,
     # The quasi-static plant's statics cost more than the bodies' dynamics.
-    exchange={"multibody": 2e-3, "kinematic": 5e-3},
+    exchange={"multibody": 2e-3, "kinematic": 5e-3, "mujoco": 2e-3},
     log_every=2,
     resets=lambda scenario: ("seed", "passenger", "drives.gain_error", "drives.offset_mm_s"),
 )

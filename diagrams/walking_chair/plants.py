@@ -1,4 +1,7 @@
-"""Plants behind the walking chair's station: rigid bodies, statics, mock."""
+"""Plants behind the walking chair's station: rigid bodies, statics, mock.
+
+Rigid bodies of another engine are in `parapod.diagrams.walking_chair.mujoco`.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -210,7 +213,7 @@ type PlantMaker = Callable[
 ]
 
 
-def _add_simulated(
+def add_simulated(
     add_plant: PlantMaker,
     drive_step: float,
     builder: DiagramBuilder,
@@ -255,7 +258,7 @@ def add_bodies(
 ) -> Behind:
     """Adds the chair as rigid bodies with closed loops and contact, and its drives."""
     step = scenario.plant.time_step
-    return _add_simulated(_add_multibody_plant, step, builder, scenario, meshcat)
+    return add_simulated(_add_multibody_plant, step, builder, scenario, meshcat)
 
 
 def add_statics(
@@ -264,7 +267,7 @@ def add_statics(
     """Adds the chair as closed-form statics, and its drives."""
     # Only samples of this plant count: twice as often as the command.
     step = 0.5 * scenario.control.period
-    return _add_simulated(_add_kinematic_plant, step, builder, scenario, meshcat)
+    return add_simulated(_add_kinematic_plant, step, builder, scenario, meshcat)
 
 
 def drive_params(scenario: ChairScenario) -> VelocityServoParams:

@@ -13,7 +13,8 @@ from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.gait import ORDERS, TrotGait, Walk, there_and_back
 from parapod.systems.walking_chair.masses import Passenger
 
-SIMULATED = ("multibody", "kinematic")
+BODIES = ("multibody", "mujoco")  # backends of rigid bodies, each by an engine of its own
+SIMULATED = ("multibody", "kinematic", "mujoco")
 BACKENDS = (*SIMULATED, "mock", "hardware")
 WAYS = ("forward", "back", "forward and back")
 
@@ -86,7 +87,7 @@ class ChairPlantScenario(Schema):
     """The simulated machine.
 
     Attributes:
-        time_step: step of the multibody plant and of the drives [s].
+        time_step: step of the plant of rigid bodies and of the drives [s].
         contact_approximation: Drake's discrete contact approximation: "lagged", "similar" or
             "sap".
     """
@@ -164,7 +165,8 @@ class ChairScenario(Schema):
 
     Attributes:
         backend: plant behind the station's ports: "multibody" (rigid bodies and contact),
-            "kinematic" (quasi-static), "mock" (commands are mirrored) or "hardware" (devices).
+            "kinematic" (quasi-static), "mujoco" (rigid bodies of another engine), "mock"
+            (commands are mirrored) or "hardware" (devices).
         seed: seed of everything random: the drives' imperfections.
         begin: beginning of the gait; until then the chair settles on its feet [s].
         end: time for which it stands afterwards [s].

@@ -21,6 +21,7 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
+    BODIES,
     SIMULATED,
     ActuatorScenario,
     ControlScenario,
@@ -88,8 +89,8 @@ class IdentifyActuatorsScenario(Schema):
     `actuators.gain_error` is 0.025.
 
     Attributes:
-        backend: plant that carries the load: "multibody", or "kinematic" (quasi-static); or the
-            real machine, "hardware".
+        backend: plant that carries the load: "multibody" or "mujoco" (rigid bodies), or
+            "kinematic" (quasi-static); or the real machine, "hardware".
         seed: seed of the errors of gains and dimensions.
         steps: see `StepsScenario`.
         plant: see `PlantScenario`; it carries the load.
@@ -194,7 +195,7 @@ class IdentifyActuators(Experiment[IdentifyActuatorsScenario, Identified]):
     def measure(self, scenario: IdentifyActuatorsScenario, data: Identified) -> Iterator[Metric]:
         """Gains of the steps, gains with friction separated, and the stroke."""
         unloaded, loaded = data.steps
-        yield from gain_metrics(unloaded, loaded, is_bounded=scenario.backend == "multibody")
+        yield from gain_metrics(unloaded, loaded, is_bounded=scenario.backend in BODIES)
         yield from separated_metrics(data.separated, data.recordings.gain)
         yield from stroke_metrics(data.recordings)
 

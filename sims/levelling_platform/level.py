@@ -15,7 +15,7 @@ from rich.console import Console
 
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.model import geometry_as_known
-from parapod.diagrams.levelling_platform.scenario import JobScenario, LevellingScenario
+from parapod.diagrams.levelling_platform.scenario import BODIES, JobScenario, LevellingScenario
 from parapod.sims.lab.bench import RESTART, Run, realtime_metric, stay_live
 from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.panel import Panel
@@ -217,7 +217,7 @@ def _leg_metrics(scenario: LevellingScenario, run: Run) -> list[Metric]:
             meaning="how far another foot leaves the ground",
         ),
     ]
-    if scenario.backend == "multibody" and scenario.plant.leg_model == "full":
+    if scenario.backend in BODIES and scenario.plant.leg_model == "full":
         gap = 1e6 * float(run["truth.loop_error"].max())
         metrics.append(
             Metric("closure_error_um", gap, "um", meaning="largest gap in the legs' closed loops")

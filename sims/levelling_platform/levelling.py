@@ -18,7 +18,7 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM, make_job_sources
 from parapod.diagrams.levelling_platform.model import geometry_as_known
-from parapod.diagrams.levelling_platform.scenario import ControlScenario, LevellingScenario
+from parapod.diagrams.levelling_platform.scenario import BODIES, ControlScenario, LevellingScenario
 from parapod.sims.lab.bench import (
     Live,
     ReadOut,
@@ -86,7 +86,7 @@ def check_job(scenario: LevellingScenario) -> None:
     ):
         if job.end <= at:
             _refuse("job.end", job.end, f"not after {what}, {at:g}")
-    if scenario.backend == "multibody" and control.period < plant.time_step:
+    if scenario.backend in BODIES and control.period < plant.time_step:
         _refuse("control.period", control.period, f"below plant.time_step = {plant.time_step:g}")
 
 

@@ -20,7 +20,7 @@ from rich.console import Console
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.machine import CHAIR
-from parapod.diagrams.walking_chair.scenario import ChairScenario
+from parapod.diagrams.walking_chair.scenario import BODIES, SIMULATED, ChairScenario
 from parapod.sims.lab.bench import (
     LOOK_PERIOD,
     Live,
@@ -268,7 +268,7 @@ def _controller_metrics(
             meaning="smallest while walking, from the currents",
         ),
     ]
-    if scenario.backend in ("multibody", "kinematic"):
+    if scenario.backend in SIMULATED:
         metrics += [
             Metric("payload_estimated_kg", float(payload[0]), "kg", meaning="from the currents"),
             Metric(
@@ -403,7 +403,7 @@ def check_walk(scenario: ChairScenario) -> None:
         SupportLost: the passenger would come too close to tipping the chair over.
     """
     plant, control = scenario.plant, scenario.control
-    if scenario.backend == "multibody" and control.period < plant.time_step:
+    if scenario.backend in BODIES and control.period < plant.time_step:
         raise ScenarioError(
             f"control.period = {control.period:g} s is below plant.time_step = "
             f"{plant.time_step:g} s",

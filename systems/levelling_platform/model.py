@@ -48,6 +48,7 @@ from parapod.systems.levelling_platform.leg import (
 )
 from parapod.systems.levelling_platform.plane import dot, normal_of
 from parapod.systems.levelling_platform.statics import resting_posture
+from parapod.systems.physics.loops import Ball, Coupling
 from parapod.systems.sensors.limit_switches import LimitSwitchesParams
 
 # What the files in `parapod.urdf.levelling_platform` are drawn to: Tables 1 and 2, with rollers.
@@ -119,6 +120,26 @@ class PlatformModel:
     def is_full(self) -> bool:
         """Whether the legs' actuators are modelled as bodies."""
         return self.plant.HasBodyNamed("rod", self.legs[0])
+
+    @cached_property
+    def balls(self) -> tuple[Ball, ...]:
+        """The ball joints at K that close the legs' loops, between rod and coupler."""
+        if not self.is_full:
+            return ()
+        leg = MODEL_GEOMETRY.legs[0]  # as built, the actuator's pivot is moved, not K
+        p_MK = np.array([leg.l_3 * leg.e_a[0], 0.0, leg.l_3 * leg.e_a[1]])
+        bodies = zip(self.leg_bodies("rod"), self.leg_bodies("coupler"), strict=True)
+        return tuple(Ball(rod, np.zeros(3), coupler, p_MK) for rod, coupler in bodies)
+
+    @cached_property
+    def couplings(self) -> tuple[Coupling, ...]:
+        """The parallelograms: couplers turn against the lower links, and so not at all."""
+        if not self.is_full:
+            return ()
+        joint = self.plant.GetJointByName
+        return tuple(
+            Coupling(joint("coupler_swing", leg), joint("swing", leg), -1.0) for leg in self.legs
+        )
 
     def leg_bodies(self, name: str) -> tuple[RigidBody, ...]:
         """The body of that name of each leg."""
@@ -342,12 +363,7 @@ class FootTruth(OnInclinedGround):
         self.set_name("foot_truth")
         self._radius = model.geometry.foot_radius
         self._rollers = [body.index() for body in model.leg_bodies("roller")]
-        self._loops = []
-        if model.is_full:
-            leg = MODEL_GEOMETRY.legs[0]  # as built, the actuator's pivot is moved, not K
-            self._p_MK = np.array([leg.l_3 * leg.e_a[0], 0.0, leg.l_3 * leg.e_a[1]])
-            rods, couplers = (model.leg_bodies(name) for name in ("rod", "coupler"))
-            self._loops = [(a.index(), b.index()) for a, b in zip(rods, couplers, strict=True)]
+        self._loops = [(a.body.index(), a.other.index(), a.other_point) for a in model.balls]
         self._contact = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
         self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]([]))
         parameters, poses = self.all_parameters_ticket(), self._poses.ticket()
@@ -393,8 +409,8 @@ class FootTruth(OnInclinedGround):
         output.SetFromVector(
             np.array(
                 [
-                    float(np.linalg.norm(poses[rod].translation() - poses[coupler] @ self._p_MK))
-                    for rod, coupler in self._loops
+                    float(np.linalg.norm(poses[rod].translation() - poses[coupler] @ p_MK))
+                    for rod, coupler, p_MK in self._loops
                 ]
             )
         )

@@ -25,6 +25,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.core.ports import declare_cached, read_array
+from parapod.systems.physics.loops import Ball
 from parapod.systems.walking_chair.geometry import (
     BRANCHES,
     LEG_COUNT,
@@ -110,6 +111,16 @@ class ChairModel:
         instance = self.legs[leg]
         second, third = (self.plant.GetBodyByName(f"ups_{k}_rod", instance) for k in (2, 3))
         return second, third
+
+    @cached_property
+    def balls(self) -> tuple[Ball, ...]:
+        """The ball joints that close the legs' loops, two a leg, between rod and foot."""
+        places = self.geometry.leg.lower_joints[1:]
+        return tuple(
+            Ball(rod, np.zeros(3), foot, place)
+            for leg, foot in enumerate(self.feet)
+            for rod, place in zip(self.rods(leg), places, strict=True)
+        )
 
     def stand(
         self, context: Context, lengths: ArrayLike, body_position: ArrayLike, passenger: Passenger
@@ -228,9 +239,8 @@ class ChairTruth(LeafSystem):
         self.set_name("chair_truth")
         self._body = model.body.index()
         self._feet = [foot.index() for foot in model.feet]
-        self._rods = [rod.index() for leg in range(LEG_COUNT) for rod in model.rods(leg)]
+        self._balls = [(a.body.index(), a.other.index(), a.other_point) for a in model.balls]
         self._corners = model.geometry.leg.corners
-        self._balls = model.geometry.leg.lower_joints[1:]
         self._contact = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
         self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]([]))
         self._shown = declare_cached(self, "shown", self._calc_shown, {self._poses.ticket()})
@@ -253,9 +263,7 @@ class ChairTruth(LeafSystem):
         body = poses[self._body]
         feet = [poses[foot] for foot in self._feet]
         heights = [(foot @ self._corners.T)[2] for foot in feet]
-        balls = [foot @ self._balls.T for foot in feet]
-        rods = np.array([poses[rod].translation() for rod in self._rods])
-        gaps = rods - np.concatenate(balls, axis=1).T
+        gaps = [poses[rod].translation() - poses[foot] @ place for rod, foot, place in self._balls]
         return (
             body.translation(),
             RollPitchYaw(body.rotation()).vector(),

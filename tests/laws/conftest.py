@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.math import SpatialForce
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import (
     BusValue,
     Diagram,
@@ -52,6 +52,7 @@ from parapod.systems.machining_center.panel import Panel
 from parapod.systems.machining_center.platform_mode import leg_lengths
 from parapod.systems.machining_center.posture import Posture, lockable_joints
 from parapod.systems.machining_center.sequence import SequenceParams
+from parapod.systems.physics.mujoco_model import MujocoModel
 from parapod.systems.safety.faults import Fault
 from parapod.systems.sensors.imu import ImuParams, sample_period
 from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS
@@ -225,6 +226,17 @@ HIP = {
 def reactions(random, size):
     """Forces at the joints of a plant that has one."""
     return [SpatialForce(random.uniform(-9.0, 9.0, 3), random.uniform(-300.0, 300.0, 3))]
+
+
+def translated():
+    """A chair for another engine, its drives in groups and its passenger a load."""
+    plant, scene_graph = MultibodyPlant(1e-3), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    chair = add_chair(plant)
+    plant.SetDefaultPositions(chair.standing_positions(LENGTH.reshape(4, 3), START.body.position))
+    loads = (chair.passenger,)
+    model = MujocoModel(plant, scene_graph, chair.balls, feet=chair.feet, loads=loads)
+    return {"model": model, "groups": (chair.legs[:3], chair.legs[3:])}
 
 
 # --- What the laws must be told
@@ -572,6 +584,12 @@ ENTRIES: dict[str, Entry] = {
         ),
         limits={"extension": (0.38, 0.46), "velocity": 0.14, "next_state": (-0.14, 0.46)},
     ),
+    "MujocoPlant": Entry(
+        translated,
+        inputs={"desired_state": around(0.0, 0.05)},
+        period=lambda system: system.model.plant.time_step(),
+        shares=True,
+    ),
     "NoiseSource": Entry(variants=({"size": 3, "seed": 5},)),
     "OperatorScript": Entry(variants=({"steps": STEPS},)),
     "ParallelLinks": Entry(
@@ -703,6 +721,8 @@ def numbers_of(value):
     """Numbers of an output that is no vector: signals of a bus, or poses of frames."""
     if isinstance(value, BusValue):
         return [value.Find(name) for name in value]
+    if isinstance(value, list):
+        return [pose.GetAsMatrix34() for pose in value]
     frames = sorted(value.ids(), key=lambda frame: frame.get_value())
     return [value.value(frame).GetAsMatrix34() for frame in frames]
 

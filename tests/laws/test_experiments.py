@@ -54,6 +54,14 @@ BRIEF = {
         "job.waypoints=[{time: 0.5, height_mm: 1}]",
         "job.end=6",
     ),
+    "compare-engines": (
+        *("plant.time_step=0.005", "steps_ms=[5]", "job.estimate_at=0.5", "job.waypoints=[]"),
+        *("job.settled_after=0.5", "job.arm={start: 0.1, duration: 0.1}", "job.end=1"),
+    ),
+    "chair-engines": (
+        *("plant.time_step=0.005", "steps_ms=[5]", "gait.lift_mm=3", "gait.step_mm=4"),
+        *("gait.swing_height_mm=1", "gait.phase_duration=0.5", "begin=0.1", "end=0.1"),
+    ),
     "validate-kinematics": (*COARSE, *JOB[3:]),
     "deploy": ("backend=kinematic", "longest=3"),
     "fault-campaign": ("device=encoder", "phase=transport", "window=0.5"),

@@ -59,7 +59,7 @@ REFUSALS = [
             ("--seed -1", r"seed = -1 is outside 0\.\.2147483647"),
             (
                 "--backend kinmatic",
-                r"backend = 'kinmatic' is not one of multibody, kinematic, mock, hardware "
+                r"backend = 'kinmatic' is not one of multibody, kinematic, mujoco, mock, hardware "
                 r"\(did you mean kinematic\?\)",
             ),
             ("--scenario x.yaml", r"scenario file 'x\.yaml' does not exist"),

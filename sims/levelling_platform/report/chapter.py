@@ -49,6 +49,13 @@ def _take() -> tuple[Picture, ...]:
 
 # The bounds hold at this step too.
 _COARSE = ("plant.time_step=0.01",)
+# A job that is over soon.
+_ENGINES = (
+    "job.settled_after=1",
+    "job.waypoints=[{time: 1, roll_deg: 1, height_mm: 3}]",
+    "job.arm={start: 2, duration: 0.5}",
+    "job.end=3",
+)
 
 _PARTS = (
     Part(
@@ -110,6 +117,15 @@ _PARTS = (
         "postures and holds while the arm swings.",
         "level",
         quick=_COARSE,
+    ),
+    Part(
+        "compare-engines",
+        "Two engines",
+        "Beyond the paper, which trusts one co-simulation: the same bodies, drives and commands, "
+        "simulated by Drake and by MuJoCo.",
+        "compare-engines",
+        quick=("steps_ms=[4, 2]", "plant.time_step=0.002", *_ENGINES),
+        is_random=False,
     ),
     Part(
         "deploy",

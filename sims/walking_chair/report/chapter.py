@@ -68,6 +68,21 @@ _PARTS = (
         quick=("plant.time_step=0.005", "gait.way=forward"),
     ),
     Part(
+        "chair-engines",
+        "Two engines",
+        "Beyond the paper: the same bodies, drives and gait, simulated by Drake and by MuJoCo.",
+        "chair-engines",
+        quick=(
+            "steps_ms=[4]",
+            "plant.time_step=0.004",
+            "gait.lift_mm=20",
+            "gait.step_mm=20",
+            "gait.swing_height_mm=10",
+            "gait.phase_duration=1",
+        ),
+        is_random=False,
+    ),
+    Part(
         "chair-payload",
         "How much it carries (Eqs. 50 to 55)",
         "The largest payload over the gait by linear programming, beside the paper's, which is "

@@ -1,0 +1,102 @@
+"""Plant of the levelling platform whose rigid bodies MuJoCo simulates."""
+
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import Demultiplexer, Multiplexer
+
+from parapod.diagrams.levelling_platform.beginning import Beginning
+from parapod.diagrams.levelling_platform.model import (
+    add_platform,
+    add_visualization,
+    geometry_as_built,
+)
+from parapod.diagrams.levelling_platform.plants import (
+    Drives,
+    Plant,
+    add_simulated,
+    draw_as_full,
+    led_legs,
+    observe,
+)
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.mujoco import draw, make_plant
+from parapod.diagrams.station import Behind
+from parapod.diagrams.wiring import add, connect
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
+from parapod.systems.levelling_platform.model import PlatformModel
+from parapod.systems.physics.mujoco_model import MujocoModel
+from parapod.systems.physics.mujoco_plant import MujocoPlant
+
+
+def add_mujoco_bodies(
+    builder: DiagramBuilder, scenario: LevellingScenario, meshcat: Meshcat | None
+) -> Behind:
+    """Adds the platform as rigid bodies that MuJoCo simulates, its drives and sensors.
+
+    Raises:
+        MissingExtra: MuJoCo is not installed.
+    """
+    step = scenario.plant.time_step
+    return add_simulated(_add_mujoco_plant, step, builder, scenario, meshcat)
+
+
+def _add_mujoco_plant(
+    builder: DiagramBuilder,
+    scenario: LevellingScenario,
+    begun: Beginning,
+    drives: Drives,
+    meshcat: Meshcat | None,
+) -> Plant:
+    """Adds the plant of rigid bodies; translated from Drake's, so that both are one machine."""
+    plant, scene_graph = make_plant(builder, scenario.plant.time_step, meshcat)
+    settings, geometry = scenario.plant, geometry_as_built(scenario)
+    model = add_platform(
+        plant, settings.leg_model, settings.wheels, begun.ground, geometry, begun.foot_offsets
+    )
+    plant.SetDefaultPositions(begun.positions(model))
+    translated = MujocoModel(
+        plant, scene_graph, model.balls, model.couplings, model.leg_bodies("roller")
+    )
+    groups = [model.legs, (model.arm,)]
+    if model.has_rolling_wheels:
+        groups.append(model.wheels)
+    bodies = add(builder, MujocoPlant(translated, groups))
+    load_force = _drive(builder, model, drives, bodies)
+    state = bodies.GetOutputPort("state")
+    signals, observers = observe(builder, model, begun, state, bodies.GetOutputPort("body_poses"))
+    contact_force = bodies.GetOutputPort("contact_force")
+    signals |= {"load_force": load_force, "contact_force": contact_force}
+    if meshcat is not None and model.is_full:
+        draw(builder, bodies, scene_graph)
+        add_visualization(builder, model, state, scene_graph, meshcat)
+    elif meshcat is not None:
+        draw_as_full(builder, scenario, model, drives, state, meshcat)
+
+    def put(root_context: Context, begun: Beginning) -> None:
+        context = plant.CreateDefaultContext()
+        model.put(context, begun.positions(model), begun.ground, begun.foot_offsets)
+        bodies.put(bodies.GetMyMutableContextFromRoot(root_context), context)
+
+    return Plant(signals, observers, put)
+
+
+def _drive(
+    builder: DiagramBuilder, model: PlatformModel, drives: Drives, bodies: MujocoPlant
+) -> OutputPort:
+    """Has the bodies follow the drives; returns the forces of the rods (4).
+
+    The forces are those of the last step: the loop from the actuators' next state to their load
+    is not a loop of one instant.
+    """
+    holding = bodies.GetOutputPort("holding_force")
+    parts = add(builder, Demultiplexer([LEG_COUNT, holding.size() - LEG_COUNT]), "efforts")
+    connect(builder, holding, parts.get_input_port(0))
+    legs, load_force = led_legs(builder, model, drives, parts.get_output_port(0))
+    led = [legs, drives.arm]
+    if model.has_rolling_wheels:
+        led.append(drives.wheels)
+    desired = add(builder, Multiplexer([port.size() for port in led]), "desired_state")
+    for i, port in enumerate(led):
+        connect(builder, port, desired.get_input_port(i))
+    connect(builder, desired.get_output_port(), bodies.GetInputPort("desired_state"))
+    return load_force

@@ -1,0 +1,68 @@
+"""Plant of the walking chair whose rigid bodies MuJoCo simulates."""
+
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, DiagramBuilder
+
+from parapod.diagrams.drawing import publish
+from parapod.diagrams.mujoco import draw, make_plant
+from parapod.diagrams.station import Behind
+from parapod.diagrams.walking_chair.model import add_chair
+from parapod.diagrams.walking_chair.plants import Beginning, Plant, add_simulated
+from parapod.diagrams.walking_chair.scenario import ChairScenario
+from parapod.diagrams.wiring import add, connect
+from parapod.systems.actuators.velocity_servo import VelocityServo
+from parapod.systems.physics.mujoco_model import MujocoModel
+from parapod.systems.physics.mujoco_plant import MujocoPlant
+from parapod.systems.walking_chair.masses import Passenger
+from parapod.systems.walking_chair.model import ChairTruth
+
+
+def add_mujoco_bodies(
+    builder: DiagramBuilder, scenario: ChairScenario, meshcat: Meshcat | None
+) -> Behind:
+    """Adds the chair as rigid bodies that MuJoCo simulates, and its drives.
+
+    Raises:
+        MissingExtra: MuJoCo is not installed.
+    """
+    step = scenario.plant.time_step
+    return add_simulated(_add_mujoco_plant, step, builder, scenario, meshcat)
+
+
+def _add_mujoco_plant(
+    builder: DiagramBuilder,
+    scenario: ChairScenario,
+    begun: Beginning,
+    drives: VelocityServo,
+    meshcat: Meshcat | None,
+) -> Plant:
+    """Adds the plant of rigid bodies; translated from Drake's, so that both are one machine."""
+    plant, scene_graph = make_plant(builder, scenario.plant.time_step, meshcat)
+    model = add_chair(plant, begun.passenger)
+    plant.SetDefaultPositions(model.standing_positions(begun.lengths, begun.body))
+    translated = MujocoModel(
+        plant, scene_graph, model.balls, feet=model.feet, loads=(model.passenger,)
+    )
+    bodies = add(builder, MujocoPlant(translated, [model.legs]))
+    connect(builder, drives.GetOutputPort("next_state"), bodies.GetInputPort("desired_state"))
+    truth = add(builder, ChairTruth(model))
+    connect(builder, bodies.GetOutputPort("body_poses"), truth.GetInputPort("body_poses"))
+    if meshcat is not None:
+        draw(builder, bodies, scene_graph)
+        publish(builder, scene_graph, meshcat, "chair")
+    names = ("body_position", "body_attitude", "foot_height", "loop_error")
+    signals = {name: truth.GetOutputPort(name) for name in names}
+    signals["contact_force"] = bodies.GetOutputPort("contact_force")
+    signals["force"] = bodies.GetOutputPort("holding_force")
+
+    def stand(root_context: Context, begun: Beginning) -> None:
+        context = plant.CreateDefaultContext()
+        model.stand(context, begun.lengths, begun.body, begun.passenger)
+        bodies.put(bodies.GetMyMutableContextFromRoot(root_context), context)
+
+    def seat(root_context: Context, passenger: Passenger) -> None:
+        context = plant.CreateDefaultContext()
+        model.seat(context, passenger)
+        bodies.load(bodies.GetMyMutableContextFromRoot(root_context), context)
+
+    return Plant(signals, stand, seat)

@@ -1,0 +1,107 @@
+"""Compare Drake and MuJoCo on the platform: postures, forces, loops, convergence of the steps.
+
+Both simulate the same bodies, drives and commands. The posture must agree, as it follows from
+geometry and stiffness; so must the feet's forces, as far as statics determines them. It does not
+determine how two opposite feet and the other two share the weight: legs that are a few micrometres
+longer bear tens of newtons more, and actuators whose friction depends on their load come to rest a
+few micrometres apart. That share is a matter of history, and is shown for itself.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from parapod.diagrams.levelling_platform.model import geometry_as_built
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.sims.lab.engines import EngineComparison, Floats, Quantity, check_steps
+from parapod.sims.levelling_platform.levelling import LevellingExperiment, check_job
+from parapod.systems.core.schema import quantity
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
+
+_DEGREE, _LEGS = math.degrees(1.0), tuple(range(LEG_COUNT))
+# Feet 1 and 3 against 2 and 4.
+_OPPOSITE = np.array((1.0, -1.0, 1.0, -1.0))
+
+
+@dataclass
+class PlatformEnginesScenario(LevellingScenario):
+    """One comparison of engines on the levelling platform; the job's keys are those of `level`.
+
+    Attributes:
+        steps_ms: steps with which both engines repeat the job [ms].
+    """
+
+    steps_ms: list[float] = quantity([4.0, 2.0, 1.0, 0.5], 0.1, 20.0)
+
+
+class CompareEngines(EngineComparison[LevellingScenario], LevellingExperiment):
+    """Runs the job with both engines."""
+
+    schema = PlatformEnginesScenario
+    takes = "1 min"
+    signals = (
+        "truth.posture",
+        "truth.extension",
+        "truth.load_force",
+        "truth.contact_force",
+        "truth.loop_error",
+    )
+    quantities = (
+        Quantity("angle", "truth.posture", "deg", _DEGREE, "roll and pitch", (0, 1), 0.02, True),
+        Quantity("height", "truth.posture", "mm", 1e3, "height", (2,), 0.3, True),
+        Quantity(
+            *("angle_beyond", "beyond_kinematics", "deg", _DEGREE, "angles beyond the rods'"),
+            (0, 1),
+            0.01,
+        ),
+        Quantity(
+            "height_beyond", "beyond_kinematics", "mm", 1e3, "height beyond the rods'", (2,), 0.1
+        ),
+        Quantity(
+            "contact_force",
+            "determined_force",
+            "N",
+            1.0,
+            "feet, determined",
+            _LEGS,
+            2.0,
+            is_rough=True,
+        ),
+        Quantity("shared_force", "shared_force", "N", 1.0, "feet, undetermined", (0,)),
+        Quantity("load_force", "truth.load_force", "N", 1.0, "rods' forces", _LEGS),
+    )
+
+    def check(self, scenario: LevellingScenario) -> None:
+        """Refuses a job or steps that do not fit together."""
+        check_job(scenario)
+        check_steps(scenario)
+
+    def derived(
+        self, scenario: LevellingScenario, signals: Mapping[str, Floats]
+    ) -> Mapping[str, Floats]:
+        """Posture beyond that of the rods; the feet's forces, as statics determines them or not.
+
+        Lengths that add to the forces of two opposite feet what they take from the others change
+        neither the forces' sum nor their moments, nearly: the feet stand on a rectangle.
+        """
+        rods = forward_kinematics(
+            geometry_as_built(scenario),
+            signals["truth.extension"],
+            scenario.ground.inclination,
+            legs=(0, 1, 2),
+            foot_offsets=scenario.ground.foot_offsets,
+        )
+        force = signals["truth.contact_force"]
+        shared = force @ _OPPOSITE / LEG_COUNT
+        return {
+            "beyond_kinematics": signals["truth.posture"] - rods,
+            "determined_force": force - np.outer(shared, _OPPOSITE),
+            "shared_force": shared[:, None],
+        }
+
+    def counts_from(self, scenario: LevellingScenario) -> float:
+        """The beginning of the levelling [s]."""
+        return scenario.job.estimate_at

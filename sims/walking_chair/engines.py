@@ -1,0 +1,89 @@
+"""Compare Drake and MuJoCo on the walking chair: body, forces, loops, convergence of the steps.
+
+Both simulate the same bodies, drives and gait. Feet that come down and leave make it harder than
+the platform. Four flat feet have twelve corners, of which three bear what statics determines; how
+much each branch bears hangs on micrometres, while all feet together bear the weight.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pydrake.geometry import Meshcat
+
+from parapod.diagrams.walking_chair.machine import CHAIR
+from parapod.diagrams.walking_chair.scenario import ChairScenario
+from parapod.sims.lab.engines import EngineComparison, Floats, Quantity, check_steps
+from parapod.sims.walking_chair.walk import check_walk, make_scene
+from parapod.systems.core.schema import quantity
+from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
+
+_DEGREE = math.degrees(1.0)
+_BRANCHES, _LEGS = tuple(range(len(BRANCHES))), tuple(range(LEG_COUNT))
+# The chair has settled on its feet this long after the start [s].
+_SETTLED = 0.5
+
+
+@dataclass
+class ChairEnginesScenario(ChairScenario):
+    """One comparison of engines on the walking chair; the walk's keys are those of `chair-walk`.
+
+    Attributes:
+        steps_ms: steps with which both engines repeat the walk [ms].
+    """
+
+    steps_ms: list[float] = quantity([4.0, 2.0, 1.0, 0.5], 0.1, 10.0)
+
+
+class ChairEngines(EngineComparison[ChairScenario]):
+    """Runs the walk with both engines."""
+
+    machine = CHAIR
+    schema = ChairEnginesScenario
+    takes = "2 min"
+    signals = (
+        "truth.body_position",
+        "truth.body_attitude",
+        "truth.force",
+        "truth.contact_force",
+        "truth.loop_error",
+    )
+    quantities = (
+        Quantity(
+            "position", "truth.body_position", "mm", 1e3, "the body's place", (0, 1, 2), 0.3, True
+        ),
+        Quantity(
+            "tilt", "truth.body_attitude", "deg", _DEGREE, "roll and pitch", (0, 1), 0.02, True
+        ),
+        Quantity("heading", "truth.body_attitude", "deg", _DEGREE, "the heading", (2,)),
+        Quantity(
+            "force", "truth.force", "N", 1.0, "branches' forces", _BRANCHES, 20.0, is_rough=True
+        ),
+        Quantity("weight", "weight", "N", 1.0, "all feet together", (0,), 20.0, is_rough=True),
+        Quantity(
+            "contact_force", "truth.contact_force", "N", 1.0, "feet's forces", _LEGS, is_rough=True
+        ),
+    )
+
+    def derived(
+        self, scenario: ChairScenario, signals: Mapping[str, Floats]
+    ) -> Mapping[str, Floats]:
+        """The force that all feet bear together, which statics determines."""
+        return {"weight": signals["truth.contact_force"].sum(axis=1, keepdims=True)}
+
+    def check(self, scenario: ChairScenario) -> None:
+        """Refuses a walk or steps that do not fit together."""
+        check_walk(scenario)
+        check_steps(scenario)
+
+    def duration(self, scenario: ChairScenario) -> float:
+        """Standing, walk, standing [s]."""
+        return scenario.begin + scenario.gait.walk.duration + scenario.end
+
+    def scene(self, scenario: ChairScenario) -> Meshcat:
+        """A scene around the chair's way."""
+        return make_scene(scenario)
+
+    def counts_from(self, scenario: ChairScenario) -> float:
+        """The time at which it stands on its feet [s]."""
+        return min(_SETTLED, scenario.begin)

@@ -1,0 +1,240 @@
+"""A model of MuJoCo translated from a plant, its scratch memory, and maps between both states."""
+
+import logging
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.geometry import SceneGraph
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, Joint, QuaternionFloatingJoint, RigidBody
+from pydrake.systems.framework import Context
+
+from parapod.systems.core.errors import WiringError
+from parapod.systems.core.extras import need
+from parapod.systems.physics.loops import Ball, Coupling
+from parapod.systems.physics.mujoco_translation import (
+    WEIGHT,
+    Translation,
+    bodies_of,
+    body_name,
+    inertia_of,
+    joint_name,
+    joints_of,
+    principal,
+    weld_of,
+)
+
+_LOG = logging.getLogger(__name__)
+
+
+class MujocoModel:
+    """A model of MuJoCo translated from a plant, and the maps between the states of both.
+
+    Attributes:
+        model: the compiled model.
+        data: scratch memory for calculations; nothing in it outlives a call.
+        plant: the plant that was translated.
+        feet: bodies whose contact forces `model`'s sensors tell, in their order.
+        loads: bodies whose inertia and place the model takes from `set_loads`.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        scene_graph: SceneGraph,
+        balls: Sequence[Ball] = (),
+        couplings: Sequence[Coupling] = (),
+        feet: Sequence[RigidBody] = (),
+        loads: Sequence[RigidBody] = (),
+    ):
+        """Translates a plant.
+
+        Args:
+            plant: finalized, with a time step above zero and registered with `scene_graph`.
+            scene_graph: holds the geometry of the plant.
+            balls: ball joints that close the plant's loops.
+            couplings: its coupled joints.
+            feet: bodies whose contact forces are wanted.
+            loads: bodies, welded to others, whose inertia and place may be exchanged.
+
+        Raises:
+            MissingExtra: MuJoCo is not installed.
+            WiringError: a part of the plant that cannot be translated.
+        """
+        told = len(balls) + len(couplings)
+        if plant.num_constraints() != told:
+            raise WiringError(
+                f"the plant has {plant.num_constraints()} constraints, {told} of them are told"
+            )
+        self.plant, self.feet, self.loads = plant, tuple(feet), tuple(loads)
+        self._mujoco: Any = need("mujoco")
+        # It would write a file into the folder in which the program runs.
+        self._mujoco.set_mju_user_warning(_LOG.warning)
+        self._defaults = plant.CreateDefaultContext()
+        translation = Translation(self._mujoco, plant, self._defaults)
+        translation.add_bodies()
+        translation.add_drives()
+        translation.add_balls(balls)
+        translation.add_couplings(couplings)
+        translation.add_contacts(scene_graph)
+        translation.add_sensors(scene_graph, self.feet)
+        self.model: Any = translation.spec.compile()
+        self.data: Any = self._mujoco.MjData(self.model)
+        self._maps = _StateMaps(self._mujoco, self.model, plant)
+        self._poses = [self.model.body(body_name(b)).id for b in bodies_of(plant)]
+        self._anchored = {
+            index: self.model.body_mocapid[self._poses[index]]
+            for index in range(plant.num_bodies())
+            if self.model.body_mocapid[self._poses[index]] >= 0
+        }
+        self._load_ids = [self.model.body(body_name(body)).id for body in self.loads]
+        self._set: NDArray[np.float64] | None = None
+        self.set_loads(self.loads_of(self._defaults))
+
+    @property
+    def state_size(self) -> int:
+        """Size of MuJoCo's state."""
+        return int(self._mujoco.mj_stateSize(self.model, self._state))
+
+    @property
+    def _state(self) -> int:
+        """Everything that a step depends on, the solver's warm start included."""
+        return int(self._mujoco.mjtState.mjSTATE_INTEGRATION)
+
+    def read_state(self) -> NDArray[np.float64]:
+        """The state in the scratch memory."""
+        state = np.empty(self.state_size)
+        self._mujoco.mj_getState(self.model, self.data, state, self._state)
+        return state
+
+    def write_state(self, state: NDArray[np.float64]) -> None:
+        """Puts a state into the scratch memory."""
+        self._mujoco.mj_setState(self.model, self.data, state, self._state)
+
+    def begin(self, plant_context: Context) -> NDArray[np.float64]:
+        """State of MuJoCo that begins where a context of the plant is.
+
+        Args:
+            plant_context: its positions, velocities and poses of what is anchored are taken.
+        """
+        self._mujoco.mj_resetData(self.model, self.data)
+        q = self.plant.GetPositions(plant_context)
+        v = self.plant.GetVelocities(plant_context)
+        self.data.qpos[:], self.data.qvel[:] = self._maps.to_mujoco(q, v)
+        for index, mocap in self._anchored.items():
+            body = self.plant.get_body(BodyIndex(index))
+            X_WB = self.plant.EvalBodyPoseInWorld(plant_context, body)
+            self.data.mocap_pos[mocap] = X_WB.translation()
+            self.data.mocap_quat[mocap] = X_WB.rotation().ToQuaternion().wxyz()
+        return self.read_state()
+
+    def step(self) -> None:
+        """Steps what is in the scratch memory."""
+        self._mujoco.mj_step(self.model, self.data)
+
+    def plant_state(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        """State of the plant, positions and velocities, in a state of MuJoCo."""
+        # Which begins with the time, positions and velocities.
+        end = 1 + self.model.nq
+        return self._maps.to_plant(state[1:end], state[end : end + self.model.nv])
+
+    def poses(self) -> list[RigidTransform]:
+        """Poses of the plant's bodies in the world, by their indices."""
+        self._mujoco.mj_kinematics(self.model, self.data)
+        places, turns = self.data.xpos, self.data.xmat
+        return [
+            RigidTransform(RotationMatrix(turns[i].reshape(3, 3)), places[i]) for i in self._poses
+        ]
+
+    def loads_of(self, plant_context: Context) -> NDArray[np.float64]:
+        """Inertias and poses of the loads in a context of the plant (17 each)."""
+        rows: list[ArrayLike] = [np.zeros(0)]
+        for body in self.loads:
+            mass, centre, inertia = inertia_of(body, plant_context)
+            X_PB = weld_of(self.plant, body, plant_context)
+            quaternion = X_PB.rotation().ToQuaternion().wxyz()
+            rows += [[mass], centre, inertia[np.triu_indices(3)], X_PB.translation(), quaternion]
+        return np.concatenate(rows)
+
+    def set_loads(self, loads: NDArray[np.float64]) -> None:
+        """Gives the loads inertias and places, as `loads_of` tells them.
+
+        Cheap where they are those that the model has.
+        """
+        if self._set is not None and np.array_equal(loads, self._set):
+            return
+        model = self.model
+        for i, row in zip(self._load_ids, loads.reshape(-1, _LOAD), strict=True):
+            inertia = np.zeros((3, 3))
+            inertia[np.triu_indices(3)] = row[4:10]
+            model.body_mass[i], model.body_ipos[i] = row[0], row[1:4]
+            model.body_inertia[i], model.body_iquat[i] = principal(inertia)
+            model.body_pos[i], model.body_quat[i] = row[10:13], row[13:]
+        self._mujoco.mj_setConst(model, self._mujoco.MjData(model))
+        model.body_invweight0[:] = WEIGHT
+        model.dof_invweight0[:] = WEIGHT
+        self._set = loads.copy()
+
+    def index_of(self, joint: Joint) -> tuple[int, int]:
+        """Indices of a joint's position and velocity in MuJoCo's."""
+        found = self.model.joint(joint_name(joint))
+        return int(found.qposadr[0]), int(found.dofadr[0])
+
+
+_LOAD = 17  # mass, centre of mass (3), inertia about it (6), position (3) and quaternion (4)
+
+
+class _StateMaps:
+    """Positions and velocities of plant and MuJoCo, which order them differently.
+
+    A floating body has its quaternion first in Drake and its position first in MuJoCo; its angular
+    velocity is along the world's axes there and along its own here.
+    """
+
+    def __init__(self, mujoco: Any, model: Any, plant: MultibodyPlant):
+        self._positions = np.zeros(plant.num_positions(), dtype=int)
+        self._velocities = np.zeros(plant.num_velocities(), dtype=int)
+        self._mujoco = mujoco
+        self._floating: list[tuple[int, int]] = []  # where quaternion and angular velocity begin
+        for joint in joints_of(plant):
+            if joint.num_velocities() == 0:
+                continue
+            found = model.joint(joint_name(joint))
+            q, v = int(found.qposadr[0]), int(found.dofadr[0])
+            start, rate = joint.position_start(), joint.velocity_start()
+            if isinstance(joint, QuaternionFloatingJoint):
+                self._positions[start : start + 7] = (q + 3, q + 4, q + 5, q + 6, q, q + 1, q + 2)
+                self._velocities[rate : rate + 6] = (v + 3, v + 4, v + 5, v, v + 1, v + 2)
+                self._floating.append((start, rate))
+            else:
+                self._positions[start], self._velocities[rate] = q, v
+        self._size = plant.num_positions()
+
+    def to_plant(
+        self, qpos: NDArray[np.float64], qvel: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """State of the plant for MuJoCo's positions and velocities."""
+        state = np.concatenate((qpos[self._positions], qvel[self._velocities]))
+        for start, rate in self._floating:
+            w = slice(self._size + rate, self._size + rate + 3)
+            self._mujoco.mju_rotVecQuat(turned := np.empty(3), state[w], state[start : start + 4])
+            state[w] = turned
+        return state
+
+    def to_mujoco(
+        self, q: NDArray[np.float64], v: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """MuJoCo's positions and velocities for those of the plant."""
+        qpos, qvel = np.empty_like(q), v.copy()
+        for start, rate in self._floating:
+            back = q[start : start + 4] * (1.0, -1.0, -1.0, -1.0)
+            w = v[rate : rate + 3]
+            self._mujoco.mju_rotVecQuat(turned := np.empty(3), w, back)
+            qvel[rate : rate + 3] = turned
+        qpos[self._positions] = q
+        reordered = np.empty_like(v)
+        reordered[self._velocities] = qvel
+        return qpos, reordered
