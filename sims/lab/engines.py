@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.sims.lab.bench import Bench, Run
+from parapod.sims.lab.bench import Bench, Run, realtime_metric
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.results import Metric
@@ -163,8 +163,7 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
             meaning = f"largest gap in the loops, {ENGINES[backend]}"
             yield Metric(f"{backend}_loop_error_um", gap, "um", most, meaning=meaning)
         yield from self._convergence(data, late)
-        meaning = f"simulated time by wall-clock time, {ENGINES[settings.backend]}"
-        yield Metric("realtime_factor", data.run.realtime_factor, meaning=meaning)
+        yield realtime_metric(data.run)
 
     def _convergence(self, data: Engines, late: NDArray[np.bool_]) -> Iterator[Metric]:
         """Differences of the engines at each step."""
