@@ -99,6 +99,9 @@ class LocalCrew(Crew):
 
     def __init__(self, size: int | None = None):
         """Prepares `size` processes, or one a core; they begin with the work."""
+        # Drake asks for many small blocks of memory: with room for more of them in each thread's
+        # cache its multibody plants take a sixth less time. The C library of Linux reads this.
+        os.environ.setdefault("GLIBC_TUNABLES", "glibc.malloc.tcache_count=200")
         # They end when our end is closed, which the kernel does for a program that is killed.
         self._theirs, self._ours = multiprocessing.Pipe(duplex=False)
         size = size or os.cpu_count() or 1

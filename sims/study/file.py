@@ -136,7 +136,10 @@ def open_file(
             file.write()
             yield file
         finally:
-            file.write()
+            if records.done.any():
+                file.write()
+            elif path not in before:
+                path.unlink(missing_ok=True)
             journal.unlink()
 
 

@@ -206,11 +206,12 @@ def _table(summary: Summary, width: int) -> Table:
     table = Table(box=SIMPLE_HEAD)
     names = [name for name in QUANTILES if width >= _WIDE or "%" not in name]
     longest = max(len(metric.key) + len(metric.unit) + 3 for metric in summary.metrics)
-    table.add_column("metric", overflow="fold", min_width=min(longest, width // 3))
+    table.add_column("metric", overflow="fold", min_width=min(longest, width // 4))
     for name in names:
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("bound", justify="right", overflow="fold", min_width=8)
-    table.add_column("held", no_wrap=True)
+    widest = max(len(f"{metric.held}/{metric.measured}") for metric in summary.metrics)
+    table.add_column("held", no_wrap=True, min_width=widest)
     for metric in summary.metrics:
         style = "green" if metric.held == metric.measured else "bold red"
         held = f"{metric.held}/{metric.measured}" if metric.limits else "-"

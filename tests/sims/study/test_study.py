@@ -241,6 +241,7 @@ def test_a_worker_of_another_version_ends_the_study_in_one_line(study, work):
         AnotherVersion, match=r"has trials 1.0, parapod .*; here is trials 0.9, pa"
     ):
         carry_out(older, work / "xy.parquet")
+    assert list(work.iterdir()) == []
 
 
 def test_an_executor_that_is_shut_down_ends_the_study(study):
