@@ -50,7 +50,7 @@ class _Timed:
 
 def run(console: Console) -> list[Measurement]:
     results = []
-    for what, settings, runs in (("30 ms", _BRIEF, 4 * _FEW), ("0.5 s", _WHOLE, _FEW)):
+    for what, settings, runs in (("30 ms", _BRIEF, 15 * _FEW), ("0.5 s", _WHOLE, _FEW)):
         one, two = [], []
         for i in range(_ROUNDS):
             console.print(f"  runs of {what}, round {i + 1} of {_ROUNDS} ...", highlight=False)
