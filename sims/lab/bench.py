@@ -200,18 +200,20 @@ class Loops:
         self._loops: dict[tuple[Any, ...], ClosedLoop[Any]] = {}
 
     def of(
-        self, experiment: "LoopExperiment[Any, Any]", scenario: Any, log: Sequence[str] | None
+        self,
+        experiment: "LoopExperiment[Any, Any]",
+        structure: str,
+        scenario: Any,
+        log: Sequence[str] | None,
     ) -> ClosedLoop[Any]:
-        """The loop of a scenario's structure, to be reset to the scenario.
+        """The loop of a structure, to be reset to a scenario.
 
         Args:
             experiment: builds it, if it is not there.
+            structure: that of the scenario.
             scenario: the scenario.
             log: names of the ports to record; None for all of them.
         """
-        structure = experiment.structure(scenario)
-        if structure is None:
-            return experiment.loop(scenario, log=log)
         key = (type(experiment), structure, log)
         # The one that was used last comes last.
         loop = self._loops.pop(key, None) or experiment.loop(scenario, log=log)
@@ -265,8 +267,11 @@ class Bench:
         meshcat = experiment.scene(scenario) if options.meshcat or options.html else None
         log = experiment.needed(scenario) if options.log is None else None
         begin = None
-        if self.options.loops is not None and meshcat is None:
-            loop = self.options.loops.of(experiment, scenario, log)
+        structure = (
+            None if meshcat or self.options.loops is None else experiment.structure(scenario)
+        )
+        if self.options.loops is not None and structure is not None:
+            loop = self.options.loops.of(experiment, structure, scenario, log)
             begin = experiment.machine_scenario(scenario)
         else:
             loop = experiment.loop(scenario, meshcat=meshcat, log=log)

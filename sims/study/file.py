@@ -281,7 +281,8 @@ def to_table(study: Mapping[str, Any], records: Records) -> "pyarrow.Table":
                 columns[key] = arrow.array(limits[runs], mask=np.isnan(limits[runs]))
         about.append(item | {"place": column.place})
     columns["passed"] = arrow.array(records.passed[runs])
-    columns["broken"] = arrow.array([", ".join(records.broken(run)) for run in runs.tolist()])
+    broken = records.broken()
+    columns["broken"] = arrow.array([broken[run] for run in runs.tolist()])
     columns["error"] = arrow.array([records.errors.get(run, "") for run in runs.tolist()])
     metadata = {_STUDY: json.dumps({"study": study, "metrics": about}).encode()}
     return arrow.table(columns).replace_schema_metadata(metadata)

@@ -159,8 +159,10 @@ class Records:
             passed &= column.held | ~column.is_there
         return passed
 
-    def broken(self, run: int) -> tuple[str, ...]:
-        """Keys of the metrics that a run measured, and that are out of their bounds."""
-        return tuple(
-            column.key for column in self.columns if column.is_there[run] and not column.held[run]
-        )
+    def broken(self) -> list[str]:
+        """By run, the keys of the metrics that it measured out of their bounds, with commas."""
+        found = [""] * self.sampling.runs
+        for column in self.columns:
+            for run in np.flatnonzero(column.is_there & ~column.held).tolist():
+                found[run] += f", {column.key}" if found[run] else column.key
+        return found

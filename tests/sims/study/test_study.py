@@ -290,7 +290,7 @@ def test_what_is_done_is_not_done_again(study, work):
 
 @pytest.mark.parametrize("cut", [1, 40, 100_000])
 def test_a_journal_that_is_cut_off_counts_as_far_as_it_is_complete(study, work, cut):
-    """As after a power failure, twice: there is no table, and the last line is in part there."""
+    """Twice, as after a power failure: no table, and the last line is in part there."""
     path, whole = work / "xy.parquet", carry_out(study(XY))
     journal, copy = work / "xy.parquet.journal", work / "copy"
     for resume, sent in ((False, 3), (True, 3)):
@@ -359,9 +359,6 @@ def test_only_so_many_loops_are_kept(monkeypatch):
     class Built:
         made = 0
 
-        def structure(self, scenario):
-            return scenario
-
         def loop(self, scenario, log):
             self.made += 1
             return object()
@@ -369,7 +366,7 @@ def test_only_so_many_loops_are_kept(monkeypatch):
     monkeypatch.setattr(Loops, "_MOST", 2)
     loops, experiment = Loops(), Built()
     for scenario, built in (("a", 1), ("b", 2), ("a", 2), ("c", 3), ("a", 3), ("b", 4)):
-        loops.of(experiment, scenario, None)
+        loops.of(experiment, scenario, None, None)
         assert experiment.made == built
 
 
