@@ -52,7 +52,7 @@ def _endure(console: Console, name: str, duration: float) -> list[Measurement]:
         for time in times:
             simulator.AdvanceTo(float(time))
             gc.collect()
-            memory.append(_resident())
+            memory.append(resident())
             context = machine.GetMyContextFromRoot(simulator.get_context())
             postures.append(machine.GetOutputPort("truth.posture").Eval(context))
             bar.update(task, completed=float(time))
@@ -83,9 +83,9 @@ def _endure(console: Console, name: str, duration: float) -> list[Measurement]:
     ]
 
 
-def _resident() -> float:
-    """Memory of this process that is in use now [MB]."""
-    status = Path("/proc/self/statm")
+def resident(process: int | str = "self") -> float:
+    """Memory of a process, by default of this one, that is in use now [MB]."""
+    status = Path(f"/proc/{process}/statm")
     if status.exists():
         return int(status.read_text().split()[1]) * resource.getpagesize() / 1e6
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -1,7 +1,6 @@
 """Studies on all cores: runs per second, what one costs the program that sends it out, memory."""
 
 import os
-import resource
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import numpy as np
 from rich.console import Console
 
 import parapod
+from benchmarks.endurance import resident
 from benchmarks.report import Measurement
 from parapod.sims.lab.work import LocalCrew
 from parapod.sims.study.records import Records
@@ -89,7 +89,7 @@ def _timed(workers: int, settings: tuple[str, ...], runs: int) -> _Timed:
                 super().add(outcome)
                 clocks.append((time.perf_counter(), time.process_time()))
                 assert isinstance(crew.executor, ProcessPoolExecutor)
-                memory.append(max(map(_resident, _children())))
+                memory.append(max(map(resident, _children())))
 
         records = Watching(study.sampling)
         study.carry_out(crew, records, Console(quiet=True), Path(folder) / "study.parquet")
@@ -104,12 +104,3 @@ def _timed(workers: int, settings: tuple[str, ...], runs: int) -> _Timed:
 def _children() -> list[int]:
     pid = os.getpid()
     return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-def _resident(pid: int) -> float:
-    """Memory of a process [MB]; 0 if it has ended."""
-    try:
-        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    except (FileNotFoundError, ProcessLookupError):
-        return 0.0
-    return pages * resource.getpagesize() / 1e6

@@ -32,6 +32,8 @@ _PANEL = 1.7
 # do not lie on a grid; there the border is that of shares smoothed over so many cells.
 _CELLS, _IN_CELL = 24, 8
 _SMOOTHED = 1.0
+# Points of runs are drawn as pixels: as shapes a million of them would be a page of gigabytes.
+_PIXELS: dict[str, Any] = {"rasterized": True}
 
 
 def draw_study(study: Study, records: Records) -> Iterator[Figure]:
@@ -215,7 +217,7 @@ def _border(study: Study, records: Records, one: Variable, other: Variable) -> F
 
     def draw(canvas: "Canvas") -> None:
         ax = canvas.subplots()
-        xs, ys = _edges(x, one), _edges(y, other)
+        xs, ys = _edges(x), _edges(y)
         every, _, _ = np.histogram2d(x, y, (xs, ys))
         held, _, _ = np.histogram2d(x[passed], y[passed], (xs, ys))
         with np.errstate(invalid="ignore"):
@@ -227,8 +229,8 @@ def _border(study: Study, records: Records, one: Variable, other: Variable) -> F
             (refused, "+", _REFUSED, "refused or failed"),
         ):
             if which.any():
-                ax.plot(x[which], y[which], marker, color=colour, markersize=3.5,
-                        markeredgewidth=0.8, linestyle="none", label=label)  # fmt: skip
+                style = {"markersize": 3.5, "markeredgewidth": 0.8, "linestyle": "none"}
+                ax.plot(x[which], y[which], marker, color=colour, label=label, **_PIXELS | style)
         ax.set_xlabel(one.key)
         ax.set_ylabel(other.key)
         ax.grid(visible=False)
@@ -247,7 +249,7 @@ def _border(study: Study, records: Records, one: Variable, other: Variable) -> F
     return Figure(name, title, caption, draw, (7.0, 4.6))
 
 
-def _edges(values: Array, variable: Variable) -> Array:
+def _edges(values: Array) -> Array:
     """Edges of the cells of a map: one cell for each value where there are few."""
     found = np.unique(values)
     if 1 < found.size <= _CELLS:
