@@ -42,7 +42,7 @@ from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.leg import swing_motion
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import normal_of
-from parapod.systems.physics.mujoco_model import MujocoModel
+from parapod.systems.physics.mujoco.model import MujocoModel
 
 type Floats = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from pydrake.multibody.tree import (
 
 from parapod.systems.levelling_platform.model import PlatformModel
 from parapod.systems.physics.loops import Ball, Coupling
-from parapod.systems.physics.mujoco_translation import joints_of, pose_at_zero
+from parapod.systems.physics.mujoco.translation import joints_of, pose_at_zero
 
 type Floats = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.wiring import add, connect
-from parapod.systems.physics.mujoco_plant import MujocoPlant
+from parapod.systems.physics.mujoco.plant import MujocoPlant
 
 
 def make_plant(

@@ -24,8 +24,8 @@ from parapod.diagrams.station import Behind
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.model import PlatformModel
-from parapod.systems.physics.mujoco_model import MujocoModel
-from parapod.systems.physics.mujoco_plant import MujocoPlant
+from parapod.systems.physics.mujoco.model import MujocoModel
+from parapod.systems.physics.mujoco.plant import MujocoPlant
 
 
 def add_mujoco_bodies(

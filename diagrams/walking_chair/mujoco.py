@@ -11,8 +11,8 @@ from parapod.diagrams.walking_chair.plants import Beginning, Plant, add_simulate
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.velocity_servo import VelocityServo
-from parapod.systems.physics.mujoco_model import MujocoModel
-from parapod.systems.physics.mujoco_plant import MujocoPlant
+from parapod.systems.physics.mujoco.model import MujocoModel
+from parapod.systems.physics.mujoco.plant import MujocoPlant
 from parapod.systems.walking_chair.masses import Passenger
 from parapod.systems.walking_chair.model import ChairTruth
 

@@ -180,14 +180,8 @@ def _scatter(
                 x = values[variable.key]
                 for which, colour in ((held, _HELD), (~held, _BROKEN)):
                     which = which & is_finite
-                    ax.plot(
-                        x[which],
-                        100.0 * use[which],
-                        ".",
-                        color=colour,
-                        markersize=2.5,
-                        rasterized=True,
-                    )
+                    style = {"color": colour, "markersize": 2.5}
+                    ax.plot(x[which], 100.0 * use[which], ".", **_PIXELS | style)
                 ax.axhline(100.0, color="0.2", linestyle="--", linewidth=1.0)
                 ax.set_ylim(bottom=0.0)
                 ax.tick_params(labelsize=7)

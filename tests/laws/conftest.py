@@ -52,7 +52,7 @@ from parapod.systems.machining_center.panel import Panel
 from parapod.systems.machining_center.platform_mode import leg_lengths
 from parapod.systems.machining_center.posture import Posture, lockable_joints
 from parapod.systems.machining_center.sequence import SequenceParams
-from parapod.systems.physics.mujoco_model import MujocoModel
+from parapod.systems.physics.mujoco.model import MujocoModel
 from parapod.systems.safety.faults import Fault
 from parapod.systems.sensors.imu import ImuParams, sample_period
 from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS

@@ -12,7 +12,7 @@ from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from parapod.systems.core.ports import read_array
-from parapod.systems.physics.mujoco_model import MujocoModel
+from parapod.systems.physics.mujoco.model import MujocoModel
 
 # Force of a drive with its joint at zero that no command means, and that MuJoCo refuses [N, N m].
 _LARGEST = 1e10

@@ -12,8 +12,8 @@ from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.walking_chair.model import add_chair
 from parapod.systems.core.errors import MissingExtra, WiringError
 from parapod.systems.levelling_platform.geometry import LegDeviation, PlatformGeometry
-from parapod.systems.physics.mujoco_model import MujocoModel
-from parapod.systems.physics.mujoco_translation import joint_name
+from parapod.systems.physics.mujoco.model import MujocoModel
+from parapod.systems.physics.mujoco.translation import joint_name
 from parapod.systems.walking_chair.masses import Passenger
 
 mujoco = pytest.importorskip("mujoco")

@@ -15,7 +15,7 @@ from pydrake.systems.framework import Context
 from parapod.systems.core.errors import WiringError
 from parapod.systems.core.extras import need
 from parapod.systems.physics.loops import Ball, Coupling
-from parapod.systems.physics.mujoco_translation import (
+from parapod.systems.physics.mujoco.translation import (
     WEIGHT,
     Translation,
     bodies_of,
