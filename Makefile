@@ -9,8 +9,8 @@ PYTEST := env -u PYTHONDONTWRITEBYTECODE GLIBC_TUNABLES=glibc.malloc.tcache_coun
 REAL_TIME := tests/diagrams/test_hardware_station.py tests/sims/real_machine
 # Where tests need whole runs of experiments; tests/conftest.py shares these.
 WHOLE_RUNS := tests/laws/test_chapters.py tests/laws/test_experiments.py tests/sims/levelling_platform tests/sims/machining_center tests/sims/terrain_simulator tests/sims/walking_chair
-# One process more than there are cores: tests of devices wait for them.
-TOGETHER := $(PYTEST) -n $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
+# More processes than there are cores: tests of devices wait for them.
+TOGETHER := $(PYTEST) -n $(shell expr $$(getconf _NPROCESSORS_ONLN) + 2)
 ARGS ?=
 # Whether real-time programs may keep other programs away.
 BESIDE := $(shell chrt --fifo 1 true 2>/dev/null && echo yes)
@@ -51,8 +51,7 @@ check: lint types
 # What can run beside each other does, on all cores; what is judged by the clock then runs alone, or
 # beside whole experiments where real-time programs may keep these away.
 test: lint
-	$(MAKE) --no-print-directory --jobs=2 types build/compiled
-	$(MAKE) --no-print-directory together
+	$(MAKE) --no-print-directory --jobs=2 types together
 	$(MAKE) --no-print-directory --jobs=2 --output-sync=target clocked $(if $(BESIDE),whole-runs)
 
 # With the tests that are left out of the everyday ones.
@@ -76,7 +75,7 @@ build/compiled: $(VENV)/.installed
 	@$(PYTEST) --collect-only --quiet > $@.part || { cat $@.part; exit 1; }
 	@mv $@.part $@
 
-together: setup
+together: build/compiled
 	$(TOGETHER) -m "not real_time and not slow $(if $(BESIDE),and not whole_run)" $(ARGS) || $(NONE)
 
 clocked: setup

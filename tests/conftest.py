@@ -23,6 +23,8 @@ from rich.console import Console
 
 # Where programs beside each other are judged by the clock.
 REAL_TIME = ("diagrams/test_hardware_station.py", "sims/real_machine")
+# Where devices are waited for, beside other tests.
+WAITING = ("laws/test_devices.py", "systems/hardware")
 
 
 # Where tests share whole runs of experiments, which one process a machine therefore makes; and
@@ -35,7 +37,13 @@ SHARED_RUNS = (
     "tests/sims/terrain_simulator",
     "tests/sims/walking_chair",
 )
-_REAL_TIME = tuple(f"tests/{name}{'::' if name.endswith('.py') else '/'}" for name in REAL_TIME)
+
+
+def _node_ids(names):
+    return tuple(f"tests/{name}{'::' if name.endswith('.py') else '/'}" for name in names)
+
+
+_REAL_TIME, _CLOCKED = _node_ids(REAL_TIME), _node_ids((*REAL_TIME, *WAITING))
 # Machines beside the platform, by what the names of their tests hold.
 OTHERS = {"the chair": "chair", "the centres": "center|centres", "the bench": "bench-|terrain"}
 
@@ -45,6 +53,9 @@ def pytest_itemcollected(item):
     # Names are compared as texts: paths of seven thousand tests would take half a second.
     if item.nodeid.startswith(_REAL_TIME):
         item.add_marker(pytest.mark.real_time)
+    if item.nodeid.startswith(_CLOCKED):
+        # A computer that stands still for a moment is no fault of the program; twice is enough.
+        item.add_marker(pytest.mark.flaky(reruns=2))
     if {"execute", "finished"} & set(item.fixturenames):
         if not item.nodeid.startswith(SHARED_RUNS):
             raise pytest.UsageError(f"{item.nodeid}: whole runs are sought in SHARED_RUNS only")
@@ -54,8 +65,10 @@ def pytest_itemcollected(item):
 def pytest_collection_finish():
     """Keeps what all tests need, modules and the tests themselves, from the garbage collector.
 
-    A process holds half a million objects by now, through which it would go a hundred times.
+    A process holds half a million objects by now, through which it would go a hundred times. What
+    the tests make it looks through less often than usual.
     """
+    gc.set_threshold(20_000, 20, 50)
     gc.collect()
     gc.freeze()
 

@@ -5,6 +5,7 @@ mass, its joints' limits and its reach over the plate are told; then it steps on
 plate plays, and jumps as high as Table 1 has it in mind: its vertical speed is that of 0.3 m.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -53,8 +54,9 @@ if TYPE_CHECKING:
 
 # Bounds: reach left [mm], error of the jump's height [mm], weight while standing [-].
 _REACH, _HEIGHT, _WEIGHT = 10.0, 50.0, 1e-3
-# Halvings with which the end of a leg's reach is sought, in what share of its length.
-_HALVINGS, _FURTHER = 12, 0.4
+# Share of its distance from the hip by which a foot is tried farther away, and the steps of that.
+_FURTHER = 0.4
+_STEP = _FURTHER / 2**12
 _PLACES = 40  # of the foot on its way, from which the reach is told
 _TITLES = {"step": "step", "jump": "jump", "chair": "the walking chair's leg"}
 TRIES = tuple(_TITLES)
@@ -293,23 +295,37 @@ class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
         )
 
 
-def reach_margin(leg: LegModel, foot: Array) -> float:
-    """Way by which the foot could go further from the hip, or along its limits' edge [m].
+def reach_margin(leg: LegModel, feet: Array) -> float:
+    """Way by which the foot could go further from the hip wherever it is [m].
 
     Args:
         leg: the leg.
-        foot: (2) x, z from the hip [m].
+        feet: (k, 2) x, z from the hip [m].
+
+    Raises:
+        UnreachableFoot: one of them that cannot be reached itself.
     """
-    low, high = 0.0, _FURTHER
-    near = leg.reach(foot)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        try:
-            leg.reach((1.0 + middle) * foot, near)
-            low = middle
-        except UnreachableFoot:
-            high = middle
-    return low * float(np.linalg.norm(foot))
+    least = _FURTHER * float(np.linalg.norm(feet, axis=1).max())
+    for foot in feet:
+        near, step = leg.reach(foot), _STEP * float(np.linalg.norm(foot))
+        # How much further than the others it could go need not be known.
+        low, high = 0, math.ceil(least / step)
+        if _reaches(leg, (1.0 + high * _STEP) * foot, near):
+            continue
+        while high - low > 1:
+            middle = (low + high) // 2
+            is_near = _reaches(leg, (1.0 + middle * _STEP) * foot, near)
+            low, high = (middle, high) if is_near else (low, middle)
+        least = low * step
+    return least
+
+
+def _reaches(leg: LegModel, foot: Array, near: Array) -> bool:
+    try:
+        leg.reach(foot, near)
+    except UnreachableFoot:
+        return False
+    return True
 
 
 def _reach(scenario: BenchLegScenario, leg: LegModel, data: Trial) -> Iterator[Metric]:
@@ -317,7 +333,7 @@ def _reach(scenario: BenchLegScenario, leg: LegModel, data: Trial) -> Iterator[M
     feet = walk.at(np.linspace(walk.lift_off, walk.landing, _PLACES)).foot[0]
     yield Metric(
         "reach_margin_mm",
-        1e3 * min(reach_margin(leg, foot) for foot in feet),
+        1e3 * reach_margin(leg, feet),
         "mm",
         at_least=_REACH,
         meaning="by which the foot could be farther from the hip everywhere on its way",

@@ -61,7 +61,7 @@ def test_it_stands_with_its_share_of_chair_and_passenger(ahead):
     assert 20e-6 < place[1] - asked[1] < STANCE
 
 
-@pytest.mark.parametrize("slope", [0.0, 10.0])
+@pytest.mark.parametrize("slope", [pytest.param(0.0, marks=pytest.mark.slow), 10.0])
 def test_it_steps_and_follows_with_all_loops_closed(slope):
     scenario = one_step(slope)
     walk, leg = scenario.walk, scenario.leg.under_test

@@ -67,6 +67,7 @@ _PARTS = (
         "off by up to .5 mm and every angle by up to .2 deg.",
         "validate-kinematics",
         quick=(
+            "plant.time_step=0.002",
             "job.settled_after=1",
             "job.waypoints=[{time: 1.5, roll_deg: 2, pitch_deg: -2, height_mm: 10}]",
             "job.end=3",
@@ -78,6 +79,7 @@ _PARTS = (
         "Where the tip of the upright arm can be: exact, in closed form, with its volume, beside "
         "the eight surfaces that the paper prints. `--html FILE` writes a picture to be turned.",
         "workspace",
+        quick=("resolution=40",),
         is_random=False,
     ),
     Part(
@@ -97,8 +99,8 @@ _PARTS = (
         quick=(
             *_COARSE,
             "job.settled_after=5",
-            "job.waypoints=[{time: 6, roll_deg: 3, pitch_deg: -2, height_mm: 30}, {time: 13}]",
-            "job.end=22",
+            "job.waypoints=[{time: 5.5, roll_deg: 2, pitch_deg: -1, height_mm: 15}]",
+            "job.end=13",
         ),
     ),
     Part(
@@ -108,6 +110,7 @@ _PARTS = (
         "second. The solver's own creep on inclined ground is measured apart from it. (The "
         "caption printed below Fig. 23 is that of Fig. 5.)",
         "slip",
+        quick=("plant.time_step=0.002",),
     ),
     Part(
         "level",
@@ -137,8 +140,8 @@ _PARTS = (
         quick=(
             "plant.leg_model=reduced",
             "plant.time_step=0.01",
-            "drive.distance_m=0.2",
-            "work.hold_s=1",
+            "drive.distance_m=0.05",
+            "work.hold_s=0.5",
         ),
     ),
     Part(

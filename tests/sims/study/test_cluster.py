@@ -62,6 +62,15 @@ def test_a_cluster_one_of_whose_workers_is_killed_gives_the_rows_of_one_process(
     assert killed
     assert result.table.equals(whole.table, check_metadata=True)
 
+    # A run that kills whoever carries it out fails alone, whichever worker is tried.
+    with ClusterCrew(address) as crew:
+        crew._client.run_on_scheduler(allow_no_failure)
+        lethal = carry_out(study({"kind": "lethal,good", "x": "1:2:2"}), crew=crew)
+    assert all(
+        text.startswith("the process that carried it out died") for text in lethal["error"][:2]
+    )
+    assert lethal["total_mm"][2:].tolist() == [1.0, 2.0]
+
     # The scheduler ends in the midst of another one.
     with ClusterCrew(address) as crew:
         submit = crew.executor.submit
@@ -76,6 +85,13 @@ def test_a_cluster_one_of_whose_workers_is_killed_gives_the_rows_of_one_process(
             carry_out(study(VARY), work / "b.parquet", crew=crew)
     result = carry_out(study(VARY), work / "b.parquet", resume=True)
     assert result.table.equals(whole.table, check_metadata=True)
+
+
+def allow_no_failure(dask_scheduler):
+    dask_scheduler.allowed_failures = 0
+
+
+allow_no_failure.__module__ = "__main__"  # so that it is sent as it is
 
 
 def test_a_scheduler_that_is_not_there_is_named_in_one_line(trial, work, capsys, monkeypatch):
