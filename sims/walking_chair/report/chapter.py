@@ -58,7 +58,6 @@ _PARTS = (
         "that are off and an encoder follow the same circle in the three modes that the paper "
         "compares in words.",
         "chair-circle",
-        quick=("circle.laps=1",),
         is_random=False,
     ),
     Part(
