@@ -74,9 +74,24 @@ def closed_loop(
     """
     experiment = _experiment_of(scenario)
     check(scenario)
+    return loop_of(experiment, scenario, meshcat=meshcat, plant=plant, controller=controller)
+
+
+def loop_of(experiment: Any, scenario: Any, **options: Any) -> ClosedLoop[Any]:
+    """The closed loop of an experiment's scenario.
+
+    Args:
+        experiment: the experiment.
+        scenario: of its schema.
+        options: as of `closed_loop`.
+
+    Raises:
+        ScenarioError: a scenario that the experiment refuses.
+        ParapodError: an experiment without a closed loop.
+    """
     experiment.check(scenario)
     loop = getattr(experiment, "loop", None)
-    built = loop(scenario, meshcat=meshcat, plant=plant, controller=controller) if loop else None
+    built = loop(scenario, **options) if loop else None
     if not isinstance(built, ClosedLoop):
         raise ParapodError(f"the experiment '{experiment.name}' has no closed loop of a machine")
     return built

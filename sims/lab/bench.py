@@ -133,14 +133,19 @@ def recording(meshcat: Meshcat, path: Path, title: str) -> Iterator[None]:
         meshcat.SetAnimation(MeshcatAnimation(_FRAMES_PER_SECOND))
 
 
-def write_graphviz(path: Path, diagram: Diagram) -> None:
-    """Writes one level of a diagram as Graphviz text (.dot, .gv) or picture (.svg, .png, .pdf).
+def write_graphviz(path: Path, diagram: Diagram, depth: int = 1) -> None:
+    """Writes a diagram as Graphviz text (.dot, .gv) or picture (.svg, .png, .pdf).
+
+    Args:
+        path: the file.
+        diagram: what is drawn.
+        depth: levels of it that are shown, see `BlockDiagram`.
 
     Raises:
         OutputError: the file cannot be written, its suffix says no format, or a picture is asked
             for where Graphviz is missing.
     """
-    suffix, drawn = path.suffix.lower(), BlockDiagram(diagram)
+    suffix, drawn = path.suffix.lower(), BlockDiagram(diagram, depth)
     if suffix not in (*_AS_TEXT, *_RENDERED):
         known = ", ".join((*_AS_TEXT, *_RENDERED))
         raise OutputError(

@@ -16,6 +16,7 @@ EXTRAS = {
     "mujoco": "mujoco",
     "nidaqmx": "ni",
     "pyarrow": "study",
+    "pygraphviz": "draw",
     "serial": "serial",
     "spidev": "spi",
 }

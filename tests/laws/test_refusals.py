@@ -137,6 +137,9 @@ REFUSALS = [
         "run uneven-ground --backend kinematic --set ground.foot_heights_mm=[50,-50,50,-50]",
         r"leg \d would need .*",
     ),
+    ("draw workspace --out x.svg", r"the experiment 'workspace' has no closed loop of a machine"),
+    ("draw level --out x.xyz", r"cannot write 'x\.xyz': a diagram's suffix must be one of .*"),
+    ("draw level --depth 0 --out x.svg", r".*0.*"),
     ("run track-posture --set job.waypoints=[]", r"job\.waypoints is empty: no posture .*"),
     # --- operations
     *(
