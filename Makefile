@@ -1,4 +1,4 @@
-# make setup | demo | check | test | test-all | bench | wheel | clean
+# make setup | demo | check | test | test-all | bench | docs | wheel | clean
 SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
@@ -21,7 +21,7 @@ NONE := [ $$? = 5 ]
 PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3; do \
   if $$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' >/dev/null 2>&1; then command -v $$p; break; fi; done)
 
-.PHONY: setup demo check test test-all lint types together clocked whole-runs bench wheel clean
+.PHONY: setup demo check test test-all lint types together clocked whole-runs bench docs wheel clean
 .DEFAULT_GOAL := setup
 
 setup: $(VENV)/.installed
@@ -86,6 +86,11 @@ whole-runs: setup
 
 bench: setup
 	$(BIN)/python -m benchmarks $(ARGS)
+
+# The site: static pages that need neither a server nor a network.
+docs: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
+	$(BIN)/python docs/site/build.py $(ARGS)
 
 wheel: setup
 	rm -rf build/lib build/bdist.*

@@ -81,15 +81,10 @@ class BlockDiagram:
             MissingExtra: pygraphviz is not installed.
             ParapodError: Graphviz refuses.
         """
-        need("pygraphviz")
-        command = [sys.executable, "-c", _GRAPHVIZ, suffix]
-        done = subprocess.run(command, input=self.text.encode(), capture_output=True, check=False)
-        if done.returncode != 0:
-            complaints = done.stderr.decode().strip().splitlines()
-            raise ParapodError(f"Graphviz: {complaints[-1] if complaints else done.returncode}")
+        picture = render(self.text, suffix)
         if suffix != "svg":
-            return done.stdout
-        return re.sub(rb"(<svg[^>]*>)", rb"\1" + _STYLE.encode(), done.stdout, count=1)
+            return picture
+        return re.sub(rb"(<svg[^>]*>)", rb"\1" + _STYLE.encode(), picture, count=1)
 
     def _repr_html_(self) -> str:
         try:
@@ -105,6 +100,26 @@ def draw(diagram: Diagram, depth: int = 1) -> BlockDiagram:
     See `BlockDiagram`.
     """
     return BlockDiagram(diagram, depth)
+
+
+def render(text: str, suffix: str = "svg") -> bytes:
+    """The picture of a graph in Graphviz's language, as the content of a file.
+
+    Args:
+        text: the graph.
+        suffix: "svg", "png" or "pdf".
+
+    Raises:
+        MissingExtra: pygraphviz is not installed.
+        ParapodError: Graphviz refuses.
+    """
+    need("pygraphviz")
+    command = [sys.executable, "-c", _GRAPHVIZ, suffix]
+    done = subprocess.run(command, input=text.encode(), capture_output=True, check=False)
+    if done.returncode != 0:
+        complaints = done.stderr.decode().strip().splitlines()
+        raise ParapodError(f"Graphviz: {complaints[-1] if complaints else done.returncode}")
+    return done.stdout
 
 
 def type_name(system: Any) -> str:

@@ -25,6 +25,8 @@ from parapod.diagrams.drivers.external import load_drivers
 from parapod.diagrams.drivers.ni_daq import NiDaqForceCells
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.walking_chair.drivers import Epos2Legs
+from parapod.sims.cli.arguments import load
+from parapod.sims.cli.main import main, make_parser
 from parapod.sims.lab.discovery import find_entry
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
@@ -36,9 +38,42 @@ from parapod.systems.levelling_platform.fault_detection import as_markdown
 from parapod.systems.levelling_platform.supervisor import as_mermaid
 
 _DOCS = Path(__file__).parents[1] / "docs"
+_README = _DOCS.parent / "README.md"
 _OPERATION = (_DOCS / "operation.md").read_text()
 _HARDWARE = _DOCS / "hardware.md"
 LEVEL = find_entry("level")
+
+
+def quoted_commands():
+    """Commands of all documents, and what is said to be printed by each: page, command, lines."""
+    for page in (_README, *sorted(_DOCS.glob("*.md"))):
+        blocks = re.findall(r" *```(?:sh|bash|console)\n(.*?)```", page.read_text(), re.DOTALL)
+        for block in blocks:
+            said = []
+            for line in reversed(re.sub(r"\s*\\\n\s*", " ", block).splitlines()):
+                found = re.fullmatch(r"\s*(?:\$ )?(?:\.venv/bin/)?parapod ([a-z].*)", line)
+                if found:
+                    command = shlex.split(found[1], comments=True)
+                    yield pytest.param(command, said, id=f"{page.stem}: {' '.join(command)}")
+                    said = []
+                else:
+                    said.insert(0, line.strip())
+
+
+@pytest.mark.parametrize(("command", "said"), [*quoted_commands()])
+def test_a_quoted_command_is_understood_and_refused_with_the_quoted_words(command, said, capsys):
+    if "rps-tilt" in command:
+        pytest.skip("its package is installed by tests/test_your_own_machine.py alone")
+    if said and said[0].startswith("parapod: error: "):
+        assert main(command) == 2
+        words = map(re.escape, re.split(r"\s*\.\.\.", said[0]))
+        assert re.match(".*".join(words), capsys.readouterr().err)
+        return
+    arguments = make_parser().parse_args(command)
+    # Files that the reader has.
+    own = any(word in ("--scenario", "--drivers") or word.endswith(".urdf") for word in command)
+    if hasattr(arguments, "overrides") and arguments.name and not own:
+        load(arguments)
 
 
 def test_the_phases_are_drawn_from_the_table_of_transitions():
@@ -265,14 +300,3 @@ def test_every_form_of_values_that_the_documents_show_is_understood():
             LevellingScenario, checked(LevellingScenario()), {key: values}
         )
         assert len(variable.at(np.linspace(0.0, 1.0, 5))) == 5
-
-
-def test_every_command_for_studies_that_the_documents_show_is_understood():
-    from parapod.sims.cli.main import _parser
-
-    blocks = re.findall(r"```bash\n(.*?)```", _STUDIES, re.DOTALL)
-    lines = "".join(blocks).replace("\\\n", " ").splitlines()
-    commands = [shlex.split(line, comments=True) for line in lines if line.startswith("parapod ")]
-    assert len(commands) >= 2
-    for command in commands:
-        assert _parser().parse_args(command[1:]).command == "study"

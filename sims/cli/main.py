@@ -26,7 +26,7 @@ from parapod.sims.cli import list as list_command
 from parapod.sims.cli.arguments import HELD, INTERRUPTED, MISTAKE, Parser
 from parapod.systems.core.errors import ParapodError
 
-_COMMANDS = {
+COMMANDS = {
     "list": list_command,
     "run": run,
     "study": study,
@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit code.
     """
     try:
-        parser = _parser()
+        parser = make_parser()
         code = _dispatch(parser, parser.parse_args(argv))
         sys.stdout.flush()
     except ParapodError as error:
@@ -74,15 +74,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code
 
 
-def _parser() -> Parser:
+def make_parser() -> Parser:
+    """The parser of all commands."""
     parser = Parser(
         prog="parapod",
         description="Leg-supported parallel machines as Drake system diagrams.",
-        examples=[command.EXAMPLES[-1] for command in _COMMANDS.values()],
+        examples=[command.EXAMPLES[-1] for command in COMMANDS.values()],
     )
     parser.add_argument("--version", action="store_true", help="print the version and stop")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
-    for name, command in _COMMANDS.items():
+    for name, command in COMMANDS.items():
         added = commands.add_parser(
             name, help=command.HELP, description=command.DESCRIPTION, examples=command.EXAMPLES
         )
@@ -99,4 +100,4 @@ def _dispatch(parser: Parser, arguments: argparse.Namespace) -> int:
     if arguments.command is None:
         parser.print_help()
         return HELD
-    return _COMMANDS[arguments.command].execute(arguments)
+    return COMMANDS[arguments.command].execute(arguments)

@@ -10,7 +10,7 @@ from importlib.metadata import version
 import pytest
 import yaml
 
-from parapod.sims.cli.main import _COMMANDS, _parser, main
+from parapod.sims.cli.main import COMMANDS, main, make_parser
 from parapod.sims.lab.files import atomic_output
 from parapod.systems.core.errors import ParapodError
 
@@ -161,7 +161,7 @@ def test_the_module_is_the_command():
     assert (done.returncode, done.stdout) == (0, f"parapod {version('parapod')}\n")
 
 
-@pytest.mark.parametrize("command", [None, *_COMMANDS])
+@pytest.mark.parametrize("command", [None, *COMMANDS])
 def test_help_fits_80_columns_and_its_examples_are_understood(command, capsys):
     with pytest.raises(SystemExit) as stop:
         main([*filter(None, [command]), "--help"])
@@ -175,8 +175,8 @@ def test_help_fits_80_columns_and_its_examples_are_understood(command, capsys):
     calls = [call for line in lines for call in re.findall(r"parapod ([^;>]+?)(?:,| >|;|$)", line)]
     assert len(calls) >= len(lines)
     for call in calls:
-        arguments = _parser().parse_args(shlex.split(call))
-        assert arguments.command in _COMMANDS
+        arguments = make_parser().parse_args(shlex.split(call))
+        assert arguments.command in COMMANDS
 
 
 def test_without_a_command_the_help_is_shown(capsys):

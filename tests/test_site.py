@@ -1,0 +1,112 @@
+"""The site's reference holds everything that the code has."""
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from parapod.sims.cli.main import COMMANDS
+from parapod.sims.lab.discovery import list_entries
+from parapod.systems.core import schema
+from parapod.systems.core.errors import ParapodError
+from tests.laws.conftest import SYSTEMS
+
+_ROOT = Path(__file__).parents[1]
+_SITE = _ROOT / "docs" / "site"
+_ENTRIES = [entry for entry in list_entries() if entry.package == "parapod"]
+
+
+@pytest.fixture(scope="module")
+def reference():
+    spec = importlib.util.spec_from_file_location("reference", _SITE / "reference.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def keys_of(kind, prefix=""):
+    """Dotted keys of a schema."""
+    for name, (field, _) in schema.fields_of(kind).items():
+        inner, _ = schema.split_optional(field)
+        yield f"{prefix}{name}"
+        if schema.is_schema(inner) and not schema.is_family(inner):
+            yield from keys_of(inner, f"{prefix}{name}.")
+
+
+def test_every_system_has_its_symbol_and_table(reference):
+    pages = dict(reference.systems())
+    text = "\n".join(pages.values())
+    headings = set(re.findall(r"^## (\w+)$", text, re.MULTILINE))
+    symbols = set(re.findall(r'class="name">(\w+)<', text))
+    assert headings == symbols
+    assert set(SYSTEMS) <= headings
+    assert text.count("| port | size | unit | meaning |") == len(headings)
+    for package in re.findall(r"^(\w+)$", pages["systems/index.md"].split("maxdepth: 1")[1], re.M):
+        assert f"systems/{package}.md" in pages
+
+
+def test_a_symbol_has_inputs_left_and_outputs_right(reference):
+    (page,) = (text for name, text in reference.systems() if name == "systems/actuators.md")
+    symbol = re.search(r'<div class="block-symbol">.*name">PiController<.*', page)[0]
+    left, right = symbol.split("PiController")
+    assert re.findall(r"<span>(\w+)<", left) == ["desired_state", "measured", "enable"]
+    assert re.findall(r"<span>(\w+)<", right) == ["voltage"]
+
+
+@pytest.mark.parametrize("entry", _ENTRIES, ids=lambda entry: entry.name)
+def test_every_key_of_a_scenario_has_its_meaning(reference, entry):
+    text = reference._scenario(entry)
+    rows = dict(re.findall(r"^\| \**`([\w.]+)`\** \|(.*)\|$", text, re.MULTILINE))
+    for key in keys_of(entry.load().schema):
+        default, admissible, meaning = re.split(r"(?<!\\)\|", rows[key])
+        assert meaning.strip(), key
+        assert admissible.strip() or not default.strip(), key
+
+
+def test_a_key_is_told_with_default_range_and_unit(reference):
+    (level,) = (entry for entry in _ENTRIES if entry.name == "level")
+    text = reference._scenario(level)
+    assert "| `ground.roll_deg` | `2.0` | -15..15 | roll of the ground [deg]. |" in text
+    assert "### !Epos2Wheels" in text
+
+
+def test_every_command_and_error_is_there(reference):
+    ((_, commands),) = reference.commands()
+    assert re.findall(r"^## parapod (\S+)$", commands, re.MULTILINE) == [*COMMANDS]
+    assert commands.count("usage: parapod ") == 1 + len(COMMANDS)
+    assert "--vary" in commands
+    ((_, errors),) = reference.errors()
+    told = set(re.findall(r"^#+ (\w+)$", errors, re.MULTILINE))
+
+    def kinds(kind):
+        yield kind
+        for inner in kind.__subclasses__():
+            yield from kinds(inner)
+
+    named = {k.__name__ for k in kinds(ParapodError) if k.__module__.startswith("parapod.")}
+    assert {name for name in named if not name.startswith("_")} <= told
+
+
+def test_a_docstring_becomes_markdown(reference):
+    arguments = "Args:\n    a: one number\n        and more.\n    b: two.\n"
+    text = f"Adds.\n\n{arguments}\nRaises:\n    E: no.\n"
+    assert reference.as_markdown(text) == (
+        "Adds.\n\n\n**Args**\n\n* `a`: one number\n  and more.\n* `b`: two.\n\n\n**Raises**\n\n"
+        "* `E`: no."
+    )
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
+    pytest.importorskip("myst_nb")
+    pytest.importorskip("furo")
+    command = [sys.executable, _SITE / "build.py", tmp_path]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    for page in (tmp_path / "html").rglob("*.html"):
+        parts = re.findall(r"<(?:script|img|link|object)[^>]*>", page.read_text())
+        loaded = re.findall(r'(?:src|href|data)="(\w+:)', "".join(parts))
+        assert not [scheme for scheme in loaded if scheme != "data:"], page
