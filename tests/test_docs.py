@@ -1,7 +1,11 @@
 """What the documents take from the code is what the code says."""
 
+import contextlib
+import importlib
+import inspect
 import math
 import os
+import pkgutil
 import pty
 import re
 import shlex
@@ -15,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import parapod.systems
 from parapod.diagrams.drivers.driver import Driver, PartPorts
 from parapod.diagrams.drivers.epos2 import (
     Epos2ForceSlides,
@@ -24,10 +29,12 @@ from parapod.diagrams.drivers.epos2 import (
 from parapod.diagrams.drivers.external import load_drivers
 from parapod.diagrams.drivers.ni_daq import NiDaqForceCells
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.machine import list_machines
 from parapod.diagrams.walking_chair.drivers import Epos2Legs
 from parapod.sims.cli.arguments import load
 from parapod.sims.cli.main import main, make_parser
 from parapod.sims.lab.discovery import find_entry
+from parapod.systems.core import schema
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.hardware.device import DeviceError
@@ -40,6 +47,7 @@ from parapod.systems.levelling_platform.supervisor import as_mermaid
 _DOCS = Path(__file__).parents[1] / "docs"
 _README = _DOCS.parent / "README.md"
 _OPERATION = (_DOCS / "operation.md").read_text()
+_GLOSSARY = (_DOCS / "glossary.md").read_text()
 _HARDWARE = _DOCS / "hardware.md"
 LEVEL = find_entry("level")
 
@@ -300,3 +308,36 @@ def test_every_form_of_values_that_the_documents_show_is_understood():
             LevellingScenario, checked(LevellingScenario()), {key: values}
         )
         assert len(variable.at(np.linspace(0.0, 1.0, 5))) == 5
+
+
+def names_of_the_code():
+    """Functions, classes and their attributes, ports of all machines, keys of scenarios."""
+    for info in pkgutil.walk_packages(parapod.systems.__path__, "parapod.systems."):
+        if ".hardware" in info.name or ".mujoco" in info.name:
+            continue
+        for name, value in vars(importlib.import_module(info.name)).items():
+            yield name
+            if isinstance(value, type):
+                keys = getattr(value, "__dataclass_fields__", getattr(value, "_fields", ()))
+                yield from (f"{name}.{key}" for key in keys)
+            elif callable(value):
+                with contextlib.suppress(ValueError, TypeError):
+                    yield from inspect.signature(value).parameters
+    for machine in list_machines():
+        yield from machine.table
+        yield from _keys(machine.scenario)
+
+
+def _keys(kind, prefix=""):
+    for name, (field, _) in schema.fields_of(kind).items():
+        yield f"{prefix}{name}"
+        inner, _ = schema.split_optional(field)
+        if schema.is_schema(inner) and not schema.is_family(inner):
+            yield from _keys(inner, f"{prefix}{name}.")
+
+
+def test_symbols_of_the_glossary_are_called_so_in_the_code():
+    rows = re.findall(r"^\| (.*) \| (.*) \| (.*) \| (.*) \|$", _GLOSSARY, re.MULTILINE)
+    said = [name for *_, code, _ in rows for name in re.findall(r"`([\w.]+)[^`]*`", code)]
+    assert len(said) > 50
+    assert {*said} - {*names_of_the_code()} - {"X_AB", "R_AB", "p_AB"} == set()
