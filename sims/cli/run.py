@@ -34,7 +34,7 @@ _OUTPUTS = {
     "graphviz": "the system diagram (.dot, .svg, .png or .pdf)",
 }
 # What shows a single run.
-_ALONE = ("meshcat", "html", "log", "graphviz", "figures")
+_ALONE = ("meshcat", "html", "log", "graphviz", "figures", "plot")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,6 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="DIR",
         help="draw the figures into DIR, as SVG with their captions",
+    )
+    parser.add_argument(
+        "--plot", action="store_true", help="open a page with the figures and metrics in a browser"
     )
     parser.add_argument(
         "--seeds",
@@ -87,6 +90,8 @@ def execute(arguments: argparse.Namespace) -> int:
     )
     result = experiment.execute(scenario, options)
     _show(result, arguments)
+    if arguments.plot:
+        _open(result)
     if result.afterwards is not None:
         result.afterwards()
     return HELD if result.passed else BROKEN
@@ -114,6 +119,20 @@ def _show(result: "Result", arguments: argparse.Namespace) -> None:
             if path is not None and path.is_file():
                 print(f"wrote {path}")
         sys.stdout.flush()
+
+
+def _open(result: "Result") -> None:
+    """Opens a page of its own, which stays where temporary files are."""
+    import tempfile
+    import webbrowser
+
+    from parapod.sims.lab.pages import result_page
+
+    begins = f"parapod-{result.experiment}-"
+    with tempfile.NamedTemporaryFile("w", prefix=begins, suffix=".html", delete=False) as page:
+        page.write(result_page(result))
+    print(f"wrote {page.name}", flush=True)
+    webbrowser.open(Path(page.name).as_uri())
 
 
 def _sweep(

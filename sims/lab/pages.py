@@ -8,7 +8,8 @@ from typing import Any
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from parapod.sims.lab.figures import Figure, render
-from parapod.sims.lab.results import amount, as_words
+from parapod.sims.lab.results import Result, amount, as_words
+from parapod.systems.core.scenario_file import dump_scenario
 
 
 def render_page(
@@ -36,6 +37,18 @@ def render_page(
     environment.filters.update(common | dict(filters or {}))
     versions = {name: version(name) for name in ("parapod", "drake", "numpy")}
     return environment.get_template(template).render(versions=versions, **content)
+
+
+def result_page(result: Result) -> str:
+    """Page of one run: its figures, its metrics with their bounds, and the scenario."""
+    scenario = "" if result.scenario is None else dump_scenario(result.scenario)
+    return render_page(
+        __package__ or "",
+        template="result.html.jinja",
+        result=result,
+        metrics=[(metric, "") for metric in result.metrics],
+        scenario=scenario,
+    )
 
 
 def _drawn(figure: Figure) -> str:

@@ -109,6 +109,7 @@ REFUSALS = [
         )
         for option in ("html", "log", "graphviz", "figures")
     ),
+    ("run level --seeds 2 --plot", r"--plot shows a single run and does not go with --seeds"),
     *(
         (f"run level --seeds={n}", rf"argument --seeds: must be a whole .*, not '{n}' .*")
         for n in ("0", "-1", "1.5", "many")
