@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import entry_points
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
@@ -20,6 +20,7 @@ from parapod.diagrams.faults import FaultTarget, Span, targets_of
 from parapod.diagrams.guard import Guard
 from parapod.diagrams.homing import Homing
 from parapod.diagrams.station import Behind
+from parapod.diagrams.twin import Twin
 from parapod.systems.core.errors import ParapodError, WiringError
 from parapod.systems.core.schema import Schema, plain, quantity
 
@@ -159,21 +160,6 @@ class MachineScenario(Schema):
 type Plant[S] = Callable[[DiagramBuilder, S, Meshcat | None], Behind]
 
 
-class Twin(Protocol):
-    """Drawing of a machine as its signals tell it, beside one of what it is asked for.
-
-    Attributes:
-        signals: names of the signals that it is drawn by; a loop need not have all of them.
-    """
-
-    @property
-    def signals(self) -> frozenset[str]:
-        """See the class."""
-
-    def show(self, values: Mapping[str, NDArray[Any]]) -> None:
-        """Draws the newest values, of those of the signals that the loop has."""
-
-
 @dataclass(frozen=True, repr=False)
 class Machine[S]:
     """One machine: its ports, and how the parts of its diagrams are made.
@@ -205,7 +191,7 @@ class Machine[S]:
         guard: makes what watches every job on the real machine; None: only devices are watched.
         instrument: tells the true signals, by name, as somebody reads them off an instrument
             beside the emulated machine; None: there is none.
-        twin: draws the real machine from its signals; None: it is not drawn.
+        twin: draws the machine from its signals; None: it is not drawn.
         log_every: periods of the controller between two samples of a recording.
         resets: dotted keys of a scenario, or of whole parts of one, that `reset` of its loop takes
             over from another scenario; nothing that differs in these alone is built again.
@@ -232,7 +218,7 @@ class Machine[S]:
     switches: tuple[str, ...] = ()
     guard: Callable[[S], Guard] | None = None
     instrument: Callable[[Mapping[str, NDArray[Any]]], str] | None = None
-    twin: "type[Twin] | None" = None
+    twin: type[Twin] | None = None
     log_every: int = 1
     resets: Callable[[S], tuple[str, ...]] = lambda scenario: ()
     variant: Callable[[S], Mapping[str, Any]] | None = None

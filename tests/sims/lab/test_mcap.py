@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from parapod.sims.lab.mcap import read_mcap, write_mcap
+from parapod.sims.lab.files import read_log
+from parapod.sims.lab.mcap import write_mcap
 from parapod.systems.core.errors import OutputError
 
 pytest.importorskip("mcap")
@@ -14,7 +15,7 @@ def test_a_log_is_read_as_it_was_written(tmp_path):
     extension = np.random.default_rng(0).normal(size=(100, 4))
     signals = {"legs.extension": extension, "status.age": np.full((100, 1), np.nan)}
     write_mcap(path, times, signals, UNITS, {"scenario": "seed: 1\n"})
-    shown = read_mcap(path)
+    shown = read_log(path)
     np.testing.assert_array_equal(shown.time, times)
     np.testing.assert_array_equal(shown.signals["legs.extension"], extension)
     assert np.isnan(shown.signals["status.age"]).all()
@@ -40,7 +41,7 @@ def test_a_log_cut_anywhere_is_readable_up_to_there(tmp_path):
     counts = []
     for size in range(200, len(whole), 97):
         path.write_bytes(whole[:size])
-        shown = read_mcap(path)
+        shown = read_log(path)
         np.testing.assert_array_equal(shown.time, np.arange(len(shown.time)))
         counts.append(len(shown.time))
     assert counts == sorted(counts)
@@ -52,9 +53,9 @@ def test_what_is_no_log_is_refused(tmp_path, content):
     path = tmp_path / "log.mcap"
     path.write_bytes(content)
     with pytest.raises(OutputError, match=r"log\.mcap"):
-        read_mcap(path)
+        read_log(path)
 
 
 def test_a_log_that_is_not_there_is_named(tmp_path):
     with pytest.raises(OutputError, match="No such file"):
-        read_mcap(tmp_path / "nowhere.mcap")
+        read_log(tmp_path / "nowhere.mcap")
