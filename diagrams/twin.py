@@ -25,6 +25,7 @@ class Twin:
     Attributes:
         signals: names of the signals that it is drawn by; a loop need not have all of them.
         needed: those of them without which nothing can be drawn.
+        stand_ins: signals that take the place of needed ones in a recording that lacks these.
         meshcat: the scene; None: only the bodies' poses are computed, see `scene_graphs`.
         builder: of its diagram, until `finish`.
         time: of the newest drawing [s].
@@ -32,6 +33,7 @@ class Twin:
 
     signals: ClassVar[frozenset[str]]
     needed: ClassVar[frozenset[str]]
+    stand_ins: ClassVar[Mapping[str, str]] = {}
 
     def __init__(self, meshcat: Meshcat | None, scenario: Any, prefix: str = ""):
         """Draws nothing yet.

@@ -29,8 +29,10 @@ class PlatformTwin(Twin):
     desired one, pale, has the extensions and the posture that the legs are led to.
     """
 
-    needed = frozenset(("legs.extension", "attitude_estimated", "ground_valid"))
+    needed = frozenset(("legs.extension", "attitude_estimated"))
+    stand_ins = {"attitude_estimated": "truth.posture"}  # noqa: RUF012
     signals = needed | {
+        "ground_valid",
         "ground_estimated",
         "foot_offsets_estimated",
         "extension_desired_state",
@@ -61,14 +63,14 @@ class PlatformTwin(Twin):
 
     def show(self, values: Mapping[str, NDArray[Any]], time: float = 0.0) -> None:
         """See `Twin`."""
-        extension, attitude = values["legs.extension"], values["attitude_estimated"]
+        extension, attitude = values["legs.extension"], values["attitude_estimated"][:2]
         ground, height = _standing(values, extension, attitude)
         if not np.isfinite([*extension, *attitude, *ground]).all():
             return  # nothing is known: the last picture stays
         pose = standing_pose((*attitude, height), ground)
         desired = values.get("extension_desired_state", extension)[:LEG_COUNT]
         posture = values.get("posture_desired_state", np.zeros(6))[:3]
-        is_posed = values["ground_valid"][0] > 0.5 and posture[2] > 0.0
+        is_posed = _is_ground_known(values) and posture[2] > 0.0
         desired_pose = standing_pose(posture, ground) if is_posed else pose
         arm = _arm(values)
         shown = {}
@@ -101,11 +103,15 @@ def _arm(values: Mapping[str, NDArray[Any]]) -> NDArray[np.float64]:
     return values.get("arm_command", np.array([0.0, alone[0]]))
 
 
+def _is_ground_known(values: Mapping[str, NDArray[Any]]) -> bool:
+    return "ground_valid" in values and values["ground_valid"][0] > 0.5
+
+
 def _standing(
     values: Mapping[str, NDArray[Any]], extension: NDArray[Any], attitude: NDArray[Any]
 ) -> tuple[NDArray[np.float64], float]:
     """Roll and pitch (2) of the ground [rad], and height above it [m], on feet or on wheels."""
-    is_known = values["ground_valid"][0] > 0.5
+    is_known = _is_ground_known(values)
     on_wheels, offsets = WheelGeometry().standing_height, np.zeros(LEG_COUNT)
     if is_known:
         ground = values["ground_estimated"]

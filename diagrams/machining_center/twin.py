@@ -21,6 +21,7 @@ class CenterTwin(Twin):
     """Two drawings of the centre on the footholds that its lengths tell."""
 
     needed = frozenset((_DRAWN[MEASURED], _FEET))
+    stand_ins = {_DRAWN[MEASURED]: "truth.pose", _FEET: "truth.feet"}  # noqa: RUF012
     signals = needed | {_DRAWN[DESIRED], *_SWITCHES}
 
     def __init__(self, meshcat: Meshcat | None, scenario: CenterScenario, prefix: str = ""):

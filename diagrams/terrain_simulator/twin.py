@@ -19,6 +19,7 @@ class BenchTwin(Twin):
     """Two drawings of the bench, with the leg as it is measured."""
 
     needed = frozenset((_DRAWN[MEASURED], _HIP, _LEG))
+    stand_ins = {_DRAWN[MEASURED]: "truth.pose"}  # noqa: RUF012
     signals = needed | {_DRAWN[DESIRED]}
 
     def __init__(

@@ -40,6 +40,8 @@ class StoredLog(ABC):
         metadata: data about the run.
         cut_at: time of the last sample [s] of a log that ends in the middle, known when all
             samples have been read; None: it is whole.
+        total: amount of its samples, in rows or bytes.
+        done: amount that has been read.
     """
 
     def __init__(self, path: Path):
@@ -53,6 +55,7 @@ class StoredLog(ABC):
         self.shapes: dict[str, tuple[int, ...]] = {}
         self.metadata: dict[str, Any] = {}
         self.cut_at: float | None = None
+        self.total = self.done = 0
         with self._reading():
             self._describe()
 
@@ -61,6 +64,10 @@ class StoredLog(ABC):
         """Units by port name; empty where a log does not tell."""
         told: Any = self.metadata.get("units", {})
         return {name: str(told.get(name, "")) for name in self.shapes}
+
+    def size(self, name: str) -> int:
+        """Number of elements of a signal; 0 of one that the log does not have."""
+        return int(np.prod(self.shapes[name])) if name in self.shapes else 0
 
     @abstractmethod
     def _describe(self) -> None:
@@ -139,11 +146,11 @@ class ArchiveLog(StoredLog):
             with archive.open("metadata.npy") as member:
                 text = npy.read_array(member, allow_pickle=False)
             self.metadata = dict(json.loads(str(text)))
-            (self._count,) = self._shape(archive, "t")
+            (self.total,) = self._shape(archive, "t")
             for name in members:
                 if name not in ("t", "metadata"):
                     count, *shape = self._shape(archive, name)
-                    if count != self._count:
+                    if count != self.total:
                         raise ValueError(name)
                     self.shapes[name] = tuple(shape)
 
@@ -159,12 +166,13 @@ class ArchiveLog(StoredLog):
                 name: stack.enter_context(archive.open(f"{name}.npy")) for name in ("t", *names)
             }
             kinds = {name: _head(member)[1] for name, member in members.items()}
-            for begin in range(0, self._count, _PIECE):
-                count = min(_PIECE, self._count - begin)
+            for begin in range(0, self.total, _PIECE):
+                count = min(_PIECE, self.total - begin)
                 piece = {
                     name: _take(member, kinds[name], (count, *self.shapes.get(name, ())))
                     for name, member in members.items()
                 }
+                self.done = begin + count
                 yield piece.pop("t"), piece
 
 
@@ -193,6 +201,7 @@ class TableLog(StoredLog):
     """A log of comma-separated values; a last line without an end is left out."""
 
     def _describe(self) -> None:
+        self.total = self.path.stat().st_size
         with self.path.open(encoding="utf-8") as stream:
             self.metadata = dict(json.loads(stream.readline().removeprefix("# ")))
             head = stream.readline().strip().split(",")
@@ -215,6 +224,7 @@ class TableLog(StoredLog):
                 lines.pop()
                 self.cut_at = np.nan
             if lines:
+                self.done += sum(map(len, lines))
                 yield np.loadtxt(lines, delimiter=",", ndmin=2).reshape(-1, width)
 
     def _pieces(self, names: Sequence[str]) -> Iterator[Piece]:
@@ -242,6 +252,7 @@ class McapLog(StoredLog):
     """
 
     def _describe(self) -> None:
+        self.total = self.path.stat().st_size
         self._topics: dict[int, str] = {}
         units: dict[str, str] = {}
         has_begun, missing = False, 1
@@ -286,7 +297,7 @@ class McapLog(StoredLog):
                 if ident == first:
                     times.append(data["t"])
                 if ident == last and len(times) >= _PIECE:
-                    newest = times[-1]
+                    newest, self.done = times[-1], self._stream.tell()
                     yield self._piece(times, rows, names)
                     times, rows = [], {name: [] for name in rows}
             is_whole = is_whole or type(record).__name__ == "Footer"
@@ -308,6 +319,7 @@ class McapLog(StoredLog):
         """The records of the file, up to where it ends."""
         reader, exceptions = need("mcap.stream_reader"), need("mcap.exceptions")
         with open(self.path, "rb") as stream:
+            self._stream = stream
             try:
                 yield from reader.StreamReader(stream).records
             except (exceptions.EndOfFile, struct.error):

@@ -17,6 +17,7 @@ EXTRAS = {
     "nidaqmx": "ni",
     "pyarrow": "study",
     "serial": "serial",
+    "plotly": "replay",
     "spidev": "spi",
 }
 
