@@ -123,9 +123,7 @@ def Inner(
     names: Sequence[str] = (),
 ) -> Port:
     """Signal of the controller or of a source of commands, named for logs and faults."""
-    return Port(
-        name, size, unit, meaning, "inner", faults=tuple(faults), names=tuple(names)
-    )
+    return Port(name, size, unit, meaning, "inner", faults=tuple(faults), names=tuple(names))
 
 
 @dataclass(frozen=True)

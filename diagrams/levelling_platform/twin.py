@@ -49,9 +49,7 @@ class PlatformTwin(Twin):
                 self.input(f"{drawing}.{name}", size) for name, size in _INPUTS.items()
             )
             path = self.path(drawing)
-            add_drawing(
-                self.builder, (0.0, 0.0), meshcat, extension, base_pose, arm, path=path
-            )
+            add_drawing(self.builder, (0.0, 0.0), meshcat, extension, base_pose, arm, path=path)
         self.finish()
         if meshcat is None or self.is_guest:
             return

@@ -22,9 +22,7 @@ class BenchTwin(Twin):
     stand_ins = {_DRAWN[MEASURED]: "truth.pose"}  # noqa: RUF012
     signals = needed | {_DRAWN[DESIRED]}
 
-    def __init__(
-        self, meshcat: Meshcat | None, scenario: TerrainBenchScenario, prefix: str = ""
-    ):
+    def __init__(self, meshcat: Meshcat | None, scenario: TerrainBenchScenario, prefix: str = ""):
         """Draws nothing yet; see `Twin`."""
         super().__init__(meshcat, scenario, prefix)
         self._x = scenario.walk.hip[0]

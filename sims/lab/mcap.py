@@ -3,21 +3,36 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from parapod.sims.lab.files import atomic_output
+from parapod.sims.lab.thinning import Snapshots
+from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.extras import need
 
-_SCHEMA = {
-    "type": "object",
-    "properties": {
-        "t": {"type": "number", "description": "time of the loop [s]"},
-        "value": {"type": "array", "items": {"type": ["number", "null"]}},
-    },
-}
+# Pictures of the machine: ten a second of some minutes.
+_PICTURES = 1500
+
+
+def _schema(name: str, unit: str) -> bytes:
+    """JSON schema of the messages of a port."""
+    schema = {
+        "title": f"parapod.{name}",
+        "type": "object",
+        "properties": {
+            "t": {"type": "number", "description": "time of the loop [s]"},
+            "value": {
+                "type": "array",
+                "description": f"{name} [{unit}]",
+                "items": {"type": ["number", "null"]},
+            },
+        },
+        "required": ["t", "value"],
+    }
+    return json.dumps(schema, ensure_ascii=False).encode()
 
 
 class McapWriter:
@@ -26,6 +41,8 @@ class McapWriter:
     Each message is `{"t": time, "value": [...]}` in JSON, which Foxglove and every other reader of
     MCAP shows; a number that is not finite is null. There are no chunks: a file that ends in the
     middle can be read up to there (`read_log`, or `mcap recover`).
+
+    Behind the last sample the machine is drawn for Foxglove, as `scene_messages` does it.
     """
 
     def __init__(self, stream: IO[bytes], units: Mapping[str, str], metadata: Mapping[str, str]):
@@ -39,17 +56,21 @@ class McapWriter:
         Raises:
             MissingExtra: mcap is not installed.
         """
+        self._stream, self._names, self._metadata = stream, [*units], dict(metadata)
         self._writer = need("mcap.writer").Writer(stream, use_chunking=False)
         self._writer.start(profile="", library="parapod")
         self._writer.add_metadata("parapod", dict(metadata))
-        schema = self._writer.register_schema(
-            "parapod.Sample", "jsonschema", json.dumps(_SCHEMA).encode()
-        )
-        self._channels = [
-            self._writer.register_channel(name, "json", schema, {"unit": unit})
-            for name, unit in units.items()
-        ]
+        self._channels = []
+        for name, unit in units.items():
+            schema = self._writer.register_schema(
+                f"parapod.{name}", "jsonschema", _schema(name, unit)
+            )
+            channel = self._writer.register_channel(name, "json", schema, {"unit": unit})
+            self._channels.append(channel)
         self._count = 0
+        self._pictures: Snapshots[tuple[int, float, Sequence[Sequence[float]]]] = Snapshots(
+            _PICTURES
+        )
 
     def write(self, stamp: int, t: float, values: Sequence[Sequence[float]]) -> None:
         """Writes the values of all ports at one time.
@@ -62,11 +83,49 @@ class McapWriter:
         for channel, numbers in zip(self._channels, values, strict=True):
             data = _encoded(t, numbers)
             self._writer.add_message(channel, stamp, data, stamp, self._count)
+        self._pictures.take((stamp, t, values))
         self._count += 1
 
     def finish(self) -> None:
         """Writes what comes after the last sample."""
+        self._stream.flush()
+        try:
+            self._draw()
+        except ParapodError as error:
+            self._writer.add_metadata("drawing", {"left_out": str(error)})
         self._writer.finish()
+
+    def _draw(self) -> None:
+        """Draws the machine.
+
+        Raises:
+            ParapodError: the machine cannot be drawn.
+        """
+        pictures = [
+            (stamp, t, {n: np.array(v) for n, v in zip(self._names, values, strict=True)})
+            for stamp, t, values in self._pictures.rows
+        ]
+        if not pictures or "experiment" not in self._metadata:
+            return
+        # Drake, which the process that writes for a moving machine does without.
+        from parapod.sims.lab.scene_messages import scene_messages, schema_of
+        from parapod.sims.lab.subject import Subject
+
+        shapes = {name: value.shape for name, value in pictures[0][2].items()}
+        subject = Subject.of("log", shapes, self._metadata)
+        if subject.undrawn:
+            raise ParapodError(subject.undrawn)
+        channels: dict[str, int] = {}
+        for number, message in enumerate(scene_messages(subject, pictures)):
+            if message.topic not in channels:
+                name, encoding, data = schema_of(message.topic)
+                schema = self._writer.register_schema(name, encoding, data)
+                channels[message.topic] = self._writer.register_channel(
+                    message.topic, encoding, schema, {}
+                )
+            self._writer.add_message(
+                channels[message.topic], message.stamp, message.data, message.stamp, number
+            )
 
 
 def write_mcap(

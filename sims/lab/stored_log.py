@@ -216,7 +216,7 @@ class TableLog(StoredLog):
         for name, places in self._columns.items():
             if name != "t":
                 self.shapes[name] = tuple(1 + largest for largest in max(places))
-        self._columns["t"]  # noqa: B018  # each log has one
+        self._columns["t"]  # each log has one
 
     def _tables(self, stream: IO[str], width: int) -> Iterator[Floats]:
         while lines := list(islice(stream, _PIECE)):

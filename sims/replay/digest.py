@@ -8,7 +8,7 @@ from rich.console import Console
 
 from parapod.sims.lab.progress import counted
 from parapod.sims.lab.stored_log import StoredLog
-from parapod.sims.replay.thinning import Extremes, Floats, Line, Snapshots
+from parapod.sims.lab.thinning import Extremes, Floats, Line, Snapshots
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.quoting import quoted_path
 
@@ -16,6 +16,9 @@ from parapod.systems.core.quoting import quoted_path
 _BUCKETS = 2000
 _PICTURES = 900  # of the machine: a page of some MB
 _PHASES = 400  # more cannot be told apart
+
+
+type Picture = tuple[float, Mapping[str, Floats]]
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class Digest:
     """
 
     lines: Mapping[str, Line]
-    pictures: list[tuple[float, Mapping[str, Floats]]]
+    pictures: list[Picture]
     phases: list[Phase]
     begin: float
     end: float
@@ -80,7 +83,8 @@ def gather(
     """
     names = list(dict.fromkeys([*plotted, *drawn, *([phase[0]] if phase else ())]))
     extremes = {name: Extremes(log.size(name), _BUCKETS) for name in plotted}
-    pictures, changes = Snapshots(_PICTURES), _Changes()
+    pictures: Snapshots[Picture] = Snapshots(_PICTURES)
+    changes = _Changes()
     first, last = between or (-np.inf, np.inf)
     begin = end = rows = 0.0
     whole = (0.0, 0.0)
@@ -98,7 +102,7 @@ def gather(
             for name, each in extremes.items():
                 each.add(time, samples[name].reshape(len(time), -1).astype(float))
             if drawn:
-                pictures.add(time, {name: samples[name] for name in drawn})
+                _keep(pictures, time, {name: samples[name] for name in drawn})
             if phase is not None:
                 changes.add(time, samples[phase[0]].reshape(len(time), -1)[:, 0])
             report(log.done)
@@ -119,7 +123,22 @@ def gather(
             f"{log.path.name}: {int(rows)} samples; curves show smallest and largest values "
             f"of each {bucket} of them, {bucket * (end - begin) / rows:.2g} s"
         )
-    return Digest(lines, [*pictures.rows], phases, begin, end, int(rows), remarks)
+    return Digest(lines, pictures.rows, phases, begin, end, int(rows), remarks)
+
+
+def _keep(pictures: Snapshots[Picture], time: Floats, samples: Mapping[str, Floats]) -> None:
+    """Keeps the rows that are wanted, without looking at each of the others."""
+    k = pictures.until_wanted()
+    pictures.skip(min(k, len(time)))
+    while k < len(time):
+        pictures.take(
+            (float(time[k]), {name: np.array(each[k]) for name, each in samples.items()})
+        )
+        ahead = min(pictures.until_wanted(), len(time) - k - 1)
+        pictures.skip(ahead)
+        k += 1 + ahead
+        if not pictures.wants():
+            break
 
 
 class _Changes:

@@ -10,9 +10,9 @@ from rich.console import Console
 
 from parapod.diagrams.twin import DESIRED, MEASURED, PALE
 from parapod.sims.lab.progress import counted
+from parapod.sims.lab.subject import Subject
 from parapod.sims.replay.digest import Digest
 from parapod.sims.replay.replay import Replay
-from parapod.sims.replay.subject import Subject
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
@@ -39,9 +39,7 @@ class Scene:
     pale: Mapping[str, float]
 
 
-def record(
-    replay: Replay, against: Replay | None, begin: float, console: Console
-) -> Scene | None:
+def record(replay: Replay, against: Replay | None, begin: float, console: Console) -> Scene | None:
     """The scene in which the machine moves as its log tells.
 
     Args:
@@ -63,7 +61,7 @@ def record(
     meshcat.StartRecording(rate)
     total = sum(len(each.digest.pictures) for each in shown)
     done, pale = 0, {}
-    with counted(console, f"drawing {host.log.path.name}", total) as report:
+    with counted(console, f"drawing {host.label}", total) as report:
         for number, each in enumerate(shown):
             twin = _twin(each.subject, meshcat, _OTHER if number else "")
             for time, row in each.digest.pictures:

@@ -44,11 +44,7 @@ def make_page(replay: Replay, against: Replay | None, scene: Scene | None) -> st
     subject, digest = replay.subject, replay.digest
     logs = [replay] if against is None else [replay, against]
     begin, end = span([each.digest for each in logs])
-    traces = [
-        trace
-        for number, each in enumerate(logs)
-        for trace in _traces(each, number)
-    ]
+    traces = [trace for number, each in enumerate(logs) for trace in _traces(each, number)]
     remarks = [text for each in logs for text in each.remarks]
     speeds = [speed for speed in _SPEEDS if speed <= 1.0 or (end - begin) / speed >= 1.0]
     layout = _layout(replay.plots, digest, (begin, end))
@@ -88,7 +84,6 @@ def span(digests: Sequence[Digest]) -> tuple[float, float]:
 def _traces(replay: Replay, number: int) -> list[dict[str, Any]]:
     traces = []
     for k, plot in enumerate(replay.plots, start=1):
-        named = ""
         for colour, curve in enumerate(plot.curves):
             line = replay.digest.lines[curve.signal]
             suffix = "" if k == 1 else str(k)
@@ -96,8 +91,7 @@ def _traces(replay: Replay, number: int) -> list[dict[str, Any]]:
                 {
                     "type": "scatter",
                     "mode": "lines",
-                    # Further elements of a signal are told by their index.
-                    "name": curve.label.removeprefix(named),
+                    "name": plot.legend[colour],
                     "x": _array(line.time, "f8"),
                     "y": _array(plot.factor * line.values[:, curve.element], "f4"),
                     "xaxis": f"x{suffix}",
@@ -114,7 +108,6 @@ def _traces(replay: Replay, number: int) -> list[dict[str, Any]]:
                     f"<extra>{curve.label}{' (other)' if number else ''}</extra>",
                 }
             )
-            named = curve.signal
     return traces
 
 

@@ -60,6 +60,15 @@ class Plot:
     factor: float = 1.0
     limits: tuple[float, ...] = field(default=())
 
+    @property
+    def legend(self) -> tuple[str, ...]:
+        """Labels of the curves; further elements of a signal are told by their index."""
+        before = ("", *(curve.signal for curve in self.curves))
+        return tuple(
+            curve.label.removeprefix(last)
+            for curve, last in zip(self.curves, before, strict=False)
+        )
+
     def is_first(self, curve: Curve) -> bool:
         """Whether a curve is of the first of several signals."""
         first = self.curves[0].signal

@@ -7,9 +7,9 @@ from pathlib import Path
 from rich.console import Console
 
 from parapod.sims.lab.stored_log import StoredLog, open_log
+from parapod.sims.lab.subject import Subject
 from parapod.sims.replay.digest import Digest, gather
 from parapod.sims.replay.plots import Plot, choose, usual
-from parapod.sims.replay.subject import Subject
 
 
 @dataclass(frozen=True)
@@ -61,18 +61,18 @@ def open_replays(
     """
     log = open_log(path)
     other = open_log(against) if against is not None else None
-    subject = Subject.of(log, is_drawn)
+    subject = Subject.of(path.name, log.shapes, log.metadata, is_drawn)
     signals = getattr(subject.experiment, "signals", ())
     wanted = list(asked) or usual(log, subject.machine, signals)
     plots = choose(log, wanted, subject.limits)
-    replay = Replay(subject, plots, _gather(subject, plots, console, between))
+    replay = Replay(subject, plots, _gather(log, subject, plots, console, between))
     if other is None:
         return replay, None
-    with_it = Subject.of(other, is_drawn)
-    if with_it.log.path.name == path.name:
-        with_it.label = f"{path.name} (other)"
+    assert against is not None
+    label = f"{against.name} (other)" if against.name == path.name else against.name
+    with_it = Subject.of(label, other.shapes, other.metadata, is_drawn)
     there = _there(other, plots, with_it)
-    return replay, Replay(with_it, there, _gather(with_it, there, console, between))
+    return replay, Replay(with_it, there, _gather(other, with_it, there, console, between))
 
 
 def _there(log: StoredLog, plots: Sequence[Plot], subject: Subject) -> list[Plot]:
@@ -89,6 +89,7 @@ def _there(log: StoredLog, plots: Sequence[Plot], subject: Subject) -> list[Plot
 
 
 def _gather(
+    log: StoredLog,
     subject: Subject,
     plots: Sequence[Plot],
     console: Console,
@@ -96,4 +97,4 @@ def _gather(
 ) -> Digest:
     signals = dict.fromkeys(curve.signal for plot in plots for curve in plot.curves)
     drawn = list(dict.fromkeys(subject.drawn_by.values()))
-    return gather(subject.log, signals, drawn, subject.phase, console, between)
+    return gather(log, signals, drawn, subject.phase, console, between)

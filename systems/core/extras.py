@@ -10,6 +10,7 @@ EXTRAS = {
     "can": "can",
     "canopen": "can",
     "distributed": "cluster",
+    "foxglove": "log",
     "grpc": "ni",
     "iio": "iio",
     "mcap": "log",

@@ -9,8 +9,8 @@ import time
 import numpy as np
 import pytest
 
-from parapod.sims.lab.live_log import LiveLog
 from parapod.sims.lab.files import read_log
+from parapod.sims.lab.live_log import LiveLog
 from parapod.systems.core.errors import OutputError
 
 pytest.importorskip("mcap")

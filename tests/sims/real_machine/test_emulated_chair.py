@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from parapod.sims.cli.main import main
-from parapod.sims.lab.files import Log
-from parapod.sims.lab.files import read_log
+from parapod.sims.lab.files import Log, read_log
 
 for library in ("canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)

@@ -9,8 +9,7 @@ import numpy as np
 
 from parapod.diagrams.drivers.external import load_installed_drivers
 from parapod.sims.lab.discovery import find_experiment
-from parapod.sims.lab.stored_log import StoredLog
-from parapod.sims.replay.thinning import Floats
+from parapod.sims.lab.thinning import Floats
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.quoting import printable
 from parapod.systems.core.scenario_file import parse, read_scenario
@@ -25,32 +24,42 @@ class Subject:
     """Experiment and machine of a log.
 
     Attributes:
-        log: the log.
+        label: name of the log in sentences.
+        shapes: shape of one sample of each signal, by port name.
+        metadata: data about the run.
         experiment: the experiment; None where the log names none that is installed.
         scenario: its scenario, or the machine's; None where it is not admissible here.
         machine: the machine in that scenario, or None.
-        label: name of the log in sentences.
         undrawn: reason for which the machine is not drawn; empty where it is.
         remarks: sentences on what differs from what a log of this parapod has.
     """
 
-    log: StoredLog
+    label: str
+    shapes: Mapping[str, tuple[int, ...]]
+    metadata: Mapping[str, Any]
     experiment: "Experiment[Any, Any] | None" = None
     scenario: Any = None
     machine: "Machine[Any] | None" = None
     undrawn: str = ""
-    label: str = ""
     remarks: list[str] = field(default_factory=list)
 
     @classmethod
-    def of(cls, log: StoredLog, is_drawn: bool = True) -> "Subject":
+    def of(
+        cls,
+        label: str,
+        shapes: Mapping[str, tuple[int, ...]],
+        metadata: Mapping[str, Any],
+        is_drawn: bool = True,
+    ) -> "Subject":
         """Finds out what a log is of; anything that is missing is told.
 
         Args:
-            log: the log.
+            label: name of the log in sentences.
+            shapes: shape of one sample of each signal, by port name.
+            metadata: data about the run.
             is_drawn: whether somebody wants to see the machine.
         """
-        made = cls(log, label=log.path.name)
+        made = cls(label, shapes, metadata)
         try:
             made._find()
         except ParapodError as error:
@@ -58,13 +67,13 @@ class Subject:
         if not is_drawn:
             made.undrawn = "nobody has asked for it"
         elif made.undrawn:
-            made.remarks.append(f"{log.path.name}: the machine is not drawn: {made.undrawn}")
+            made.remarks.append(f"{label}: the machine is not drawn: {made.undrawn}")
         return made
 
     @property
     def name(self) -> str:
         """Name of the experiment, as the log tells it."""
-        return printable(self.log.metadata.get("experiment", "")) or "unknown experiment"
+        return printable(self.metadata.get("experiment", "")) or "unknown experiment"
 
     @property
     def title(self) -> str:
@@ -76,7 +85,7 @@ class Subject:
         """By signal of the drawing, the one in the log that tells it."""
         if self.undrawn or self.machine is None or self.machine.twin is None:
             return {}
-        twin, there = self.machine.twin, self.log.shapes
+        twin, there = self.machine.twin, self.shapes
         by_itself = {name: name for name in sorted(twin.signals) if name in there}
         instead = {n: other for n, other in twin.stand_ins.items() if n not in there}
         return by_itself | instead
@@ -85,7 +94,7 @@ class Subject:
     def phase(self) -> tuple[str, tuple[str, ...]] | None:
         """The first signal that tells phases, and their names."""
         table = {} if self.machine is None else self.machine.table
-        for name in self.log.shapes:
+        for name in self.shapes:
             if name in table and table[name].names:
                 return name, table[name].names
         return None
@@ -104,10 +113,10 @@ class Subject:
         if settings is not None:
             yield f"backend {settings.backend}"
             yield f"seed {settings.seed}"
-        made = self.log.metadata.get("parapod")
+        made = self.metadata.get("parapod")
         if made:
             yield f"parapod {printable(made)}"
-        began = self.log.metadata.get("wall_time", 0.0)
+        began = self.metadata.get("wall_time", 0.0)
         if began > 1e9:  # of a clock on a wall, not of a simulation
             yield np.datetime64(int(began), "s").item().strftime("%Y-%m-%d %H:%M:%S UTC")
 
@@ -123,14 +132,14 @@ class Subject:
         return self.scenario
 
     def _find(self) -> None:
-        metadata, here = self.log.metadata, version("parapod")
+        metadata, here = self.metadata, version("parapod")
         if "experiment" not in metadata:
             self.undrawn = "the log does not tell its experiment"
             return
         made = str(metadata.get("parapod", ""))
         if made != here:
             self.remarks.append(
-                f"{self.log.path.name} was written by parapod {printable(made) or 'unknown'}, "
+                f"{self.label} was written by parapod {printable(made) or 'unknown'}, "
                 f"this is {here}"
             )
         self.experiment = find_experiment(str(metadata["experiment"]))
@@ -144,13 +153,13 @@ class Subject:
         if machine.twin is None:
             self.undrawn = f"{machine.title} has no drawing"
             return
-        there = self.log.shapes
+        there = self.shapes
         stand_ins = machine.twin.stand_ins
         missing = [n for n in machine.twin.needed if not {n, stand_ins.get(n)} & set(there)]
         if missing:
             self.undrawn = f"the log has no {', '.join(sorted(missing))}"
         for name in set(self.drawn_by.values()) & set(self.machine.table):
-            size, declared = self.log.size(name), self.machine.table[name].size
+            size, declared = int(np.prod(self.shapes[name])), self.machine.table[name].size
             if declared and size != declared:
                 self.undrawn = f"its {name} has {size} elements, {machine.title}'s {declared}"
 
@@ -162,8 +171,8 @@ class Subject:
         """
         assert self.experiment is not None
         load_installed_drivers()
-        source = f"the scenario in {self.log.path.name}"
-        data = parse(str(self.log.metadata.get("scenario", "")), source) or {}
+        source = f"the scenario in {self.label}"
+        data = parse(str(self.metadata.get("scenario", "")), source) or {}
         if isinstance(data, dict):
             data = {key: value for key, value in data.items() if key != "hardware"}
             if isinstance(data.get("machine"), dict):

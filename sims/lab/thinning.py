@@ -5,7 +5,6 @@ neighbours become one.
 """
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,11 +117,11 @@ class Extremes:
         self._size *= 2
 
 
-class Snapshots:
-    """Every so many-th row of some signals, from the first on.
+class Snapshots[R]:
+    """Every so many-th row, from the first on.
 
     Attributes:
-        step: how many rows apart.
+        rows: the rows that are kept.
     """
 
     def __init__(self, most: int):
@@ -132,20 +131,25 @@ class Snapshots:
             most: number of rows that it ends with at most, and half of it at least, if there are
                 so many.
         """
-        self.step, self._most, self._seen = 1, most, 0
-        self._rows: list[tuple[float, dict[str, Floats]]] = []
+        self.rows: list[R] = []
+        self._step, self._most, self._seen = 1, most, 0
 
-    def add(self, time: Floats, samples: Mapping[str, Floats]) -> None:
-        """Takes further rows: times (k) [s] and samples (k, ...) by signal."""
-        while (self._seen + len(time)) // self.step > self._most:
-            self._rows = self._rows[::2]
-            self.step *= 2
-        for k in range(-self._seen % self.step, len(time), self.step):
-            values = {name: np.array(each[k]) for name, each in samples.items()}
-            self._rows.append((float(time[k]), values))
-        self._seen += len(time)
+    def take(self, row: R) -> None:
+        """Takes a row."""
+        if self.wants():
+            self.rows.append(row)
+        self.skip()
 
-    @property
-    def rows(self) -> Sequence[tuple[float, Mapping[str, Floats]]]:
-        """Times [s], and the samples at each of them."""
-        return self._rows
+    def wants(self) -> bool:
+        """Whether the next row is one to keep."""
+        return self._seen % self._step == 0
+
+    def skip(self, count: int = 1) -> None:
+        """Counts rows; makes room where there are too many."""
+        self._seen += count
+        while len(self.rows) > self._most:
+            self.rows, self._step = self.rows[::2], 2 * self._step
+
+    def until_wanted(self) -> int:
+        """Number of rows that come before the next one to keep."""
+        return -self._seen % self._step
