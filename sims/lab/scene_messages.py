@@ -29,7 +29,7 @@ from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.extras import need
 
 FRAMES, SCENE = "/tf", "/scene"
-_WORLD = "world"
+WORLD = "world"
 _GREY = Rgba(0.8, 0.8, 0.8, 1.0)
 # Somebody waits for the log: drawings whose poses take longer are made with fewer pictures [s].
 _PATIENCE, _TRIED = 8.0, 10
@@ -111,7 +111,7 @@ def _poses(graphs: Mapping[str, Any], stamp: int) -> bytes:
             transforms.append(
                 m.FrameTransform(
                     timestamp=_at(stamp),
-                    parent_frame_id=_WORLD,
+                    parent_frame_id=WORLD,
                     child_frame_id=f"{drawing}/{name}",
                     translation=_vector(X_WF.translation()),
                     rotation=_quaternion(X_WF),

@@ -114,6 +114,24 @@ def choose(
     return plots
 
 
+def parse(asked: str) -> tuple[str, range | None] | None:
+    """Name and elements of `signal`, `signal[0]` or `signal[0:3]`; None elements: all of them.
+
+    Args:
+        asked: the text.
+
+    Returns:
+        None where the text is nothing of the kind.
+    """
+    found = _ASKED.fullmatch(asked.strip())
+    if found is None:
+        return None
+    if found["first"] is None:
+        return found["name"], None
+    first = int(found["first"])
+    return found["name"], range(first, int(found["end"]) if found["end"] else first + 1)
+
+
 def usual(log: StoredLog, machine: "Machine[Any] | None", signals: Sequence[str]) -> list[str]:
     """Plots for which nobody has asked: the machine's usual ones, as far as the log has them.
 
@@ -137,20 +155,15 @@ def _name(asked: str) -> str:
 
 
 def _curves(log: StoredLog, asked: str) -> Iterator[Curve]:
-    found = _ASKED.fullmatch(asked)
-    name = asked if found is None else found["name"]
-    if found is None or name not in log.shapes:
+    name, elements = parse(asked) or (asked, None)
+    if name not in log.shapes:
         known = ", ".join(log.shapes) or "none"
         hint = did_you_mean(name, log.shapes)
         raise NoSignal(
             f"{quoted_path(log.path)} has no signal {quoted(name)}{hint}; there are: {known}"
         )
     size = log.size(name)
-    if found["first"] is None:
-        elements = range(size)
-    else:
-        first = int(found["first"])
-        elements = range(first, int(found["end"]) if found["end"] else first + 1)
+    elements = range(size) if elements is None else elements
     if not elements or elements[-1] >= size:
         last = f"elements 0 to {size - 1}" if size > 1 else "element 0 only"
         raise NoSignal(f"{quoted(name)} has {last}, not {quoted(asked.removeprefix(name))}")
