@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 from pydrake.systems.primitives import PassThrough
 
 from parapod.diagrams.wiring import add
+from parapod.systems.core.errors import WiringError
 
 MEASURED, DESIRED = "measured", "desired"
 PALE = 0.25  # opacity of what is only asked for
@@ -77,6 +78,9 @@ class Twin:
         Args:
             values: by signal.
             time: of a recording of the scene [s].
+
+        Raises:
+            WiringError: values of another machine, or of another scenario.
         """
         raise NotImplementedError(f"{type(self).__name__} does not define show")
 
@@ -89,11 +93,23 @@ class Twin:
         self.time = time
         self._context.SetTime(time)
         for name, value in values.items():
-            port = self._diagram.GetInputPort(name)
-            port.FixValue(self._context, np.asarray(value, dtype=float))
+            self._fix(name, value)
         self._diagram.ForcedPublish(self._context)
         if self.meshcat is not None:
             self.meshcat.SetProperty(self.path(DESIRED), "modulated_opacity", PALE)
+
+    def _fix(self, name: str, value: ArrayLike) -> None:
+        """Lets a drawing follow a value.
+
+        Raises:
+            WiringError: a signal of another machine, or of another scenario.
+        """
+        port, array = self._diagram.GetInputPort(name), np.asarray(value, dtype=float)
+        if array.shape != (port.size(),):
+            raise WiringError(
+                f"{name} of the drawing has {port.size()} elements, the signal {array.size}"
+            )
+        port.FixValue(self._context, array)
 
     def scene_graphs(self) -> dict[str, tuple[SceneGraph, Context]]:
         """The scene graph of each drawing, with its context as it was shown last."""

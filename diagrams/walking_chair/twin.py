@@ -45,8 +45,7 @@ class ChairTwin(Twin):
             return
         measured = values[_DRAWN[MEASURED]]
         for drawing, name in _DRAWN.items():
-            port = self._diagram.GetInputPort(drawing)
-            port.FixValue(self._context, values.get(name, measured))
+            self._fix(drawing, values.get(name, measured))
         ahead = self._diagram.EvalUniquePeriodicDiscreteUpdate(self._context)
         self._context.get_mutable_discrete_state().SetFrom(ahead)
         self._publish({}, time)

@@ -87,10 +87,11 @@ def execute(arguments: argparse.Namespace) -> int:
         arguments.log, arguments.against, arguments.plot, console, between=between
     )
     both = [replay] if other is None else [replay, other]
+    begin, _ = span([each.digest for each in both])
+    scene = record(replay, other, begin, console)
     for remark in dict.fromkeys(text for each in both for text in each.remarks):
         print(f"parapod: {remark}", file=sys.stderr)
-    begin, _ = span([each.digest for each in both])
-    page = make_page(replay, other, record(replay, other, begin, console))
+    page = make_page(replay, other, scene)
     if arguments.html is not None:
         from parapod.sims.lab.files import atomic_output
 

@@ -63,12 +63,17 @@ class Subject:
         try:
             made._find()
         except ParapodError as error:
-            made.undrawn = made.undrawn or str(error)
+            made.undrawn = str(error)
         if not is_drawn:
             made.undrawn = "nobody has asked for it"
         elif made.undrawn:
-            made.remarks.append(f"{label}: the machine is not drawn: {made.undrawn}")
+            made.give_up(made.undrawn)
         return made
+
+    def give_up(self, reason: str) -> None:
+        """Has the machine not drawn, for a reason that is told."""
+        self.undrawn = reason
+        self.remarks.append(f"{self.label}: the machine is not drawn: {reason}")
 
     @property
     def name(self) -> str:

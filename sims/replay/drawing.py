@@ -13,6 +13,7 @@ from parapod.sims.lab.progress import counted
 from parapod.sims.lab.subject import Subject
 from parapod.sims.replay.digest import Digest
 from parapod.sims.replay.replay import Replay
+from parapod.systems.core.errors import ParapodError
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
@@ -59,25 +60,45 @@ def record(replay: Replay, against: Replay | None, begin: float, console: Consol
     meshcat = experiment.scene(_scene_scenario(host))
     rate = min(_FASTEST, max(_rate(each.digest) for each in shown))
     meshcat.StartRecording(rate)
-    total = sum(len(each.digest.pictures) for each in shown)
-    done, pale = 0, {}
-    with counted(console, f"drawing {host.label}", total) as report:
-        for number, each in enumerate(shown):
-            twin = _twin(each.subject, meshcat, _OTHER if number else "")
-            for time, row in each.digest.pictures:
-                # In the middle of a frame, so that no rounding puts two into one.
-                frame = round((time - begin) * rate)
-                twin.show(each.subject.values(row), (frame + 0.5) / rate)
-                done += 1
-                report(done)
-            pale[f"{_ROOT}{twin.path(DESIRED)}"] = PALE
-            if against is not None:  # translucent is the other machine, not what is asked for
-                meshcat.SetProperty(twin.path(DESIRED), "visible", False)
-            if each is against:
-                pale[f"{_ROOT}{twin.path(MEASURED)}"] = _TRANSLUCENT
+    pale: dict[str, float] = {}
+    drawn = 0
+    for number, each in enumerate(shown):
+        prefix = _OTHER if number else ""
+        try:
+            _draw(each, meshcat, prefix, begin, rate, console)
+        except ParapodError as error:
+            each.subject.give_up(str(error))
+            for drawing in (MEASURED, DESIRED):
+                meshcat.Delete(prefix + drawing)
+            continue
+        drawn += 1
+        pale[f"{_ROOT}{prefix}{DESIRED}"] = PALE
+        if against is not None:  # translucent is the other machine, not what is asked for
+            meshcat.SetProperty(prefix + DESIRED, "visible", False)
+        if each is against:
+            pale[f"{_ROOT}{prefix}{MEASURED}"] = _TRANSLUCENT
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    return Scene(meshcat.StaticHtml(), pale)
+    return Scene(meshcat.StaticHtml(), pale) if drawn else None
+
+
+def _draw(
+    replay: Replay, meshcat: "Meshcat", prefix: str, begin: float, rate: float, console: Console
+) -> None:
+    """Draws one log's machine.
+
+    Raises:
+        ParapodError: its signals are not those of the machine.
+    """
+    subject: Any = replay.subject
+    pictures = replay.digest.pictures
+    twin: Twin = subject.machine.twin(meshcat, subject.machine_scenario(), prefix)
+    with counted(console, f"drawing {subject.label}", len(pictures)) as report:
+        for done, (time, row) in enumerate(pictures):
+            # In the middle of a frame, so that no rounding puts two into one.
+            frame = round((time - begin) * rate)
+            twin.show(subject.values(row), (frame + 0.5) / rate)
+            report(done)
 
 
 def _scene_scenario(subject: Subject) -> Any:
@@ -86,12 +107,6 @@ def _scene_scenario(subject: Subject) -> Any:
     if isinstance(subject.scenario, experiment.schema):
         return subject.scenario
     return experiment.schema()
-
-
-def _twin(subject: Subject, meshcat: "Meshcat", prefix: str) -> "Twin":
-    assert subject.machine is not None
-    assert subject.machine.twin is not None
-    return subject.machine.twin(meshcat, subject.machine_scenario(), prefix)
 
 
 def _rate(digest: Digest) -> float:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from parapod.diagrams.machine import Machine
-from parapod.sims.lab.scene_messages import FRAMES, SCENE, WORLD
+from parapod.sims.lab.scene_messages import SCENE, WORLD
 from parapod.sims.replay.plots import parse
 from parapod.systems.core.extras import need
 

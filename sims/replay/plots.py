@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ _READ = {
     "rad": ("deg", math.degrees(1.0)),
     "rad/s": ("deg/s", math.degrees(1.0)),
 }
+_NAMED = 20  # signals in a sentence
 # Plots of a log for which nothing is declared.
 _USUAL = 4
 
@@ -157,8 +158,7 @@ def _name(asked: str) -> str:
 def _curves(log: StoredLog, asked: str) -> Iterator[Curve]:
     name, elements = parse(asked) or (asked, None)
     if name not in log.shapes:
-        known = ", ".join(log.shapes) or "none"
-        hint = did_you_mean(name, log.shapes)
+        hint, known = did_you_mean(name, log.shapes), _named(name, log.shapes)
         raise NoSignal(
             f"{quoted_path(log.path)} has no signal {quoted(name)}{hint}; there are: {known}"
         )
@@ -169,6 +169,14 @@ def _curves(log: StoredLog, asked: str) -> Iterator[Curve]:
         raise NoSignal(f"{quoted(name)} has {last}, not {quoted(asked.removeprefix(name))}")
     for element in elements:
         yield Curve(name, element, f"{name}[{element}]" if size > 1 else name)
+
+
+def _named(asked: str, names: Collection[str]) -> str:
+    """Names that there are, those of the same part first; of many the first."""
+    part = asked.partition(".")[0]
+    by_part = sorted(names, key=lambda name: name.partition(".")[0] != part)
+    more = len(by_part) - _NAMED
+    return ", ".join(by_part[:_NAMED]) + (f" and {more} more" if more > 0 else "") or "none"
 
 
 def _plot(
