@@ -71,7 +71,7 @@ class PlatformTwin(Twin):
         is_posed = _is_ground_known(values) and posture[2] > 0.0
         desired_pose = standing_pose(posture, ground) if is_posed else pose
         arm = _arm(values)
-        shown = {}
+        shown: dict[str, NDArray[Any]] = {}
         for drawing, numbers in (
             (MEASURED, (extension, pose, arm)),
             (DESIRED, (desired, desired_pose, arm)),

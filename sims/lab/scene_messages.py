@@ -153,7 +153,7 @@ def _parts(
     m = need("foxglove.messages")
     shape, X_FG = inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry)
     properties = inspector.GetIllustrationProperties(geometry)
-    colour = properties.GetPropertyOrDefault("phong", "diffuse", _GREY)
+    colour: Any = properties.GetPropertyOrDefault("phong", "diffuse", _GREY)
     seen = {
         "pose": _pose(X_FG),
         "color": m.Color(r=colour.r(), g=colour.g(), b=colour.b(), a=opacity * colour.a()),

@@ -113,7 +113,7 @@ class Subject:
 
     @property
     def facts(self) -> Iterator[str]:
-        """Where the log comes from, in a few words each."""
+        """Origin of the log, in a few words each."""
         settings = self.scenario
         if settings is not None:
             yield f"backend {settings.backend}"

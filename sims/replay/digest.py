@@ -15,6 +15,7 @@ from parapod.systems.core.quoting import quoted_path
 # Points of a curve that a page or a figure can show, two for each bucket.
 _BUCKETS = 2000
 _PICTURES = 900  # of the machine: a page of some MB
+_FLUENT = 0.25  # pictures that are further apart are no motion [s]
 _PHASES = 400  # more cannot be told apart
 
 
@@ -123,6 +124,8 @@ def gather(
             f"{log.path.name}: {int(rows)} samples; curves show smallest and largest values "
             f"of each {bucket} of them, {bucket * (end - begin) / rows:.2g} s"
         )
+    if len(pictures.rows) > 1 and (apart := (end - begin) / (len(pictures.rows) - 1)) > _FLUENT:
+        remarks.append(f"{log.path.name}: the machine is drawn every {apart:.2g} s")
     return Digest(lines, pictures.rows, phases, begin, end, int(rows), remarks)
 
 

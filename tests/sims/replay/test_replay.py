@@ -203,7 +203,8 @@ def test_a_long_log_is_thinned_keeps_a_spike_and_says_so(work, monkeypatch, caps
     pictures = [time for time, _ in replay.digest.pictures]
     assert 8 <= len(pictures) <= 16
     np.testing.assert_allclose(np.diff(pictures), 6.4)
-    (remark,) = replay.remarks
+    remark, drawn = replay.remarks
+    assert drawn == "walk.npz: the machine is drawn every 6.4 s"
     assert "1000 samples; curves show smallest and largest values of each 64 of them" in remark
 
 
