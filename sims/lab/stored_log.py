@@ -6,7 +6,7 @@ import struct
 import zipfile
 import zlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import islice
 from pathlib import Path
@@ -24,6 +24,11 @@ from parapod.systems.core.quoting import quoted_path
 # Rows that are in memory at once: a few MB of the widest logs.
 _PIECE = 1 << 14
 _ZIP = b"PK\x03\x04"
+# Of MCAP: bytes before the first record, kinds of records, and of each kind and length; of a
+# message its channel, and all that is before its data; and bytes that are read at once.
+_MAGIC, _MESSAGE, _CHUNK, _DATA_END = 8, 0x05, 0x06, 0x0F
+_RECORD, _CHANNEL, _HEAD = struct.Struct("<BQ"), struct.Struct("<H"), 22
+_BLOCK = 1 << 22
 # Columns of a table's signal: its name, and where it has several elements the indices of one.
 _COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<index>[\d;]+)\])?")
 
@@ -284,42 +289,82 @@ class McapLog(StoredLog):
     def _pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         wanted = {ident: name for ident, name in self._topics.items() if name in names}
         wanted = wanted or dict([*self._topics.items()][:1])
-        rows: dict[str, list[Any]] = {name: [] for name in wanted.values()}
-        first, last = min(wanted, default=0), max(wanted, default=0)
-        times: list[float] = []
-        newest, is_whole = 0.0, False
-        for record in self._records():
-            if (ident := getattr(record, "channel_id", None)) in wanted:
-                if not hasattr(record, "data"):
-                    continue  # a part of the summary
-                data = json.loads(record.data)
-                rows[wanted[ident]].append(data["value"])
-                if ident == first:
-                    times.append(data["t"])
-                if ident == last and len(times) >= _PIECE:
-                    newest, self.done = times[-1], self._stream.tell()
-                    yield self._piece(times, rows, names)
-                    times, rows = [], {name: [] for name in rows}
-            is_whole = is_whole or type(record).__name__ == "Footer"
+        texts: dict[int, list[bytes]] = {ident: [] for ident in wanted}
+        last = max(wanted, default=0)
+        newest = 0.0
+        self._is_whole = False
+        for ident, text in self._messages(wanted):
+            texts[ident].append(text)
+            if ident == last and len(texts[last]) >= _PIECE:
+                times, samples = self._piece(wanted, texts, names)
+                texts = {ident: [] for ident in wanted}
+                newest = float(times[-1])
+                yield times, samples
         # Of the last sample there may be some ports only.
-        count = min([len(times), *map(len, rows.values())])
+        count = min(map(len, texts.values()), default=0)
         if count:
-            newest = times[count - 1]
-            yield self._piece(times[:count], {n: v[:count] for n, v in rows.items()}, names)
-        if not is_whole:
+            rest = {ident: each[:count] for ident, each in texts.items()}
+            times, samples = self._piece(wanted, rest, names)
+            newest = float(times[-1])
+            yield times, samples
+        if not self._is_whole:
             self.cut_at = newest
 
     def _piece(
-        self, times: Sequence[float], rows: Mapping[str, list[Any]], names: Sequence[str]
+        self, topics: Mapping[int, str], texts: Mapping[int, list[bytes]], names: Sequence[str]
     ) -> Piece:
-        samples = {name: np.array(rows[name], dtype=float) for name in names}
-        return np.array(times, dtype=float), samples
+        """Decodes messages, those of a topic all at once."""
+        decoded = {
+            topics[ident]: json.loads(b"[%s]" % b",".join(each)) for ident, each in texts.items()
+        }
+        samples = {
+            name: np.array([each["value"] for each in decoded[name]], dtype=float)
+            for name in names
+        }
+        first = next(iter(decoded.values()))
+        return np.array([each["t"] for each in first], dtype=float), samples
+
+    def _messages(self, wanted: Collection[int]) -> Iterator[tuple[int, bytes]]:
+        """Channel and data of each message of some channels, up to where the file ends.
+
+        An hour of a machine is ten million messages, of each of which the library makes an
+        object; where there are no chunks, as in logs that parapod writes, all others are skipped.
+        """
+        with open(self.path, "rb") as stream:
+            self.done = stream.seek(_MAGIC)
+            rest = b""
+            while block := stream.read(_BLOCK):
+                data, place = rest + block, 0
+                while place + _RECORD.size <= len(data):
+                    kind, length = _RECORD.unpack_from(data, place)
+                    begin, end = place + _RECORD.size, place + _RECORD.size + length
+                    if kind == _CHUNK:
+                        yield from self._messages_of_chunks(wanted)
+                        return
+                    if kind == _DATA_END:
+                        self._is_whole = True
+                        return
+                    if end > len(data):
+                        break
+                    if kind == _MESSAGE:
+                        (ident,) = _CHANNEL.unpack_from(data, begin)
+                        if ident in wanted:
+                            yield ident, data[begin + _HEAD : end]
+                    place = end
+                rest = data[place:]
+                self.done = stream.tell()
+
+    def _messages_of_chunks(self, wanted: Collection[int]) -> Iterator[tuple[int, bytes]]:
+        for record in self._records():
+            name = type(record).__name__
+            if name == "Message" and record.channel_id in wanted:
+                yield record.channel_id, record.data
+            self._is_whole = self._is_whole or name == "DataEnd"
 
     def _records(self) -> Iterator[Any]:
         """The records of the file, up to where it ends."""
         reader, exceptions = need("mcap.stream_reader"), need("mcap.exceptions")
         with open(self.path, "rb") as stream:
-            self._stream = stream
             try:
                 yield from reader.StreamReader(stream).records
             except (exceptions.EndOfFile, struct.error):

@@ -34,6 +34,34 @@ def test_other_readers_of_mcap_see_the_topics(tmp_path):
     assert topics == set(UNITS)
 
 
+def test_a_log_that_was_written_anew_in_chunks_is_the_same(tmp_path):
+    from mcap.stream_reader import StreamReader
+    from mcap.writer import Writer
+
+    path, anew = tmp_path / "log.mcap", tmp_path / "anew.mcap"
+    write_mcap(path, np.arange(20), {"a": np.arange(20)}, {"a": "m"}, {"scenario": ""})
+    with open(path, "rb") as stream, open(anew, "wb") as sink:
+        writer = Writer(sink, chunk_size=300)
+        writer.start()
+        for record in StreamReader(stream).records:
+            match type(record).__name__:
+                case "Metadata":
+                    writer.add_metadata(record.name, record.metadata)
+                case "Schema":
+                    writer.register_schema(record.name, record.encoding, record.data)
+                case "Channel" if record.id == 1 and not record.topic.startswith("/"):
+                    writer.register_channel("a", "json", 1, record.metadata)
+                case "Message":
+                    writer.add_message(1, record.log_time, record.data, record.publish_time)
+                case "DataEnd":
+                    break
+        writer.finish()
+    shown = read_log(anew)
+    np.testing.assert_array_equal(shown.time, np.arange(20))
+    np.testing.assert_array_equal(shown.signals["a"][:, 0], np.arange(20))
+    assert shown.metadata["units"] == {"a": "m"}
+
+
 def test_a_log_cut_anywhere_is_readable_up_to_there(tmp_path):
     path = tmp_path / "log.mcap"
     write_mcap(path, np.arange(20), {"a": np.arange(20)}, {"a": "m"}, {})

@@ -69,7 +69,8 @@ def test_a_log_that_is_cut_off_is_read_as_far_as_it_goes_or_refused(path, share)
     read = log.read()
     assert 0 < len(read.time) < COUNT or share == 0.95
     np.testing.assert_array_equal(read.time, np.arange(len(read.time)))
-    assert log.cut_at == read.time[-1]
+    # Behind the last sample of an MCAP file comes what nobody needs to read it.
+    assert log.cut_at == (read.time[-1] if len(read.time) < COUNT else None)
     assert all(len(each) == len(read.time) for each in read.signals.values())
 
 
