@@ -124,9 +124,11 @@ def gather(
             f"{log.path.name}: {int(rows)} samples; curves show smallest and largest values "
             f"of each {bucket} of them, {bucket * (end - begin) / rows:.2g} s"
         )
-    if len(pictures.rows) > 1 and (apart := (end - begin) / (len(pictures.rows) - 1)) > _FLUENT:
+    shown = pictures.rows
+    apart = (shown[-1][0] - shown[0][0]) / (len(shown) - 1) if len(shown) > 1 else 0.0
+    if apart > _FLUENT:
         remarks.append(f"{log.path.name}: the machine is drawn every {apart:.2g} s")
-    return Digest(lines, pictures.rows, phases, begin, end, int(rows), remarks)
+    return Digest(lines, shown, phases, begin, end, int(rows), remarks)
 
 
 def _keep(pictures: Snapshots[Picture], time: Floats, samples: Mapping[str, Floats]) -> None:
