@@ -5,7 +5,7 @@ from typing import Any
 
 from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.figures import FORMATS as _FORMATS
-from parapod.sims.replay.replay import Replay
+from parapod.sims.replay.replay import Replay, near_limits
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
 
@@ -13,8 +13,6 @@ FORMATS = tuple(f".{suffix}" for suffix in _FORMATS)
 
 # Width of the figure, height of a plot and of what stands around all [inch].
 _WIDTH, _HEIGHT, _AROUND = 8.0, 1.9, 0.7
-# A limit is drawn where it is no further from the curves than they are high.
-_REACH = 1.0
 _BANDS = ("#5a7896", "#b9c6d2")
 _NAMED = 0.014  # share of the width that a letter of a phase's name takes
 
@@ -112,7 +110,8 @@ def _draw(canvas: Any, logs: list[Replay]) -> None:
                     linestyle="--" if number else "-",
                     label=None if number else plot.legend[place],
                 )
-        _bound(axes, plot.limits)
+        for limit in near_limits(logs, k):
+            axes.axhline(limit, color="0.35", linestyle=":", linewidth=1.2)
         for number, phase in enumerate(first.digest.phases):
             band = _BANDS[number % 2]
             axes.axvspan(phase.begin, phase.end, color=band, alpha=0.15, linewidth=0.0, zorder=0)
@@ -127,12 +126,3 @@ def _draw(canvas: Any, logs: list[Replay]) -> None:
     rows[-1].set_xlabel("time [s]")
     if end > begin:
         rows[-1].set_xlim(begin, end)
-
-
-def _bound(axes: Any, limits: tuple[float, ...]) -> None:
-    """Draws the limits that are near the curves."""
-    low, high = axes.get_ylim()
-    reach = _REACH * (high - low)
-    for limit in limits:
-        if low - reach <= limit <= high + reach:
-            axes.axhline(limit, color="0.35", linestyle=":", linewidth=1.2)

@@ -12,16 +12,15 @@ from parapod.sims.lab.figures import COLOURS
 from parapod.sims.lab.pages import render_page
 from parapod.sims.replay.digest import Digest
 from parapod.sims.replay.drawing import Scene
-from parapod.sims.replay.plots import Plot
-from parapod.sims.replay.replay import Replay
+from parapod.sims.replay.replay import Replay, near_limits
 from parapod.systems.core.extras import need
 
 _SPEEDS = (0.1, 0.25, 0.5, 1, 2, 5, 10, 60, 600)
 # A log is played in so many seconds at most, unless somebody asks for another speed.
 _LONGEST = 300.0
 # Height of a plot, and of what stands above all of them and below [pixel].
-_HEIGHT, _ABOVE, _BELOW = 190, 34, 44
-_GAP = 46  # between two plots, with the legend of the lower one
+_HEIGHT, _ABOVE, _BELOW = 190, 40, 44
+_GAP = 58  # between two plots, with the legend of the lower one
 _NAMED = 0.012  # share of the width that a letter of a phase's name takes
 _BAND = ("rgba(90,120,150,0.16)", "rgba(90,120,150,0.04)")
 # A first signal is seen under those that follow it.
@@ -47,7 +46,7 @@ def make_page(replay: Replay, against: Replay | None, scene: Scene | None) -> st
     traces = [trace for number, each in enumerate(logs) for trace in _traces(each, number)]
     remarks = [text for each in logs for text in each.remarks]
     speeds = [speed for speed in _SPEEDS if speed <= 1.0 or (end - begin) / speed >= 1.0]
-    layout = _layout(replay.plots, digest, (begin, end))
+    layout = _layout(logs, (begin, end))
     content = {
         "begin": begin,
         "end": end,
@@ -111,7 +110,8 @@ def _traces(replay: Replay, number: int) -> list[dict[str, Any]]:
     return traces
 
 
-def _layout(plots: Sequence[Plot], digest: Digest, ends: tuple[float, float]) -> dict[str, Any]:
+def _layout(logs: Sequence[Replay], ends: tuple[float, float]) -> dict[str, Any]:
+    plots, digest = logs[0].plots, logs[0].digest
     count = len(plots)
     inner = count * _HEIGHT + (count - 1) * _GAP
     layout: dict[str, Any] = {
@@ -150,11 +150,11 @@ def _layout(plots: Sequence[Plot], digest: Digest, ends: tuple[float, float]) ->
             "x": 0,
             "y": top,
             "yanchor": "bottom",
-            "font": {"size": 11},
+            "font": {"size": 10},
             "bgcolor": "rgba(0,0,0,0)",
             "entrywidth": 0,
         }
-        for limit in plot.limits:
+        for limit in near_limits(logs, k - 1):
             layout["shapes"].append(
                 {
                     "type": "line",

@@ -4,12 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 
 from parapod.sims.lab.stored_log import StoredLog, open_log
 from parapod.sims.lab.subject import Subject
 from parapod.sims.replay.digest import Digest, gather
 from parapod.sims.replay.plots import Plot, choose, usual
+
+# A limit is near that is no further from the curves than so many times their height.
+_REACH = 2.0
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,28 @@ class Replay:
     def remarks(self) -> list[str]:
         """Sentences on what is not as it might be."""
         return [*self.subject.remarks, *self.digest.remarks]
+
+
+def near_limits(logs: Sequence[Replay], number: int) -> list[float]:
+    """Limits of a plot that are near its curves, which those far away would make flat lines.
+
+    Args:
+        logs: logs that share the plot.
+        number: index of the plot.
+    """
+    plot = logs[0].plots[number]
+    values = [
+        plot.factor * each.digest.lines[curve.signal].values[:, curve.element]
+        for each in logs
+        for curve in each.plots[number].curves
+    ]
+    known = np.concatenate(values)
+    known = known[np.isfinite(known)]
+    if not known.size:
+        return []
+    low, high = float(known.min()), float(known.max())
+    reach = _REACH * (high - low)
+    return [limit for limit in plot.limits if low - reach <= limit <= high + reach]
 
 
 def open_replays(

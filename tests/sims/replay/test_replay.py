@@ -16,7 +16,7 @@ from parapod.diagrams.machine import find_machine
 from parapod.sims.cli.main import main
 from parapod.sims.lab.files import write_experiment_log
 from parapod.sims.replay import digest as digests
-from parapod.sims.replay.replay import open_replays
+from parapod.sims.replay.replay import near_limits, open_replays
 from parapod.sims.replay.serve import PageServer
 
 pytest.importorskip("plotly")
@@ -227,7 +227,7 @@ def test_a_plot_is_a_figure_with_units_limits_and_phases(work, suffix, capsys):
 
 def test_limits_of_the_machine_are_drawn(work):
     platform = find_machine("levelling_platform")
-    extension = np.full((5, 4), 0.42)
+    extension = np.linspace(0.39, 0.41, 5)[:, None] * np.ones(4)
     path = work / "level.npz"
     signals = {"legs.extension": (extension, "m"), "imu.gyro": (extension[:, :3], "rad/s")}
     write_experiment_log(path, "level", platform.scenario(), np.arange(5), signals)
@@ -236,6 +236,8 @@ def test_limits_of_the_machine_are_drawn(work):
     assert (legs.unit, gyro.unit) == ("mm", "deg/s")
     assert legs.limits == pytest.approx((380.0, 460.0))
     assert gyro.limits == pytest.approx((-1000.0, 1000.0), rel=1e-3)
+    assert near_limits([replay], 0) == pytest.approx([380.0])  # 460 mm is far from 390..410
+    assert near_limits([replay], 1) == []
 
 
 def test_without_a_screen_no_window_is_opened_and_a_file_is_asked_for(log, monkeypatch, capsys):
