@@ -91,7 +91,7 @@ class McapWriter:
         self._stream.flush()
         try:
             self._draw()
-        except ParapodError as error:
+        except Exception as error:  # whatever a drawing meets, it must not cost the log
             self._writer.add_metadata("drawing", {"left_out": str(error)})
         self._writer.finish()
 

@@ -14,6 +14,7 @@ from parapod.sims.lab.subject import Subject
 from parapod.sims.replay.digest import Digest
 from parapod.sims.replay.replay import Replay
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.quoting import printable
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
@@ -66,8 +67,8 @@ def record(replay: Replay, against: Replay | None, begin: float, console: Consol
         prefix = _OTHER if number else ""
         try:
             _draw(each, meshcat, prefix, begin, rate, console)
-        except ParapodError as error:
-            each.subject.give_up(str(error))
+        except (ParapodError, RuntimeError, ValueError) as error:  # of Drake and numpy, too
+            each.subject.give_up(printable(error))
             for drawing in (MEASURED, DESIRED):
                 meshcat.Delete(prefix + drawing)
             continue

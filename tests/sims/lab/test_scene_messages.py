@@ -147,6 +147,20 @@ def test_a_log_of_which_nothing_can_be_drawn_says_why(tmp_path):
     assert "there is no experiment 'nothing'" in told["drawing"]["left_out"]
 
 
+def test_signals_that_fit_no_drawing_do_not_cost_the_log(tmp_path):
+    from mcap.reader import make_reader
+
+    path = tmp_path / "log.mcap"
+    machine = find_machine("levelling_platform")
+    signals = {"legs.extension": np.full((5, 4), 0.42), "attitude_estimated": np.zeros((5, 1))}
+    made = {"experiment": "level", "scenario": dump_scenario(machine.scenario())}
+    write_mcap(path, np.arange(5), signals, dict.fromkeys(signals, "m"), made)
+    assert len(read_log(path).time) == 5
+    with open(path, "rb") as stream:
+        told = {each.name: each.metadata for each in make_reader(stream).iter_metadata()}
+    assert told["drawing"]["left_out"]
+
+
 @pytest.mark.parametrize("path", sorted(DOCS.glob("*.json")), ids=lambda path: path.stem)
 def test_layouts_in_the_docs_are_those_of_the_machines(path):
     from parapod.sims.replay.foxglove_layout import as_layout
