@@ -26,7 +26,7 @@ from benchmarks.machines import (
 )
 from benchmarks.matrix import Row
 from benchmarks.page import Page
-from parapod.sims.lab.mcap import read_mcap
+from parapod.sims.lab.files import read_log
 from parapod.systems.core.errors import OutputError
 
 # Time after which a moving machine's program is killed, at random [s].
@@ -115,7 +115,7 @@ def _wait_at_random(program: Program) -> None:
 def _is_readable(log: Path) -> bool:
     """Whether a log has samples."""
     try:
-        return len(read_mcap(log).time) > 0
+        return len(read_log(log).time) > 0
     except OutputError:
         return False
 

@@ -29,16 +29,18 @@ from parapod.diagrams.wiring import add, connect
 
 
 def publish(
-    builder: DiagramBuilder, scene_graph: SceneGraph, meshcat: Meshcat, prefix: str
+    builder: DiagramBuilder, scene_graph: SceneGraph, meshcat: Meshcat | None, prefix: str
 ) -> None:
     """Publishes what a scene graph holds, thirty times a second.
 
     Args:
         builder: builder of the diagram that holds `scene_graph`.
         scene_graph: scene that is drawn.
-        meshcat: where.
+        meshcat: where; None: nowhere, for those who only ask for the poses.
         prefix: prefix of the path there.
     """
+    if meshcat is None:
+        return
     # Not `ApplyVisualizationConfig`, which wants the plant to be part of the diagram.
     params = MeshcatVisualizerParams(
         publish_period=1.0 / 30.0, prefix=prefix, delete_on_initialization_event=False

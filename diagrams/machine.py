@@ -10,8 +10,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import entry_points
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
+import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, System
@@ -20,6 +21,7 @@ from parapod.diagrams.faults import FaultTarget, Span, targets_of
 from parapod.diagrams.guard import Guard
 from parapod.diagrams.homing import Homing
 from parapod.diagrams.station import Behind
+from parapod.diagrams.twin import Twin
 from parapod.systems.core.errors import ParapodError, WiringError
 from parapod.systems.core.schema import Schema, plain, quantity
 
@@ -33,7 +35,8 @@ class Port:
     Attributes:
         name: `<part>.<signal>` at the station; any name elsewhere.
         size: number of elements; 0 for a signal whose size the declaration leaves open.
-        unit: unit of each element, or of all of them separated by commas.
+        unit: unit of all elements, or of each separated by commas; these come again, in this
+            order, where there are more elements.
         meaning: one line.
         direction: "in" and "out" as the station has it; "truth" for what only a simulation
             knows; "inner" for signals of controller and commands.
@@ -44,6 +47,7 @@ class Port:
             once, so that it counts at that instant alone. A simulated plant samples it; for
             devices, which take commands a moment later, the loop holds it. Other inputs are held
             by the controller.
+        names: names of the values 0, 1, 2, ... of a signal that tells a phase.
     """
 
     name: str
@@ -55,6 +59,7 @@ class Port:
     default: float | None = None
     faults: tuple[Span, ...] = ()
     is_sampled: bool = False
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for what in ("name", "unit", "meaning"):
@@ -65,6 +70,15 @@ class Port:
     def part(self) -> str:
         """Part that the signal belongs to: the name before the dot."""
         return self.name.partition(".")[0]
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """Smallest and largest plausible value, where it has some that hold for all elements."""
+        for span in self.faults:
+            ends = span.low, span.high
+            if not span.is_binary and not any(isinstance(end, tuple) for end in ends):
+                return float(np.min(span.low)), float(np.max(span.high))
+        return None
 
 
 def In(
@@ -100,10 +114,16 @@ def Truth(name: str, size: int, unit: str, meaning: str) -> Port:
 
 
 def Inner(
-    name: str, unit: str, meaning: str, *, size: int = 0, faults: Sequence[Span] = ()
+    name: str,
+    unit: str,
+    meaning: str,
+    *,
+    size: int = 0,
+    faults: Sequence[Span] = (),
+    names: Sequence[str] = (),
 ) -> Port:
     """Signal of the controller or of a source of commands, named for logs and faults."""
-    return Port(name, size, unit, meaning, "inner", faults=tuple(faults))
+    return Port(name, size, unit, meaning, "inner", faults=tuple(faults), names=tuple(names))
 
 
 @dataclass(frozen=True)
@@ -159,21 +179,6 @@ class MachineScenario(Schema):
 type Plant[S] = Callable[[DiagramBuilder, S, Meshcat | None], Behind]
 
 
-class Twin(Protocol):
-    """Drawing of a machine as its signals tell it, beside one of what it is asked for.
-
-    Attributes:
-        signals: names of the signals that it is drawn by; a loop need not have all of them.
-    """
-
-    @property
-    def signals(self) -> frozenset[str]:
-        """See the class."""
-
-    def show(self, values: Mapping[str, NDArray[Any]]) -> None:
-        """Draws the newest values, of those of the signals that the loop has."""
-
-
 @dataclass(frozen=True, repr=False)
 class Machine[S]:
     """One machine: its ports, and how the parts of its diagrams are made.
@@ -205,7 +210,9 @@ class Machine[S]:
         guard: makes what watches every job on the real machine; None: only devices are watched.
         instrument: tells the true signals, by name, as somebody reads them off an instrument
             beside the emulated machine; None: there is none.
-        twin: draws the real machine from its signals; None: it is not drawn.
+        twin: draws the machine from its signals; None: it is not drawn.
+        plots: usual plots of a recording, one above the other: `signal`, `signal[0]` or
+            `signal[0:3]`, several joined by + in one plot; those that are not there are left out.
         log_every: periods of the controller between two samples of a recording.
         resets: dotted keys of a scenario, or of whole parts of one, that `reset` of its loop takes
             over from another scenario; nothing that differs in these alone is built again.
@@ -232,7 +239,8 @@ class Machine[S]:
     switches: tuple[str, ...] = ()
     guard: Callable[[S], Guard] | None = None
     instrument: Callable[[Mapping[str, NDArray[Any]]], str] | None = None
-    twin: "type[Twin] | None" = None
+    twin: type[Twin] | None = None
+    plots: tuple[str, ...] = ()
     log_every: int = 1
     resets: Callable[[S], tuple[str, ...]] = lambda scenario: ()
     variant: Callable[[S], Mapping[str, Any]] | None = None

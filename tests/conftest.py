@@ -112,6 +112,7 @@ class Finished:
         scenario: what it ran.
         result: what came out.
         log: its log; None if it has none.
+        log_file: file of the log, or None.
         diagram: its diagram in Graphviz's language; None if it has none.
         said: what it printed on its console.
         elapsed: wall-clock time [s].
@@ -121,6 +122,7 @@ class Finished:
     scenario: Any
     result: Any
     log: Any
+    log_file: Path | None
     diagram: str | None
     said: str
     elapsed: float
@@ -163,6 +165,7 @@ def finished(tmp_path_factory):
             scenario,
             result,
             read_log(log) if log is not None else None,
+            log,
             graphviz.read_text() if graphviz is not None else None,
             console.file.getvalue(),
             time.monotonic() - began,

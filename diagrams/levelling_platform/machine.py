@@ -136,6 +136,13 @@ PLATFORM = Machine(
     guard=PlatformGuard,
     instrument=_instrument,
     twin=PlatformTwin,
+    plots=(
+        "posture_desired_state[0]+attitude_estimated[0]+truth.posture[0]",
+        "posture_desired_state[1]+attitude_estimated[1]+truth.posture[1]",
+        "posture_desired_state[2]+truth.posture[2]",
+        "legs.extension",
+        "legs.voltage",
+    ),
     exchange={"multibody": 2e-3, "kinematic": 2e-3, "mujoco": 2e-3},
     resets=_resets,
 )

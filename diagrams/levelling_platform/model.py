@@ -179,7 +179,7 @@ def add_visualization(
     model: PlatformModel,
     positions: OutputPort,
     scene_graph: SceneGraph,
-    meshcat: Meshcat,
+    meshcat: Meshcat | None,
     path: str = "platform",
 ) -> None:
     """Adds the links that the plant leaves out, and publishes the whole to Meshcat.
@@ -189,7 +189,7 @@ def add_visualization(
         model: the platform.
         positions: positions of the model's joints (or its whole state).
         scene_graph: scene that is drawn.
-        meshcat: where.
+        meshcat: where; None: nowhere.
         path: its path there.
     """
     links = add(builder, ParallelLinks(model, scene_graph, positions.size()), f"links_of_{path}")
@@ -201,7 +201,7 @@ def add_visualization(
 def add_drawing(
     builder: DiagramBuilder,
     ground: tuple[float, float],
-    meshcat: Meshcat,
+    meshcat: Meshcat | None,
     extension: OutputPort,
     base_pose: OutputPort,
     arm_position: OutputPort,
@@ -213,7 +213,7 @@ def add_drawing(
     Args:
         builder: builder of the diagram that holds the plant.
         ground: roll and pitch that the drawn slab keeps [rad].
-        meshcat: scene in which to draw.
+        meshcat: scene in which to draw; None: poses are all that is asked for.
         extension: extensions (4) [m].
         base_pose: quaternion and position (7) of the platform.
         arm_position: turntable and arm angle (2) [rad].

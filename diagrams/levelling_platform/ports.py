@@ -5,6 +5,7 @@ import math
 from parapod.diagrams.faults import Span
 from parapod.diagrams.machine import In, Inner, Out, Truth
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
+from parapod.systems.levelling_platform.supervisor import Phase
 from parapod.systems.sensors.imu import ImuParams
 
 # Parts whose devices `status.*` tells about.
@@ -12,6 +13,7 @@ PARTS = ("legs", "imu", "wheels", "arm")
 
 _ACTUATOR, _IMU = LinearActuatorParams(), ImuParams()
 _SUPPLY = _ACTUATOR.supply_voltage
+_LENGTHS = "m, m, m, m, m/s, m/s, m/s, m/s"
 # NaN is no command: the reference keeps to the last one.
 _POSTURES = Span(
     target="posture_command",
@@ -104,12 +106,16 @@ PORTS = (
     Inner("jog_request", "m/s", "rates of single legs that the operator asks for"),
     Inner("operator_age", "s", "time since the operator was heard"),
     Inner("steps_done", "-", "number of the operator's steps that have been done"),
-    Inner("extension_request", "m, m/s", "extensions and rates that an experiment asks for"),
+    Inner("extension_request", _LENGTHS, "extensions and rates that an experiment asks for"),
     Inner("legs_enable", "-", "above 0.5: the legs are led to what is asked for"),
     Inner("voltage_request", "V", "voltages that an experiment applies"),
     # Controllers.
-    Inner("posture_desired_state", "rad, rad, m, and their rates", "smooth reference"),
-    Inner("extension_desired_state", "m, m/s", "extensions that the legs are led to"),
+    Inner(
+        "posture_desired_state",
+        "rad, rad, m, rad/s, rad/s, m/s",
+        "smooth reference and its rates",
+    ),
+    Inner("extension_desired_state", _LENGTHS, "extensions that the legs are led to, and rates"),
     Inner("legs_arrived", "0/1", "whether the legs follow what is asked for"),
     Inner("feet_standing", "0/1", "feet that stand, or have lifted a moment ago only"),
     Inner("ground_estimated", "rad", "roll and pitch of the ground"),
@@ -117,7 +123,7 @@ PORTS = (
     Inner("foot_offsets_estimated", "m", "heights under the feet above the ground's plane"),
     Inner("attitude_estimated", "rad", "roll and pitch"),
     # Supervision.
-    Inner("phase", "-", "phase of the operation"),
+    Inner("phase", "-", "phase of the operation", names=[p.name.lower() for p in Phase]),
     Inner("findings", "0/1", "findings of the fault detector"),
     Inner("severity", "-", "gravest finding"),
     Inner("refusal", "-", "reason for which the last request is refused, and its detail"),

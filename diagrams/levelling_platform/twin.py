@@ -7,25 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Box, Cylinder, Meshcat, Rgba
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import PassThrough
 
 from parapod.diagrams.levelling_platform.model import add_drawing
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.wiring import add
+from parapod.diagrams.twin import DESIRED, MEASURED, Twin
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import estimate_ground, forward_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, standing_pose
 from parapod.systems.levelling_platform.wheels import WheelGeometry
 
-_MEASURED, _DESIRED = "measured", "desired"
 _INPUTS = {"extension": LEG_COUNT, "base_pose": 7, "arm_position": 2}
-_PALE = 0.25  # opacity
 _SLAB, _SLAB_PATH = (2.6, 2.2, 0.04), "/measured_ground"  # [m]
 _FLOOR = -0.3  # [m]
 
 
-class PlatformTwin:
+class PlatformTwin(Twin):
     """Two drawings of the platform on the ground that it has found.
 
     The measured one has the measured extensions and the estimated attitude; until there is an
@@ -33,81 +29,87 @@ class PlatformTwin:
     desired one, pale, has the extensions and the posture that the legs are led to.
     """
 
-    signals = frozenset(
-        (
-            "legs.extension",
-            "attitude_estimated",
-            "ground_estimated",
-            "ground_valid",
-            "foot_offsets_estimated",
-            "extension_desired_state",
-            "posture_desired_state",
-            "arm_command",
-        )
-    )
+    needed = frozenset(("legs.extension", "attitude_estimated"))
+    stand_ins = {"attitude_estimated": "truth.posture"}  # noqa: RUF012
+    signals = needed | {
+        "ground_valid",
+        "ground_estimated",
+        "foot_offsets_estimated",
+        "extension_desired_state",
+        "posture_desired_state",
+        "arm_command",
+        "arm.position_command",
+    }
 
-    def __init__(self, meshcat: Meshcat, scenario: LevellingScenario):
-        """Draws nothing yet.
-
-        Args:
-            meshcat: the scene.
-            scenario: of the machine.
-        """
-        self._meshcat = meshcat
-        builder = DiagramBuilder()
-        for path in (_MEASURED, _DESIRED):
-            ports = []
-            for name, size in _INPUTS.items():
-                through = add(builder, PassThrough(size), f"{path}_{name}")
-                builder.ExportInput(through.get_input_port(), f"{path}.{name}")
-                ports.append(through.get_output_port())
-            extension, base_pose, arm = ports
-            add_drawing(builder, (0.0, 0.0), meshcat, extension, base_pose, arm, path=path)
-        self._diagram = builder.Build()
-        self._context = self._diagram.CreateDefaultContext()
+    def __init__(self, meshcat: Meshcat | None, scenario: LevellingScenario, prefix: str = ""):
+        """Draws nothing yet; see `Twin`."""
+        super().__init__(meshcat, scenario, prefix)
+        for drawing in (MEASURED, DESIRED):
+            extension, base_pose, arm = (
+                self.input(f"{drawing}.{name}", size) for name, size in _INPUTS.items()
+            )
+            path = self.path(drawing)
+            add_drawing(self.builder, (0.0, 0.0), meshcat, extension, base_pose, arm, path=path)
+        self.finish()
+        if meshcat is None or self.is_guest:
+            return
         # The ground of the scenario is not that of the machine.
         meshcat.Delete("/ground")
         meshcat.SetObject(_SLAB_PATH, Box(*_SLAB), Rgba(0.50, 0.46, 0.41))
         meshcat.SetObject("/floor", Cylinder(4.5, 0.02), Rgba(0.86, 0.89, 0.91))
         meshcat.SetTransform("/floor", RigidTransform(np.array([0.0, 0.0, _FLOOR])))
 
-    def show(self, values: Mapping[str, NDArray[Any]]) -> None:
+    def show(self, values: Mapping[str, NDArray[Any]], time: float = 0.0) -> None:
         """See `Twin`."""
-        extension, attitude = values["legs.extension"], values["attitude_estimated"]
+        extension, attitude = values["legs.extension"], values["attitude_estimated"][:2]
         ground, height = _standing(values, extension, attitude)
         if not np.isfinite([*extension, *attitude, *ground]).all():
             return  # nothing is known: the last picture stays
         pose = standing_pose((*attitude, height), ground)
-        arm = values.get("arm_command", np.zeros(2))
         desired = values.get("extension_desired_state", extension)[:LEG_COUNT]
         posture = values.get("posture_desired_state", np.zeros(6))[:3]
-        is_posed = values["ground_valid"][0] > 0.5 and posture[2] > 0.0
+        is_posed = _is_ground_known(values) and posture[2] > 0.0
         desired_pose = standing_pose(posture, ground) if is_posed else pose
-        for path, numbers in (
-            (_MEASURED, (extension, pose, arm)),
-            (_DESIRED, (desired, desired_pose, arm)),
+        arm = _arm(values)
+        shown: dict[str, NDArray[Any]] = {}
+        for drawing, numbers in (
+            (MEASURED, (extension, pose, arm)),
+            (DESIRED, (desired, desired_pose, arm)),
         ):
-            for name, value in zip(_INPUTS, numbers, strict=True):
-                self._diagram.GetInputPort(f"{path}.{name}").FixValue(self._context, value)
-        self._diagram.ForcedPublish(self._context)
-        self._dress(ground)
+            names = (f"{drawing}.{name}" for name in _INPUTS)
+            shown |= dict(zip(names, numbers, strict=True))
+        self._publish(shown, time)
+        self._dress(ground, time)
 
-    def _dress(self, ground: NDArray[np.float64]) -> None:
+    def _dress(self, ground: NDArray[np.float64], time: float) -> None:
         """Slab under the feet; of the drawings it is hidden."""
+        if self.meshcat is None:
+            return
+        for drawing in (MEASURED, DESIRED):
+            self.meshcat.SetProperty(f"{self.path(drawing)}/ground", "visible", False)
+        if self.is_guest:
+            return
         rotation = RollPitchYaw(ground[0], ground[1], 0.0).ToRotationMatrix()
         below = np.array([0.0, 0.0, -0.5 * _SLAB[2]])
         pose = RigidTransform(rotation, rotation @ below)
-        self._meshcat.SetTransform(_SLAB_PATH, pose)
-        for path in (_MEASURED, _DESIRED):
-            self._meshcat.SetProperty(f"{path}/ground", "visible", False)
-        self._meshcat.SetProperty(_DESIRED, "modulated_opacity", _PALE)
+        self.meshcat.SetTransform(_SLAB_PATH, pose, time)
+
+
+def _arm(values: Mapping[str, NDArray[Any]]) -> NDArray[np.float64]:
+    """Angles (2) of turntable and arm, of which a job without an operator moves the arm only."""
+    alone = values.get("arm.position_command", np.zeros(1))
+    return values.get("arm_command", np.array([0.0, alone[0]]))
+
+
+def _is_ground_known(values: Mapping[str, NDArray[Any]]) -> bool:
+    return "ground_valid" in values and values["ground_valid"][0] > 0.5
 
 
 def _standing(
     values: Mapping[str, NDArray[Any]], extension: NDArray[Any], attitude: NDArray[Any]
 ) -> tuple[NDArray[np.float64], float]:
     """Roll and pitch (2) of the ground [rad], and height above it [m], on feet or on wheels."""
-    is_known = values["ground_valid"][0] > 0.5
+    is_known = _is_ground_known(values)
     on_wheels, offsets = WheelGeometry().standing_height, np.zeros(LEG_COUNT)
     if is_known:
         ground = values["ground_estimated"]

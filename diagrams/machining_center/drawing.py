@@ -132,7 +132,7 @@ def add_drawing(
     geometry: CenterGeometry,
     pose: OutputPort,
     feet: OutputPort,
-    meshcat: Meshcat,
+    meshcat: Meshcat | None,
     path: str = "center",
 ) -> None:
     """Draws the bodies where platform and feet are.
@@ -142,7 +142,7 @@ def add_drawing(
         geometry: the centre.
         pose: of the platform (6) [m, rad].
         feet: of the feet (6n) [m, rad].
-        meshcat: scene in which to draw.
+        meshcat: scene in which to draw; None: poses are all that is asked for.
         path: its path in the scene.
     """
     plant = MultibodyPlant(time_step=1e-3)

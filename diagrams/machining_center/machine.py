@@ -76,6 +76,12 @@ MACHINING_CENTER = Machine(
     switches=("locks.closed", "clamps.closed"),
     guard=CenterGuard,
     twin=CenterTwin,
+    plots=(
+        "pose_desired[0:3]+pose_estimated[0:3]",
+        "pose_desired[3:6]+pose_estimated[3:6]",
+        "legs.position",
+        "wrench_margin",
+    ),
     variant=_variant,
     exchange={"multibody": 5e-3, "kinematic": 5e-3},
     log_every=2,

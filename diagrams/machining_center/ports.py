@@ -2,6 +2,7 @@
 
 from parapod.diagrams.machine import In, Inner, Out, Port, Truth
 from parapod.systems.machining_center.posture import LOCKS_OF_LIMB
+from parapod.systems.machining_center.sequence import Phase
 
 # Parts whose devices `status.*` tells about.
 PARTS = ("legs",)
@@ -56,7 +57,7 @@ def ports_of_limbs(limbs: int) -> tuple[Port, ...]:
         Inner("pose_estimated", "m, m, m, rad, rad, rad", "pose that the lengths tell"),
         Inner("feet_estimated", "m, m, m, rad, rad, rad", "feet that the lengths tell"),
         Inner("length_error", "m", "lengths of the legs less those that they were led to"),
-        Inner("phase", "-", "phase of the job, see `Phase`"),
+        Inner("phase", "-", "phase of the job", names=[p.name.lower() for p in Phase]),
         Inner("operation", "-", "operations that are done"),
         Inner("fault", "-", "fault that has ended the job, see `Fault`, and where"),
         Inner("loose_limb", "-", "limb whose foot is loose; 0: none"),

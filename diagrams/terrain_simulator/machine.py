@@ -81,6 +81,12 @@ TERRAIN_BENCH = Machine(
     cut={"sliders.brake": 1.0, "hip.brake": 1.0, "hip.force_command": 0.0, "belt.brake": 1.0},
     guard=BenchGuard,
     twin=BenchTwin,
+    plots=(
+        "pose_desired[0:2]+pose_estimated[0:2]",
+        "pose_desired[2]+pose_estimated[2]",
+        "foot_load[0:2]",
+        "hip.position",
+    ),
     variant=_variant,
     exchange={"multibody": 5e-3, "kinematic": 5e-3},
     resets=lambda scenario: ("seed",),

@@ -471,7 +471,7 @@ def add_drawing(
     builder: DiagramBuilder,
     scenario: TerrainBenchScenario,
     shown: tuple[OutputPort, OutputPort, OutputPort],
-    meshcat: Meshcat,
+    meshcat: Meshcat | None,
     path: str = "bench",
 ) -> None:
     """Draws bench and leg where they are.
@@ -480,7 +480,7 @@ def add_drawing(
         builder: builder of the diagram that holds the ports' systems.
         scenario: its bench and leg are drawn.
         shown: pose of the plate (3), column and height of the hip (2), joints of the leg (n).
-        meshcat: the scene.
+        meshcat: the scene; None: poses are all that is asked for.
         path: its path in the scene.
     """
     plant = MultibodyPlant(time_step=1e-3)

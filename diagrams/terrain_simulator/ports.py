@@ -13,6 +13,7 @@ def ports_of_joints(joints: int) -> tuple[Port, ...]:
         joints: number of actuated joints of the leg.
     """
     pose = "m, m, rad"
+    motion = f"{pose}, m/s, m/s, rad/s, m/s^2, m/s^2, rad/s^2"
     return (
         In(
             *("sliders.position_command", 3, "m"),
@@ -65,9 +66,13 @@ def ports_of_joints(joints: int) -> tuple[Port, ...]:
         Truth("loop_error", 2, "m", "gaps in the bench's closed loops"),
         Inner("pose_asked", pose, "pose that a terrain asks for a period later"),
         Inner("pose_desired", pose, "pose that the plate is led to a period later"),
-        Inner("plate_motion", "m, rad, s", "pose asked for now, its rates, and theirs", size=9),
+        Inner("plate_motion", motion, "pose asked for now, its rates, and theirs", size=9),
         Inner("share", "-", "of the speed that is asked for; 1: not slowed down"),
-        Inner("foot_desired", "m, s", "x, z of the foot from the hip, and their derivatives"),
+        Inner(
+            "foot_desired",
+            "m, m, m/s, m/s, m/s^2, m/s^2",
+            "x, z of the foot from the hip, and their derivatives",
+        ),
         Inner("foot_force_desired", "N", "force that the foot is to bear"),
         Inner("hip_force", "N", "force that the other legs are to carry, on the hip, upwards"),
         Inner("hip_desired", "m, m/s", "height of the hip, and its rate"),

@@ -3,55 +3,42 @@
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import PassThrough
 
 from parapod.diagrams.terrain_simulator.plants import add_drawing
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
-from parapod.diagrams.wiring import add
+from parapod.diagrams.twin import DESIRED, MEASURED, Twin
 
-# Path in the scene, and the signal with the plate's pose.
-_DRAWN = {"measured": "pose_estimated", "desired": "pose_desired"}
+# Signal with the plate's pose.
+_DRAWN = {MEASURED: "pose_estimated", DESIRED: "pose_desired"}
 _HIP, _LEG = "hip.position", "leg.position"
-_PALE = 0.25  # opacity
 
 
-class BenchTwin:
+class BenchTwin(Twin):
     """Two drawings of the bench, with the leg as it is measured."""
 
-    signals = frozenset((*_DRAWN.values(), _HIP, _LEG))
+    needed = frozenset((_DRAWN[MEASURED], _HIP, _LEG))
+    stand_ins = {_DRAWN[MEASURED]: "truth.pose"}  # noqa: RUF012
+    signals = needed | {_DRAWN[DESIRED]}
 
-    def __init__(self, meshcat: Meshcat, scenario: TerrainBenchScenario):
-        """Draws nothing yet.
-
-        Args:
-            meshcat: the scene.
-            scenario: of the machine.
-        """
-        self._meshcat, builder = meshcat, DiagramBuilder()
+    def __init__(self, meshcat: Meshcat | None, scenario: TerrainBenchScenario, prefix: str = ""):
+        """Draws nothing yet; see `Twin`."""
+        super().__init__(meshcat, scenario, prefix)
         self._x = scenario.walk.hip[0]
         sizes = {"pose": 3, "hip": 2, "leg": scenario.leg.ports}
-        for path in _DRAWN:
-            shown = []
-            for name, size in sizes.items():
-                each = add(builder, PassThrough(size), f"{path}_{name}")
-                builder.ExportInput(each.get_input_port(), each.get_name())
-                shown.append(each.get_output_port())
-            add_drawing(builder, scenario, (shown[0], shown[1], shown[2]), meshcat, path)
-        self._diagram = builder.Build()
-        self._context = self._diagram.CreateDefaultContext()
+        for drawing in _DRAWN:
+            pose, hip, leg = (self.input(f"{drawing}_{name}", n) for name, n in sizes.items())
+            add_drawing(self.builder, scenario, (pose, hip, leg), meshcat, self.path(drawing))
+        self.finish()
 
-    def show(self, values: Mapping[str, NDArray[Any]]) -> None:
+    def show(self, values: Mapping[str, NDArray[Any]], time: float = 0.0) -> None:
         """See `Twin`."""
-        measured, hip, leg = (values[name] for name in (_DRAWN["measured"], _HIP, _LEG))
-        if not all(np.isfinite(each).all() for each in (measured, hip, leg)):
-            return  # nothing is known: the last picture stays
-        for path, name in _DRAWN.items():
-            drawn = {"pose": values.get(name, measured), "hip": [self._x, hip[0]], "leg": leg}
-            for part, value in drawn.items():
-                self._diagram.GetInputPort(f"{path}_{part}").FixValue(self._context, value)
-        self._diagram.ForcedPublish(self._context)
-        self._meshcat.SetProperty("desired", "modulated_opacity", _PALE)
+        if not self.knows(values):
+            return
+        shown: dict[str, Any] = {}
+        for drawing, name in _DRAWN.items():
+            shown[f"{drawing}_pose"] = values.get(name, values[_DRAWN[MEASURED]])
+            shown[f"{drawing}_hip"] = [self._x, values[_HIP][0]]
+            shown[f"{drawing}_leg"] = values[_LEG]
+        self._publish(shown, time)

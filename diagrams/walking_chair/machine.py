@@ -53,6 +53,12 @@ CHAIR = Machine(
     cut={"legs.velocity_command": 0.0, "legs.brake": 1.0},
     guard=ChairGuard,
     twin=ChairTwin,
+    plots=(
+        "position_node[0:3]+legs.position[0:3]",
+        "support_margin",
+        "truth.contact_force",
+        "legs.current[0:3]",
+    ),
     # The quasi-static plant's statics cost more than the bodies' dynamics.
     exchange={"multibody": 2e-3, "kinematic": 5e-3, "mujoco": 2e-3},
     log_every=2,

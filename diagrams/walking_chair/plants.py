@@ -152,7 +152,7 @@ def add_drawing(
     scenario: ChairScenario,
     position: OutputPort,
     chair: KinematicChair,
-    meshcat: Meshcat,
+    meshcat: Meshcat | None,
     path: str = "chair",
 ) -> None:
     """Draws the bodies where the statics have them; the passenger is moved on the seat.
@@ -162,7 +162,7 @@ def add_drawing(
         scenario: its passenger is drawn.
         position: lengths of the branches (12) [m].
         chair: statics with these lengths.
-        meshcat: scene in which to draw.
+        meshcat: scene in which to draw; None: poses are all that is asked for.
         path: its path in the scene.
     """
     plant, figure = MultibodyPlant(time_step=1.0), MultibodyPlant(time_step=1.0)

@@ -1,6 +1,7 @@
 """Parts that commands share: exit codes, usage errors, scenarios, files."""
 
 import argparse
+import math
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -68,6 +69,17 @@ def count(text: str) -> int:
             f"must be a whole number of 1 or more, not {quoted(text)}"
         )
     return int(text)
+
+
+def finite(text: str) -> float:
+    """A number that is finite, for `type=`."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f"must be a finite number, not {quoted(text)}")
+    return number
 
 
 def check_outputs(

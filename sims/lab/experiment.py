@@ -138,6 +138,10 @@ class Experiment[S, D]:
         """Figures, drawn when they are wanted."""
         return ()
 
+    def limits(self, scenario: S) -> Mapping[str, tuple[float | None, float | None]]:
+        """Smallest and largest admissible value of signals, in their unit; drawn in plots."""
+        return {}
+
     def afterwards(self, scenario: S, data: D, options: RunOptions) -> Callable[[], None] | None:
         """Work that goes on once the result has been shown, or None."""
         return None
@@ -303,6 +307,11 @@ class LoopExperiment[S, D](Experiment[S, D]):
 
     def _after(self, scenario: S, options: RunOptions) -> None:
         """The bench records the scene of the run."""
+
+    def limits(self, scenario: S) -> Mapping[str, tuple[float | None, float | None]]:
+        """Those that the machine declares."""
+        table = self.machine.of(self.machine_scenario(scenario)).table
+        return {name: port.limits for name, port in table.items() if port.limits is not None}
 
     def watched(self, data: D) -> "Run":
         """The run that the options show and write."""

@@ -55,7 +55,7 @@ def draw(figure: Figure) -> "Canvas":
     from matplotlib import rc_context
     from matplotlib.figure import Figure as Canvas
 
-    with rc_context(_style()):
+    with rc_context(style()):
         canvas = Canvas(figsize=figure.size, layout="constrained")
         figure.draw(canvas)
     return canvas
@@ -79,12 +79,13 @@ def render(figure: Figure, suffix: str = "svg", with_caption: bool = False) -> b
     buffer = io.BytesIO()
     # No date: the same figure gives the same file.
     metadata = {"Date": None} if suffix == "svg" else None
-    with rc_context(_style()):
+    with rc_context(style()):
         canvas.savefig(buffer, format=suffix, metadata=metadata, dpi=150, bbox_inches=box)
     return buffer.getvalue()
 
 
-def _style() -> dict[Any, Any]:
+def style() -> dict[Any, Any]:
+    """Settings of Matplotlib for all figures."""
     from cycler import cycler
 
     return {**_STYLE, "axes.prop_cycle": cycler(color=COLOURS)}

@@ -211,36 +211,9 @@ def read_log(path: Path) -> Log:
         OutputError: the file is missing or is no such log.
         MissingExtra: for an MCAP log, mcap is not installed.
     """
-    if path.suffix == ".mcap":
-        from parapod.sims.lab.mcap import read_mcap
+    from parapod.sims.lab.stored_log import open_log
 
-        return read_mcap(path)
-    if path.suffix == ".csv":
-        return _read_csv(path)
-
-    import zipfile
-
-    import numpy as np
-
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        metadata = json.loads(str(arrays.pop("metadata")))
-        return Log(arrays.pop("t"), arrays, metadata)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(f"cannot read log {quoted_path(path)}: {reason}", path) from error
-    except (
-        KeyError,
-        ValueError,
-        AttributeError,
-        TypeError,
-        EOFError,
-        zipfile.BadZipFile,
-    ) as error:
-        raise OutputError(
-            f"cannot read log {quoted_path(path)}: it is not a log of parapod", path
-        ) from error
+    return open_log(path).read()
 
 
 def _cannot_write(path: Path, reason: str) -> OutputError:
@@ -300,10 +273,6 @@ def check_log(path: Path) -> None:
         raise _cannot_write(path, f"a log's suffix must be one of {known}")
 
 
-# Columns of a signal: its name, and where it has several elements the indices of one.
-_COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<index>[\d;]+)\])?")
-
-
 def _write_csv(
     path: Path,
     time: "ArrayLike",
@@ -326,34 +295,3 @@ def _write_csv(
     with atomic_output(path) as temporary:
         table = np.column_stack(columns)
         np.savetxt(temporary, table, "%.17g", ",", header=header, comments="", encoding="utf-8")
-
-
-def _read_csv(path: Path) -> Log:
-    import numpy as np
-
-    try:
-        with path.open(encoding="utf-8") as stream:
-            metadata = json.loads(stream.readline().removeprefix("# "))
-            names = stream.readline().strip().split(",")
-            table = np.loadtxt(stream, delimiter=",", ndmin=2).reshape(-1, len(names))
-        columns: dict[str, dict[tuple[int, ...], Any]] = {}
-        for name, values in zip(names, table.T, strict=True):
-            found = _COLUMN.fullmatch(name)
-            if found is None:
-                raise ValueError(name)
-            index = tuple(map(int, filter(None, (found["index"] or "").split(";"))))
-            columns.setdefault(found["name"], {})[index] = values
-        signals = {
-            name: np.stack(list(elements.values()), axis=-1).reshape(
-                len(table), *(1 + largest for largest in max(elements))
-            )
-            for name, elements in columns.items()
-        }
-        return Log(signals.pop("t"), signals, metadata)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(f"cannot read log {quoted_path(path)}: {reason}", path) from error
-    except (KeyError, ValueError, TypeError) as error:
-        raise OutputError(
-            f"cannot read log {quoted_path(path)}: it is not a log of parapod", path
-        ) from error

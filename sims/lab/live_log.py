@@ -31,8 +31,9 @@ from parapod.systems.core.quoting import quoted_path
 # Longest time for which what has been read is not in the file [s].
 _FLUSH_PERIOD = 0.2
 _CAPACITY = 1 << 20  # of the pipe, as much as the kernel gives to everybody [bytes]
-# How long the process may take to begin, and to write what is left [s]; how often one looks.
-_BEGINNING, _ENDING, _LOOK = 60.0, 30.0, 0.01
+# How long the process may take to begin, and to write what is left with the drawing [s]; how often
+# one looks.
+_BEGINNING, _ENDING, _LOOK = 60.0, 60.0, 0.01
 _READY = b"ready\n"
 # Numbers before those of the ports: stamp [ns], as bits of an integer, and time.
 _HEAD = 2

@@ -1,26 +1,38 @@
 """Logs in MCAP files, one topic for each port."""
 
 import json
-import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from parapod.sims.lab.files import Log, atomic_output
-from parapod.systems.core.errors import OutputError
+from parapod.sims.lab.files import atomic_output
+from parapod.sims.lab.thinning import Snapshots
+from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.extras import need
-from parapod.systems.core.quoting import quoted_path
 
-_SCHEMA = {
-    "type": "object",
-    "properties": {
-        "t": {"type": "number", "description": "time of the loop [s]"},
-        "value": {"type": "array", "items": {"type": ["number", "null"]}},
-    },
-}
+# Pictures of the machine: ten a second of some minutes.
+_PICTURES = 1500
+
+
+def _schema(name: str, unit: str) -> bytes:
+    """JSON schema of the messages of a port."""
+    schema = {
+        "title": f"parapod.{name}",
+        "type": "object",
+        "properties": {
+            "t": {"type": "number", "description": "time of the loop [s]"},
+            "value": {
+                "type": "array",
+                "description": f"{name} [{unit}]",
+                "items": {"type": ["number", "null"]},
+            },
+        },
+        "required": ["t", "value"],
+    }
+    return json.dumps(schema, ensure_ascii=False).encode()
 
 
 class McapWriter:
@@ -28,7 +40,9 @@ class McapWriter:
 
     Each message is `{"t": time, "value": [...]}` in JSON, which Foxglove and every other reader of
     MCAP shows; a number that is not finite is null. There are no chunks: a file that ends in the
-    middle can be read up to there (`read_mcap`, or `mcap recover`).
+    middle can be read up to there (`read_log`, or `mcap recover`).
+
+    Behind the last sample the machine is drawn for Foxglove, as `scene_messages` does it.
     """
 
     def __init__(self, stream: IO[bytes], units: Mapping[str, str], metadata: Mapping[str, str]):
@@ -42,17 +56,21 @@ class McapWriter:
         Raises:
             MissingExtra: mcap is not installed.
         """
+        self._stream, self._names, self._metadata = stream, [*units], dict(metadata)
         self._writer = need("mcap.writer").Writer(stream, use_chunking=False)
         self._writer.start(profile="", library="parapod")
         self._writer.add_metadata("parapod", dict(metadata))
-        schema = self._writer.register_schema(
-            "parapod.Sample", "jsonschema", json.dumps(_SCHEMA).encode()
-        )
-        self._channels = [
-            self._writer.register_channel(name, "json", schema, {"unit": unit})
-            for name, unit in units.items()
-        ]
+        self._channels = []
+        for name, unit in units.items():
+            schema = self._writer.register_schema(
+                f"parapod.{name}", "jsonschema", _schema(name, unit)
+            )
+            channel = self._writer.register_channel(name, "json", schema, {"unit": unit})
+            self._channels.append(channel)
         self._count = 0
+        self._pictures: Snapshots[tuple[int, float, Sequence[Sequence[float]]]] = Snapshots(
+            _PICTURES
+        )
 
     def write(self, stamp: int, t: float, values: Sequence[Sequence[float]]) -> None:
         """Writes the values of all ports at one time.
@@ -65,11 +83,49 @@ class McapWriter:
         for channel, numbers in zip(self._channels, values, strict=True):
             data = _encoded(t, numbers)
             self._writer.add_message(channel, stamp, data, stamp, self._count)
+        self._pictures.take((stamp, t, values))
         self._count += 1
 
     def finish(self) -> None:
         """Writes what comes after the last sample."""
+        self._stream.flush()
+        try:
+            self._draw()
+        except Exception as error:  # whatever a drawing meets, it must not cost the log
+            self._writer.add_metadata("drawing", {"left_out": str(error)})
         self._writer.finish()
+
+    def _draw(self) -> None:
+        """Draws the machine.
+
+        Raises:
+            ParapodError: the machine cannot be drawn.
+        """
+        pictures = [
+            (stamp, t, {n: np.array(v) for n, v in zip(self._names, values, strict=True)})
+            for stamp, t, values in self._pictures.rows
+        ]
+        if not pictures or "experiment" not in self._metadata:
+            return
+        # Drake, which the process that writes for a moving machine does without.
+        from parapod.sims.lab.scene_messages import scene_messages, schema_of
+        from parapod.sims.lab.subject import Subject
+
+        shapes = {name: value.shape for name, value in pictures[0][2].items()}
+        subject = Subject.of("log", shapes, self._metadata)
+        if subject.undrawn:
+            raise ParapodError(subject.undrawn)
+        channels: dict[str, int] = {}
+        for number, message in enumerate(scene_messages(subject, pictures)):
+            if message.topic not in channels:
+                name, encoding, data = schema_of(message.topic)
+                schema = self._writer.register_schema(name, encoding, data)
+                channels[message.topic] = self._writer.register_channel(
+                    message.topic, encoding, schema, {}
+                )
+            self._writer.add_message(
+                channels[message.topic], message.stamp, message.data, message.stamp, number
+            )
 
 
 def write_mcap(
@@ -109,75 +165,3 @@ def _encoded(t: float, numbers: Sequence[float]) -> bytes:
     except ValueError:
         known = [x if x - x == 0.0 else None for x in numbers]
         return json.dumps({"t": t, "value": known}).encode()
-
-
-def read_mcap(path: Path) -> Log:
-    """Reads a log, also one whose writer was killed; what was not finite is NaN.
-
-    The metadata have, beside what the writer was given, the units and, under `wall_time`, the
-    wall clock at the first sample [s].
-
-    Raises:
-        OutputError: it cannot be read, or is not such a log.
-        MissingExtra: mcap is not installed.
-    """
-    contents = _Contents()
-    try:
-        for record in _records(path):
-            contents.add(record)
-    except OSError as error:
-        reason = error.strerror or error
-        raise OutputError(f"cannot read {quoted_path(path)}: {reason}", path) from error
-    except (KeyError, TypeError, ValueError) as error:
-        raise OutputError(f"{quoted_path(path)} is no log of parapod: {error}", path) from error
-    if not contents.has_begun:
-        raise OutputError(f"{quoted_path(path)} holds nothing of an MCAP file", path)
-    return contents.as_log()
-
-
-class _Contents:
-    """Content of a log, as far as it has been read."""
-
-    def __init__(self) -> None:
-        self.has_begun = False
-        self._names: dict[int, str] = {}
-        self._rows: dict[str, list[Any]] = {}
-        self._units: dict[str, str] = {}
-        self._metadata: dict[str, Any] = {}
-        self._times: list[float] = []
-
-    def add(self, record: Any) -> None:
-        match type(record).__name__:
-            case "Header":
-                self.has_begun = True
-            case "Metadata":
-                self._metadata |= record.metadata
-            case "Channel":
-                # Said again in the summary of a log that was ended in peace.
-                self._names[record.id] = record.topic
-                self._rows.setdefault(record.topic, [])
-                self._units[record.topic] = record.metadata.get("unit", "")
-            case "Message":
-                data = json.loads(record.data)
-                self._rows[self._names[record.channel_id]].append(data["value"])
-                if record.channel_id == min(self._names):
-                    self._times.append(data["t"])
-                    self._metadata.setdefault("wall_time", 1e-9 * record.log_time)
-
-    def as_log(self) -> Log:
-        # Of the last sample there may be some ports only.
-        count = min(map(len, self._rows.values()), default=0)
-        signals = {name: np.array(v[:count], dtype=float) for name, v in self._rows.items()}
-        return Log(np.array(self._times[:count]), signals, self._metadata | {"units": self._units})
-
-
-def _records(path: Path) -> Any:
-    """The records of a file, up to where it ends."""
-    reader, exceptions = need("mcap.stream_reader"), need("mcap.exceptions")
-    with open(path, "rb") as stream:
-        try:
-            yield from reader.StreamReader(stream).records
-        except (exceptions.EndOfFile, struct.error):
-            return  # in the middle of a record, or of its length
-        except exceptions.McapError as error:
-            raise OutputError(f"{quoted_path(path)} is not an MCAP file: {error}", path) from None

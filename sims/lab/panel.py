@@ -22,7 +22,7 @@ from urllib.parse import parse_qs, urlsplit
 from pydrake.geometry import Meshcat
 
 # The first port that is tried, so that a page that is open finds the next run, and the last.
-_PORTS = range(7100, 7200)
+PORTS = range(7100, 7200)
 # Between two looks of the service whether it is to end [s].
 _POLL = 0.05
 # Of what a browser sends [bytes].
@@ -384,12 +384,12 @@ def _serve(panel: Panel) -> ThreadingHTTPServer:
         shown = panel
 
     address = "127.0.0.1" if panel._host == _LOCAL else panel._host
-    for port in _PORTS:
+    for port in PORTS:
         try:
             return ThreadingHTTPServer((address, port), Handler)
         except OSError as error:
             taken = error
-    raise OSError(f"no port of {_PORTS[0]}..{_PORTS[-1]} is free on this computer") from taken
+    raise OSError(f"no port of {PORTS[0]}..{PORTS[-1]} is free on this computer") from taken
 
 
 class _Handler(BaseHTTPRequestHandler):

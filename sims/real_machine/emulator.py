@@ -359,7 +359,11 @@ def emulate(
     schedule = Schedule(emulated.disturbed(), requests, said)
     with ExitStack() as stack:
         stack.enter_context(ended_by_signals())
-        metadata = {"scenario": dump_scenario(scenario), "parapod": version("parapod")}
+        metadata = {
+            "experiment": experiment or machine.experiment,
+            "parapod": version("parapod"),
+            "scenario": dump_scenario(scenario),
+        }
         record: LiveLog | None = None
         if log is not None:
             units, sizes = emulated.ports()

@@ -10,6 +10,7 @@ EXTRAS = {
     "can": "can",
     "canopen": "can",
     "distributed": "cluster",
+    "foxglove": "log",
     "grpc": "ni",
     "iio": "iio",
     "mcap": "log",
@@ -18,6 +19,7 @@ EXTRAS = {
     "pyarrow": "study",
     "pygraphviz": "draw",
     "serial": "serial",
+    "plotly": "replay",
     "spidev": "spi",
 }
 

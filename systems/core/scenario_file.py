@@ -12,7 +12,7 @@ import inspect
 import re
 import textwrap
 import typing
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +81,22 @@ def load_scenario[T](
             raise ScenarioError(f"override {show(override)} is not of the form key=value", key)
         data = parse(value, f"override {show(override)}", private=True)
         tree = Reader(schema).assign(schema, tree, key.split("."), data)
+    made: T = build(schema, tree)
+    return made
+
+
+def read_scenario[T](schema: type[T], data: Mapping[str, Any], source: str) -> T:
+    """Scenario made of the schema's defaults and a document.
+
+    Args:
+        schema: the dataclass to fill in.
+        data: the document, as `parse` gives it.
+        source: its origin, for errors.
+
+    Raises:
+        ScenarioError: anything wrong with it.
+    """
+    tree = overlay(schema, _schema_defaults(schema), Reader(schema, source).read(schema, data))
     made: T = build(schema, tree)
     return made
 

@@ -19,6 +19,8 @@ from parapod.sims.lab.discovery import find_entry, list_entries
 from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.lab.figures import draw, render
 from parapod.sims.lab.results import print_table
+from parapod.sims.replay.figure import make_figure
+from parapod.sims.replay.replay import open_replays
 from parapod.sims.report.run import list_chapters
 from parapod.systems.core.errors import OutputError, ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
@@ -358,6 +360,29 @@ def test_its_log_has_a_unit_for_every_signal_and_says_how_it_was_made(part, fini
     again = tmp_path / "again.yaml"
     again.write_text(run.log.metadata["scenario"])
     assert load_scenario(type(run.scenario), None, again) == run.scenario
+
+
+@each_part
+def test_its_log_is_replayed_with_its_machine_or_says_in_one_line_why_not(part, finished):
+    run = finished(part)
+    if run.log is None:
+        pytest.skip("it has no log")
+    replay, _ = open_replays(run.log_file, None, (), Console(quiet=True))
+    subject, digest = replay.subject, replay.digest
+    assert replay.plots
+    assert all(curve.signal in digest.lines for plot in replay.plots for curve in plot.curves)
+    assert all(plot.unit and "," not in plot.unit for plot in replay.plots)
+    assert digest.rows == len(run.log.time)
+    if subject.drawn_by:
+        assert not subject.remarks
+        twin = subject.machine.twin(None, subject.machine_scenario())
+        for time, row in (digest.pictures[0], digest.pictures[-1]):
+            twin.show(subject.values(row), time)
+        assert twin.time == digest.pictures[-1][0]
+    else:
+        (remark,) = subject.remarks
+        assert re.fullmatch(r".*\.npz: the machine is not drawn: \S.*", remark)
+    assert make_figure(replay, None).size[1] > 0.0
 
 
 @each_part

@@ -9,8 +9,8 @@ import time
 import numpy as np
 import pytest
 
+from parapod.sims.lab.files import read_log
 from parapod.sims.lab.live_log import LiveLog
-from parapod.sims.lab.mcap import read_mcap
 from parapod.systems.core.errors import OutputError
 
 pytest.importorskip("mcap")
@@ -43,7 +43,7 @@ def test_a_log_is_read_as_it_was_written(path, told):
     with LiveLog(path, UNITS, SIZES, {"scenario": "seed: 1\n"}, told.append) as log:
         for k, t in enumerate(times):
             log.write(t, [extension[k], age[k]])
-    shown = read_mcap(path)
+    shown = read_log(path)
     np.testing.assert_array_equal(shown.time, times)
     np.testing.assert_array_equal(shown.signals["legs.extension"], extension)
     assert np.isnan(shown.signals["status.age"]).all()
@@ -56,7 +56,7 @@ def test_a_log_is_read_as_it_was_written(path, told):
 def test_what_was_written_is_in_the_file_soon(path):
     with LiveLog(path, UNITS, SIZES, {}) as log:
         log.write(0.5, [np.zeros(4), [0.0]])
-        until(lambda: read_mcap(path).time.tolist() == [0.5])
+        until(lambda: read_log(path).time.tolist() == [0.5])
 
 
 # SIGINT is ignored by children of shells without job control, hence the default handler.
@@ -108,7 +108,7 @@ def test_the_log_of_a_program_that_is_ended_is_whole(writer, path, name):
     program.wait(20.0)
     ended = time.time()
     until(lambda: is_over(process))
-    log = read_mcap(path)
+    log = read_log(path)
     assert ended - 1.0 < log.time[-1] <= ended
     assert len(log.signals["b"]) == len(log.time) > 20
     with open(path, "rb") as stream:
@@ -119,14 +119,14 @@ def test_a_process_that_is_killed_is_told_at_once_and_the_program_goes_on(path, 
     log = LiveLog(path, UNITS, SIZES, {}, told.append)
     log.__enter__()
     log.write(0.0, [np.zeros(4), [0.0]])
-    until(lambda: len(read_mcap(path).time) == 1)
+    until(lambda: len(read_log(path).time) == 1)
     os.kill(log.process, signal.SIGKILL)
     until(lambda: log.write(1.0, [np.zeros(4), [0.0]]) or told)
     log.write(2.0, [np.zeros(4), [0.0]])
     with pytest.raises(OutputError, match=r"cannot write .*: its process has ended$"):
         log.__exit__(None, None, None)
     assert len(told) == 1
-    assert read_mcap(path).time[0] == 0.0
+    assert read_log(path).time[0] == 0.0
 
 
 def test_a_disk_that_becomes_full_is_told_at_once(path, told):
@@ -156,7 +156,7 @@ except OutputError as error:
     said, error = done.stdout.splitlines()
     assert said.startswith("told after")
     assert error.endswith("File too large")
-    assert len(read_mcap(path).time) > 10
+    assert len(read_log(path).time) > 10
 
 
 def test_a_disk_that_stands_still_costs_samples_and_no_time(path, told, judge):
@@ -171,7 +171,7 @@ def test_a_disk_that_stands_still_costs_samples_and_no_time(path, told, judge):
     assert log.lost > 1000
     assert "the disk is too slow; samples are left out" in told[0]
     assert told[-1].endswith(f": {log.lost} samples are missing")
-    shown = read_mcap(path)
+    shown = read_log(path)
     assert len(shown.time) == 40_001 - log.lost
     np.testing.assert_array_equal(shown.signals["legs.extension"][1:, 2], shown.time[1:])
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from parapod.sims.cli.main import main
-from parapod.sims.lab.files import Log
-from parapod.sims.lab.mcap import read_mcap
+from parapod.sims.lab.files import Log, read_log
 
 for library in ("canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)
@@ -65,7 +64,7 @@ def stepped(chair):
         said = chair.run_well(*STEP, PATIENT, "--log", log, "--json", metrics)
         share = share_in_time(said)
         if best is None or share > best.share:
-            best = Stepped(share, read_mcap(log), json.loads(metrics.read_text()))
+            best = Stepped(share, read_log(log), json.loads(metrics.read_text()))
         if share >= IN_TIME:
             break
     return best

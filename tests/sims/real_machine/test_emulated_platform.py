@@ -27,7 +27,7 @@ from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.cli.main import main
 from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.lab.mcap import read_mcap
+from parapod.sims.lab.files import read_log
 from parapod.sims.real_machine.job import run_on_hardware
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulation.harness import KINDS
@@ -99,7 +99,7 @@ def test_a_job_on_the_emulated_machine_holds_its_bounds_as_measured(levelled, ma
 
 
 def test_a_job_on_the_emulated_machine_holds_its_bounds_in_truth(levelled, machine):
-    log = read_mcap(levelled.log)
+    log = read_log(levelled.log)
     settled = log.time >= 4.5
     begin = log.metadata["wall_time"] + log.time[settled][0]
     end = log.metadata["wall_time"] + log.time[-1]

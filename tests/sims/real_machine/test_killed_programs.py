@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from parapod.sims.cli.main import main
-from parapod.sims.lab.mcap import read_mcap
+from parapod.sims.lab.files import read_log
 
 for library in ("nidaqmx", "grpc", "canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)
@@ -144,7 +144,7 @@ def test_a_controller_that_is_asked_to_end_leaves_the_machine_neutral(
         assert mcap_reader.make_reader(stream).get_summary() is not None
     stamps, *_ = stamped(path, "legs.extension")
     assert stamps[-1] > at - 0.2
-    assert len(read_mcap(path).time) == len(stamps)
+    assert len(read_log(path).time) == len(stamps)
     # It has ended in peace: the next program knows where the rods are.
     assert main(["check", "legs", "--seconds", "0.1"]) in (0, 1)
     in_time(neutral, 1.0, f"neutral after {name} [s]")
@@ -182,7 +182,7 @@ def test_the_loop_keeps_its_rate_while_a_bus_is_stalled(
 def test_the_log_of_a_killed_controller_is_readable_up_to_the_last_second(machine, stamped):
     path = machine.directory / "killed.mcap"
     at = killed(levelling(machine, "--log", path))
-    log = read_mcap(path)
+    log = read_log(path)
     last = log.metadata["wall_time"] + log.time[-1]
     assert at - 1.0 < last < at + 0.1
     assert len(log.signals["legs.extension"]) == len(log.time) > 50

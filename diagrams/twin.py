@@ -1,0 +1,120 @@
+"""Drawing of a machine by its signals alone, outside of any simulation."""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import PassThrough
+
+from parapod.diagrams.wiring import add
+from parapod.systems.core.errors import WiringError
+
+MEASURED, DESIRED = "measured", "desired"
+PALE = 0.25  # opacity of what is only asked for
+
+
+class Twin:
+    """Drawing of a machine as its signals tell it, beside one of what it is asked for.
+
+    A machine's own class adds both to `builder` under the paths `path(MEASURED)` and
+    `path(DESIRED)`, with `input` for what they follow, calls `finish`, and defines `show`, which
+    ends with `_publish`.
+
+    Attributes:
+        signals: names of the signals that it is drawn by; a loop need not have all of them.
+        needed: those of them without which nothing can be drawn.
+        stand_ins: signals that take the place of needed ones in a recording that lacks these.
+        meshcat: the scene; None: only the bodies' poses are computed, see `scene_graphs`.
+        builder: of its diagram, until `finish`.
+        time: of the newest drawing [s].
+    """
+
+    signals: ClassVar[frozenset[str]]
+    needed: ClassVar[frozenset[str]]
+    stand_ins: ClassVar[Mapping[str, str]] = {}
+
+    def __init__(self, meshcat: Meshcat | None, scenario: Any, prefix: str = ""):
+        """Draws nothing yet.
+
+        Args:
+            meshcat: the scene, or None.
+            scenario: of the machine.
+            prefix: of its paths there, where it is a guest in another machine's scene and has
+                surroundings already.
+        """
+        self.meshcat, self._prefix = meshcat, prefix
+        self.builder, self.time = DiagramBuilder(), 0.0
+        self._diagram: Diagram
+        self._context: Context
+
+    def path(self, drawing: str) -> str:
+        """Path of one of its drawings in the scene."""
+        return self._prefix + drawing
+
+    @property
+    def is_guest(self) -> bool:
+        """Whether it is drawn in the scene of another machine."""
+        return bool(self._prefix)
+
+    def input(self, name: str, size: int) -> OutputPort:
+        """Adds what a drawing follows; `_publish` is given it by this name."""
+        through = add(self.builder, PassThrough(size), f"shown_{name}")
+        self.builder.ExportInput(through.get_input_port(), name)
+        return through.get_output_port()
+
+    def finish(self) -> None:
+        """Builds the diagram."""
+        self._diagram = self.builder.Build()
+        self._context = self._diagram.CreateDefaultContext()
+
+    def show(self, values: Mapping[str, NDArray[Any]], time: float = 0.0) -> None:
+        """Draws the newest values, of those of the signals that there are.
+
+        Values of which too little is known, or not finite, leave the last picture.
+
+        Args:
+            values: by signal.
+            time: of a recording of the scene [s].
+
+        Raises:
+            WiringError: values of another machine, or of another scenario.
+        """
+        raise NotImplementedError(f"{type(self).__name__} does not define show")
+
+    def knows(self, values: Mapping[str, NDArray[Any]]) -> bool:
+        """Whether all that it needs is finite."""
+        return all(np.isfinite(values[name]).all() for name in self.needed)
+
+    def _publish(self, values: Mapping[str, ArrayLike], time: float) -> None:
+        """Draws what the inputs have."""
+        self.time = time
+        self._context.SetTime(time)
+        for name, value in values.items():
+            self._fix(name, value)
+        self._diagram.ForcedPublish(self._context)
+        if self.meshcat is not None:
+            self.meshcat.SetProperty(self.path(DESIRED), "modulated_opacity", PALE)
+
+    def _fix(self, name: str, value: ArrayLike) -> None:
+        """Lets a drawing follow a value.
+
+        Raises:
+            WiringError: a signal of another machine, or of another scenario.
+        """
+        port, array = self._diagram.GetInputPort(name), np.asarray(value, dtype=float)
+        if array.shape != (port.size(),):
+            raise WiringError(
+                f"{name} of the drawing has {port.size()} elements, the signal {array.size}"
+            )
+        port.FixValue(self._context, array)
+
+    def scene_graphs(self) -> dict[str, tuple[SceneGraph, Context]]:
+        """The scene graph of each drawing, with its context as it was shown last."""
+        found = {}
+        for drawing in (MEASURED, DESIRED):
+            graph: Any = self._diagram.GetSubsystemByName(f"drawing_of_{self.path(drawing)}")
+            found[drawing] = (graph, graph.GetMyContextFromRoot(self._context))
+        return found

@@ -1,0 +1,190 @@
+"""The machine that a log is of, as far as this parapod knows it."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from parapod.diagrams.drivers.external import load_installed_drivers
+from parapod.sims.lab.discovery import find_experiment
+from parapod.sims.lab.thinning import Floats
+from parapod.systems.core.errors import ParapodError, ScenarioError
+from parapod.systems.core.quoting import printable
+from parapod.systems.core.scenario_file import parse, read_scenario
+
+if TYPE_CHECKING:
+    from parapod.diagrams.machine import Machine
+    from parapod.sims.lab.experiment import Experiment
+
+
+@dataclass
+class Subject:
+    """Experiment and machine of a log.
+
+    Attributes:
+        label: name of the log in sentences.
+        shapes: shape of one sample of each signal, by port name.
+        metadata: data about the run.
+        experiment: the experiment; None where the log names none that is installed.
+        scenario: its scenario, or the machine's; None where it is not admissible here.
+        machine: the machine in that scenario, or None.
+        undrawn: reason for which the machine is not drawn; empty where it is.
+        remarks: sentences on what differs from what a log of this parapod has.
+    """
+
+    label: str
+    shapes: Mapping[str, tuple[int, ...]]
+    metadata: Mapping[str, Any]
+    experiment: "Experiment[Any, Any] | None" = None
+    scenario: Any = None
+    machine: "Machine[Any] | None" = None
+    undrawn: str = ""
+    remarks: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(
+        cls,
+        label: str,
+        shapes: Mapping[str, tuple[int, ...]],
+        metadata: Mapping[str, Any],
+        is_drawn: bool = True,
+    ) -> "Subject":
+        """Finds out what a log is of; anything that is missing is told.
+
+        Args:
+            label: name of the log in sentences.
+            shapes: shape of one sample of each signal, by port name.
+            metadata: data about the run.
+            is_drawn: whether somebody wants to see the machine.
+        """
+        made = cls(label, shapes, metadata)
+        try:
+            made._find()
+        except ParapodError as error:
+            made.undrawn = str(error)
+        if not is_drawn:
+            made.undrawn = "nobody has asked for it"
+        elif made.undrawn:
+            made.give_up(made.undrawn)
+        return made
+
+    def give_up(self, reason: str) -> None:
+        """Has the machine not drawn, for a reason that is told."""
+        self.undrawn = reason
+        self.remarks.append(f"{self.label}: the machine is not drawn: {reason}")
+
+    @property
+    def name(self) -> str:
+        """Name of the experiment, as the log tells it."""
+        return printable(self.metadata.get("experiment", "")) or "unknown experiment"
+
+    @property
+    def title(self) -> str:
+        """Experiment and machine."""
+        return f"{self.name}: {self.machine.title}" if self.machine is not None else self.name
+
+    @property
+    def drawn_by(self) -> dict[str, str]:
+        """By signal of the drawing, the one in the log that tells it."""
+        if self.undrawn or self.machine is None or self.machine.twin is None:
+            return {}
+        twin, there = self.machine.twin, self.shapes
+        by_itself = {name: name for name in sorted(twin.signals) if name in there}
+        instead = {n: other for n, other in twin.stand_ins.items() if n not in there}
+        return by_itself | instead
+
+    @property
+    def phase(self) -> tuple[str, tuple[str, ...]] | None:
+        """The first signal that tells phases, and their names."""
+        table = {} if self.machine is None else self.machine.table
+        for name in self.shapes:
+            if name in table and table[name].names:
+                return name, table[name].names
+        return None
+
+    @property
+    def limits(self) -> Mapping[str, tuple[float | None, float | None]]:
+        """Smallest and largest admissible value of signals."""
+        if self.experiment is None or not isinstance(self.scenario, self.experiment.schema):
+            return {}
+        return self.experiment.limits(self.scenario)
+
+    @property
+    def facts(self) -> Iterator[str]:
+        """Origin of the log, in a few words each."""
+        settings = self.scenario
+        if settings is not None:
+            yield f"backend {settings.backend}"
+            yield f"seed {settings.seed}"
+        made = self.metadata.get("parapod")
+        if made:
+            yield f"parapod {printable(made)}"
+        began = self.metadata.get("wall_time", 0.0)
+        if began > 1e9:  # of a clock on a wall, not of a simulation
+            yield np.datetime64(int(began), "s").item().strftime("%Y-%m-%d %H:%M:%S UTC")
+
+    def values(self, row: Mapping[str, Floats]) -> dict[str, Floats]:
+        """Samples of the log by the names that the drawing has for them."""
+        return {name: row[source] for name, source in self.drawn_by.items()}
+
+    def machine_scenario(self) -> Any:
+        """The machine's part of the scenario."""
+        experiment: Any = self.experiment
+        if isinstance(self.scenario, experiment.schema):
+            return experiment.machine_scenario(self.scenario)
+        return self.scenario
+
+    def _find(self) -> None:
+        metadata, here = self.metadata, version("parapod")
+        if "experiment" not in metadata:
+            self.undrawn = "the log does not tell its experiment"
+            return
+        made = str(metadata.get("parapod", ""))
+        if made != here:
+            self.remarks.append(
+                f"{self.label} was written by parapod {printable(made) or 'unknown'}, "
+                f"this is {here}"
+            )
+        self.experiment = find_experiment(str(metadata["experiment"]))
+        machine: Machine[Any] | None = getattr(self.experiment, "machine", None)
+        if machine is None:
+            self.undrawn = f"'{self.name}' runs no closed loop of a machine"
+            return
+        self.machine = machine
+        self.scenario = self._read_scenario(machine)
+        self.machine = machine.of(self.machine_scenario())
+        if machine.twin is None:
+            self.undrawn = f"{machine.title} has no drawing"
+            return
+        there = self.shapes
+        stand_ins = machine.twin.stand_ins
+        missing = [n for n in machine.twin.needed if not {n, stand_ins.get(n)} & set(there)]
+        if missing:
+            self.undrawn = f"the log has no {', '.join(sorted(missing))}"
+        for name in set(self.drawn_by.values()) & set(self.machine.table):
+            size, declared = int(np.prod(self.shapes[name])), self.machine.table[name].size
+            if declared and size != declared:
+                self.undrawn = f"its {name} has {size} elements, {machine.title}'s {declared}"
+
+    def _read_scenario(self, machine: "Machine[Any]") -> Any:
+        """The scenario; of hardware's drivers, which need not be known here, nothing is needed.
+
+        Raises:
+            ScenarioError: it is admissible neither for the experiment nor for its machine.
+        """
+        assert self.experiment is not None
+        load_installed_drivers()
+        source = f"the scenario in {self.label}"
+        data = parse(str(self.metadata.get("scenario", "")), source) or {}
+        if isinstance(data, dict):
+            data = {key: value for key, value in data.items() if key != "hardware"}
+            if isinstance(data.get("machine"), dict):
+                data["machine"] = {k: v for k, v in data["machine"].items() if k != "hardware"}
+        try:
+            return read_scenario(self.experiment.schema, data, source)
+        except ScenarioError:
+            if machine.scenario is self.experiment.schema:
+                raise
+            return read_scenario(machine.scenario, data, source)

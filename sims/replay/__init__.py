@@ -1,0 +1,1 @@
+"""Replay: logs of simulated and real machines, drawn and plotted."""

@@ -1,0 +1,117 @@
+"""Recording of a machine in the browser's scene, drawn from logs."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Console
+
+from parapod.diagrams.twin import DESIRED, MEASURED, PALE
+from parapod.sims.lab.progress import counted
+from parapod.sims.lab.subject import Subject
+from parapod.sims.replay.digest import Digest
+from parapod.sims.replay.replay import Replay
+from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.quoting import printable
+
+if TYPE_CHECKING:
+    from pydrake.geometry import Meshcat
+
+    from parapod.diagrams.twin import Twin
+
+_OTHER = "other_"
+_ROOT = "/drake/"  # of paths in Meshcat's scene
+_TRANSLUCENT = 0.4  # opacity
+_FASTEST = 64.0  # pictures a second
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Meshcat's page with a recording.
+
+    Attributes:
+        page: the page.
+        pale: opacity of what is under a path. Meshcat's page forgets it: it takes the property of
+            a path before there is anything under it.
+    """
+
+    page: str
+    pale: Mapping[str, float]
+
+
+def record(replay: Replay, against: Replay | None, begin: float, console: Console) -> Scene | None:
+    """The scene in which the machine moves as its log tells.
+
+    Args:
+        replay: a log.
+        against: another one whose machine is drawn translucent, or None.
+        begin: time in the logs at which the recording begins [s].
+        console: console for progress.
+
+    Returns:
+        The scene; None where no machine can be drawn.
+    """
+    shown = [each for each in (replay, against) if each is not None and each.subject.drawn_by]
+    if not shown:
+        return None
+    host = shown[0].subject
+    experiment: Any = host.experiment
+    meshcat = experiment.scene(_scene_scenario(host))
+    rate = min(_FASTEST, max(_rate(each.digest) for each in shown))
+    meshcat.StartRecording(rate)
+    pale: dict[str, float] = {}
+    drawn = 0
+    for number, each in enumerate(shown):
+        prefix = _OTHER if number else ""
+        try:
+            _draw(each, meshcat, prefix, begin, rate, console)
+        except (ParapodError, RuntimeError, ValueError) as error:  # of Drake and numpy, too
+            each.subject.give_up(printable(error))
+            for drawing in (MEASURED, DESIRED):
+                meshcat.Delete(prefix + drawing)
+            continue
+        drawn += 1
+        pale[f"{_ROOT}{prefix}{DESIRED}"] = PALE
+        if against is not None:  # translucent is the other machine, not what is asked for
+            meshcat.SetProperty(prefix + DESIRED, "visible", False)
+        if each is against:
+            pale[f"{_ROOT}{prefix}{MEASURED}"] = _TRANSLUCENT
+    meshcat.StopRecording()
+    meshcat.PublishRecording()
+    return Scene(meshcat.StaticHtml(), pale) if drawn else None
+
+
+def _draw(
+    replay: Replay, meshcat: "Meshcat", prefix: str, begin: float, rate: float, console: Console
+) -> None:
+    """Draws one log's machine.
+
+    Raises:
+        ParapodError: its signals are not those of the machine.
+    """
+    subject: Any = replay.subject
+    pictures = replay.digest.pictures
+    twin: Twin = subject.machine.twin(meshcat, subject.machine_scenario(), prefix)
+    with counted(console, f"drawing {subject.label}", len(pictures)) as report:
+        for done, (time, row) in enumerate(pictures):
+            # In the middle of a frame, so that no rounding puts two into one.
+            frame = round((time - begin) * rate)
+            twin.show(subject.values(row), (frame + 0.5) / rate)
+            report(done)
+
+
+def _scene_scenario(subject: Subject) -> Any:
+    """Scenario for the scene; its experiment's default where the log has the machine's only."""
+    experiment: Any = subject.experiment
+    if isinstance(subject.scenario, experiment.schema):
+        return subject.scenario
+    return experiment.schema()
+
+
+def _rate(digest: Digest) -> float:
+    """Pictures a second of a digest."""
+    times = np.array([time for time, _ in digest.pictures])
+    step = float(np.median(np.diff(times))) if len(times) > 1 else math.inf
+    return 1.0 / step if step > 0.0 else _FASTEST

@@ -1,0 +1,189 @@
+"""Choice of plots: which elements of which signals share one, in the units that people read."""
+
+import math
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from parapod.sims.lab.stored_log import StoredLog
+from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.quoting import did_you_mean, quoted, quoted_path
+
+if TYPE_CHECKING:
+    from parapod.diagrams.machine import Machine
+
+_ASKED = re.compile(r"(?P<name>[^\[\]+]+)(?:\[(?P<first>\d+)(?::(?P<end>\d+))?\])?")
+# As people read them, and by how much the number is then larger.
+_READ = {
+    "m": ("mm", 1e3),
+    "m/s": ("mm/s", 1e3),
+    "rad": ("deg", math.degrees(1.0)),
+    "rad/s": ("deg/s", math.degrees(1.0)),
+}
+_NAMED = 20  # signals in a sentence
+# Plots of a log for which nothing is declared.
+_USUAL = 4
+
+
+class NoSignal(ParapodError):
+    """A signal, or an element of one, that a log does not have."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One element of a signal.
+
+    Attributes:
+        signal: name of its port.
+        element: its index.
+        label: the name, with the index where there are several.
+    """
+
+    signal: str
+    element: int
+    label: str
+
+
+@dataclass(frozen=True)
+class Plot:
+    """Curves of one unit.
+
+    Attributes:
+        curves: the curves.
+        unit: unit in which they are drawn.
+        factor: number in `unit` of one in the log's unit.
+        limits: smallest and largest admissible values, in `unit`.
+    """
+
+    curves: tuple[Curve, ...]
+    unit: str
+    factor: float = 1.0
+    limits: tuple[float, ...] = field(default=())
+
+    @property
+    def legend(self) -> tuple[str, ...]:
+        """Labels of the curves; further elements of a signal are told by their index."""
+        before = ("", *(curve.signal for curve in self.curves))
+        return tuple(
+            curve.label.removeprefix(last)
+            for curve, last in zip(self.curves, before, strict=False)
+        )
+
+    def is_first(self, curve: Curve) -> bool:
+        """Whether a curve is of the first of several signals."""
+        first = self.curves[0].signal
+        return curve.signal == first != self.curves[-1].signal
+
+    @property
+    def axis(self) -> str:
+        """Label of its axis: the quantity, with the unit."""
+        names = list(dict.fromkeys(curve.signal for curve in self.curves))
+        return f"{names[0]} [{self.unit}]" if len(names) == 1 else f"[{self.unit}]"
+
+
+def unit_of(unit: str, element: int) -> str:
+    """Unit of one element, of the unit that a port declares."""
+    units = [each.strip() for each in unit.split(",")]
+    return units[element % len(units)]
+
+
+def choose(
+    log: StoredLog,
+    asked: Sequence[str],
+    limits: Mapping[str, tuple[float | None, float | None]],
+) -> list[Plot]:
+    """The plots that somebody has asked for.
+
+    Args:
+        log: the log.
+        asked: `signal`, `signal[0]` or `signal[0:3]`, several joined by +; elements of different
+            units become plots of their own.
+        limits: smallest and largest admissible value of signals, in their unit.
+
+    Raises:
+        NoSignal: names those that there are, and one that is near.
+    """
+    plots = []
+    for text in asked:
+        by_unit: dict[str, list[Curve]] = {}
+        for each in text.split("+"):
+            for curve in _curves(log, each.strip()):
+                unit = unit_of(log.units[curve.signal], curve.element)
+                by_unit.setdefault(unit, []).append(curve)
+        plots += [_plot(tuple(curves), unit, limits) for unit, curves in by_unit.items()]
+    return plots
+
+
+def parse(asked: str) -> tuple[str, range | None] | None:
+    """Name and elements of `signal`, `signal[0]` or `signal[0:3]`; None elements: all of them.
+
+    Args:
+        asked: the text.
+
+    Returns:
+        None where the text is nothing of the kind.
+    """
+    found = _ASKED.fullmatch(asked.strip())
+    if found is None:
+        return None
+    if found["first"] is None:
+        return found["name"], None
+    first = int(found["first"])
+    return found["name"], range(first, int(found["end"]) if found["end"] else first + 1)
+
+
+def usual(log: StoredLog, machine: "Machine[Any] | None", signals: Sequence[str]) -> list[str]:
+    """Plots for which nobody has asked: the machine's usual ones, as far as the log has them.
+
+    Args:
+        log: the log.
+        machine: the machine, or None.
+        signals: those that the experiment measures, for a log that has none of the usual ones.
+    """
+    found = []
+    for text in machine.plots if machine is not None else ():
+        there = [each for each in text.split("+") if _name(each) in log.shapes]
+        if there:
+            found.append("+".join(there))
+    if found:
+        return found
+    return ([name for name in signals if name in log.shapes] or [*log.shapes])[:_USUAL]
+
+
+def _name(asked: str) -> str:
+    return asked.partition("[")[0]
+
+
+def _curves(log: StoredLog, asked: str) -> Iterator[Curve]:
+    name, elements = parse(asked) or (asked, None)
+    if name not in log.shapes:
+        hint, known = did_you_mean(name, log.shapes), _named(name, log.shapes)
+        raise NoSignal(
+            f"{quoted_path(log.path)} has no signal {quoted(name)}{hint}; there are: {known}"
+        )
+    size = log.size(name)
+    elements = range(size) if elements is None else elements
+    if not elements or elements[-1] >= size:
+        last = f"elements 0 to {size - 1}" if size > 1 else "element 0 only"
+        raise NoSignal(f"{quoted(name)} has {last}, not {quoted(asked.removeprefix(name))}")
+    for element in elements:
+        yield Curve(name, element, f"{name}[{element}]" if size > 1 else name)
+
+
+def _named(asked: str, names: Collection[str]) -> str:
+    """Names that there are, those of the same part first; of many the first."""
+    part = asked.partition(".")[0]
+    by_part = sorted(names, key=lambda name: name.partition(".")[0] != part)
+    more = len(by_part) - _NAMED
+    return ", ".join(by_part[:_NAMED]) + (f" and {more} more" if more > 0 else "") or "none"
+
+
+def _plot(
+    curves: tuple[Curve, ...],
+    unit: str,
+    limits: Mapping[str, tuple[float | None, float | None]],
+) -> Plot:
+    shown, factor = _READ.get(unit, (unit or "-", 1.0))
+    ends = {end for curve in curves for end in limits.get(curve.signal, ()) if end is not None}
+    return Plot(curves, shown, factor, tuple(factor * end for end in sorted(ends)))

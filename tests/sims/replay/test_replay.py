@@ -1,0 +1,262 @@
+"""Logs on a page and in figures, through the command."""
+
+import base64
+import gzip
+import json
+import re
+import urllib.error
+import urllib.request
+from threading import Thread
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from parapod.diagrams.machine import find_machine
+from parapod.sims.cli.main import main
+from parapod.sims.lab.files import write_experiment_log
+from parapod.sims.replay import digest as digests
+from parapod.sims.replay.replay import near_limits, open_replays
+from parapod.sims.replay.serve import PageServer
+
+pytest.importorskip("plotly")
+MACHINE = find_machine("machining_center")
+COUNT = 40
+
+
+def write(
+    path, experiment="center-walk", left_out=(), shift=0.0, backend="kinematic", count=COUNT
+):
+    """A log of a centre whose platform rises through three phases."""
+    scenario = MACHINE.scenario(backend="kinematic")
+    limbs, time = scenario.limbs, 0.1 * np.arange(count)
+    pose = np.tile([0.0, 0.0, 0.5, 0.0, 0.0, 0.0], (count, 1))
+    pose[:, 2] += 0.01 * np.arange(count) / COUNT + shift
+    angles = 2.0 * np.pi * np.arange(limbs) / limbs
+    feet = np.zeros((limbs, 6))
+    feet[:, 0], feet[:, 1], feet[:, 5] = 0.4 * np.cos(angles), 0.4 * np.sin(angles), angles
+    signals = {
+        "pose_estimated": pose,
+        "pose_desired": pose + 0.001,
+        "feet_estimated": np.tile(feet.ravel(), (count, 1)),
+        "legs.position": 0.5 + 0.0 * np.zeros((count, 2 * limbs)),
+        "phase": (np.arange(count) // (count // 3 + 1) + 1.0)[:, None],
+    }
+    units = {name: (each, MACHINE.unit(name)) for name, each in signals.items()}
+    kept = {name: each for name, each in units.items() if name not in left_out}
+    write_experiment_log(path, "center-walk", scenario, time, kept)
+    return path
+
+
+@pytest.fixture
+def log(work):
+    return write(work / "walk.npz")
+
+
+def page_of(path):
+    """Content, and Meshcat's page, of a page."""
+    text = path.read_text()
+    assert not re.search(r"<script[^>]*\bsrc=|<link[^>]*\bhref=\"(?!data:)", text)
+    (content,) = re.findall(r'<script type="application/json" id="content">(.*?)</script>', text)
+    packed = re.findall(r'<script type="text/plain" id="meshcat">(.*?)</script>', text)
+    scene = gzip.decompress(base64.b64decode(packed[0])).decode() if packed else None
+    return text, json.loads(content), scene
+
+
+def numbers(array):
+    return np.frombuffer(base64.b64decode(array["bdata"]), f"<{array['dtype']}")
+
+
+def test_a_page_has_the_machine_its_plots_and_its_phases(log, capsys):
+    assert main(["replay", str(log), "--html", "walk.html"]) == 0
+    assert capsys.readouterr().out == "wrote walk.html\n"
+    text, content, scene = page_of(log.with_suffix(".html"))
+    assert "<title>center-walk: the machining centre - parapod</title>" in text
+    assert "set_animation" in scene or "setAnimation" in scene or len(scene) > 2e6
+    assert (content["begin"], content["end"]) == (0.0, pytest.approx(3.9))
+    names = [phase["name"] for phase in content["phases"]]
+    assert names == ["machining", "reconfiguration", "lock"]
+    assert content["phases"][0]["end"] == content["phases"][1]["begin"] == pytest.approx(1.4)
+    height = next(each for each in content["traces"] if each["hovertemplate"].count("ated[2]"))
+    np.testing.assert_allclose(numbers(height["x"]), 0.1 * np.arange(COUNT))
+    np.testing.assert_allclose(numbers(height["y"]), 500.0 + 10.0 * np.arange(COUNT) / COUNT, 1e-6)
+    assert "mm" in height["hovertemplate"]
+    titles = [content["layout"][f"yaxis{k}"]["title"]["text"] for k in ("", 2, 3)]
+    assert titles == ["[mm]", "[deg]", "[mm]"]
+
+
+def test_two_logs_share_a_scene_and_the_other_one_is_dashed_and_translucent(log, capsys):
+    other = write(log.with_name("other.csv"), shift=0.02, left_out=["legs.position"])
+    assert main(["replay", str(log), "--against", str(other), "--html", "both.html"]) == 0
+    assert "other.csv has no legs.position[0]" in capsys.readouterr().err
+    _, content, scene = page_of(log.with_name("both.html"))
+    dashes = [trace["line"]["dash"] for trace in content["traces"]]
+    assert dashes.count("solid") == 18
+    assert len(dashes) == 18 + 12
+    first, second = (
+        [t for t in content["traces"] if t["legendgroup"] == "1 pose_estimated[2]"][k]
+        for k in range(2)
+    )
+    assert first["line"]["color"] == second["line"]["color"]
+    difference = numbers(second["y"]) - numbers(first["y"])
+    np.testing.assert_allclose(difference, 20.0, rtol=1e-4)
+    assert content["pale"]["/drake/other_measured"] == 0.4
+    assert scene is not None
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ("pose_estimatd", r"has no signal 'pose_estimatd' \(did you mean pose_estimated\?\); .*"),
+        ("pose_estimated[6]", r"'pose_estimated' has elements 0 to 5, not '\[6\]'"),
+        ("pose_estimated[2:2]", r"'pose_estimated' has elements 0 to 5, not '\[2:2\]'"),
+        ("phase[1]", r"'phase' has element 0 only, not '\[1\]'"),
+        ("pose_estimated+nothing", r"has no signal 'nothing'; there are: pose_estimated, .*"),
+    ],
+)
+def test_a_signal_that_is_not_there_is_refused_with_those_that_are(log, asked, words, capsys):
+    for command in (
+        ["replay", str(log), "--plot", asked, "--html", "a.html"],
+        ["plot", str(log), asked],
+    ):
+        assert main(command) == 2
+        line = capsys.readouterr().err
+        assert re.fullmatch(rf"parapod: error: .*{words}\n", line)
+    assert [path.name for path in log.parent.iterdir()] == ["walk.npz"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"parapod": "9.9"}, r"walk\.npz was written by parapod 9\.9, this is .*"),
+        (
+            {"experiment": "ballet"},
+            r".* not drawn: there is no experiment 'ballet'; .*",
+        ),
+        ({"experiment": None}, r".* not drawn: the log does not tell its experiment"),
+        ({"experiment": "center-locks"}, r".* not drawn: .*"),
+        ({"scenario": "limbs: 3\nlegz: 1\n"}, r".* not drawn: .*unknown key 'legz'.*"),
+        ({"scenario": "backend: kinematic\nhardware: {drivers: [!Alien {}]}\n"}, r""),
+        (
+            {"scenario": "backend: kinematic\nlimbs: 4\n"},
+            r".* not drawn: \S+ of the drawing has \d+ .*",
+        ),
+    ],
+)
+def test_a_log_from_elsewhere_is_shown_as_far_as_it_can_be(log, change, words, capsys):
+    with np.load(log) as archive:
+        arrays = dict(archive)
+    metadata = {**json.loads(str(arrays.pop("metadata"))), **change}
+    metadata = {name: value for name, value in metadata.items() if value is not None}
+    np.savez(log, metadata=np.array(json.dumps(metadata)), **arrays)
+    assert main(["replay", str(log), "--html", "walk.html"]) == 0
+    said = capsys.readouterr().err
+    assert re.fullmatch(f"parapod: {words}\n" if words else "", said)
+    _, content, scene = page_of(log.with_suffix(".html"))
+    assert content["traces"]
+    assert (scene is None) == ("not drawn" in words)
+
+
+def test_a_log_without_what_it_is_drawn_by_says_so(work, capsys):
+    log = write(work / "walk.mcap", left_out=["feet_estimated"])
+    assert main(["replay", str(log), "--html", "walk.html"]) == 0
+    assert capsys.readouterr().err == (
+        "parapod: walk.mcap: the machine is not drawn: the log has no feet_estimated\n"
+    )
+
+
+def test_a_log_that_is_cut_off_says_how_far_it_goes(work, capsys):
+    log = write(work / "walk.mcap")
+    content = log.read_bytes()
+    log.write_bytes(content[: content.index(b"/scene") * 2 // 3])
+    assert main(["replay", str(log), "--html", "walk.html"]) == 0
+    said = capsys.readouterr().err
+    (end,) = re.fullmatch(
+        r"parapod: walk\.mcap is cut off; it is shown up to ([\d.]+) s\n", said
+    ).groups()
+    _, page, _ = page_of(work / "walk.html")
+    assert page["end"] == pytest.approx(float(end))
+    assert page["end"] < 3.9
+
+
+def test_times_without_a_sample_are_refused_with_those_that_have_some(log, capsys):
+    assert main(["plot", str(log), "--between", "7", "8"]) == 2
+    assert (
+        "has no sample from 7 to 8 s; its samples are from 0 to 3.9 s" in capsys.readouterr().err
+    )
+    replay, _ = open_replays(log, None, (), Console(quiet=True), between=(1.0, 2.0))
+    assert (replay.digest.begin, replay.digest.end) == (1.0, 2.0)
+
+
+def test_a_long_log_is_thinned_keeps_a_spike_and_says_so(work, monkeypatch, capsys):
+    monkeypatch.setattr(digests, "_BUCKETS", 20)
+    monkeypatch.setattr(digests, "_PICTURES", 16)
+    log = write(work / "walk.npz", count=1000)
+    with np.load(log) as archive:
+        arrays = dict(archive)
+    arrays["legs.position"][617, 3] = 0.7
+    np.savez(log, **arrays)
+    replay, _ = open_replays(log, None, ["legs.position"], Console(quiet=True))
+    line = replay.digest.lines["legs.position"]
+    assert len(line.time) < 100
+    assert line.values[:, 3].max() == 0.7
+    pictures = [time for time, _ in replay.digest.pictures]
+    assert 8 <= len(pictures) <= 16
+    np.testing.assert_allclose(np.diff(pictures), 6.4)
+    remark, drawn = replay.remarks
+    assert drawn == "walk.npz: the machine is drawn every 6.4 s"
+    assert "1000 samples; curves show smallest and largest values of each 64 of them" in remark
+
+
+@pytest.mark.parametrize("suffix", ["svg", "png", "pdf"])
+def test_a_plot_is_a_figure_with_units_limits_and_phases(work, suffix, capsys):
+    path = write(work / "walk.npz")
+    assert main(["plot", str(path), "pose_estimated[2]", "--out", f"a.{suffix}"]) == 0
+    content = (work / f"a.{suffix}").read_bytes()
+    starts = {"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}
+    assert content.startswith(starts[suffix])
+    if suffix == "svg":
+        for words in (
+            "pose_estimated [mm]",
+            "time [s]",
+            "machining",
+            "walk.npz (backend kinematic",
+        ):
+            assert words in content.decode()
+
+
+def test_limits_of_the_machine_are_drawn(work):
+    platform = find_machine("levelling_platform")
+    extension = np.linspace(0.39, 0.41, 5)[:, None] * np.ones(4)
+    path = work / "level.npz"
+    signals = {"legs.extension": (extension, "m"), "imu.gyro": (extension[:, :3], "rad/s")}
+    write_experiment_log(path, "level", platform.scenario(), np.arange(5), signals)
+    replay, _ = open_replays(path, None, ["legs.extension", "imu.gyro"], Console(quiet=True))
+    legs, gyro = replay.plots
+    assert (legs.unit, gyro.unit) == ("mm", "deg/s")
+    assert legs.limits == pytest.approx((380.0, 460.0))
+    assert gyro.limits == pytest.approx((-1000.0, 1000.0), rel=1e-3)
+    assert near_limits([replay], 0) == pytest.approx([380.0])  # 460 mm is far from 390..410
+    assert near_limits([replay], 1) == []
+
+
+def test_without_a_screen_no_window_is_opened_and_a_file_is_asked_for(log, monkeypatch, capsys):
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    assert main(["plot", str(log)]) == 2
+    assert re.search(
+        r"no window can be opened: .*; name a file with --out", capsys.readouterr().err
+    )
+
+
+def test_a_page_is_served_to_this_computer_only():
+    with PageServer("<p>walk</p>") as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        with urllib.request.urlopen(server.url) as answer:
+            assert answer.read() == b"<p>walk</p>"
+        stranger = urllib.request.Request(server.url, headers={"Host": "evil.example"})
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(stranger)
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(f"{server.url}/other")
+        server.shutdown()
