@@ -82,6 +82,26 @@ def closed_loop(
     return built
 
 
+def viewer(scenario: Any) -> Meshcat:
+    """The scene of a scenario's experiment, in which a closed loop can be drawn.
+
+    Its camera is where the whole machine is seen; `Scene.of(viewer)` shows it in a notebook.
+
+    Args:
+        scenario: from `scenario`, or a machine's own.
+
+    Raises:
+        ScenarioError: a scenario that is not admissible.
+        ParapodError: an experiment that shows nothing.
+    """
+    experiment = _experiment_of(scenario)
+    check(scenario)
+    made: Meshcat | None = experiment.scene(scenario) if hasattr(experiment, "scene") else None
+    if made is None:
+        raise ParapodError(f"the experiment '{experiment.name}' has no scene")
+    return made
+
+
 def run(experiment: Any, *overrides: str, quiet: bool = False, **values: Any) -> Result:
     """Runs an experiment; the result shows its table and figures in a notebook.
 
