@@ -17,7 +17,6 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import (
     ConstantVectorSource,
-    LogVectorOutput,
     TrajectorySource,
     VectorLogSink,
 )
@@ -75,9 +74,11 @@ class Alone(Diagram):
         }
         shown = {**driven, **dict(_vectors(system))}
         self._units = {name: unit for name, unit in _units(system).items() if name in shown}
-        self.logs: dict[str, VectorLogSink] = {
-            name: LogVectorOutput(port, builder, period) for name, port in shown.items()
-        }
+        self.logs: dict[str, VectorLogSink] = {}
+        for name, port in shown.items():
+            # Not `LogVectorOutput`, whose sink would never let go of the diagram.
+            self.logs[name] = add(builder, VectorLogSink(port.size(), period), f"log.{name}")
+            connect(builder, port, self.logs[name].get_input_port())
         builder.BuildInto(self)
         self.set_name(f"{system.get_name()} alone")
 

@@ -165,8 +165,8 @@ def _crossing(x: NDArray[np.float64], y: NDArray[np.float64], level: float) -> f
 def inclination_loop(scenario: LevellingScenario, gain_scale: float = 1.0) -> Diagram:
     """The open loop as a diagram, which begins at the level posture.
 
-    Input `attitude` (2) [rad]: the measured roll and pitch. Output `posture` (3) [rad, rad, m]: what
-    the legs make of them. Roll and pitch led back to the input close the loop.
+    Input `attitude` (2) [rad]: the measured roll and pitch. Output `posture` (3) [rad, rad, m]:
+    what the legs make of them. Roll and pitch led back to the input close the loop.
 
     Args:
         scenario: its ground, height and control part are used.

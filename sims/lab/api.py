@@ -64,7 +64,8 @@ def closed_loop(
     Args:
         scenario: from `scenario`, or a machine's own.
         meshcat: scene in which the machine is drawn; None for no drawing.
-        plant: a LeafSystem or Diagram of your own with the station's ports, in its place.
+        plant: a LeafSystem or Diagram of your own in the station's place, with those of its ports
+            that controller and commands need.
         controller: a system of your own in place of the controller.
 
     Raises:
