@@ -54,14 +54,18 @@ class Recording(Mapping[str, Floats]):
         return f"<Recording of {len(self.signals)} signals, {self.time.size} samples, {ends}>"
 
     def _repr_html_(self) -> str:
-        """A table of the signals, for notebooks."""
+        """A table of the signals that folds out, for notebooks."""
         rows = "".join(
             f"<tr><td style='text-align:left'>{name}</td><td>{samples.shape[1]}</td>"
             f"<td style='text-align:left'>{self.units[name]}</td></tr>"
             for name, samples in sorted(self.signals.items())
         )
-        head = "<tr><th style='text-align:left'>signal</th><th>size</th><th>unit</th></tr>"
-        return f"<table><caption>{repr(self)[1:-1]}</caption>{head}{rows}</table>"
+        head = "".join(
+            f"<th style='text-align:{side}'>{text}</th>"
+            for text, side in (("signal", "left"), ("size", "right"), ("unit", "left"))
+        )
+        table = f"<table><tr>{head}</tr>{rows}</table>"
+        return f"<details><summary>{repr(self)[1:-1]}</summary>{table}</details>"
 
     def after(self, time: float) -> Self:
         """The samples from a time [s] on."""

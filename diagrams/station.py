@@ -169,25 +169,28 @@ def _compare(
             )
 
 
-def check_ports(machine: "Machine[Any]", plant: System, others: Iterable[System]) -> None:
+def check_ports(
+    machine: "Machine[Any]", plant: System, controller: System, sources: Iterable[System]
+) -> None:
     """Refuses a system that cannot take the place of a machine's station.
 
-    It needs the ports that the other systems drive and read; each other one may be left out.
+    It needs the inputs that the controller drives, and the outputs that controller and sources of
+    commands read; each other port may be left out.
 
     Args:
         machine: the machine.
         plant: the system.
-        others: the systems that it is connected with.
+        controller: the controller.
+        sources: sources of commands.
 
     Raises:
         WiringError: names the port that is missing, unknown or of another size.
     """
-    others = tuple(others)
-    used_inputs = {name for system in others for name in outputs_of(system)}
-    used_outputs = {name for system in others for name in inputs_of(system)}
+    driven = set(outputs_of(controller))
+    read = {name for system in (controller, *sources) for name in inputs_of(system)}
     for kind, declared, found, used in (
-        ("input", machine.inputs, inputs_of(plant), used_inputs),
-        ("output", (*machine.outputs, *machine.truth), outputs_of(plant), used_outputs),
+        ("input", machine.inputs, inputs_of(plant), driven),
+        ("output", (*machine.outputs, *machine.truth), outputs_of(plant), read),
     ):
         needed = tuple(port for port in declared if port.name in found or port.name in used)
         _compare(machine, needed, found, kind)

@@ -192,7 +192,7 @@ def test_a_plant_needs_the_ports_that_are_driven_and_read_and_no_others(machine)
     loop = ClosedLoop(machine, scenario, log=())
     others = (loop.controller, *loop.sources)
     read = {name for system in others for name in inputs_of(system)}
-    driven = {name for system in others for name in outputs_of(system)}
+    driven = outputs_of(loop.controller)
     outputs = {port.name: port.size for port in machine.outputs if port.name in read}
     inputs = {port.name: port.size for port in machine.inputs if port.name in driven}
     assert inputs
