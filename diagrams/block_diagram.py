@@ -69,7 +69,9 @@ class BlockDiagram:
         try:
             svg = self.render().decode()
         except ParapodError as error:
-            text = f"<summary>{html.escape(str(error))}</summary><pre>{html.escape(self.text)}</pre>"
+            text = (
+                f"<summary>{html.escape(str(error))}</summary><pre>{html.escape(self.text)}</pre>"
+            )
             return f"<details>{text}</details>"
         return svg[svg.index("<svg") :]
 
