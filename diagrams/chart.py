@@ -8,7 +8,6 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -21,12 +20,10 @@ _DEGREE = math.degrees(1.0)
 class Chart(Figure):
     """A figure that a notebook shows, whatever Matplotlib's backend is."""
 
-    def _repr_svg_(self) -> str:
-        buffer = io.StringIO()
-        with rc_context({"svg.hashsalt": "parapod"}):
-            self.savefig(buffer, format="svg", metadata={"Date": None})
-        text = buffer.getvalue()
-        return text[text.index("<svg") :]
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        self.savefig(buffer, format="png")
+        return buffer.getvalue()
 
 
 def plot_signals(
