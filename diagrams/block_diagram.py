@@ -90,7 +90,10 @@ class BlockDiagram:
         try:
             svg = self.render().decode()
         except ParapodError as error:
-            return f"<p>{html.escape(str(error))}</p><pre>{html.escape(self.text)}</pre>"
+            text = (
+                f"<summary>{html.escape(str(error))}</summary><pre>{html.escape(self.text)}</pre>"
+            )
+            return f"<details>{text}</details>"
         return svg[svg.index("<svg") :]
 
 

@@ -68,7 +68,8 @@ class ClosedLoop[S](Diagram):
             machine: the machine.
             scenario: one of its scenarios.
             meshcat: scene in which a simulated machine is drawn; None for no drawing.
-            plant: a LeafSystem or Diagram with the station's ports, in place of the station.
+            plant: a LeafSystem or Diagram in place of the station, with the inputs that the
+                controller drives, the outputs that are read, and any others of the station's.
             controller: a system in place of the machine's controller.
             sources: systems in place of the machine's sources of commands.
             log: names of the ports to record; None for all of them.
@@ -84,12 +85,13 @@ class ClosedLoop[S](Diagram):
         settings: Any = scenario
         period = settings.control.period
         builder = DiagramBuilder()
+        controller = controller or machine.controller(scenario)
+        sources = machine.sources(scenario) if sources is None else sources
         if plant is not None:
-            check_ports(machine, plant)
+            check_ports(machine, plant, controller, sources)
         self.station: Any = add(builder, plant or Station(machine, scenario, meshcat))
-        self.controller: Any = add(builder, controller or machine.controller(scenario))
-        given = machine.sources(scenario) if sources is None else sources
-        self.sources: tuple[Any, ...] = tuple(add(builder, source) for source in given)
+        self.controller: Any = add(builder, controller)
+        self.sources: tuple[Any, ...] = tuple(add(builder, source) for source in sources)
         faults = getattr(scenario, "faults", ())
         self.faults = FaultPoints(
             builder, machine.targets, period, faults, settings.seed, injectable

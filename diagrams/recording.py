@@ -2,12 +2,15 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from parapod.systems.core.errors import ParapodError
+
+if TYPE_CHECKING:
+    from parapod.diagrams.chart import Chart
 
 type Floats = NDArray[np.float64]
 
@@ -51,14 +54,18 @@ class Recording(Mapping[str, Floats]):
         return f"<Recording of {len(self.signals)} signals, {self.time.size} samples, {ends}>"
 
     def _repr_html_(self) -> str:
-        """A table of the signals, for notebooks."""
+        """A table of the signals that folds out, for notebooks."""
         rows = "".join(
             f"<tr><td style='text-align:left'>{name}</td><td>{samples.shape[1]}</td>"
             f"<td style='text-align:left'>{self.units[name]}</td></tr>"
             for name, samples in sorted(self.signals.items())
         )
-        head = "<tr><th style='text-align:left'>signal</th><th>size</th><th>unit</th></tr>"
-        return f"<table><caption>{repr(self)[1:-1]}</caption>{head}{rows}</table>"
+        head = "".join(
+            f"<th style='text-align:{side}'>{text}</th>"
+            for text, side in (("signal", "left"), ("size", "right"), ("unit", "left"))
+        )
+        table = f"<table><tr>{head}</tr>{rows}</table>"
+        return f"<details><summary>{repr(self)[1:-1]}</summary>{table}</details>"
 
     def after(self, time: float) -> Self:
         """The samples from a time [s] on."""
@@ -66,8 +73,10 @@ class Recording(Mapping[str, Floats]):
         signals = {name: samples[later] for name, samples in self.signals.items()}
         return replace(self, time=self.time[later], signals=signals)
 
-    def plot(self, *names: str) -> Any:
+    def plot(self, *names: str) -> "Chart":
         """Draws signals over time, one below the other; a Matplotlib figure that shows itself.
+
+        Elements of different units have drawings of their own, and angles are in degrees.
 
         Args:
             names: signals; none for all of them.
@@ -75,16 +84,6 @@ class Recording(Mapping[str, Floats]):
         Raises:
             ParapodError: a signal that was not recorded.
         """
-        from matplotlib.figure import Figure
+        from parapod.diagrams.chart import plot_signals
 
-        names = names or tuple(self)
-        figure = Figure(figsize=(7.0, 1.0 + 1.9 * len(names)), layout="constrained")
-        rows: Any = figure.subplots(len(names), 1, sharex=True, squeeze=False)
-        for axes, name in zip(rows[:, 0], names, strict=True):
-            axes.plot(self.time, self[name], linewidth=1.2)
-            axes.set_title(name, loc="left", fontsize="medium")
-            axes.set_ylabel(f"[{self.units[name]}]")
-            axes.grid(alpha=0.3)
-            axes.spines[["top", "right"]].set_visible(False)
-        rows[-1, 0].set_xlabel("time [s]")
-        return figure
+        return plot_signals(self.time, {name: self[name] for name in names or self}, self.units)

@@ -1,16 +1,23 @@
 """A machine seen through its ports, whatever stands behind them."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, InputPort, OutputPort
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    DiagramBuilder,
+    InputPort,
+    OutputPort,
+    System,
+)
 from pydrake.systems.primitives import ConstantVectorSource
 
-from parapod.diagrams.wiring import add
+from parapod.diagrams.wiring import add, inputs_of, outputs_of
 from parapod.systems.core.errors import ScenarioError, WiringError
 
 if TYPE_CHECKING:
@@ -146,9 +153,10 @@ def _compare(
     kind: str,
 ) -> None:
     names = [port.name for port in declared]
+    has = machine.inputs if kind == "input" else (*machine.outputs, *machine.truth)
     for name in found:
         if name not in names:
-            known = ", ".join(names)
+            known = ", ".join(port.name for port in has)
             raise WiringError(f"{machine.title} has no {kind} '{name}'; it has: {known}")
     for port in declared:
         if port.name not in found:
@@ -161,18 +169,28 @@ def _compare(
             )
 
 
-def check_ports(machine: "Machine[Any]", system: Any) -> None:
+def check_ports(
+    machine: "Machine[Any]", plant: System, controller: System, sources: Iterable[System]
+) -> None:
     """Refuses a system that cannot take the place of a machine's station.
 
+    It needs the inputs that the controller drives, and the outputs that controller and sources of
+    commands read; each other port may be left out.
+
+    Args:
+        machine: the machine.
+        plant: the system.
+        controller: the controller.
+        sources: sources of commands.
+
     Raises:
-        WiringError: names the port that is missing or of another size.
+        WiringError: names the port that is missing, unknown or of another size.
     """
-    ports = (
-        {p.get_name(): p for p in map(system.get_input_port, range(system.num_input_ports()))},
-        {p.get_name(): p for p in map(system.get_output_port, range(system.num_output_ports()))},
-    )
-    wanted = (machine.inputs, (*machine.outputs, *machine.truth))
-    for kind, declared, found in zip(("input", "output"), wanted, ports, strict=True):
-        optional = [port.name for port in machine.truth]
-        there = tuple(port for port in declared if port.name in found or port.name not in optional)
-        _compare(machine, there, {name: found[name] for name in found}, kind)
+    driven = set(outputs_of(controller))
+    read = {name for system in (controller, *sources) for name in inputs_of(system)}
+    for kind, declared, found, used in (
+        ("input", machine.inputs, inputs_of(plant), driven),
+        ("output", (*machine.outputs, *machine.truth), outputs_of(plant), read),
+    ):
+        needed = tuple(port for port in declared if port.name in found or port.name in used)
+        _compare(machine, needed, found, kind)

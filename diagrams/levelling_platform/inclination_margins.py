@@ -79,7 +79,7 @@ class OpenLoop:
 
 
 def open_loop(scenario: LevellingScenario, gain_scale: float = 1.0) -> OpenLoop:
-    """Linearises reference, feedforward, passive leg, actuators and kinematics as one diagram.
+    """Linearises `inclination_loop`: feedforward, passive leg, actuators and kinematics.
 
     The loop is opened where the attitude enters `PostureLoop`. The actuators are the K/s of Eq.
     (17); the attitude filter passes what the gyro measures and counts as 1.
@@ -162,11 +162,19 @@ def _crossing(x: NDArray[np.float64], y: NDArray[np.float64], level: float) -> f
     return float(np.interp(level, [y[k], y[k - 1]], [x[k], x[k - 1]]))
 
 
-def _settled(scenario: LevellingScenario, gain_scale: float) -> tuple[Diagram, Context]:
-    """The open loop's diagram, at rest at the level posture."""
+def inclination_loop(scenario: LevellingScenario, gain_scale: float = 1.0) -> Diagram:
+    """The open loop as a diagram, which begins at the level posture.
+
+    Input `attitude` (2) [rad]: the measured roll and pitch. Output `posture` (3) [rad, rad, m]:
+    what the legs make of them. Roll and pitch led back to the input close the loop.
+
+    Args:
+        scenario: its ground, height and control part are used.
+        gain_scale: the actuators' K over what the controller takes it for [-].
+    """
     builder = DiagramBuilder()
     period, ground = scenario.control.period, np.array(scenario.ground.inclination)
-    posture = np.array([0.0, 0.0, 1e-3 * scenario.job.height_mm])
+    posture = _level_posture(scenario)
     geometry = geometry_as_known(scenario.control)
     loop = add(builder, PostureLoop(posture_loop_params(scenario), period))
     feedforward = add(builder, KinematicFeedforward(geometry, period=period))
@@ -199,10 +207,18 @@ def _settled(scenario: LevellingScenario, gain_scale: float) -> tuple[Diagram, C
         connect(builder, actuators.GetOutputPort("extension"), system.GetInputPort(name))
     builder.ExportInput(loop.GetInputPort("attitude"), "attitude")
     builder.ExportOutput(kinematics.get_output_port(), "posture")
-    diagram = builder.Build()
+    return builder.Build()
 
+
+def _level_posture(scenario: LevellingScenario) -> NDArray[np.float64]:
+    return np.array([0.0, 0.0, 1e-3 * scenario.job.height_mm])
+
+
+def _settled(scenario: LevellingScenario, gain_scale: float) -> tuple[Diagram, Context]:
+    """The open loop's diagram, at rest at the level posture."""
+    diagram = inclination_loop(scenario, gain_scale)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
-    diagram.GetInputPort("attitude").FixValue(context, posture[:2])
+    diagram.GetInputPort("attitude").FixValue(context, _level_posture(scenario)[:2])
     simulator.AdvanceTo(_SETTLING)
     return diagram, context

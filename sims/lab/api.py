@@ -64,7 +64,8 @@ def closed_loop(
     Args:
         scenario: from `scenario`, or a machine's own.
         meshcat: scene in which the machine is drawn; None for no drawing.
-        plant: a LeafSystem or Diagram of your own with the station's ports, in its place.
+        plant: a LeafSystem or Diagram of your own in the station's place, with those of its ports
+            that controller and commands need.
         controller: a system of your own in place of the controller.
 
     Raises:
@@ -95,6 +96,26 @@ def loop_of(experiment: Any, scenario: Any, **options: Any) -> ClosedLoop[Any]:
     if not isinstance(built, ClosedLoop):
         raise ParapodError(f"the experiment '{experiment.name}' has no closed loop of a machine")
     return built
+
+
+def viewer(scenario: Any) -> Meshcat:
+    """The scene of a scenario's experiment, in which a closed loop can be drawn.
+
+    Its camera is where the whole machine is seen; `Scene.of(viewer)` shows it in a notebook.
+
+    Args:
+        scenario: from `scenario`, or a machine's own.
+
+    Raises:
+        ScenarioError: a scenario that is not admissible.
+        ParapodError: an experiment that shows nothing.
+    """
+    experiment = _experiment_of(scenario)
+    check(scenario)
+    made: Meshcat | None = experiment.scene(scenario) if hasattr(experiment, "scene") else None
+    if made is None:
+        raise ParapodError(f"the experiment '{experiment.name}' has no scene")
+    return made
 
 
 def run(experiment: Any, *overrides: str, quiet: bool = False, **values: Any) -> Result:

@@ -49,6 +49,11 @@ class Figure:
     draw: Callable[["Canvas"], None]
     size: tuple[float, float] = (7.0, 3.2)
 
+    def _repr_svg_(self) -> str:
+        """The drawing, for notebooks."""
+        text = render(self).decode()
+        return text[text.index("<svg") :]
+
 
 def draw(figure: Figure) -> "Canvas":
     """The figure on a canvas of Matplotlib, in parapod's style."""

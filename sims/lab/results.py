@@ -182,8 +182,6 @@ class Result:
         """The table and the figures, for notebooks."""
         from html import escape
 
-        from parapod.sims.lab.figures import render
-
         rows = "".join(
             f"<tr><td style='text-align:left'>{escape(m.key)}<br>"
             f"<small>{escape(m.meaning)}</small></td>"
@@ -196,7 +194,7 @@ class Result:
         title = f"{self.experiment} ({self.backend}, seed {self.seed})"
         notes = "".join(f"<p>{escape(note)}</p>" for note in self.notes)
         figures = "".join(
-            f"<figure>{_svg(render(figure))}<figcaption>{escape(figure.caption)}</figcaption>"
+            f"<figure>{figure._repr_svg_()}<figcaption>{escape(figure.caption)}</figcaption>"
             "</figure>"
             for figure in self.figures
         )
@@ -204,12 +202,6 @@ class Result:
             f"<table><caption>{escape(title)}</caption><tr>{head}</tr>{rows}</table>"
             f"{notes}{figures}"
         )
-
-
-def _svg(content: bytes) -> str:
-    """The element of an SVG file, without the file's head."""
-    text = content.decode()
-    return text[text.index("<svg") :]
 
 
 def print_table(result: Result, console: Console) -> None:

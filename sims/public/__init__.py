@@ -13,6 +13,8 @@
     parapod.run("level", seed=3, backend="kinematic")  # metrics, bounds and figures
     parapod.study("level", {"seed": "0:20", "ground.pitch_deg": "-5:5:11"})  # on all cores
     parapod.draw(loop)  # the diagram as a picture
+    parapod.Scene.of(meshcat)  # what `closed_loop(scenario, meshcat=viewer(scenario))` has drawn
+    parapod.Alone(system, {"voltage": 3.0})  # one component in a diagram that can be simulated
 
 `parapod list` names the experiments, `parapod.experiments()` too. A package with a machine or an
 experiment of its own finds what it needs here as well (`Machine`, `In`, `Out`, `Experiment`, ...).
@@ -24,6 +26,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from parapod.diagrams.alone import Alone
     from parapod.diagrams.block_diagram import BlockDiagram, draw
     from parapod.diagrams.closed_loop import ClosedLoop
     from parapod.diagrams.faults import FaultScenario, Span
@@ -42,16 +45,26 @@ if TYPE_CHECKING:
     from parapod.diagrams.recording import Recording
     from parapod.diagrams.station import Behind, Station
     from parapod.diagrams.wiring import add, connect, named_source
-    from parapod.sims.lab.api import closed_loop, experiments, run, scenario, study
+    from parapod.sims.lab.api import (
+        closed_loop,
+        experiments,
+        run,
+        scenario,
+        study,
+        viewer,
+    )
     from parapod.sims.lab.experiment import Experiment, LoopExperiment, RunOptions
     from parapod.sims.lab.figures import Figure
     from parapod.sims.lab.results import Metric, Result
+    from parapod.sims.lab.scene import Scene
+    from parapod.sims.real_machine.own_emulator import own_emulator
     from parapod.sims.study.result import StudyResult, read_study
     from parapod.systems.core.errors import ParapodError, ScenarioError, UnreachablePosture
     from parapod.systems.core.function import FunctionSystem
     from parapod.systems.core.schema import Schema, choice, quantity
 
 _HOMES = {
+    "diagrams.alone": ("Alone",),
     "diagrams.block_diagram": ("BlockDiagram", "draw"),
     "diagrams.closed_loop": ("ClosedLoop",),
     "diagrams.faults": ("FaultScenario", "Span"),
@@ -70,10 +83,12 @@ _HOMES = {
     "diagrams.recording": ("Recording",),
     "diagrams.station": ("Behind", "Station"),
     "diagrams.wiring": ("add", "connect", "named_source"),
-    "sims.lab.api": ("closed_loop", "experiments", "run", "scenario", "study"),
+    "sims.lab.api": ("closed_loop", "experiments", "run", "scenario", "study", "viewer"),
     "sims.lab.experiment": ("Experiment", "LoopExperiment", "RunOptions"),
     "sims.lab.figures": ("Figure",),
     "sims.lab.results": ("Metric", "Result"),
+    "sims.lab.scene": ("Scene",),
+    "sims.real_machine.own_emulator": ("own_emulator",),
     "sims.study.result": ("StudyResult", "read_study"),
     "systems.core.errors": ("ParapodError", "ScenarioError", "UnreachablePosture"),
     "systems.core.function": ("FunctionSystem",),
@@ -83,6 +98,7 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __version__ = version("parapod")
 __all__ = [
+    "Alone",
     "Behind",
     "BlockDiagram",
     "ClosedLoop",
@@ -104,6 +120,7 @@ __all__ = [
     "Result",
     "RunOptions",
     "ScenarioError",
+    "Scene",
     "Schema",
     "SelfTest",
     "Span",
@@ -119,11 +136,13 @@ __all__ = [
     "experiments",
     "find_machine",
     "named_source",
+    "own_emulator",
     "quantity",
     "read_study",
     "run",
     "scenario",
     "study",
+    "viewer",
 ]
 
 

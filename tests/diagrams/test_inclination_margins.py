@@ -5,14 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Adder, ConstantVectorSource, LogVectorOutput, MatrixGain
 
 from parapod.diagrams.levelling_platform.inclination_margins import (
     OpenLoop,
     alone,
+    inclination_loop,
     margins,
     open_loop,
 )
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.wiring import add, connect
 
 AXES = pytest.mark.parametrize("axis", [0, 1], ids=["roll", "pitch"])
 PERIOD = LevellingScenario().control.period
@@ -154,3 +159,37 @@ def test_gain_margin_of_a_late_integrator_is_the_textbooks():
     late = delay + 0.5 * PERIOD  # sampling delays by half a period
     for axis in margins(integrator(gain), delay):
         assert axis.gain == pytest.approx(0.5 * math.pi / (late * gain), rel=2e-3)
+
+
+def test_the_loop_closed_moves_as_its_linear_system_does(loop):
+    """Half a degree that the sensor is wrong by turns the platform, with the loop's gain."""
+    wrong, until = np.radians([0.5, -0.3]), 2.0
+    builder = DiagramBuilder()
+    opened = add(builder, inclination_loop(scenario_with(1.0), 0.85))
+    seen, bias = add(builder, Adder(2, 2)), add(builder, ConstantVectorSource(wrong))
+    angles = add(builder, MatrixGain(np.eye(2, 3)))
+    connect(builder, opened.get_output_port(), angles.get_input_port())
+    connect(builder, angles.get_output_port(), seen.get_input_port(0))
+    connect(builder, bias.get_output_port(), seen.get_input_port(1))
+    connect(builder, seen.get_output_port(), opened.get_input_port())
+    log = LogVectorOutput(opened.get_output_port(), builder, PERIOD)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(until)
+    simulated = log.FindLog(simulator.get_context()).data()[:2].T
+
+    linear = loop(1.0, 0.85)
+    state, expected = np.zeros(len(linear.a)), []
+    for _ in simulated:
+        expected.append(linear.c @ state)
+        state = linear.a @ state + linear.b @ (expected[-1] + wrong)
+    assert np.abs(simulated[-1] + wrong).max() < 0.2 * np.abs(wrong).max()
+    np.testing.assert_allclose(simulated, expected, rtol=0.0, atol=1e-3 * np.abs(wrong).max())
+
+
+def test_the_loop_oscillates_where_its_gain_margin_ends(loop):
+    linear = loop()
+    for factor, is_stable in ((0.99, True), (1.01, False)):
+        gain = factor * min(axis.gain for axis in margins(linear))
+        poles = np.abs(np.linalg.eigvals(linear.a + gain * linear.b @ linear.c))
+        moving = poles[~np.isclose(poles, 1.0, atol=1e-9)]  # integrals that nothing reaches rest
+        assert (moving.max() < 1.0) == is_stable

@@ -15,7 +15,7 @@ from pydrake.common.value import Value
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FrameIndex
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import PortDataType
+from pydrake.systems.framework import LeafSystem, PortDataType
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 
 from parapod.diagrams.closed_loop import ClosedLoop
@@ -182,10 +182,41 @@ def test_a_plant_without_the_stations_ports_is_refused_by_the_first_that_is_miss
     scenario = machine.scenario(backend="mock")
     with pytest.raises(WiringError, match=rf"{machine.title} has no input 'u'"):
         ClosedLoop(machine, scenario, plant=PassThrough(2), log=())
-    first = machine.outputs[0].name
-    with pytest.raises(WiringError, match=re.escape(machine.title)):
+    with pytest.raises(WiringError, match=rf"behind the input '.*' of {machine.title}"):
         ClosedLoop(machine, scenario, plant=ConstantVectorSource([1.0]), log=())
-    assert first in {port.name for port in machine.outputs}
+
+
+@each_machine
+def test_a_plant_needs_the_ports_that_are_driven_and_read_and_no_others(machine):
+    scenario = machine.scenario(backend="mock")
+    loop = ClosedLoop(machine, scenario, log=())
+    others = (loop.controller, *loop.sources)
+    read = {name for system in others for name in inputs_of(system)}
+    driven = outputs_of(loop.controller)
+    outputs = {port.name: port.size for port in machine.outputs if port.name in read}
+    inputs = {port.name: port.size for port in machine.inputs if port.name in driven}
+    assert inputs
+    assert outputs
+    ClosedLoop(machine, scenario, plant=Ports(inputs, outputs), log=())
+    for missing in outputs:
+        left = {name: size for name, size in outputs.items() if name != missing}
+        with pytest.raises(WiringError, match=f"behind the output '{missing}'"):
+            ClosedLoop(machine, scenario, plant=Ports(inputs, left), log=())
+    for missing in inputs:
+        left = {name: size for name, size in inputs.items() if name != missing}
+        with pytest.raises(WiringError, match=f"behind the input '{missing}'"):
+            ClosedLoop(machine, scenario, plant=Ports(left, outputs), log=())
+
+
+class Ports(LeafSystem):
+    """Nothing but ports: their sizes by name."""
+
+    def __init__(self, inputs, outputs):
+        super().__init__()
+        for name, size in inputs.items():
+            self.DeclareVectorInputPort(name, size)
+        for name, size in outputs.items():
+            self.DeclareVectorOutputPort(name, size, lambda *_: None, {self.nothing_ticket()})
 
 
 @each_machine

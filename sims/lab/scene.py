@@ -1,0 +1,51 @@
+"""Scenes of Meshcat in a notebook or a page, which need no server and no network."""
+
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+
+from pydrake.geometry import Meshcat
+
+from parapod.sims.lab.files import write_page
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a Meshcat shows, with what it has recorded, as a page that stands alone.
+
+    It displays itself in a notebook. The page goes on playing when the program has ended; it can
+    be turned with the mouse.
+
+    Attributes:
+        html: the page.
+        height: height in a notebook [pixel].
+    """
+
+    html: str = field(repr=False)
+    height: int = 420
+
+    @classmethod
+    def of(cls, meshcat: Meshcat, height: int = 420) -> "Scene":
+        """The scene as it is now; a recording that has been begun ends, and is in it.
+
+        Args:
+            meshcat: the scene; `meshcat.StartRecording()` before a simulation records that.
+            height: height in a notebook [pixel].
+        """
+        meshcat.StopRecording()
+        meshcat.PublishRecording()
+        return cls(meshcat.StaticHtml(), height)
+
+    def write(self, path: Path | str, title: str = "parapod") -> None:
+        """Writes the page to a file.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        write_page(Path(path), self.html, title)
+
+    def _repr_html_(self) -> str:
+        return (
+            f'<iframe srcdoc="{escape(self.html)}" width="100%" height="{self.height}" '
+            'style="border: 1px solid #ccc" title="scene"></iframe>'
+        )

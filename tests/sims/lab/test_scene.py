@@ -1,0 +1,45 @@
+import html
+import re
+
+import pytest
+from pydrake.geometry import Box, Rgba
+from pydrake.math import RigidTransform
+
+import parapod
+from parapod.sims.lab.scene import Scene
+
+_FRAMES = 100
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """A scene with a box that moved while it was recorded, and one that did not."""
+    meshcat = parapod.viewer(parapod.scenario("level", backend="kinematic"))
+    meshcat.SetObject("/box", Box(1.0, 1.0, 1.0), Rgba(1.0, 0.0, 0.0))
+    still = Scene.of(meshcat)
+    meshcat.StartRecording()
+    for frame in range(_FRAMES):
+        meshcat.SetTransform("/box", RigidTransform([0.01 * frame, 0.0, 0.0]), frame / 32.0)
+    return still, Scene.of(meshcat, height=300)
+
+
+def test_a_recording_that_was_begun_is_in_the_scene(recorded):
+    still, moving = recorded
+    assert len(moving.html) - len(still.html) > 7 * 8 * _FRAMES  # place and quaternion of each
+
+
+def test_a_scene_stands_in_a_notebook_as_a_page_of_its_own(recorded):
+    shown = recorded[1]._repr_html_()
+    (page,) = re.findall('srcdoc="([^"]*)"', shown)
+    assert html.unescape(page) == recorded[1].html
+    assert 'height="300"' in shown
+
+
+def test_a_scene_is_written_under_a_title(recorded, tmp_path):
+    recorded[1].write(tmp_path / "box.html", "A box")
+    assert "<title>A box</title>" in (tmp_path / "box.html").read_text()
+
+
+def test_an_experiment_without_a_machine_has_no_viewer():
+    with pytest.raises(parapod.ParapodError, match="'chair-gait' has no scene"):
+        parapod.viewer(parapod.scenario("chair-gait"))
