@@ -11,7 +11,7 @@ from parapod.sims.lab.files import write_page
 
 @dataclass(frozen=True)
 class Scene:
-    """What a Meshcat shows, with what it has recorded, as a page that stands alone.
+    """A page that stands alone and shows what a Meshcat does, with what that has recorded.
 
     It displays itself in a notebook. The page goes on playing when the program has ended; it can
     be turned with the mouse.
