@@ -37,7 +37,7 @@ def assemble(source: Path) -> None:
     for notebook in notebooks:
         target = source / "tutorials" / notebook.name
         target.parent.mkdir(exist_ok=True)
-        shutil.copy(notebook, target)
+        target.write_text(notebook.read_text().replace("](../../docs/", "](../"))
     listed = "\n".join(f"tutorials/{notebook.stem}" for notebook in notebooks)
     (source / "tutorials.md").write_text(
         f"# Tutorials\n\n```{{toctree}}\n:maxdepth: 1\n{listed}\n```\n"
