@@ -1,7 +1,5 @@
 """One system alone in a diagram: sources on its inputs, recordings of its ports."""
 
-import inspect
-import re
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -26,11 +24,9 @@ from parapod.diagrams.recording import Recording
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect, inputs_of, outputs_of
 from parapod.systems.core.errors import WiringError
+from parapod.systems.core.port_table import port_table
 
 type Input = ArrayLike | Trajectory | System
-
-# Rows of the port tables in the docstrings of systems: direction, name, size, unit, meaning.
-_ROW = re.compile(r"^\s*\| (?:in|out) `([^`]+)` \|[^|]*\|([^|]*)\|[^|]*\|\s*$", re.MULTILINE)
 
 
 class Alone(Diagram):
@@ -135,5 +131,4 @@ def _units(system: System) -> dict[str, str]:
     """Units by port name, as far as system or machine declares them."""
     if isinstance(system, Station):
         return {name: port.unit for name, port in system.machine.table.items()}
-    table = inspect.getdoc(type(system)) or ""
-    return {name: unit.strip() for name, unit in _ROW.findall(table)}
+    return {row.name: row.unit for row in port_table(type(system))}

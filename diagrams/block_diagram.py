@@ -127,7 +127,12 @@ def render(text: str, suffix: str = "svg") -> bytes:
 
 def type_name(system: Any) -> str:
     """Name of a system's type as people write it, without the scalar type."""
-    return re.sub(r"_?(\[.*\]|𝓣.*𝓤)$", "", type(system).__name__)
+    return class_name(type(system))
+
+
+def class_name(kind: type) -> str:
+    """Name of a class of systems as people write it, without the scalar type."""
+    return re.sub(r"_?(\[.*\]|𝓣.*𝓤)$", "", kind.__name__)
 
 
 class _Port(NamedTuple):

@@ -119,7 +119,7 @@ def cleared():
 
 @pytest.fixture(scope="module")
 def forks():
-    """What kernels are forked from."""
+    """The process from which kernels are forked."""
     with pytest.MonkeyPatch.context() as patch:
         # As a kernel has it, which for Matplotlib is too late when it is there already.
         patch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")

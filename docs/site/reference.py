@@ -22,18 +22,18 @@ from pydrake.systems.framework import Diagram, LeafSystem
 import parapod.diagrams
 import parapod.sims
 import parapod.systems
-from parapod.diagrams.block_diagram import draw
+from parapod.diagrams.block_diagram import class_name, draw
 from parapod.diagrams.machine import list_machines
 from parapod.sims.cli.main import COMMANDS, main
 from parapod.sims.lab.api import loop_of
 from parapod.sims.lab.discovery import Entry, find_entry, list_entries
 from parapod.systems.core import schema
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.port_table import PortRow, port_table
 from parapod.systems.core.scenario_file import describe, load_scenario
 
 type Pages = Iterator[tuple[str, str | bytes]]
 
-_ROW = re.compile(r"^\s*\| (in|out) `([a-z_0-9]+)` \|([^|]*)\|([^|]*)\|([^|]*)\|\s*$")
 _SECTION = re.compile(r"^(Args|Attributes|Raises|Returns|Yields):$")
 _ENTRY = re.compile(r"^    (\*{0,2}[\w., ]+): (.*)$")
 
@@ -68,7 +68,7 @@ errors
 
 def systems() -> Pages:
     """A page for each package of systems: symbol, port table and arguments of each."""
-    kinds = sorted(_systems(), key=lambda kind: (_package(kind), _name(kind)))
+    kinds = sorted(_systems(), key=lambda kind: (_package(kind), class_name(kind)))
     names = []
     for package, members in groupby(kinds, _package):
         names.append(package)
@@ -107,26 +107,21 @@ def _is_defined(value: Any, module: ModuleType) -> bool:
     return value.__name__.isascii() and not value.__name__.startswith("_")
 
 
-def _name(kind: type) -> str:
-    return re.sub(r"_?(\[.*\]|𝓣.*𝓤)$", "", kind.__name__)
-
-
 def _package(kind: type) -> str:
     return kind.__module__.split(".")[2]
 
 
 def _system(kind: type) -> str:
     text = inspect.getdoc(kind) or ""
-    rows = [match.groups() for match in map(_ROW.match, text.splitlines()) if match]
     made = inspect.getdoc(kind.__init__) if "__init__" in vars(kind) else ""
     _, *given = inspect.signature(kind.__init__).parameters.values()
     parameters = "".join(f"\n    {_parameter(one)}," for one in given)
     return "\n\n".join(
         (
-            f"## {_name(kind)}",
-            _symbol(_name(kind), rows),
+            f"## {class_name(kind)}",
+            _symbol(class_name(kind), port_table(kind)),
             f"`parapod.{kind.__module__.removeprefix('parapod.')}`",
-            f"```python\n{_name(kind)}({parameters}{chr(10) if given else ''})\n```",
+            f"```python\n{class_name(kind)}({parameters}{chr(10) if given else ''})\n```",
             as_markdown(text),
             as_markdown(made or ""),
             "",
@@ -144,10 +139,10 @@ def _parameter(one: inspect.Parameter) -> str:
     return f"{text} = {shown if len(shown) < 30 else type(one.default).__name__ + '(...)'}"
 
 
-def _symbol(name: str, rows: Sequence[tuple[str, ...]]) -> str:
+def _symbol(name: str, rows: Sequence[PortRow]) -> str:
     """A block with its inputs on the left and its outputs on the right."""
     sides = {
-        way: "".join(f"<span>{html.escape(port)}</span>" for w, port, *_ in rows if w == way)
+        way: "".join(f"<span>{html.escape(r.name)}</span>" for r in rows if r.direction == way)
         for way in ("in", "out")
     }
     return (

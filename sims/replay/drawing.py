@@ -28,7 +28,7 @@ _FASTEST = 64.0  # pictures a second
 
 
 @dataclass(frozen=True)
-class Scene:
+class RecordedScene:
     """Meshcat's page with a recording.
 
     Attributes:
@@ -41,7 +41,9 @@ class Scene:
     pale: Mapping[str, float]
 
 
-def record(replay: Replay, against: Replay | None, begin: float, console: Console) -> Scene | None:
+def record(
+    replay: Replay, against: Replay | None, begin: float, console: Console
+) -> RecordedScene | None:
     """The scene in which the machine moves as its log tells.
 
     Args:
@@ -80,7 +82,7 @@ def record(replay: Replay, against: Replay | None, begin: float, console: Consol
             pale[f"{_ROOT}{prefix}{MEASURED}"] = _TRANSLUCENT
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    return Scene(meshcat.StaticHtml(), pale) if drawn else None
+    return RecordedScene(meshcat.StaticHtml(), pale) if drawn else None
 
 
 def _draw(

@@ -11,7 +11,7 @@ import numpy as np
 from parapod.sims.lab.figures import COLOURS
 from parapod.sims.lab.pages import render_page
 from parapod.sims.replay.digest import Digest
-from parapod.sims.replay.drawing import Scene
+from parapod.sims.replay.drawing import RecordedScene
 from parapod.sims.replay.replay import Replay, near_limits
 from parapod.systems.core.extras import need
 
@@ -28,7 +28,7 @@ _WIDE, _NARROW = 2.6, 1.2
 _LIMIT = "rgba(140,140,140,0.9)"
 
 
-def make_page(replay: Replay, against: Replay | None, scene: Scene | None) -> str:
+def make_page(replay: Replay, against: Replay | None, scene: RecordedScene | None) -> str:
     """The page.
 
     Args:

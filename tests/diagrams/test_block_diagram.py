@@ -41,7 +41,7 @@ def loop():
 
 
 def wires(picture):
-    """What the tips of its wires say."""
+    """Texts of the tips of its wires."""
     return set(re.findall(r'-> .*\[tooltip="(.*)"\]', str(picture)))
 
 
