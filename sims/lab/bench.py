@@ -27,7 +27,8 @@ from parapod.sims.lab.files import atomic_output, write_page
 from parapod.sims.lab.panel import Panel, Readout
 from parapod.sims.lab.progress import progress
 from parapod.sims.lab.results import Metric
-from parapod.systems.core.errors import OutputError, ParapodError
+from parapod.sims.lab.strip_chart import StripChart
+from parapod.systems.core.errors import MissingExtra, OutputError, ParapodError
 from parapod.systems.core.ports import value_of
 from parapod.systems.core.quoting import quoted_path
 
@@ -301,7 +302,10 @@ class Bench:
             if monitor is not None:
                 monitors.append(monitor(loop, meshcat))
             if panel is not None:
-                monitors.append(shown_on(panel, experiment.read_out, loop))
+                shown = shown_on(
+                    panel, experiment.read_out, loop, simulator.get_context(), self._remark
+                )
+                monitors.append(shown)
             if monitors:
                 simulator.set_monitor(_all_of(monitors))
             simulator.Initialize()
@@ -312,10 +316,10 @@ class Bench:
         if meshcat is not None and options.meshcat:
             panel = Panel(meshcat, f"{self.name}: {experiment.machine.title}")
             say_where(panel, experiment.machine.title, self.console)
-        shown = options.html if meshcat is not None else None
+        page = options.html if meshcat is not None else None
         with (
-            recording(meshcat, shown, f"{self.name} - parapod")
-            if meshcat and shown
+            recording(meshcat, page, f"{self.name} - parapod")
+            if meshcat and page
             else nullcontext()
         ):
             elapsed = again()
@@ -331,6 +335,9 @@ class Bench:
             again,
         )
 
+    def _remark(self, text: str) -> None:
+        self.console.print(text, markup=False, highlight=False, soft_wrap=True)
+
     def simulate(self, simulator: Simulator, until: float, what: str = "") -> float:
         """Advances a simulation with progress; returns the wall-clock time that it took [s]."""
         return simulate(simulator, until, self.console, what or self.name)
@@ -342,13 +349,36 @@ def say_where(page: Panel, what: str, console: Console) -> None:
     console.print(where, markup=False, highlight=False, soft_wrap=True)
 
 
-def shown_on(panel: Panel, read_out: ReadOut, loop: ClosedLoop[Any]) -> Monitor:
-    """A monitor that shows on a page what a loop does."""
+def shown_on(
+    panel: Panel,
+    read_out: ReadOut,
+    loop: ClosedLoop[Any],
+    simulated: Context,
+    remark: Callable[[str], None] = lambda text: None,
+) -> Monitor:
+    """A monitor that shows on a page what a loop does.
+
+    Args:
+        panel: the page.
+        read_out: says what the page shows.
+        loop: the loop.
+        simulated: the root context that its simulator advances.
+        remark: is told why nothing is plotted.
+    """
     shown_at = -math.inf
+    chart = None
+    try:
+        chart = StripChart(loop.machine, {n: port.size() for n, port in loop.ports.items()})
+    except MissingExtra as error:
+        remark(f"no plots beside the scene: {error}")
+    panel.plot(chart)
+    readings = loop.readings(simulated, chart.signals) if chart is not None else {}
 
     def look(root_context: Context) -> EventStatus:
         nonlocal shown_at
         now = root_context.get_time()
+        if chart is not None and chart.wants(now):
+            chart.add(now, {name: read() for name, read in readings.items()})
         if not shown_at <= now < shown_at + LOOK_PERIOD:
             shown_at = now
             panel.show(read_out(loop, root_context))
@@ -400,7 +430,8 @@ class Live:
         self.panel, self.loop = panel, loop
         self.simulator = Simulator(loop)
         monitors = [] if loop.monitor is None else [loop.monitor]
-        self.simulator.set_monitor(_all_of([*monitors, shown_on(panel, read_out, loop)]))
+        shown = shown_on(panel, read_out, loop, self.simulator.get_context())
+        self.simulator.set_monitor(_all_of([*monitors, shown]))
 
     def begin(self) -> None:
         """Puts the loop where its scenario begins."""

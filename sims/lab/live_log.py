@@ -83,6 +83,7 @@ class LiveLog:
         self._stamp = self._row.view(np.int64)
         self._places = list(_parts(self._row, sizes))
         self._rest, self._wrong = b"", ""
+        self._is_broken = False  # the process has ended before the log
 
     def write(self, t: float, values: Sequence[Any]) -> None:
         """Hands over the values of all ports at one time.
@@ -91,7 +92,9 @@ class LiveLog:
             t: time of the loop [s].
             values: arrays with the values of the ports.
         """
-        if self._wrong:
+        if self._is_broken and not self._thread.is_alive():
+            self._fail("its process has ended")  # without a word
+        if self._wrong or self._is_broken:
             return
         self._stamp[0], self._row[1] = time.time_ns(), t
         for place, value in zip(self._places, values, strict=True):
@@ -102,10 +105,14 @@ class LiveLog:
         else:
             self._lose()
         with suppress(BlockingIOError):
-            try:
-                self._rest = self._rest[os.write(self._pipe, self._rest) :]
-            except BrokenPipeError:
-                self._fail("its process has ended")
+            self._hand_over()
+
+    def _hand_over(self) -> None:
+        """Gives the pipe as much as it takes; why a process has ended `_listen` hears."""
+        try:
+            self._rest = self._rest[os.write(self._pipe, self._rest) :]
+        except BrokenPipeError:
+            self._rest, self._is_broken = b"", True
 
     def _lose(self) -> None:
         self.lost += 1
@@ -141,14 +148,14 @@ class LiveLog:
         deadline = time.monotonic() + _ENDING
         while self._rest and not self._wrong and time.monotonic() < deadline:
             try:
-                self._rest = self._rest[os.write(self._pipe, self._rest) :]
+                self._hand_over()
             except BlockingIOError:
                 time.sleep(_LOOK)
-            except BrokenPipeError:
-                self._fail("its process has ended")
         if self._companion.end(_ENDING) != 0:
-            self._fail("its process has ended")
+            self._is_broken = True
         self._thread.join()
+        if self._is_broken:
+            self._fail("its process has ended")
         if self.lost:
             self._tell(f"{quoted_path(self._path)}: {self.lost} samples are missing")
         if self._wrong and error is None:

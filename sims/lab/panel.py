@@ -1,4 +1,4 @@
-"""A page that shows a machine beside its controls: sliders, buttons, and numbers that live.
+"""A page that shows a machine beside its controls: sliders, buttons, numbers and plots that live.
 
 Meshcat's own sliders lie below the tree of its scene, and it has no text. The page frames Meshcat
 and serves what stands beside it; in Python its sliders and buttons have Meshcat's own methods, so
@@ -20,6 +20,9 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from pydrake.geometry import Meshcat
+
+from parapod.sims.lab.stacked_plots import library
+from parapod.sims.lab.strip_chart import StripChart
 
 # The first port that is tried, so that a page that is open finds the next run, and the last.
 PORTS = range(7100, 7200)
@@ -136,6 +139,8 @@ class Panel:
         self._holds: dict[str, _Hold] = {}
         self._operator, self._heard = "", -math.inf
         self._readout = Readout()
+        self._chart: StripChart | None = None
+        self._charts = 0  # that were shown: a page asks anew for another one
         self._page = _page(title, meshcat)
         self._server = _serve(self)
         threading.Thread(target=self._server.serve_forever, args=(_POLL,), daemon=True).start()
@@ -160,6 +165,12 @@ class Panel:
         """Shows what the machine does from now on."""
         with self._lock:
             self._readout = readout
+
+    def plot(self, chart: StripChart | None) -> None:
+        """Plots a chart from now on; None: nothing."""
+        with self._lock:
+            self._chart = chart
+            self._charts += 1
 
     def silence(self) -> float:
         """Time since something was heard of the page that operates [s]; infinite: never."""
@@ -328,7 +339,17 @@ class Panel:
                 "buttons": list(self._buttons),
                 "holds": [{"name": name, "key": hold.key} for name, hold in self._holds.items()],
                 "operates": operates,
+                "chart": self._charts if self._chart is not None else 0,
             }
+
+    def _samples(self, number: str) -> dict[str, Any]:
+        with self._lock:
+            chart = self._chart
+        if chart is None:
+            return {}
+        if not number.isdecimal():
+            return {**chart.description}
+        return chart.since(int(number))
 
     def _beat(self, page: str) -> None:
         with self._lock:
@@ -408,8 +429,11 @@ class _Handler(BaseHTTPRequestHandler):
             self.shown._beat(query.get("page", [""])[0])
             self._answer(HTTPStatus.NO_CONTENT)
         elif asked.path == "/state":
-            body = json.dumps(self.shown._state(query.get("page", [""])[0])).encode()
-            self._answer(HTTPStatus.OK, "application/json", body)
+            self._tell(self.shown._state(query.get("page", [""])[0]))
+        elif asked.path == "/samples":
+            self._tell(self.shown._samples(query.get("since", [""])[0]))
+        elif asked.path == "/plotly.js" and self.shown._samples(""):
+            self._answer(HTTPStatus.OK, "text/javascript; charset=utf-8", library().encode())
         else:
             self._answer(HTTPStatus.NOT_FOUND)
 
@@ -447,6 +471,9 @@ class _Handler(BaseHTTPRequestHandler):
         """Whether what a browser sends is from the panel's page, not from another one."""
         origin = self.headers.get("Origin")
         return origin is not None and urlsplit(origin).netloc == self.headers.get("Host")
+
+    def _tell(self, content: Any) -> None:
+        self._answer(HTTPStatus.OK, "application/json", json.dumps(content).encode())
 
     def _answer(self, status: HTTPStatus, kind: str = "text/plain", body: bytes = b"") -> None:
         try:

@@ -70,9 +70,10 @@ class StoredLog(ABC):
         told: Any = self.metadata.get("units", {})
         return {name: str(told.get(name, "")) for name in self.shapes}
 
-    def size(self, name: str) -> int:
-        """Number of elements of a signal; 0 of one that the log does not have."""
-        return int(np.prod(self.shapes[name])) if name in self.shapes else 0
+    @property
+    def sizes(self) -> Mapping[str, int]:
+        """Number of elements of each signal, by port name."""
+        return {name: int(np.prod(shape)) for name, shape in self.shapes.items()}
 
     @abstractmethod
     def _describe(self) -> None:

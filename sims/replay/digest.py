@@ -83,7 +83,8 @@ def gather(
         ParapodError: there is no sample, or none between the times.
     """
     names = list(dict.fromkeys([*plotted, *drawn, *([phase[0]] if phase else ())]))
-    extremes = {name: Extremes(log.size(name), _BUCKETS) for name in plotted}
+    sizes = log.sizes
+    extremes = {name: Extremes(sizes[name], _BUCKETS) for name in plotted}
     pictures: Snapshots[Picture] = Snapshots(_PICTURES)
     changes = _Changes()
     first, last = between or (-np.inf, np.inf)

@@ -100,15 +100,17 @@ def _draw(canvas: Any, logs: list[Replay]) -> None:
     rows = canvas.subplots(len(first.plots), 1, sharex=True, squeeze=False)[:, 0]
     for k, (axes, plot) in enumerate(zip(rows, first.plots, strict=True)):
         for number, each in enumerate(logs):
-            for curve in each.plots[k].curves:
-                line, place = each.digest.lines[curve.signal], plot.curves.index(curve)
+            for place, curve in enumerate(plot.curves):
+                if not each.has(curve):
+                    continue
+                is_named = any(before.has(curve) for before in logs[:number])
                 axes.plot(
-                    line.time,
-                    plot.factor * line.values[:, curve.element],
+                    each.digest.lines[curve.signal].time,
+                    each.values(plot, curve),
                     color=COLOURS[place % len(COLOURS)],
                     linewidth=2.4 if plot.is_first(curve) else 1.1,
                     linestyle="--" if number else "-",
-                    label=None if number else plot.legend[place],
+                    label=None if is_named else plot.legend[place],
                 )
         for limit in near_limits(logs, k):
             axes.axhline(limit, color="0.35", linestyle=":", linewidth=1.2)

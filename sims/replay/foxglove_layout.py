@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from parapod.diagrams.machine import Machine
+from parapod.sims.lab.plots import parse
 from parapod.sims.lab.scene_messages import SCENE, WORLD
-from parapod.sims.replay.plots import parse
 from parapod.systems.core.extras import need
 
 

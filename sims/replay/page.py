@@ -8,24 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from parapod.sims.lab.figures import COLOURS
 from parapod.sims.lab.pages import render_page
+from parapod.sims.lab.stacked_plots import axis, black, layout, library, limit_line, traces
 from parapod.sims.replay.digest import Digest
 from parapod.sims.replay.drawing import RecordedScene
 from parapod.sims.replay.replay import Replay, near_limits
-from parapod.systems.core.extras import need
 
 _SPEEDS = (0.1, 0.25, 0.5, 1, 2, 5, 10, 60, 600)
 # A log is played in so many seconds at most, unless somebody asks for another speed.
 _LONGEST = 300.0
-# Height of a plot, and of what stands above all of them and below [pixel].
-_HEIGHT, _ABOVE, _BELOW = 190, 40, 44
-_GAP = 58  # between two plots, with the legend of the lower one
 _NAMED = 0.012  # share of the width that a letter of a phase's name takes
 _BAND = ("rgba(90,120,150,0.16)", "rgba(90,120,150,0.04)")
-# A first signal is seen under those that follow it.
-_WIDE, _NARROW = 2.6, 1.2
-_LIMIT = "rgba(140,140,140,0.9)"
 
 
 def make_page(replay: Replay, against: Replay | None, scene: RecordedScene | None) -> str:
@@ -39,25 +32,25 @@ def make_page(replay: Replay, against: Replay | None, scene: RecordedScene | Non
     Raises:
         MissingExtra: plotly is not installed.
     """
-    plotly: str = need("plotly.offline").get_plotlyjs()
+    plotly = library()
     subject, digest = replay.subject, replay.digest
     logs = [replay] if against is None else [replay, against]
     begin, end = span([each.digest for each in logs])
-    traces = [trace for number, each in enumerate(logs) for trace in _traces(each, number)]
+    drawn = [trace for number in range(len(logs)) for trace in _traces(logs, number)]
     remarks = [text for each in logs for text in each.remarks]
     speeds = [speed for speed in _SPEEDS if speed <= 1.0 or (end - begin) / speed >= 1.0]
-    layout = _layout(logs, (begin, end))
+    axes = _layout(logs, (begin, end))
     content = {
         "begin": begin,
         "end": end,
         "decimals": 3 if end - begin < 10.0 else 2,
         "phases": [vars(phase) for phase in digest.phases],
         "pale": {} if scene is None else dict(scene.pale),
-        "traces": traces,
-        "layout": layout,
-        "height": layout["height"],
+        "traces": drawn,
+        "layout": axes,
+        "height": axes["height"],
         "count": len(replay.plots),
-        "black": [k for k, trace in enumerate(traces) if trace["line"]["color"] == "#000000"],
+        "black": black(drawn),
     }
     packed = {"plotly": plotly} | ({"meshcat": scene.page} if scene else {})
     return render_page(
@@ -80,124 +73,63 @@ def span(digests: Sequence[Digest]) -> tuple[float, float]:
     return min(each.begin for each in digests), max(each.end for each in digests)
 
 
-def _traces(replay: Replay, number: int) -> list[dict[str, Any]]:
-    traces = []
-    for k, plot in enumerate(replay.plots, start=1):
-        for colour, curve in enumerate(plot.curves):
-            line = replay.digest.lines[curve.signal]
-            suffix = "" if k == 1 else str(k)
-            traces.append(
-                {
-                    "type": "scatter",
-                    "mode": "lines",
-                    "name": plot.legend[colour],
-                    "x": _array(line.time, "f8"),
-                    "y": _array(plot.factor * line.values[:, curve.element], "f4"),
-                    "xaxis": f"x{suffix}",
-                    "yaxis": f"y{suffix}",
-                    "legend": f"legend{suffix}",
-                    "legendgroup": f"{k} {curve.label}",  # one entry for both logs
-                    "showlegend": number == 0,
-                    "line": {
-                        "color": COLOURS[colour % len(COLOURS)],
-                        "width": _WIDE if plot.is_first(curve) else _NARROW,
-                        "dash": "5px,3px" if number else "solid",
-                    },
-                    "hovertemplate": f"%{{y:.5~g}} {plot.unit}"
-                    f"<extra>{curve.label}{' (other)' if number else ''}</extra>",
-                }
-            )
-    return traces
+def _traces(logs: Sequence[Replay], number: int) -> list[dict[str, Any]]:
+    """Curves of one of the logs, dashed of another one than the first."""
+    each, made = logs[number], []
+    curves = [(plot, curve) for plot in each.plots for curve in plot.curves]
+    for trace, (plot, curve) in zip(traces(each.plots), curves, strict=True):
+        if not each.has(curve):
+            continue
+        trace["x"] = _array(each.digest.lines[curve.signal].time, "f8")
+        trace["y"] = _array(each.values(plot, curve), "f4")
+        trace["showlegend"] = not any(before.has(curve) for before in logs[:number])
+        trace["line"]["dash"] = "5px,3px" if number else "solid"
+        if number:
+            trace["hovertemplate"] = trace["hovertemplate"].replace("</extra>", " (other)</extra>")
+        made.append(trace)
+    return made
 
 
 def _layout(logs: Sequence[Replay], ends: tuple[float, float]) -> dict[str, Any]:
-    plots, digest = logs[0].plots, logs[0].digest
-    count = len(plots)
-    inner = count * _HEIGHT + (count - 1) * _GAP
-    layout: dict[str, Any] = {
-        "height": inner + _ABOVE + _BELOW,
-        "margin": {"l": 62, "r": 14, "t": _ABOVE, "b": _BELOW},
-        "font": {"size": 12},
-        "hovermode": "x",
-        "hoversubplots": "axis",
-        "dragmode": "zoom",
-        "shapes": [],
-        "annotations": [],
-    }
-    for k, plot in enumerate(plots, start=1):
-        suffix = "" if k == 1 else str(k)
-        top = 1.0 - (k - 1) * (_HEIGHT + _GAP) / inner
-        bottom = top - _HEIGHT / inner
-        layout[f"xaxis{suffix}"] = {
-            "anchor": f"y{suffix}",
-            "range": list(ends),
-            "showticklabels": k == count,
-            "ticks": "outside",
-            "zeroline": False,
-            "showspikes": False,
-            **({"matches": "x"} if k > 1 else {}),
-            **({"title": {"text": "time [s]", "standoff": 6}} if k == count else {}),
-        }
-        layout[f"yaxis{suffix}"] = {
-            "domain": [max(0.0, bottom), top],
-            "anchor": f"x{suffix}",
-            "title": {"text": f"[{plot.unit}]", "standoff": 4},
-            "automargin": True,
-            "exponentformat": "e",
-        }
-        layout[f"legend{suffix}"] = {
-            "orientation": "h",
-            "x": 0,
-            "y": top,
-            "yanchor": "bottom",
+    """Axes of the plots, with limits and phases."""
+    phases = logs[0].digest.phases
+    made = layout(logs[0].plots)
+    made["shapes"] = []
+    for k in range(len(logs[0].plots)):
+        x, y = axis("x", k), axis("y", k)
+        made[axis("xaxis", k)]["range"] = list(ends)
+        made["shapes"] += [limit_line(k, limit) for limit in near_limits(logs, k)]
+        made["shapes"] += [
+            {
+                "type": "rect",
+                "layer": "below",
+                "xref": x,
+                "x0": phase.begin,
+                "x1": phase.end,
+                "yref": f"{y} domain",
+                "y0": 0,
+                "y1": 1,
+                "line": {"width": 0},
+                "fillcolor": _BAND[number % 2],
+            }
+            for number, phase in enumerate(phases)
+        ]
+    made["annotations"] = [
+        {
+            "text": phase.name,
+            "x": 0.5 * (phase.begin + phase.end),
+            "xref": "x",
+            "yref": "y domain",
+            "y": 1.0,
+            "yanchor": "top",
+            "showarrow": False,
             "font": {"size": 10},
-            "bgcolor": "rgba(0,0,0,0)",
-            "entrywidth": 0,
+            "opacity": 0.7,
         }
-        for limit in near_limits(logs, k - 1):
-            layout["shapes"].append(
-                {
-                    "type": "line",
-                    "xref": f"x{suffix} domain",
-                    "x0": 0,
-                    "x1": 1,
-                    "yref": f"y{suffix}",
-                    "y0": limit,
-                    "y1": limit,
-                    "line": {"color": _LIMIT, "width": 1, "dash": "dot"},
-                }
-            )
-        for number, phase in enumerate(digest.phases):
-            layout["shapes"].append(
-                {
-                    "type": "rect",
-                    "layer": "below",
-                    "xref": f"x{suffix}",
-                    "x0": phase.begin,
-                    "x1": phase.end,
-                    "yref": f"y{suffix} domain",
-                    "y0": 0,
-                    "y1": 1,
-                    "line": {"width": 0},
-                    "fillcolor": _BAND[number % 2],
-                }
-            )
-    for phase in digest.phases:
-        if phase.end - phase.begin >= _NAMED * len(phase.name) * (ends[1] - ends[0]):
-            layout["annotations"].append(
-                {
-                    "text": phase.name,
-                    "x": 0.5 * (phase.begin + phase.end),
-                    "xref": "x",
-                    "yref": "y domain",
-                    "y": 1.0,
-                    "yanchor": "top",
-                    "showarrow": False,
-                    "font": {"size": 10},
-                    "opacity": 0.7,
-                }
-            )
-    return layout
+        for phase in phases
+        if phase.end - phase.begin >= _NAMED * len(phase.name) * (ends[1] - ends[0])
+    ]
+    return made
 
 
 def _array(values: Any, kind: str) -> dict[str, str]:

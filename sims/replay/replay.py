@@ -5,12 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 
+from parapod.sims.lab.plots import Curve, Plot, Signals, choose, usual
 from parapod.sims.lab.stored_log import StoredLog, open_log
 from parapod.sims.lab.subject import Subject
 from parapod.sims.replay.digest import Digest, gather
-from parapod.sims.replay.plots import Plot, choose, usual
+from parapod.systems.core.quoting import quoted_path
 
 # A limit is near that is no further from the curves than so many times their height.
 _REACH = 2.0
@@ -22,13 +24,23 @@ class Replay:
 
     Attributes:
         subject: what it is of.
-        plots: the plots.
+        plots: the plots, those of both where it is laid over another log.
         digest: its content.
     """
 
     subject: Subject
     plots: list[Plot]
     digest: Digest
+
+    def has(self, curve: Curve) -> bool:
+        """Whether a curve is in this log, of two that share their plots."""
+        line = self.digest.lines.get(curve.signal)
+        return line is not None and curve.element < line.values.shape[1]
+
+    def values(self, plot: Plot, curve: Curve) -> NDArray[np.float64]:
+        """Values of a curve that is in this log, in the plot's unit."""
+        values: NDArray[np.float64] = self.digest.lines[curve.signal].values[:, curve.element]
+        return plot.factor * values
 
     @property
     def remarks(self) -> list[str]:
@@ -45,9 +57,7 @@ def near_limits(logs: Sequence[Replay], number: int) -> list[float]:
     """
     plot = logs[0].plots[number]
     values = [
-        plot.factor * each.digest.lines[curve.signal].values[:, curve.element]
-        for each in logs
-        for curve in each.plots[number].curves
+        each.values(plot, curve) for each in logs for curve in plot.curves if each.has(curve)
     ]
     known = np.concatenate(values)
     known = known[np.isfinite(known)]
@@ -78,49 +88,40 @@ def open_replays(
         is_drawn: whether the machines are drawn.
 
     Returns:
-        The log, and the other one with those of the plots' signals that it has, or None.
+        The log, and the other one with the same plots, or None. Each has those of the curves that
+        its log has.
 
     Raises:
         OutputError: a log cannot be read.
-        NoSignal: the log does not have what is asked for.
+        NoSignal: no log has what is asked for.
         ParapodError: a log without a sample.
     """
     log = open_log(path)
-    other = open_log(against) if against is not None else None
     subject = Subject.of(path.name, log.shapes, log.metadata, is_drawn)
-    signals = getattr(subject.experiment, "signals", ())
-    wanted = list(asked) or usual(log, subject.machine, signals)
-    plots = choose(log, wanted, subject.limits)
-    replay = Replay(subject, plots, _gather(log, subject, plots, console, between))
-    if other is None:
-        return replay, None
-    assert against is not None
-    label = f"{against.name} (other)" if against.name == path.name else against.name
-    with_it = Subject.of(label, other.shapes, other.metadata, is_drawn)
-    there = _there(other, plots, with_it)
-    return replay, Replay(with_it, there, _gather(other, with_it, there, console, between))
-
-
-def _there(log: StoredLog, plots: Sequence[Plot], subject: Subject) -> list[Plot]:
-    """The same plots, with what another log has of them."""
-    found = []
-    missing: list[str] = []
-    for plot in plots:
-        curves = tuple(c for c in plot.curves if c.element < log.size(c.signal))
-        missing += [c.label for c in plot.curves if c not in curves]
-        found.append(Plot(curves, plot.unit, plot.factor, plot.limits))
-    if missing:
-        subject.remarks.append(f"{subject.label} has no {', '.join(missing)}")
-    return found
-
-
-def _gather(
-    log: StoredLog,
-    subject: Subject,
-    plots: Sequence[Plot],
-    console: Console,
-    between: tuple[float, float] | None,
-) -> Digest:
-    signals = dict.fromkeys(curve.signal for plot in plots for curve in plot.curves)
-    drawn = list(dict.fromkeys(subject.drawn_by.values()))
-    return gather(log, signals, drawn, subject.phase, console, between)
+    both: list[tuple[StoredLog, Subject]] = [(log, subject)]
+    owner = quoted_path(path)
+    if against is not None:
+        other = open_log(against)
+        label = f"{against.name} (other)" if against.name == path.name else against.name
+        both.append((other, Subject.of(label, other.shapes, other.metadata, is_drawn)))
+        owner += f" or {quoted_path(against)}"
+    sizes: dict[str, int] = {}
+    units: dict[str, str] = {}
+    for each, _ in reversed(both):
+        sizes |= each.sizes
+        units |= each.units
+    signals = Signals(owner, sizes, units)
+    measured = getattr(subject.experiment, "signals", ())
+    wanted = list(asked) or usual(signals.sizes, subject.machine, measured)
+    plots = choose(signals, wanted, subject.limits)
+    replays = []
+    for each, of in both:
+        curves = [curve for plot in plots for curve in plot.curves]
+        missing = [c.label for c in curves if c.element >= each.sizes.get(c.signal, 0)]
+        if missing:
+            of.remarks.append(f"{of.label} has no {', '.join(missing)}")
+        there = dict.fromkeys(c.signal for c in curves if c.signal in each.sizes)
+        drawn = list(dict.fromkeys(of.drawn_by.values()))
+        digest = gather(each, there, drawn, of.phase, console, between)
+        replays.append(Replay(of, plots, digest))
+    return replays[0], replays[1] if len(replays) > 1 else None

@@ -136,9 +136,17 @@ def test_a_disk_that_becomes_full_is_told_at_once(path, told):
 import sys, time
 from pathlib import Path
 import numpy as np
+from parapod.sims.lab.companion import Companion
 from parapod.sims.lab.live_log import LiveLog
 from parapod.systems.core.errors import OutputError
 import signal
+# Its last words are heard when the pipe to it is broken already.
+lines = Companion.lines
+def late(companion):
+    companion._process.wait()
+    time.sleep(0.2)
+    return lines(companion)
+Companion.lines = late
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 told = []
 try:

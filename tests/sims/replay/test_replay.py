@@ -94,7 +94,7 @@ def test_two_logs_share_a_scene_and_the_other_one_is_dashed_and_translucent(log,
     assert dashes.count("solid") == 18
     assert len(dashes) == 18 + 12
     first, second = (
-        [t for t in content["traces"] if t["legendgroup"] == "1 pose_estimated[2]"][k]
+        [t for t in content["traces"] if t["legendgroup"] == "0 pose_estimated[2]"][k]
         for k in range(2)
     )
     assert first["line"]["color"] == second["line"]["color"]
@@ -104,14 +104,49 @@ def test_two_logs_share_a_scene_and_the_other_one_is_dashed_and_translucent(log,
     assert scene is not None
 
 
+def test_curves_that_only_the_other_log_has_are_drawn_of_it_in_their_own_colours(log, capsys):
+    both, alone = (
+        write(log.with_name(f"{name}.npz"), left_out=left_out)
+        for name, left_out in (("whole", ()), ("bare", ["legs.position"]))
+    )
+    asked = ["--plot", "pose_desired[0]+pose_estimated[0]", "--plot", "legs.position[0:2]"]
+    assert main(["replay", str(alone), "--against", str(both), *asked, "--html", "a.html"]) == 0
+    assert "bare.npz has no legs.position[0], legs.position[1]" in capsys.readouterr().err
+    _, content, _ = page_of(log.with_name("a.html"))
+    legs = [trace for trace in content["traces"] if trace["legendgroup"].startswith("1 ")]
+    assert [trace["showlegend"] for trace in legs] == [True, True]
+    assert [trace["line"]["dash"] for trace in legs] == ["5px,3px"] * 2
+    assert (
+        main(
+            [
+                "plot",
+                str(alone),
+                "legs.position[1]+pose_desired[0]",
+                "--against",
+                str(both),
+                "--out",
+                "a.png",
+            ]
+        )
+        == 0
+    )
+    assert main(["plot", str(alone), "nothing", "--against", str(both)]) == 2
+    line = capsys.readouterr().err
+    assert "no signal 'nothing' in " in line
+    assert "whole.npz'; there are: " in line
+
+
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ("pose_estimatd", r"has no signal 'pose_estimatd' \(did you mean pose_estimated\?\); .*"),
+        (
+            "pose_estimatd",
+            r"no signal 'pose_estimatd' in '.*' \(did you mean pose_estimated\?\); .*",
+        ),
         ("pose_estimated[6]", r"'pose_estimated' has elements 0 to 5, not '\[6\]'"),
         ("pose_estimated[2:2]", r"'pose_estimated' has elements 0 to 5, not '\[2:2\]'"),
         ("phase[1]", r"'phase' has element 0 only, not '\[1\]'"),
-        ("pose_estimated+nothing", r"has no signal 'nothing'; there are: pose_estimated, .*"),
+        ("pose_estimated+nothing", r"no signal 'nothing' in '.*'; there are: pose_estimated, .*"),
     ],
 )
 def test_a_signal_that_is_not_there_is_refused_with_those_that_are(log, asked, words, capsys):

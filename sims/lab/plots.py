@@ -6,9 +6,8 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from parapod.sims.lab.stored_log import StoredLog
 from parapod.systems.core.errors import ParapodError
-from parapod.systems.core.quoting import did_you_mean, quoted, quoted_path
+from parapod.systems.core.quoting import did_you_mean, quoted
 
 if TYPE_CHECKING:
     from parapod.diagrams.machine import Machine
@@ -27,7 +26,22 @@ _USUAL = 4
 
 
 class NoSignal(ParapodError):
-    """A signal, or an element of one, that a log does not have."""
+    """A signal, or an element of one, that is not there."""
+
+
+@dataclass(frozen=True)
+class Signals:
+    """The signals that can be plotted.
+
+    Attributes:
+        owner: name of what has them, as sentences tell it.
+        sizes: number of elements of each, by port name.
+        units: units, by port name.
+    """
+
+    owner: str
+    sizes: Mapping[str, int]
+    units: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -89,14 +103,14 @@ def unit_of(unit: str, element: int) -> str:
 
 
 def choose(
-    log: StoredLog,
+    signals: Signals,
     asked: Sequence[str],
     limits: Mapping[str, tuple[float | None, float | None]],
 ) -> list[Plot]:
     """The plots that somebody has asked for.
 
     Args:
-        log: the log.
+        signals: those that there are.
         asked: `signal`, `signal[0]` or `signal[0:3]`, several joined by +; elements of different
             units become plots of their own.
         limits: smallest and largest admissible value of signals, in their unit.
@@ -108,8 +122,8 @@ def choose(
     for text in asked:
         by_unit: dict[str, list[Curve]] = {}
         for each in text.split("+"):
-            for curve in _curves(log, each.strip()):
-                unit = unit_of(log.units[curve.signal], curve.element)
+            for curve in _curves(signals, each.strip()):
+                unit = unit_of(signals.units[curve.signal], curve.element)
                 by_unit.setdefault(unit, []).append(curve)
         plots += [_plot(tuple(curves), unit, limits) for unit, curves in by_unit.items()]
     return plots
@@ -133,36 +147,36 @@ def parse(asked: str) -> tuple[str, range | None] | None:
     return found["name"], range(first, int(found["end"]) if found["end"] else first + 1)
 
 
-def usual(log: StoredLog, machine: "Machine[Any] | None", signals: Sequence[str]) -> list[str]:
-    """Plots for which nobody has asked: the machine's usual ones, as far as the log has them.
+def usual(
+    there: Collection[str], machine: "Machine[Any] | None", measured: Sequence[str] = ()
+) -> list[str]:
+    """Plots for which nobody has asked: the machine's usual ones, as far as they are there.
 
     Args:
-        log: the log.
+        there: names of the signals that there are.
         machine: the machine, or None.
-        signals: those that the experiment measures, for a log that has none of the usual ones.
+        measured: those that the experiment measures, for when none of the usual ones is there.
     """
     found = []
     for text in machine.plots if machine is not None else ():
-        there = [each for each in text.split("+") if _name(each) in log.shapes]
-        if there:
-            found.append("+".join(there))
+        parts = [each for each in text.split("+") if _name(each) in there]
+        if parts:
+            found.append("+".join(parts))
     if found:
         return found
-    return ([name for name in signals if name in log.shapes] or [*log.shapes])[:_USUAL]
+    return ([name for name in measured if name in there] or [*there])[:_USUAL]
 
 
 def _name(asked: str) -> str:
     return asked.partition("[")[0]
 
 
-def _curves(log: StoredLog, asked: str) -> Iterator[Curve]:
+def _curves(signals: Signals, asked: str) -> Iterator[Curve]:
     name, elements = parse(asked) or (asked, None)
-    if name not in log.shapes:
-        hint, known = did_you_mean(name, log.shapes), _named(name, log.shapes)
-        raise NoSignal(
-            f"{quoted_path(log.path)} has no signal {quoted(name)}{hint}; there are: {known}"
-        )
-    size = log.size(name)
+    if name not in signals.sizes:
+        hint, known = did_you_mean(name, signals.sizes), _named(name, signals.sizes)
+        raise NoSignal(f"no signal {quoted(name)} in {signals.owner}{hint}; there are: {known}")
+    size = signals.sizes[name]
     elements = range(size) if elements is None else elements
     if not elements or elements[-1] >= size:
         last = f"elements 0 to {size - 1}" if size > 1 else "element 0 only"
