@@ -48,6 +48,16 @@ _REAL_TIME, _CLOCKED = _node_ids(REAL_TIME), _node_ids((*REAL_TIME, *WAITING))
 OTHERS = {"the chair": "chair", "the centres": "center|centres", "the bench": "bench-|terrain"}
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Keeps the garbage collector away while modules are imported and tests are made."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+
+
 def pytest_itemcollected(item):
     """Marks tests by what they need."""
     # Names are compared as texts: paths of seven thousand tests would take half a second.

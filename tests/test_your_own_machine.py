@@ -76,7 +76,7 @@ def test_it_is_listed_under_its_own_heading(command):
 
 def test_its_experiment_holds_its_bounds(command, tmp_path):
     files = [tmp_path / "tilt.json", tmp_path / "figures", tmp_path / "tilt.npz"]
-    brief = ("--set", "motion.period=4")
+    brief = ("--set", "motion.period=3")
     done = command(
         "run", "rps-tilt", *brief, "--json", files[0], "--figures", files[1], "--log", files[2]
     )

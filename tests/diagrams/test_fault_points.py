@@ -229,21 +229,15 @@ def test_a_command_can_fail_on_its_way_to_the_legs(record):
 # The stop
 
 
-def stations():
-    for backend in PLATFORM.plants:
-        scenario = scenario_of(backend=backend)
-        scenario.plant.leg_model = "reduced"
-        yield pytest.param(Station(PLATFORM, scenario), id=backend)
-
-
-@pytest.mark.parametrize("station", list(stations()))
-def test_a_stop_cuts_the_actuators_supply(station):
-    diagram = station
+@pytest.mark.parametrize("backend", PLATFORM.plants)
+def test_a_stop_cuts_the_actuators_supply(backend):
+    scenario = scenario_of(backend=backend)
+    scenario.plant.leg_model = "reduced"
     builder = DiagramBuilder()
-    add(builder, diagram)
-    for i in range(diagram.num_input_ports()):
-        builder.ExportInput(diagram.get_input_port(i), diagram.get_input_port(i).get_name())
-    log = LogVectorOutput(diagram.GetOutputPort("truth.extension"), builder, PERIOD)
+    station = add(builder, Station(PLATFORM, scenario))
+    for i in range(station.num_input_ports()):
+        builder.ExportInput(station.get_input_port(i), station.get_input_port(i).get_name())
+    log = LogVectorOutput(station.GetOutputPort("truth.extension"), builder, PERIOD)
     whole = builder.Build()
     simulator = Simulator(whole)
     context = simulator.get_mutable_context()

@@ -395,7 +395,15 @@ def test_its_diagram_is_graphviz_text(part, finished):
 # --- run again, elsewhere
 
 
-@each_entry
+# Those that take seconds; that their machines' loops give the same numbers is a law of machines.
+LONG = {"bench-course", "bench-leg", "center-walk", "chair-engines", "fault-campaign"}
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [pytest.param(entry, marks=[pytest.mark.slow] if entry.name in LONG else []) for entry in OWN],
+    ids=lambda entry: entry.name,
+)
 def test_the_same_scenario_gives_the_same_metrics(entry):
     experiment = pickle.loads(pickle.dumps(entry.load()))
     scenario = scenario_of(entry, *BRIEF.get(entry.name, ()))
