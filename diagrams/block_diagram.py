@@ -29,7 +29,6 @@ _STYLE = """<style>
 .edge path, .edge polygon { pointer-events: all; }
 .edge:hover path { stroke: #C00000; stroke-width: 3; }
 .edge:hover polygon { fill: #C00000; stroke: #C00000; }
-svg { background: #FFFFFF; }
 </style>"""
 # Graphviz in a program of its own: it complains on the channel of errors of whoever calls it.
 _GRAPHVIZ = """
@@ -84,7 +83,8 @@ class BlockDiagram:
         picture = render(self.text, suffix)
         if suffix != "svg":
             return picture
-        return re.sub(rb"(<svg[^>]*>)", rb"\1" + _STYLE.encode(), picture, count=1)
+        opened = rb'<svg style="background: #FFFFFF"\1>' + _STYLE.encode()
+        return re.sub(rb"<svg([^>]*)>", opened, picture, count=1)
 
     def _repr_html_(self) -> str:
         try:
@@ -94,7 +94,8 @@ class BlockDiagram:
                 f"<summary>{html.escape(str(error))}</summary><pre>{html.escape(self.text)}</pre>"
             )
             return f"<details>{text}</details>"
-        return svg[svg.index("<svg") :]
+        # As wide as it is: a page shows a part of it rather than all of it beyond its edge.
+        return f'<div style="overflow-x: auto">{svg[svg.index("<svg") :]}</div>'
 
 
 def draw(diagram: Diagram, depth: int = 1) -> BlockDiagram:

@@ -24,6 +24,10 @@ nodesep=0.25; ranksep=0.45; bgcolor="white";
 node [shape=box, style="rounded,filled", fillcolor="#DDEBF7", fontname="Helvetica", fontsize=11];
 edge [fontname="Helvetica", fontsize=9, color="#44546A", arrowsize=0.7];
 """
+# Lines about the notebooks' kernels, which are on this computer only.
+_OF_KERNELS = re.compile(
+    r"\[IPKernelApp\] WARNING \| Kernel is running over TCP|# .* traitlets |$"
+)
 _ARROW = re.compile(r"^\s*(\S+) --> (\S+?)(?:: (.*))?$", re.MULTILINE)
 
 
@@ -89,7 +93,13 @@ def main() -> int:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else _ROOT / "build" / "site"
     assemble(folder / "source")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-j", "auto"]
-    code = subprocess.run([*command, folder / "source", folder / "html"], check=False).returncode
+    command += [str(folder / "source"), str(folder / "html")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as sphinx:
+        assert sphinx.stderr is not None
+        for line in sphinx.stderr:
+            if not _OF_KERNELS.match(line):
+                sys.stderr.write(line)
+        code = sphinx.wait()
     # Pictures that pages hold as objects, of which Sphinx knows nothing.
     for picture in (folder / "source" / "reference").rglob("*.svg"):
         shutil.copy(picture, folder / "html" / picture.relative_to(folder / "source"))

@@ -16,6 +16,7 @@ nb_merge_streams = True
 nitpicky = True
 html_theme = "furo"
 html_title = "parapod"
+pygments_dark_style = "github-dark"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_show_sphinx = False

@@ -94,3 +94,13 @@ def test_the_picture_shows_every_block_and_wire_and_says_where_wires_end(loop):
     assert "first.y0 (3) → second.u0" in tips
     assert ".edge:hover" in picture.find(f"{_SVG}style").text
     assert draw(loop).render("png").startswith(b"\x89PNG")
+
+
+def test_a_picture_in_a_page_changes_nothing_beside_it_and_is_no_wider(loop):
+    pytest.importorskip("pygraphviz")
+    shown = draw(loop)._repr_html_()
+    assert shown.startswith('<div style="overflow-x: auto"><svg style="background: #FFFFFF"')
+    (rules,) = re.findall("<style>(.*?)</style>", shown, re.DOTALL)
+    selectors = re.findall(r"^(.*?) \{", rules, re.MULTILINE)
+    assert selectors
+    assert all(each.startswith(".edge") for rule in selectors for each in rule.split(", "))
