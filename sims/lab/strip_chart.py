@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from parapod.diagrams.machine import Machine
 from parapod.sims.lab.plots import Signals, choose, usual
-from parapod.sims.lab.stacked_plots import black, layout, limit_line, traces
+from parapod.sims.lab.stacked_plots import axis, black, layout, limit_line, traces
 from parapod.systems.core.extras import need
 
 # Between two samples, and from the oldest to the newest of them [s].
@@ -54,6 +54,9 @@ class StripChart:
         drawn = traces(plots)
         axes = layout(plots)
         del axes["height"]
+        axes["margin"] |= {"l": 50, "r": 6}
+        for k in range(len(plots)):  # in one line, although the page has little room
+            axes[axis("legend", k)]["font"] = {"size": 9}
         self.description: Mapping[str, Any] = {
             "traces": drawn,
             "layout": axes,
