@@ -48,6 +48,19 @@ def test_every_system_has_its_symbol_and_table(reference):
         assert f"systems/{package}.md" in pages
 
 
+def test_classes_of_arguments_are_described_and_drakes_words_are_left_out(reference):
+    pages = dict(reference.systems())
+    text = "\n".join(pages.values())
+    assert "Overloaded function" not in text
+    assert "SystemScalarConverter" not in text
+    sensors = pages["systems/sensors.md"]
+    described = sensors[sensors.index("### ImuParams") :].partition("\n### ")[0]
+    for word in ("gyro_noise_density", "rad/s/sqrt(Hz)", "data sheet"):
+        assert word in described
+    for name in re.findall(r"= ([A-Z]\w+)\(\.\.\.\)", text):
+        assert f"### {name}\n" in text, name
+
+
 def test_a_symbol_has_inputs_left_and_outputs_right(reference):
     (page,) = (text for name, text in reference.systems() if name == "systems/actuators.md")
     symbol = re.search(r'<div class="block-symbol">.*name">PiController<.*', page)[0]

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import redirect_stdout, suppress
 from itertools import groupby
 from types import ModuleType
-from typing import Any, get_args, get_origin
+from typing import Any, get_args, get_origin, get_type_hints
 
 from pydrake.common.cpp_template import TemplateClass
 from pydrake.systems.framework import Diagram, LeafSystem
@@ -69,15 +69,19 @@ errors
 def systems() -> Pages:
     """A page for each package of systems: symbol, port table and arguments of each."""
     kinds = sorted(_systems(), key=lambda kind: (_package(kind), class_name(kind)))
+    settings = sorted({one for kind in kinds for one in _settings(kind)}, key=class_name)
     names = []
     for package, members in groupby(kinds, _package):
         names.append(package)
         module = importlib.import_module(f"parapod.systems.{package}")
         title = package.replace("_", " ").capitalize()
         says = (inspect.getdoc(module) or "").split("\n\n")[0]
+        described = [_described(one) for one in settings if _package(one) == package]
+        if described:
+            described.insert(0, "## Classes of arguments\n")
         yield (
             f"systems/{package}.md",
-            "\n".join((f"# {title}\n\n{says}\n", *map(_system, members))),
+            "\n".join((f"# {title}\n\n{says}\n", *map(_system, members), *described)),
         )
     yield "systems/index.md", _contents("Systems", _SYSTEMS, names)
 
@@ -111,21 +115,36 @@ def _package(kind: type) -> str:
     return kind.__module__.split(".")[2]
 
 
+def _settings(kind: type) -> Iterator[type]:
+    """Dataclasses of parapod's systems that a constructor takes, and those that these take."""
+    for hint in get_type_hints(kind.__init__).values():
+        for one in (hint, *get_args(hint)):
+            is_ours = inspect.isclass(one) and one.__module__.startswith("parapod.systems.")
+            if is_ours and dataclasses.is_dataclass(one):
+                yield one
+                yield from _settings(one)
+
+
 def _system(kind: type) -> str:
-    text = inspect.getdoc(kind) or ""
-    made = inspect.getdoc(kind.__init__) if "__init__" in vars(kind) else ""
+    symbol = _symbol(class_name(kind), port_table(kind))
+    return "\n\n".join((f"## {class_name(kind)}", symbol, *_made(kind)))
+
+
+def _described(kind: type) -> str:
+    return "\n\n".join((f"### {class_name(kind)}", *_made(kind)))
+
+
+def _made(kind: type) -> tuple[str, ...]:
+    """Module, constructor and docstrings of a class; not those that it inherits from Drake's."""
+    made = inspect.cleandoc(getattr(vars(kind).get("__init__"), "__doc__", None) or "")
     _, *given = inspect.signature(kind.__init__).parameters.values()
     parameters = "".join(f"\n    {_parameter(one)}," for one in given)
-    return "\n\n".join(
-        (
-            f"## {class_name(kind)}",
-            _symbol(class_name(kind), port_table(kind)),
-            f"`parapod.{kind.__module__.removeprefix('parapod.')}`",
-            f"```python\n{class_name(kind)}({parameters}{chr(10) if given else ''})\n```",
-            as_markdown(text),
-            as_markdown(made or ""),
-            "",
-        )
+    return (
+        f"`parapod.{kind.__module__.removeprefix('parapod.')}`",
+        f"```python\n{class_name(kind)}({parameters}{chr(10) if given else ''})\n```",
+        as_markdown(inspect.getdoc(kind) or ""),
+        as_markdown(made),
+        "",
     )
 
 
