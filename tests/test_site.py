@@ -55,8 +55,9 @@ def test_classes_of_arguments_are_described_and_drakes_words_are_left_out(refere
     assert "SystemScalarConverter" not in text
     sensors = pages["systems/sensors.md"]
     described = sensors[sensors.index("### ImuParams") :].partition("\n### ")[0]
-    for word in ("gyro_noise_density", "rad/s/sqrt(Hz)", "data sheet"):
+    for word in ("gyro_noise_density: float = 0.000235619,", "rad/s/sqrt(Hz)", "data sheet"):
         assert word in described
+    assert not re.search(r"^- `\s", text, re.MULTILINE)  # a line that goes on is no entry
     for name in re.findall(r"= ([A-Z]\w+)\(\.\.\.\)", text):
         assert f"### {name}\n" in text, name
 

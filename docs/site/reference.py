@@ -35,7 +35,7 @@ from parapod.systems.core.scenario_file import describe, load_scenario
 type Pages = Iterator[tuple[str, str | bytes]]
 
 _SECTION = re.compile(r"^(Args|Attributes|Raises|Returns|Yields):$")
-_ENTRY = re.compile(r"^    (\*{0,2}[\w., ]+): (.*)$")
+_ENTRY = re.compile(r"^    (\*{0,2}\w[\w., ]*): (.*)$")
 
 
 def all_pages() -> Pages:
@@ -153,7 +153,8 @@ def _parameter(one: inspect.Parameter) -> str:
     text = re.sub(r"\b(?:[a-z_]\w*\.)+(?=\w)", "", str(one.replace(default=one.empty)))
     if one.default is one.empty:
         return text
-    shown = repr(one.default)
+    is_long = isinstance(one.default, float) and len(repr(one.default)) > 10
+    shown = f"{one.default:.6g}" if is_long else repr(one.default)
     # What a dataclass holds is told where it is described.
     return f"{text} = {shown if len(shown) < 30 else type(one.default).__name__ + '(...)'}"
 
