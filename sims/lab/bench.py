@@ -302,10 +302,8 @@ class Bench:
             if monitor is not None:
                 monitors.append(monitor(loop, meshcat))
             if panel is not None:
-                shown = shown_on(
-                    panel, experiment.read_out, loop, simulator.get_context(), self._remark
-                )
-                monitors.append(shown)
+                root, remark = simulator.get_context(), partial(_say, self.console)
+                monitors.append(shown_on(panel, experiment.read_out, loop, root, remark))
             if monitors:
                 simulator.set_monitor(_all_of(monitors))
             simulator.Initialize()
@@ -335,9 +333,6 @@ class Bench:
             again,
         )
 
-    def _remark(self, text: str) -> None:
-        self.console.print(text, markup=False, highlight=False, soft_wrap=True)
-
     def simulate(self, simulator: Simulator, until: float, what: str = "") -> float:
         """Advances a simulation with progress; returns the wall-clock time that it took [s]."""
         return simulate(simulator, until, self.console, what or self.name)
@@ -345,8 +340,11 @@ class Bench:
 
 def say_where(page: Panel, what: str, console: Console) -> None:
     """Prints the address at which something is shown."""
-    where = f"{what[:1].upper()}{what[1:]} is shown at {page.web_url()}"
-    console.print(where, markup=False, highlight=False, soft_wrap=True)
+    _say(console, f"{what[:1].upper()}{what[1:]} is shown at {page.web_url()}")
+
+
+def _say(console: Console, text: str) -> None:
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def shown_on(
@@ -365,8 +363,7 @@ def shown_on(
         simulated: the root context that its simulator advances.
         remark: is told why nothing is plotted.
     """
-    shown_at = -math.inf
-    chart = None
+    shown_at, chart = -math.inf, None
     try:
         chart = StripChart(loop.machine, {n: port.size() for n, port in loop.ports.items()})
     except MissingExtra as error:
@@ -471,8 +468,7 @@ def stay_live(panel: Panel, live: Callable[[], str], console: Console, advice: s
         console: console for the advice.
         advice: purpose of the controls.
     """
-    text = f"{advice} '{RESTART}' begins anew; '{END}' or Ctrl-C ends."
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
+    _say(console, f"{advice} '{RESTART}' begins anew; '{END}' or Ctrl-C ends.")
     try:
         while live() != END:
             pass
