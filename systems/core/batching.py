@@ -58,6 +58,21 @@ def columns(
     return taken, shape
 
 
+def first_of_largest(values: ArrayLike, tolerance: float) -> tuple[int, ...]:
+    """Index of the first value that is as large as the largest, NaN being larger than all.
+
+    Values of mirrored legs or of repeated cycles are equal but for rounding, which differs from
+    one processor to another: what is named must not.
+
+    Args:
+        values: (...), not empty.
+        tolerance: difference from the largest that is taken for rounding.
+    """
+    ranked = np.nan_to_num(np.asarray(values, dtype=float), nan=np.inf)
+    first = int(np.argmax(ranked >= ranked.max() - tolerance))
+    return tuple(int(i) for i in np.unravel_index(first, ranked.shape))
+
+
 def stack(columns: Sequence[Elementwise], shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Columns as the last dimension of an array of the batch's shape."""
     if not shape:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
+from parapod.systems.core.batching import first_of_largest
 from parapod.systems.core.errors import ParapodError, UnreachablePosture
 from parapod.systems.core.vectors import Array, rotation_columns
 from parapod.systems.machining_center.geometry import CenterGeometry, leg_name
@@ -52,6 +53,7 @@ _LAST_STEP, _TOLERANCE = 2e-3, 0.05
 _FREE, _RETRACTED = 0.5, 0.95
 # Poses at which a way of the platform, and of a foot, is looked at.
 _LOOKS_OF_PLATFORM, LOOKS_OF_FOOT = 12, 24
+_SAME_SPEED = 1e-9  # difference of two legs' speeds that is rounding [m/s]
 
 
 class Refused(ParapodError):
@@ -426,11 +428,11 @@ def _check_speeds(job: Job, lengths: Array, duration: float, which: str) -> None
         which: speed that is to blame.
     """
     rates = np.abs(np.diff(lengths, axis=0)) * (len(lengths) - 1) / duration
-    *_, leg = np.unravel_index(int(rates.argmax()), rates.shape)
+    *_, leg = first_of_largest(rates, _SAME_SPEED)
     fastest = float(rates.max())
     if fastest > job.speeds.leg:
         raise Refused(
-            f"the {leg_name(int(leg))} would have to go at {1e3 * fastest:.0f} mm/s and may go at "
+            f"the {leg_name(leg)} would have to go at {1e3 * fastest:.0f} mm/s and may go at "
             f"{1e3 * job.speeds.leg:.0f}: a {which} speed that is {fastest / job.speeds.leg:.2f} "
             "times lower would do"
         )

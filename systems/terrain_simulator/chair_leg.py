@@ -22,9 +22,9 @@ from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.walk import BenchWalk
 from parapod.systems.walking_chair.checks import (
     SPEED_LIMIT,
-    ForceExceeded,
     check_speeds,
     check_strokes,
+    refuse_forces,
 )
 from parapod.systems.walking_chair.geometry import LegGeometry, branch_names
 from parapod.systems.walking_chair.leg import leg_corners, leg_inverse, up_of_lengths
@@ -175,10 +175,7 @@ class ChairLegModel:
         force = -np.linalg.solve(np.swapaxes(jacobian, -1, -2), upwards[..., np.newaxis])[..., 0]
         # Both corners of the edge bear alike.
         force[..., 1:] = force[..., 1:].mean(axis=-1, keepdims=True)
-        if np.abs(force).max() > self.max_force:
-            when, branch = np.unravel_index(int(np.abs(force).argmax()), force.shape)
-            most = float(force[when, branch])
-            raise ForceExceeded(_NAMES[branch], float(times[when]), most, self.max_force)
+        refuse_forces(force, self.max_force, times, _NAMES)
 
     def _lowest(self, foot: Array, phi: Array) -> tuple[NDArray[np.intp], Array]:
         """Number of the corner that stands (...), and its place (..., 3) in {A1} [m]."""

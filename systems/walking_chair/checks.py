@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from parapod.systems.core.batching import of_width
+from parapod.systems.core.batching import first_of_largest, of_width
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.gait import TrotGait, Walk, gait_branches
@@ -33,6 +33,7 @@ from parapod.systems.walking_chair.statics import force_map, rest
 # A length that was computed for an actuator at its stroke's end must be admissible [m].
 _STROKE_TOLERANCE = 1e-9
 _SPEED_TOLERANCE = 1e-9  # [m/s]
+_FORCE_TOLERANCE = 1e-6  # [N]
 
 
 def _at(time: float | None) -> str:
@@ -160,18 +161,8 @@ def _of_legs(value: ArrayLike, legs: Sequence[int], name: str) -> NDArray[np.flo
 
 
 def _worst(excess: NDArray[np.float64], tolerance: float) -> tuple[int, ...] | None:
-    """Index of the largest excess, NaN being the largest of all; None if all are tolerable.
-
-    Of excesses that are equal but for rounding, as those of mirrored legs are, it is the first.
-    """
-    if excess.size == 0:
-        return None
-    ranked = np.where(np.isnan(excess), np.inf, excess)
-    largest = ranked.max()
-    if largest <= tolerance:
-        return None
-    first = int(np.argmax(ranked >= largest - tolerance))
-    return tuple(int(i) for i in np.unravel_index(first, excess.shape))
+    """Index of the largest excess, NaN being the largest of all; None if all are tolerable."""
+    return None if (excess <= tolerance).all() else first_of_largest(excess, tolerance)
 
 
 def _name(index: tuple[int, ...], legs: Sequence[int]) -> str:
@@ -264,11 +255,31 @@ def check_forces(
         own = masses.foot_end * GRAVITY
         at_rest = rest(places.reshape(12, 3), vertical, mass * GRAVITY, centre, own)
         forces.append(at_rest.branch_forces)
-    sizes = np.abs(forces)
-    if sizes.max() > limit:
-        when, branch = np.unravel_index(int(sizes.argmax()), sizes.shape)
-        force = float(np.array(forces)[when, branch])
-        raise ForceExceeded(BRANCHES[branch], float(times[when]), force, limit)
+    refuse_forces(np.array(forces), limit, times, BRANCHES)
+
+
+def refuse_forces(
+    forces: NDArray[np.float64],
+    limit: float,
+    times: NDArray[np.float64],
+    branches: Sequence[str],
+) -> None:
+    """Refuses forces above a limit, either way.
+
+    Args:
+        forces: (k, n) of n branches at k times [N].
+        limit: largest force of a branch [N].
+        times: (k) [s].
+        branches: names of the n branches.
+
+    Raises:
+        ForceExceeded: names the branch that bears most, and when first.
+    """
+    found = _worst(np.abs(forces) - limit, _FORCE_TOLERANCE)
+    if found is not None:
+        when, branch = found
+        force = float(forces[found])
+        raise ForceExceeded(branches[branch], float(times[when]), force, limit)
 
 
 def _instants(walk: Walk) -> np.ndarray:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from scipy.spatial import ConvexHull, QhullError  # type: ignore[import-untyped]
 
+from parapod.systems.core.batching import first_of_largest
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.ports import declare_cached, read
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
@@ -65,6 +66,7 @@ def support_polygon(contacts: ArrayLike) -> SupportPolygon:
 
 # Corners this close to the ground touch it [m].
 _TOUCHING = 1e-6
+_SAME_MARGIN = 1e-9  # difference of two phases' margins that is rounding [m]
 
 
 class SupportLost(ParapodError):
@@ -130,10 +132,11 @@ class GaitSupport:
         """Refuses a gait before its first step.
 
         Raises:
-            SupportLost: a phase in which the margin is smaller than required; the worst one.
+            SupportLost: a phase in which the margin is smaller than required; the worst one, and
+                of those that are alike the first.
         """
         margins = self.margins(passenger)
-        worst = int(np.argmin(margins))
+        (worst,) = first_of_largest(-margins, _SAME_MARGIN)
         if not margins[worst] >= required:
             name = self._walk.phases[worst]
             time = (0.0, *self._walk.ends)[worst]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from parapod.systems.core.batching import columns, stack
+from parapod.systems.core.batching import columns, first_of_largest, stack
 
 
 def test_what_is_taken_apart_is_put_together_again():
@@ -28,3 +28,9 @@ def test_blocks_broadcast_and_one_without_a_batch_stays_floats():
 def test_another_width_is_refused_by_name(value):
     with pytest.raises(ValueError, match=r"ground must have shape \(\.\.\., 2\)"):
         columns((value, 2, "ground"))
+
+
+def test_the_first_of_values_that_differ_by_rounding_is_the_largest():
+    assert first_of_largest([[0.0, 1.0], [1.0 + 1e-13, 0.5]], 1e-9) == (0, 1)
+    assert first_of_largest([[0.0, 1.0], [1.0 + 1e-6, 0.5]], 1e-9) == (1, 0)
+    assert first_of_largest([3.0, np.nan, np.inf, np.nan], 1e-9) == (1,)

@@ -16,6 +16,7 @@ from parapod.systems.walking_chair.checks import (
     check_gait,
     check_speeds,
     check_strokes,
+    refuse_forces,
     stroke_excess,
 )
 from parapod.systems.walking_chair.gait import (
@@ -237,6 +238,15 @@ def test_the_error_names_branch_time_and_limit():
     assert error.branch in text
     assert f"{error.time:.3f} s" in text
     assert "150.0 N" in text
+
+
+@pytest.mark.parametrize("noise", [1e-12, -1e-12])
+def test_of_forces_that_differ_by_rounding_the_first_is_named(noise):
+    # Mirrored legs bear alike: which is a bit larger differs between processors.
+    forces = np.array([[1.0, 2.0, 2.0], [2.0 + noise, -2.0 - noise, 1.0]])
+    with pytest.raises(ForceExceeded) as caught:
+        refuse_forces(forces, 1.5, np.array([3.0, 7.0]), ("branch 11", "branch 12", "branch 13"))
+    assert (caught.value.branch, caught.value.time, caught.value.force) == ("branch 12", 3.0, 2.0)
 
 
 def test_the_largest_force_is_that_of_two_legs():
