@@ -64,6 +64,11 @@ _ENDING = 5.0
 _READY = "ready"
 # By how much the physics may come late and still follow the clock [s].
 _PATIENCE = 0.2
+# Time between two looks at switches [s]: contacts bounce for some milliseconds, and those that
+# tell of forces have the plant's contacts solved for once more.
+_SWITCH_PERIOD = 0.01
+# Time between two remarks on physics that are late [s].
+_REMARK_PERIOD = 10.0
 
 
 @contextmanager
@@ -162,6 +167,7 @@ class EmulatedMachine:
         misbehaviours: by part of the machine.
         circuits: what is no device and breaks all the same, by the names of `disturbed`.
         period: between two exchanges of wires and physics [s].
+        lost: time by which the physics have fallen behind the clock for good [s].
     """
 
     def __init__(self, machine: Machine[Any], scenario: Any):
@@ -186,6 +192,9 @@ class EmulatedMachine:
         # With a longer step of the plant the exchange is rarer.
         step = 0.0 if scenario.backend == "kinematic" else scenario.plant.time_step
         self.period = max(machine.exchange[scenario.backend], step)
+        self.lost = 0.0
+        self._looks = itertools.count()
+        self._look_every = max(1, round(_SWITCH_PERIOD / self.period))
         self._station = Station(machine, machine.emulated(scenario, self.period))
         self._simulator = Simulator(self._station)
         self._context = self._simulator.get_mutable_context()
@@ -225,7 +234,9 @@ class EmulatedMachine:
             self._program.close()
 
     def run(self, duration: float, on_tick: Callable[[Context], None]) -> None:
-        """Simulates in real time; what a busy computer delays is made up for.
+        """Simulates in real time.
+
+        What a busy computer delays by a moment is made up for; what is later is lost, and counted.
 
         Args:
             duration: [s].
@@ -236,9 +247,9 @@ class EmulatedMachine:
         between = self._station.behind.between_steps
 
         def exchange(root: Context) -> None:
+            self.lost = loop.timing.missed * self.period
             if between is not None:
                 between(root)
-            self._show()
             is_cut = self._is_pressed or self.circuits[SUPPLY].is_broken
             cut = self.machine.cut if is_cut else {}
             for name, port in inputs:
@@ -246,12 +257,16 @@ class EmulatedMachine:
                 if name in self.machine.drives:
                     asked = self._driven(asked)
                 port.FixValue(root, [cut[name]] * len(asked) if name in cut else asked)
+            # After the commands: the forces of contacts, which some outputs tell, depend on them,
+            # and so they are solved for once, for this and for the plant's next step.
+            self._show()
             on_tick(root)
 
         self._simulator.Initialize()
-        RealTimeLoop(
+        loop = RealTimeLoop(
             self._simulator, self.period, exchange, is_strict=False, patience=_PATIENCE
-        ).run(duration)
+        )
+        loop.run(duration)
 
     @property
     def _is_pressed(self) -> bool:
@@ -273,7 +288,10 @@ class EmulatedMachine:
         """Puts what the station shows on the wires."""
         pressed, switches = [float(self._is_pressed)], self.circuits[SWITCHES].state
         self.harness.set(SUPPLY, [0.0 if self.circuits[SUPPLY].is_broken else 1.0])
+        is_looking = next(self._looks) % self._look_every == 0
         for name, port in self._outputs:
+            if name in self.machine.switches and not is_looking:
+                continue
             is_button = name.endswith(f".{EMERGENCY_STOP}")
             shown = pressed if is_button else np.asarray(port.Eval(self._context)).tolist()
             if switches and name in self.machine.switches:
@@ -319,6 +337,37 @@ def _only_emulator() -> ExitStack:
         f"an emulator runs in {quoted_path(emulator_directory())} already; end it, or name "
         "another folder in the environment's PARAPOD_EMULATOR"
     )
+
+
+class Lateness:
+    """Remarks on physics that this computer cannot simulate as fast as the clock runs."""
+
+    def __init__(self, machine: Machine[Any], backend: str, say: Callable[[str], None]):
+        """Prepares them.
+
+        Args:
+            machine: the machine.
+            backend: its plant.
+            say: takes a remark.
+        """
+        cheaper = "kinematic" if "kinematic" in machine.plants else backend
+        self._advice = "" if cheaper == backend else f"; --backend {cheaper} needs less"
+        self._say, self._lost, self._next = say, 0.0, -math.inf
+
+    def judge(self, now: float, lost: float) -> None:
+        """Says that time has been lost since the last remark, at most every ten seconds.
+
+        Args:
+            now: time of the simulation [s].
+            lost: see `EmulatedMachine` [s].
+        """
+        if lost > self._lost and now >= self._next:
+            self._say(
+                f"{now:.2f} s: this computer is too slow or too busy for these physics: "
+                f"{lost - self._lost:.2f} s lost; controllers will find measurements that are too "
+                f"old{self._advice}"
+            )
+            self._lost, self._next = lost, now + _REMARK_PERIOD
 
 
 _LOG_PERIOD = 0.01  # [s]
@@ -373,10 +422,12 @@ def emulate(
         schedule.listen()
         every = max(1, round(_LOG_PERIOD / emulated.period))
         ticks = itertools.count()
+        lateness = Lateness(emulated.machine, scenario.backend, schedule.say)
 
         def on_tick(root: Context) -> None:
             now = root.get_time()
             schedule.advance(now)
+            lateness.judge(now, emulated.lost)
             if schedule.is_measuring():
                 schedule.say(f"{now:.2f} s: {MEASURE}d {emulated.measured(root)}")
             if record is not None and next(ticks) % every == 0:

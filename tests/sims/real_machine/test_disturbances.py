@@ -2,6 +2,7 @@
 
 import io
 import itertools
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from rich.console import Console
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.walking_chair.machine import CHAIR
+from parapod.sims.real_machine import emulator
 from parapod.sims.real_machine.disturbances import (
     Circuit,
     Schedule,
@@ -17,7 +19,8 @@ from parapod.sims.real_machine.disturbances import (
     kinds_of,
     parsed_fault,
 )
-from parapod.sims.real_machine.emulator import EmulatedMachine
+from parapod.sims.real_machine.emulator import EmulatedMachine, Lateness
+from parapod.sims.real_machine.real_time import RealTimeLoop
 from parapod.systems.core.errors import ScenarioError
 
 
@@ -118,3 +121,52 @@ def test_broken_switches_show_the_same_wherever_the_legs_are(machine, kind, show
     machine.run(0.12, lambda root: None)
     assert 0.0 in machine.harness.get("legs.limits")
     assert 1.0 in machine.harness.get("legs.limits")
+
+
+def test_switches_are_looked_at_every_ten_milliseconds(machine):
+    shown = []
+    machine.disturbed()["switches"].begin("closed", 0.0)
+    machine.run(0.02, lambda root: shown.append(set(machine.harness.get("legs.limits"))))
+    changed = [states == {1.0} for states in shown]
+    assert len(changed) == 10  # exchanges every 2 ms
+    assert changed.index(True) in range(1, 5)
+    assert all(changed[changed.index(True) :])
+
+
+class SlowComputer:
+    """A clock by which each tick of 2 ms takes 3."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def tick(self, root=None):
+        self.now += 0.003
+
+    def sleep(self, duration):
+        self.now += duration
+
+
+def test_what_physics_lose_is_counted_and_told(machine, monkeypatch):
+    slow = SlowComputer()
+    loop = partial(RealTimeLoop, clock=lambda: slow.now, sleep=slow.sleep)
+    monkeypatch.setattr(emulator, "RealTimeLoop", loop)
+    machine.run(1.0, slow.tick)
+    # Each second of physics takes 1.5; up to 0.2 s of it may still be made up for.
+    assert slow.now == pytest.approx(1.5, abs=0.01)
+    assert 0.3 - 0.01 <= machine.lost <= 0.5
+    said = []
+    lateness = Lateness(PLATFORM, "multibody", said.append)
+    for now, lost in ((0.5, 0.0), (1.0, 0.21), (2.0, 0.4), (11.1, 0.5), (30.0, 0.5)):
+        lateness.judge(now, lost)
+    first, second = said
+    assert first.startswith("1.00 s: this computer is too slow or too busy")
+    assert ": 0.21 s lost; " in first
+    assert first.endswith("; --backend kinematic needs less")
+    assert second.startswith("11.10 s: ")
+    assert ": 0.29 s lost; " in second
+
+
+def test_the_cheapest_physics_have_no_cheaper_ones():
+    said = []
+    Lateness(PLATFORM, "kinematic", said.append).judge(1.0, 0.3)
+    assert said[0].endswith("measurements that are too old")
