@@ -418,3 +418,59 @@ class Judge:
 def judge():
     """`with judge() as judged: ...` and then `judged.check(limit)`: see `Judge`."""
     return Judge
+
+
+_SUFFIXES = {"```python": ".py", "```xml": ".urdf", "```yaml": ".yaml"}
+
+
+def named_blocks(text):
+    """Files that a page shows: names, each named last before a block of its kind, and contents."""
+    name, block = "", None
+    for line in text.splitlines():
+        if block is None and not line.startswith("```"):
+            name = ([name, *re.findall(r"`(\w+\.(?:py|urdf|yaml))`", line)])[-1]
+        elif block is None:
+            block = [line]
+        elif line != "```":
+            block.append(line)
+        else:
+            kind, *content = block
+            if name.endswith(_SUFFIXES.get(kind, "none")):
+                yield name, "\n".join(content) + "\n"
+            name, block = "", None
+
+
+_ENTRY_POINTS = re.compile(r'\[project\.entry-points\."([\w.]+)"\]\n((?:[\w-]+ = .*\n)+)')
+
+
+@pytest.fixture
+def reader_of(tmp_path, monkeypatch):
+    """reader_of(page): works in a folder with the files that a page of the documents shows.
+
+    A block of code is the file that is named last before it. A module whose entry points the page
+    shows is installed there. Returns the folder.
+    """
+    modules = []
+
+    def place(page):
+        text = page.read_text(encoding="utf-8")
+        for name, content in named_blocks(text):
+            (tmp_path / name).write_text(content, encoding="utf-8")
+        points = _ENTRY_POINTS.findall(text)
+        modules.extend(path.stem for path in tmp_path.glob("*.py"))
+        if modules:
+            info = tmp_path / "of_a_page-0.1.dist-info"
+            info.mkdir()
+            (info / "METADATA").write_text(
+                "Metadata-Version: 2.1\nName: of-a-page\nVersion: 0.1\n"
+            )
+            points = _ENTRY_POINTS.findall(text)
+            groups = (f"[{group}]\n{entries.replace(chr(34), '')}" for group, entries in points)
+            (info / "entry_points.txt").write_text("\n".join(groups))
+            monkeypatch.syspath_prepend(tmp_path)
+        monkeypatch.chdir(tmp_path)
+        return tmp_path
+
+    yield place
+    for module in modules:
+        sys.modules.pop(module, None)

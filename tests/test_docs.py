@@ -3,16 +3,9 @@
 import contextlib
 import importlib
 import inspect
-import math
-import os
 import pkgutil
-import pty
 import re
 import shlex
-import sys
-import threading
-import time
-import tty
 from dataclasses import fields
 from pathlib import Path
 
@@ -26,7 +19,6 @@ from parapod.diagrams.drivers.epos2 import (
     Epos2PositionScrews,
     Epos2TorqueAxes,
 )
-from parapod.diagrams.drivers.external import load_drivers
 from parapod.diagrams.drivers.ni_daq import NiDaqForceCells
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.machine import list_machines
@@ -35,9 +27,7 @@ from parapod.sims.cli.arguments import load
 from parapod.sims.cli.main import main, make_parser
 from parapod.sims.lab.discovery import find_entry
 from parapod.systems.core import schema
-from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
-from parapod.systems.hardware.device import DeviceError
 from parapod.systems.hardware.epos2 import objects
 from parapod.systems.hardware.epos2.controller import Timing, reports
 from parapod.systems.hardware.epos2.switches import switches_of_limbs
@@ -48,13 +38,13 @@ _DOCS = Path(__file__).parents[1] / "docs"
 _README = _DOCS.parent / "README.md"
 _OPERATION = (_DOCS / "operation.md").read_text()
 _GLOSSARY = (_DOCS / "glossary.md").read_text()
-_HARDWARE = _DOCS / "hardware.md"
+_HARDWARE = "\n".join(page.read_text() for page in (_DOCS / "hardware").glob("*.md"))
 LEVEL = find_entry("level")
 
 
 def quoted_commands():
     """Commands of all documents, and what is said to be printed by each: page, command, lines."""
-    for page in (_README, *sorted(_DOCS.glob("*.md"))):
+    for page in (_README, *sorted(_DOCS.rglob("*.md"))):
         blocks = re.findall(r" *```(?:sh|bash|console)\n(.*?)```", page.read_text(), re.DOTALL)
         for block in blocks:
             said = []
@@ -62,16 +52,19 @@ def quoted_commands():
                 found = re.fullmatch(r"\s*(?:\$ )?(?:\.venv/bin/)?parapod ([a-z].*)", line)
                 if found:
                     command = shlex.split(found[1], comments=True)
-                    yield pytest.param(command, said, id=f"{page.stem}: {' '.join(command)}")
+                    yield pytest.param(page, command, said, id=f"{page.stem}: {' '.join(command)}")
                     said = []
                 else:
                     said.insert(0, line.strip())
 
 
-@pytest.mark.parametrize(("command", "said"), [*quoted_commands()])
-def test_a_quoted_command_is_understood_and_refused_with_the_quoted_words(command, said, capsys):
+@pytest.mark.parametrize(("page", "command", "said"), [*quoted_commands()])
+def test_a_quoted_command_is_understood_and_refused_with_the_quoted_words(
+    page, command, said, capsys, reader_of
+):
     if "rps-tilt" in command:
-        pytest.skip("its package is installed by tests/test_your_own_machine.py alone")
+        pytest.skip("its package is installed by tests/your_own/test_machine.py alone")
+    reader_of(page)
     if said and said[0].startswith("parapod: error: "):
         assert main(command) == 2
         words = map(re.escape, re.split(r"\s*\.\.\.", said[0]))
@@ -79,7 +72,7 @@ def test_a_quoted_command_is_understood_and_refused_with_the_quoted_words(comman
         return
     arguments = make_parser().parse_args(command)
     # Files that the reader has.
-    own = any(word in ("--scenario", "--drivers") or word.endswith(".urdf") for word in command)
+    own = any(re.search(r"\.(yaml|urdf|py)$", w) and not Path(w).exists() for w in command)
     if hasattr(arguments, "overrides") and arguments.name and not own:
         load(arguments)
 
@@ -92,83 +85,8 @@ def test_the_findings_are_those_of_the_detector():
     assert as_markdown() in _OPERATION
 
 
-def code_of(document, begins):
-    """The block of Python in a document that begins with a text."""
-    blocks = re.findall(r"```python\n(.*?)```", document.read_text(), re.DOTALL)
-    (found,) = [block for block in blocks if block.startswith(begins)]
-    return found
-
-
-class Arm(threading.Thread):
-    """The other end of the line of the driver that the documents show."""
-
-    def __init__(self, answer):
-        super().__init__(daemon=True)
-        self.answer, self.lines = answer, []
-        self.ours, theirs = pty.openpty()
-        tty.setraw(theirs)
-        self.port = os.ttyname(theirs)
-        self._theirs = theirs
-        self.start()
-
-    def run(self):
-        buffer = b""
-        while True:
-            try:
-                buffer += os.read(self.ours, 100)
-            except OSError:
-                return
-            while b"\n" in buffer:
-                line, _, buffer = buffer.partition(b"\n")
-                self.lines.append(line)
-                if line == b"?":
-                    os.write(self.ours, self.answer + b"\n")
-
-
-@pytest.fixture(scope="module")
-def my_arm(tmp_path_factory):
-    pytest.importorskip("serial")
-    text = code_of(_HARDWARE, '"""my_arm.py')
-    assert len([line for line in text.splitlines() if line.strip()]) <= 42
-    path = tmp_path_factory.mktemp("lab") / "my_arm.py"
-    path.write_text(text)
-    load_drivers(path)
-    return sys.modules["my_arm"]
-
-
-def test_the_driver_that_is_shown_can_be_named_in_a_scenario(my_arm, tmp_path):
-    file = tmp_path / "lab.yaml"
-    file.write_text("hardware: {drivers: [!MyArm {port: /dev/none, limit_deg: 30}]}")
-    default = LEVEL.default_scenario
-    scenario = load_scenario(LevellingScenario, default, file)
-    (driver,) = scenario.hardware.drivers
-    assert driver == my_arm.MyArm("arm", "/dev/none", 30.0)
-    with pytest.raises(ScenarioError, match=r"limit_deg = 300 is outside 0..180"):
-        load_scenario(LevellingScenario, default, file, ["hardware.drivers.0.limit_deg=300"])
-
-
-@pytest.mark.flaky(reruns=2)  # the other end of its line may be late
-def test_the_driver_that_is_shown_works(my_arm):
-    arm = Arm(b"ARM1")
-    device = my_arm.MyArm(port=arm.port, limit_deg=30.0).make(PartPorts({}, {}))
-    with device:
-        for angle in (0.1, math.nan, 10.0):
-            device.write({"position_command": (angle,)})
-        end = time.monotonic() + 2.0
-        while len(arm.lines) < 3 and time.monotonic() < end:
-            time.sleep(0.01)
-    assert arm.lines == [b"?", b"P 5.73", b"P 30.00"]
-
-
-def test_the_driver_that_is_shown_refuses_what_is_no_arm(my_arm):
-    with pytest.raises(DeviceError, match="not ARM1"):
-        my_arm.MyArm(port=Arm(b"MODEM").port).make(PartPorts({}, {})).configure()
-    with pytest.raises(DeviceError, match="/dev/none"):
-        my_arm.MyArm(port="/dev/none").make(PartPorts({}, {})).configure()
-
-
 def test_every_driver_is_in_the_table():
-    text = _HARDWARE.read_text()
+    text = _HARDWARE
     own = {n for n, kind in Driver.variants().items() if kind.__module__.startswith("parapod.")}
     assert len(own) >= 8
     for name in own:
@@ -198,7 +116,7 @@ def test_frames_take_as_many_bits_as_in_the_worst_case():
 
 def test_the_load_of_the_chairs_bus_is_what_its_driver_makes_of_it():
     load, slow = (bus_load(Epos2Legs(bitrate=b), 0.01) for b in (1_000_000, 500_000))
-    text = " ".join(_HARDWARE.read_text().split())
+    text = " ".join(_HARDWARE.split())
     assert (
         f"that is {10.0 * load:.1f} ms of a period of 10 ms, a load of {100.0 * load:.0f} %"
         in text
@@ -216,13 +134,13 @@ def test_the_load_of_eight_legs_with_switches_is_what_the_documents_say():
     assert len(each) == 8 * 4
     cycle = frame_bits(0) + sum(frame_bits(pdo.size) for pdo in each)
     share = (cycle / 0.01 + frame_bits(1) / Timing().heartbeat_period) / settings.bitrate
-    text = " ".join(_HARDWARE.read_text().split())
+    text = " ".join(_HARDWARE.split())
     assert f"{1e-3 * cycle:.1f} ms at 1 Mbit/s, a load of {100.0 * share:.0f} % at 100" in text
 
 
 def test_the_screws_with_locks_and_clamps_are_those_of_three_limbs(tmp_path):
     (example,) = re.findall(
-        r"```yaml\n(hardware:\n.*?!Epos2PositionScrews\n.*?)```", _HARDWARE.read_text(), re.DOTALL
+        r"```yaml\n(hardware:\n.*?!Epos2PositionScrews\n.*?)```", _HARDWARE, re.DOTALL
     )
     example = example[example.rindex("hardware:") :]
     file = tmp_path / "lab.yaml"
@@ -235,7 +153,7 @@ def test_the_screws_with_locks_and_clamps_are_those_of_three_limbs(tmp_path):
 
 
 def test_forces_are_measured_and_commanded_as_the_examples_say(tmp_path):
-    text, drivers = _HARDWARE.read_text(), []
+    text, drivers = _HARDWARE, []
     for tag in ("NiDaqForceCells", "Epos2ForceSlides"):
         (example,) = re.findall(
             rf"```yaml\n(hardware:\n  drivers:\n    - !{tag}\n.*?)```", text, re.DOTALL
@@ -260,7 +178,7 @@ def test_forces_are_measured_and_commanded_as_the_examples_say(tmp_path):
     "kind", [Epos2PositionScrews, Epos2ForceSlides, Epos2TorqueAxes, NiDaqForceCells]
 )
 def test_every_setting_of_drivers_for_any_machine_is_told_of(kind):
-    text = _HARDWARE.read_text()
+    text = _HARDWARE
     for field in fields(kind):
         name = field.name
         assert f"`{name}`" in text or re.search(rf"^ +{name}: ", text, re.MULTILINE), name
@@ -268,7 +186,7 @@ def test_every_setting_of_drivers_for_any_machine_is_told_of(kind):
 
 def test_what_the_limits_allow_is_what_the_documents_say():
     limits = Epos2Legs().limits
-    text = " ".join(_HARDWARE.read_text().split())
+    text = " ".join(_HARDWARE.split())
     shown = []
     for distance in (0.01, 0.001):
         position = [upper - distance for upper in limits.upper]
@@ -278,18 +196,9 @@ def test_what_the_limits_allow_is_what_the_documents_say():
 
 
 def test_every_setting_of_the_chairs_drives_is_in_its_table():
-    text = _HARDWARE.read_text()
+    text = _HARDWARE
     for field in fields(Epos2Legs):
         assert field.name == "part" or f"`{field.name}`" in text
-
-
-def test_drivers_that_cannot_be_imported_are_refused(tmp_path):
-    with pytest.raises(ScenarioError, match="there is no such Python file"):
-        load_drivers(tmp_path / "none.py")
-    path = tmp_path / "broken_lab_drivers.py"
-    path.write_text("1 / 0\n")
-    with pytest.raises(ScenarioError, match=r"broken_lab_drivers\.py' cannot be imported"):
-        load_drivers(path)
 
 
 # --- studies

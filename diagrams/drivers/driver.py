@@ -51,6 +51,8 @@ class Driver(Variant):
         part: part of the machine, as in the names of its ports.
     """
 
+    others = "those of your own come with --drivers FILE, or with a package's parapod.drivers"
+
     part: str = ""
 
     def make(self, ports: PartPorts) -> "Device":

@@ -46,7 +46,7 @@ def assemble(source: Path) -> None:
     (source / "tutorials.md").write_text(
         f"# Tutorials\n\n```{{toctree}}\n:maxdepth: 1\n{listed}\n```\n"
     )
-    for page in source.glob("*.md"):
+    for page in source.rglob("*.md"):
         page.write_text(_adapted(page))
     for name, content in all_pages():
         path = source / "reference" / name
@@ -57,7 +57,7 @@ def assemble(source: Path) -> None:
 
 def _adapted(page: Path) -> str:
     """A page whose state diagrams are pictures, and whose links stay inside the site."""
-    text = page.read_text().replace("](../examples/three_rps)", "](three_rps.md)")
+    text = page.read_text().replace("](../../examples/three_rps)", "](../three_rps.md)")
 
     def drawn(match: re.Match[str]) -> str:
         name = f"images/{page.stem}_states.svg"
@@ -76,7 +76,7 @@ def _as_graphviz(states: str) -> str:
 
 
 def _write_example(source: Path) -> None:
-    """A page with all files of the package that docs/your_own_machine.md is about."""
+    """A page with all files of the package that docs/your_own/machine.md is about."""
     folder = _ROOT / "examples" / "three_rps"
     parts = ["---\norphan: true\n---\n\n# The package of the 3-RPS platform"]
     for path in sorted(folder.rglob("*")):

@@ -118,8 +118,10 @@ class Variant(Schema):
     whatever package, can be chosen by its name as soon as it is defined.
     """
 
-    # Reasons for which variants of a family may be missing; said where a tag is not known.
+    # Reasons for which variants of a family may be missing, and where further ones come from; said
+    # where a tag is not known.
     not_imported: ClassVar[tuple[str, ...]] = ()
+    others: ClassVar[str] = ""
 
     @classmethod
     def variants(cls) -> dict[str, type]:
@@ -407,7 +409,8 @@ class Reader:
         if name not in known:
             hint = did_you_mean(name, known)
             given = show(value) if tag is None else printable(tag, _LONGEST_KEY)
-            missing = "".join(f"; {why}" for why in (*family.not_imported, *family.clashes()))
+            reasons = (*family.not_imported, *family.clashes(), family.others)
+            missing = "".join(f"; {why}" for why in reasons if why)
             known_tags = _tags(family)
             self._refuse(
                 key, f"must begin with one of the tags {known_tags}, not {given}{hint}{missing}"

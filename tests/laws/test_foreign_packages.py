@@ -163,6 +163,7 @@ def test_drivers_that_cannot_be_imported_are_named_and_the_others_stay_usable(
     assert main(["run", "level", "--set", "hardware.drivers=[!BrokenArm {part: arm}]"]) == 2
     refusal = capsys.readouterr().err.splitlines()[-1]
     assert refusal.startswith("parapod: error: hardware.drivers.0 must begin with one of the tags")
+    assert "--drivers FILE" in refusal
     assert all(words in refusal for words in said)
     with pytest.warns(UserWarning, match="cannot be imported") as caught:
         parapod.scenario("swing")

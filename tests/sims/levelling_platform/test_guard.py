@@ -10,7 +10,7 @@ from parapod.diagrams.levelling_platform.guard import PlatformGuard
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.systems.levelling_platform.fault_detection import Finding
 
-_HARDWARE = Path(__file__).parents[3] / "docs" / "hardware.md"
+_HARDWARE = Path(__file__).parents[3] / "docs" / "hardware" / "index.md"
 PERIOD = 0.01
 # Latest time after which each fault is found while the legs move [s].
 FAULTS = {

@@ -11,7 +11,7 @@ from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.systems.walking_chair.geometry import BRANCHES
 from parapod.systems.walking_chair.payload import PayloadEstimator
 
-_HARDWARE = Path(__file__).parents[3] / "docs" / "hardware.md"
+_HARDWARE = Path(__file__).parents[3] / "docs" / "hardware" / "walking_chair.md"
 # Latest time after which each fault is found while the branch moves [s].
 FAULTS = {
     "stuck encoder": ("following_error", "branch 11 is more than 5 mm off its way", 0.6),

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "examples" / "three_rps"
-PAGE = (ROOT / "docs" / "your_own_machine.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "your_own" / "machine.md").read_text(encoding="utf-8")
 LONGEST = 300  # lines of the whole package
 
 

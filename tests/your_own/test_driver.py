@@ -1,0 +1,98 @@
+"""The driver that the documents show, at the other end of a line, and drivers that are broken."""
+
+import math
+import os
+import pty
+import sys
+import threading
+import time
+import tty
+from pathlib import Path
+
+import pytest
+
+from parapod.diagrams.drivers.driver import PartPorts
+from parapod.diagrams.drivers.external import load_drivers
+from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.sims.lab.discovery import find_entry
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.scenario_file import load_scenario
+from parapod.systems.hardware.device import DeviceError
+
+PAGE = Path(__file__).parents[2] / "docs" / "your_own" / "driver.md"
+LEVEL = find_entry("level")
+
+
+class Arm(threading.Thread):
+    """The other end of the line of the driver that the documents show."""
+
+    def __init__(self, answer):
+        super().__init__(daemon=True)
+        self.answer, self.lines = answer, []
+        self.ours, theirs = pty.openpty()
+        tty.setraw(theirs)
+        self.port = os.ttyname(theirs)
+        self._theirs = theirs
+        self.start()
+
+    def run(self):
+        buffer = b""
+        while True:
+            try:
+                buffer += os.read(self.ours, 100)
+            except OSError:
+                return
+            while b"\n" in buffer:
+                line, _, buffer = buffer.partition(b"\n")
+                self.lines.append(line)
+                if line == b"?":
+                    os.write(self.ours, self.answer + b"\n")
+
+
+@pytest.fixture
+def my_arm(reader_of):
+    pytest.importorskip("serial")
+    path = reader_of(PAGE) / "my_arm.py"
+    assert len([line for line in path.read_text().splitlines() if line.strip()]) <= 42
+    load_drivers(path)
+    return sys.modules["my_arm"]
+
+
+def test_the_driver_that_is_shown_can_be_named_in_a_scenario(my_arm):
+    file, default = Path("lab.yaml"), LEVEL.default_scenario
+    scenario = load_scenario(LevellingScenario, default, file)
+    driver, *others = scenario.hardware.drivers
+    assert driver == my_arm.MyArm("arm", "/dev/ttyUSB2", 30.0)
+    assert {driver.part, *(other.part for other in others)} >= set(PLATFORM.parts)
+    with pytest.raises(ScenarioError, match=r"limit_deg = 300 is outside 0..180"):
+        load_scenario(LevellingScenario, default, file, ["hardware.drivers.0.limit_deg=300"])
+
+
+@pytest.mark.flaky(reruns=2)  # the other end of its line may be late
+def test_the_driver_that_is_shown_works(my_arm):
+    arm = Arm(b"ARM1")
+    device = my_arm.MyArm(port=arm.port, limit_deg=30.0).make(PartPorts({}, {}))
+    with device:
+        for angle in (0.1, math.nan, 10.0):
+            device.write({"position_command": (angle,)})
+        end = time.monotonic() + 2.0
+        while len(arm.lines) < 3 and time.monotonic() < end:
+            time.sleep(0.01)
+    assert arm.lines == [b"?", b"P 5.73", b"P 30.00"]
+
+
+def test_the_driver_that_is_shown_refuses_what_is_no_arm(my_arm):
+    with pytest.raises(DeviceError, match="not ARM1"):
+        my_arm.MyArm(port=Arm(b"MODEM").port).make(PartPorts({}, {})).configure()
+    with pytest.raises(DeviceError, match="/dev/none"):
+        my_arm.MyArm(port="/dev/none").make(PartPorts({}, {})).configure()
+
+
+def test_drivers_that_cannot_be_imported_are_refused(tmp_path):
+    with pytest.raises(ScenarioError, match="there is no such Python file"):
+        load_drivers(tmp_path / "none.py")
+    path = tmp_path / "broken_lab_drivers.py"
+    path.write_text("1 / 0\n")
+    with pytest.raises(ScenarioError, match=r"broken_lab_drivers\.py' cannot be imported"):
+        load_drivers(path)
