@@ -28,6 +28,7 @@ from parapod.sims.cli.main import main, make_parser
 from parapod.sims.lab.discovery import find_entry
 from parapod.systems.core import schema
 from parapod.systems.core.scenario_file import load_scenario
+from parapod.systems.hardware.emulation.harness import KINDS
 from parapod.systems.hardware.epos2 import objects
 from parapod.systems.hardware.epos2.controller import Timing, reports
 from parapod.systems.hardware.epos2.switches import switches_of_limbs
@@ -82,7 +83,7 @@ def test_the_phases_are_drawn_from_the_table_of_transitions():
 
 
 def test_the_findings_are_those_of_the_detector():
-    assert as_markdown() in _OPERATION
+    assert as_markdown() in (_DOCS / "faults.md").read_text()
 
 
 def test_every_driver_is_in_the_table():
@@ -251,3 +252,8 @@ def test_symbols_of_the_glossary_are_called_so_in_the_code():
     said = [name for *_, code, _ in rows for name in re.findall(r"`([\w.]+)[^`]*`", code)]
     assert len(said) > 50
     assert {*said} - {*names_of_the_code()} - {"X_AB", "R_AB", "p_AB"} == set()
+
+
+def test_every_kind_of_fault_is_told_of_in_its_table():
+    rows = re.findall(r"^\| (\w+) \| ", (_DOCS / "faults.md").read_text(), re.MULTILINE)
+    assert rows[: len(KINDS) + 1] == ["kind", *KINDS]
