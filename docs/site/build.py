@@ -58,6 +58,7 @@ def assemble(source: Path) -> None:
 def _adapted(page: Path) -> str:
     """A page whose state diagrams are pictures, and whose links stay inside the site."""
     text = page.read_text().replace("](../../examples/three_rps)", "](../three_rps.md)")
+    text = text.replace("](../examples/notebooks/README.md)", "](tutorials.md)")
 
     def drawn(match: re.Match[str]) -> str:
         name = f"images/{page.stem}_states.svg"
