@@ -44,7 +44,7 @@ class StripChart:
         units = {name: machine.unit(name) for name in known}
         limits = {n: port.limits for n in known if (port := machine.table[n]).limits is not None}
         there = Signals(machine.title, {name: sizes[name] for name in known}, units)
-        plots = choose(there, usual(known, machine), limits)
+        plots = choose(there, usual(known, machine.plots), limits)
         curves = [(plot, curve) for plot in plots for curve in plot.curves]
         self.signals = tuple(dict.fromkeys(curve.signal for _, curve in curves))
         self._elements = [(curve.signal, curve.element, plot.factor) for plot, curve in curves]

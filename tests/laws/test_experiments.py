@@ -375,7 +375,7 @@ def test_its_log_is_replayed_with_its_machine_or_says_in_one_line_why_not(part, 
     assert digest.rows == len(run.log.time)
     if subject.drawn_by:
         assert not subject.remarks
-        twin = subject.machine.twin(None, subject.machine_scenario())
+        twin = subject.twin(None, subject.machine_scenario())
         for time, row in (digest.pictures[0], digest.pictures[-1]):
             twin.show(subject.values(row), time)
         assert twin.time == digest.pictures[-1][0]
