@@ -272,8 +272,12 @@ class Machine[S]:
 
     def all_limits(self, scenario: S) -> Limits:
         """Limits that its ports declare, and those of a scenario."""
-        of_ports = {n: port.limits for n, port in self.table.items() if port.limits is not None}
-        return {**of_ports, **self.limits(scenario)}
+        return {**self.limits_of_ports, **self.limits(scenario)}
+
+    @property
+    def limits_of_ports(self) -> Limits:
+        """Limits that its ports declare, which hold in every scenario."""
+        return {n: port.limits for n, port in self.table.items() if port.limits is not None}
 
     def __repr__(self) -> str:
         return f"<machine {self.name}: {len(self.inputs)} inputs, {len(self.outputs)} outputs>"

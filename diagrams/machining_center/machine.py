@@ -40,7 +40,7 @@ def _variant(scenario: CenterScenario) -> Mapping[str, Any]:
 
 
 def _limits(scenario: CenterScenario) -> Limits:
-    """Stroke, speed and force of the legs, and the wrench that they must be able to resist."""
+    """Stroke, speed and force of the legs, and how far they may be off their way."""
     geometry, legs = scenario.geometry, scenario.legs
     stroke = geometry.stroke_min, geometry.stroke_max
     speed, force = 1e-3 * legs.max_velocity_mm_s, legs.max_force_N
@@ -51,7 +51,6 @@ def _limits(scenario: CenterScenario) -> Limits:
         "legs.current": (-current, current),
         "truth.leg_force": (-force, force),
         "length_error": (-off, off),
-        "wrench_margin": (0.0, None),
     }
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.geometry import Cylinder, Meshcat, Rgba, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -17,6 +17,7 @@ from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, LegGeometry
 from parapod.systems.walking_chair.kinematic_chair import KinematicChair
+from parapod.systems.walking_chair.leg import leg_corners, up_of_lengths
 from parapod.systems.walking_chair.model import CHAIR_GEOMETRY, leg_joints
 from parapod.systems.walking_chair.odometry import FeetOdometer, Footing
 from parapod.urdf import configure_parser
@@ -105,10 +106,15 @@ def _unpacked(footing: NDArray[np.float64]) -> Footing:
 
 # Height of a leg's upper platform above the floor: its foot swings clear of that [m].
 _HANGS = 1.1
+_FLOOR = Cylinder(0.6, 0.02)
+_CAMERA, _TARGET = (1.2, 1.5, 1.0), (0.0, -0.05, 0.68)  # [m]
 
 
 class LegTwin(Twin):
-    """Two drawings of one leg that hangs in the air: as it is, and pale as it is asked to be."""
+    """Two drawings of one leg that hangs in the air: as it is, and pale as it is asked to be.
+
+    A line shows the way of the foot's corner E_1.
+    """
 
     needed = frozenset(("leg.position",))
     signals = needed | {"leg.position_desired"}
@@ -134,6 +140,11 @@ class LegTwin(Twin):
             draw(self.builder, self._leg, positions, scene_graph)
             publish(self.builder, scene_graph, meshcat, path)
         self.finish()
+        self._way: list[NDArray[np.float64]] = []
+        if meshcat is None or self.is_guest:
+            return
+        meshcat.SetObject("/floor", _FLOOR, Rgba(0.86, 0.89, 0.91))
+        meshcat.SetCameraPose(_CAMERA, _TARGET)
 
     def show(self, values: Mapping[str, NDArray[Any]], time: float = 0.0) -> None:
         """See `Twin`."""
@@ -142,6 +153,15 @@ class LegTwin(Twin):
         measured = values["leg.position"]
         desired = values.get("leg.position_desired", measured)
         self._publish({MEASURED: self._joints(measured), DESIRED: self._joints(desired)}, time)
+        self._draw_way(measured)
+
+    def _draw_way(self, lengths: NDArray[Any]) -> None:
+        geometry = LegGeometry()
+        corner, *_ = leg_corners(geometry, up_of_lengths(geometry, lengths))
+        self._way.append(corner + np.array((0.0, 0.0, _HANGS)))
+        if self.meshcat is not None and len(self._way) > 1:
+            path, colour = f"{self.path(MEASURED)}_way", Rgba(0.90, 0.35, 0.10)
+            self.meshcat.SetLine(path, np.array(self._way).T, 2.0, colour)
 
     def _joints(self, lengths: NDArray[Any]) -> NDArray[np.float64]:
         """Positions of the leg's joints, its loops closed, by the lengths (3) of its branches."""

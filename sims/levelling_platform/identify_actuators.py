@@ -31,6 +31,7 @@ from parapod.diagrams.levelling_platform.scenario import (
     SensorScenario,
     emulated_hardware,
 )
+from parapod.diagrams.machine import Limits
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.sims.lab.bench import Bench
@@ -203,6 +204,12 @@ class IdentifyActuators(Experiment[IdentifyActuatorsScenario, Identified]):
             if case.attitude is not None:
                 signals[f"{name}.attitude"] = (case.attitude, "rad")
         return data.recordings.loaded.time, signals
+
+    def limits(self, scenario: IdentifyActuatorsScenario) -> Limits:
+        """Supply and stroke, of both cases."""
+        known = super().limits(scenario)
+        both = ("legs.voltage", "legs.extension")
+        return {**known, **{f"{case}.{name}": known[name] for case in CASES for name in both}}
 
     def measure(self, scenario: IdentifyActuatorsScenario, data: Identified) -> Iterator[Metric]:
         """Gains of the steps, gains with friction separated, and the stroke."""

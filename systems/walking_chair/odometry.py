@@ -18,9 +18,10 @@ _LEVEL = np.eye(3)
 # Height above the lowest corner from which on a corner counts no more [m]: by so much a chair that
 # is not quite level, and a foot that is late, are off.
 _TOUCHES = 4e-3
-# Time after which a way is counted even though all feet stand and swing as before [s], where the
-# log tells which feet stand, and where heights alone tell it.
-_LONGEST, _LONGEST_UNTOLD = 1.0, 0.05
+_HIGH = 1e3  # of a corner that is nowhere [m]
+# Time after which a way is counted even though the same feet stand [s]: seldom, where it is told
+# which these are, and often, where their heights tell it.
+_LONGEST, _LONGEST_UNTOLD = 2.0, 0.05
 
 
 class Footing(NamedTuple):
@@ -158,10 +159,9 @@ def _way(before: Array, after: Array, stands: Array) -> Array:
 
 def _near(corners: Array, feet: Array) -> Array:
     """(..., 12) 1 for corners as low as the lowest of the standing feet, 0 for higher ones."""
-    heights = np.nan_to_num(corners[..., 2], nan=np.inf)
-    lowest = np.where(feet > 0.5, heights, np.inf).min(axis=-1, keepdims=True)
-    above = np.where(np.isfinite(lowest), heights - lowest, np.inf)
-    near: Array = np.clip(1.0 - above / _TOUCHES, 0.0, 1.0)
+    heights = np.nan_to_num(corners[..., 2], nan=_HIGH)
+    lowest = np.where(feet > 0.5, heights, _HIGH).min(axis=-1, keepdims=True)
+    near: Array = np.clip(1.0 - (heights - lowest) / _TOUCHES, 0.0, 1.0)
     return near
 
 
