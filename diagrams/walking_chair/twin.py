@@ -144,7 +144,7 @@ class LegTwin(Twin):
         if meshcat is None or self.is_guest:
             return
         meshcat.SetObject("/floor", _FLOOR, Rgba(0.86, 0.89, 0.91))
-        meshcat.SetCameraPose(_CAMERA, _TARGET)
+        meshcat.SetCameraPose(np.array(_CAMERA), np.array(_TARGET))
 
     def show(self, values: Mapping[str, NDArray[Any]], time: float = 0.0) -> None:
         """See `Twin`."""
