@@ -71,12 +71,21 @@ class Plot:
         unit: unit in which they are drawn.
         factor: number in `unit` of one in the log's unit.
         limits: smallest and largest admissible values, in `unit`.
+        limited: places among `curves` of those that each of the limits is of.
     """
 
     curves: tuple[Curve, ...]
     unit: str
     factor: float = 1.0
     limits: tuple[float, ...] = field(default=())
+    limited: tuple[tuple[int, ...], ...] = field(default=())
+
+    def place_of_limit(self, limit: float) -> int | None:
+        """Place of the first curve that a limit is of; None: it is of all that have any."""
+        places = self.limited[self.limits.index(limit)]
+        return (
+            None if len(places) == len({p for each in self.limited for p in each}) else places[0]
+        )
 
     @property
     def legend(self) -> tuple[str, ...]:
@@ -207,10 +216,10 @@ def _plot(
     limits: "Limits",
 ) -> Plot:
     shown, factor = _READ.get(unit, (unit or "-", 1.0))
-    ends = {
-        end
-        for curve in curves
-        for each in limits.get(curve.signal, ())
-        if each is not None and math.isfinite(end := limit_of(each, curve.element))
-    }
-    return Plot(curves, shown, factor, tuple(factor * end for end in sorted(ends)))
+    ends: dict[float, list[int]] = {}
+    for place, curve in enumerate(curves):
+        for each in limits.get(curve.signal, ()):
+            if each is not None and math.isfinite(end := limit_of(each, curve.element)):
+                ends.setdefault(factor * end, []).append(place)
+    order = sorted(ends)
+    return Plot(curves, shown, factor, tuple(order), tuple(tuple(ends[end]) for end in order))

@@ -97,7 +97,7 @@ class Subject:
 
     @property
     def twin(self) -> "type[Twin] | None":
-        """What draws the machine, or the part of it of which the log tells."""
+        """Drawing of the machine, or of the part of it that the log tells about."""
         if self.machine is None:
             return None
         return (self._drawing and self._drawing.twin) or self.machine.twin
@@ -157,7 +157,7 @@ class Subject:
         return samples | {name: row[name] for name in tracked}
 
     def tracker(self) -> "Tracker | None":
-        """What has to see all samples of the log for the machine to be drawn rightly, or None."""
+        """Tracker of the drawing, which takes samples by the names of the log's signals; or None."""
         if self.undrawn or self.twin is None:
             return None
         track = self.twin.tracker(self.machine_scenario())

@@ -350,6 +350,9 @@ def test_elements_have_limits_of_their_own(work):
     assert up == pytest.approx((591.4, 891.4))
     assert ups == pytest.approx((574.0, 874.0))
     assert both == pytest.approx((574.0, 591.4, 874.0, 891.4))
+    # Lines have the colours of the curves that they are of, where these differ.
+    assert [replay.plots[2].place_of_limit(limit) for limit in both] == [1, 0, 1, 0]
+    assert replay.plots[0].place_of_limit(up[0]) is None
 
 
 def test_without_a_screen_no_window_is_opened_and_a_file_is_asked_for(log, monkeypatch, capsys):
