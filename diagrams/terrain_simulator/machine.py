@@ -107,6 +107,7 @@ TERRAIN_BENCH = Machine(
         "pose_desired[2]+pose_estimated[2]",
         "foot_load[0:2]",
         "hip.position",
+        "sliders.velocity",
     ),
     variant=_variant,
     exchange={"multibody": 5e-3, "kinematic": 5e-3},

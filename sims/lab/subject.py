@@ -104,9 +104,15 @@ class Subject:
 
     @property
     def plots(self) -> Sequence[str]:
-        """Usual plots, those of the experiment before those of its machine."""
-        of_machine = () if self.machine is None else self.machine.plots
-        return (self._drawing and self._drawing.plots) or of_machine
+        """Usual plots: of the experiment, or of its machine where the log has none of those.
+
+        On a real machine an experiment leaves the log of its job.
+        """
+        own = () if self._drawing is None else self._drawing.plots
+        names = {each.partition("[")[0] for text in own for each in text.split("+")}
+        if names & self.shapes.keys():
+            return own
+        return () if self.machine is None else self.machine.plots
 
     @property
     def _drawing(self) -> "LogDrawing | None":
@@ -157,7 +163,7 @@ class Subject:
         return samples | {name: row[name] for name in tracked}
 
     def tracker(self) -> "Tracker | None":
-        """Tracker of the drawing, which takes samples by the names of the log's signals; or None."""
+        """Tracker of the drawing, which takes the log's samples by their names; or None."""
         if self.undrawn or self.twin is None:
             return None
         track = self.twin.tracker(self.machine_scenario())

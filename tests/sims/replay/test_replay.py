@@ -342,6 +342,17 @@ def test_a_log_of_one_leg_is_drawn_as_a_leg_in_the_scene_of_its_machine(work, ca
     assert sum("compound.position" in each for each in drawn) == 3
 
 
+def test_a_job_on_a_real_machine_has_the_plots_and_the_drawing_of_its_machine(work):
+    extension = np.linspace(0.39, 0.41, 5)[:, None] * np.ones(4)
+    signals = {"legs.extension": (extension, "m"), "attitude_estimated": (np.zeros((5, 2)), "rad")}
+    scenario = find_entry("identify-actuators").load().schema()
+    write_experiment_log(work / "a.npz", "identify-actuators", scenario, np.arange(5), signals)
+    replay, _ = open_replays(work / "a.npz", None, (), Console(quiet=True))
+    assert replay.subject.drawn_by == {name: name for name in signals}
+    drawn = {curve.signal for plot in replay.plots for curve in plot.curves}
+    assert drawn == {"legs.extension", "attitude_estimated"}
+
+
 def test_elements_have_limits_of_their_own(work):
     log, _ = chair_log(work / "walk.npz")
     asked = ["legs.position[0]", "legs.position[1]", "legs.position[3:5]"]
