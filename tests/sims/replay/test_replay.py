@@ -300,6 +300,28 @@ def chair_log(path, left_out=()):
     return path, body
 
 
+def bodies(twin):
+    """Places of the chair's body in both drawings."""
+    places = {}
+    for drawing, (graph, context) in twin.scene_graphs().items():
+        inspector = graph.model_inspector()
+        (frame,) = (f for f in inspector.GetAllFrameIds() if "body::" in inspector.GetName(f))
+        query = graph.get_query_output_port().Eval(context)
+        places[drawing] = query.GetPoseInWorld(frame).translation()
+    return places
+
+
+def test_a_chair_that_is_watched_is_drawn_where_its_steps_lead_it(work):
+    log, body = chair_log(work / "walk.npz")
+    replay, _ = open_replays(log, None, (), Console(quiet=True))
+    subject, shown = replay.subject, replay.digest.pictures
+    twin = subject.twin(None, subject.machine_scenario())
+    for _, row in [*shown[::20], shown[-1]]:  # without what is tracked, as a page has it
+        twin.show({name: row[name] for name in subject.drawn_by})
+    for place in bodies(twin).values():
+        np.testing.assert_allclose(place[:2], body[-1, :2], atol=2e-3)
+
+
 @pytest.mark.parametrize("left_out", [(), ("support", "position_node")])
 def test_a_chair_is_at_the_same_place_however_few_pictures_there_are(work, left_out, monkeypatch):
     log, body = chair_log(work / "walk.npz", left_out)
@@ -311,13 +333,7 @@ def test_a_chair_is_at_the_same_place_however_few_pictures_there_are(work, left_
         twin = subject.twin(None, subject.machine_scenario())
         time, row = shown[-1]
         twin.show(subject.values(row), time)
-        places = {}
-        for drawing, (graph, context) in twin.scene_graphs().items():
-            inspector = graph.model_inspector()
-            (frame,) = (f for f in inspector.GetAllFrameIds() if "body::" in inspector.GetName(f))
-            query = graph.get_query_output_port().Eval(context)
-            places[drawing] = query.GetPoseInWorld(frame).translation()
-        return time, places
+        return time, bodies(twin)
 
     (last, all_of_them), (early, few) = place(10_000), place(4)
     assert early < last - 1.0
