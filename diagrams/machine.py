@@ -13,7 +13,7 @@ from importlib.metadata import entry_points
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, System
 
@@ -26,6 +26,9 @@ from parapod.systems.core.errors import ParapodError, WiringError
 from parapod.systems.core.schema import Schema, plain, quantity
 
 _STATUS = ("status.age", "status.fault")
+
+# Smallest and largest admissible value by signal; see `Machine.limits`.
+type Limits = Mapping[str, tuple[ArrayLike | None, ArrayLike | None]]
 
 
 @dataclass(frozen=True)
@@ -211,6 +214,9 @@ class Machine[S]:
         instrument: tells the true signals, by name, as somebody reads them off an instrument
             beside the emulated machine; None: there is none.
         twin: draws the machine from its signals; None: it is not drawn.
+        limits: makes, of a scenario, the smallest and the largest admissible value of signals in
+            their units, beside those that ports declare: a number for all elements, or one for
+            each; None: there is none.
         plots: usual plots of a recording, one above the other: `signal`, `signal[0]` or
             `signal[0:3]`, several joined by + in one plot; those that are not there are left out.
         log_every: periods of the controller between two samples of a recording.
@@ -240,6 +246,7 @@ class Machine[S]:
     guard: Callable[[S], Guard] | None = None
     instrument: Callable[[Mapping[str, NDArray[Any]]], str] | None = None
     twin: type[Twin] | None = None
+    limits: Callable[[S], Limits] = lambda scenario: {}
     plots: tuple[str, ...] = ()
     log_every: int = 1
     resets: Callable[[S], tuple[str, ...]] = lambda scenario: ()
@@ -262,6 +269,15 @@ class Machine[S]:
                 node = node[part]
             del node[last]
         return json.dumps(tree, default=repr)
+
+    def all_limits(self, scenario: S) -> Limits:
+        """Limits that its ports declare, and those of a scenario."""
+        return {**self.limits_of_ports, **self.limits(scenario)}
+
+    @property
+    def limits_of_ports(self) -> Limits:
+        """Limits that its ports declare, which hold in every scenario."""
+        return {n: port.limits for n, port in self.table.items() if port.limits is not None}
 
     def __repr__(self) -> str:
         return f"<machine {self.name}: {len(self.inputs)} inputs, {len(self.outputs)} outputs>"

@@ -1,6 +1,6 @@
 """Drawing of a machine by its signals alone, outside of any simulation."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,6 +15,12 @@ from parapod.systems.core.errors import WiringError
 MEASURED, DESIRED = "measured", "desired"
 PALE = 0.25  # opacity of what is only asked for
 
+# Takes times (k) [s] and samples (k, ...) of signals, piece by piece in the order of time, and
+# returns samples (k, ...) of further ones.
+type Tracker = Callable[
+    [NDArray[np.float64], Mapping[str, NDArray[Any]]], Mapping[str, NDArray[np.float64]]
+]
+
 
 class Twin:
     """Drawing of a machine as its signals tell it, beside one of what it is asked for.
@@ -26,7 +32,8 @@ class Twin:
     Attributes:
         signals: names of the signals that it is drawn by; a loop need not have all of them.
         needed: those of them without which nothing can be drawn.
-        stand_ins: signals that take the place of needed ones in a recording that lacks these.
+        stand_ins: signals that take the place of others in a recording that lacks these.
+        tracked: further signals, which follow from all samples before; see `tracker`.
         meshcat: the scene; None: only the bodies' poses are computed, see `scene_graphs`.
         builder: of its diagram, until `finish`.
         time: of the newest drawing [s].
@@ -35,6 +42,23 @@ class Twin:
     signals: ClassVar[frozenset[str]]
     needed: ClassVar[frozenset[str]]
     stand_ins: ClassVar[Mapping[str, str]] = {}
+    tracked: ClassVar[frozenset[str]] = frozenset()
+
+    @classmethod
+    def tracker(cls, scenario: Any) -> Tracker | None:
+        """Makes what has to see every sample of a recording, of which few are drawn.
+
+        A machine whose place follows from its steps defines it: `show` is then given the signals
+        `tracked` beside those of the recording, and has to do with every sample where it is not.
+
+        Args:
+            scenario: of the machine.
+
+        Returns:
+            A function of the samples of those of `signals` that there are; None: each sample
+            tells all by itself.
+        """
+        return None
 
     def __init__(self, meshcat: Meshcat | None, scenario: Any, prefix: str = ""):
         """Draws nothing yet.

@@ -18,7 +18,7 @@ from parapod.diagrams.levelling_platform.plants import add_bodies, add_mock, add
 from parapod.diagrams.levelling_platform.ports import PARTS, PORTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.twin import PlatformTwin
-from parapod.diagrams.machine import Machine, SelfTest
+from parapod.diagrams.machine import Limits, Machine, SelfTest
 from parapod.diagrams.wiring import named_source
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.levelling_platform.scripts import PostureScript, Waypoint
@@ -82,6 +82,15 @@ def _resets(scenario: LevellingScenario) -> tuple[str, ...]:
     )
 
 
+def _limits(scenario: LevellingScenario) -> Limits:
+    """Supply of the motors and stroke of the rods, as they are in a scenario."""
+    supply, rods = scenario.actuators.supply_voltage, LinearActuatorParams()
+    return {
+        "legs.voltage": (-supply, supply),
+        "truth.extension": (rods.stop_min, rods.stop_max),
+    }
+
+
 # What the optical tracker of Appendix B resolves [mm, deg].
 _TRACKER = (0.05, 0.01)
 
@@ -136,6 +145,7 @@ PLATFORM = Machine(
     guard=PlatformGuard,
     instrument=_instrument,
     twin=PlatformTwin,
+    limits=_limits,
     plots=(
         "posture_desired_state[0]+attitude_estimated[0]+truth.posture[0]",
         "posture_desired_state[1]+attitude_estimated[1]+truth.posture[1]",

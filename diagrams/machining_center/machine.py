@@ -7,9 +7,9 @@ from typing import Any
 from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
-from parapod.diagrams.machine import Machine, SelfTest
+from parapod.diagrams.machine import Limits, Machine, SelfTest
 from parapod.diagrams.machining_center.controller import make_controller
-from parapod.diagrams.machining_center.guard import CenterGuard
+from parapod.diagrams.machining_center.guard import CenterGuard, CenterLimits
 from parapod.diagrams.machining_center.plants import add_bodies, add_kinematics, add_mock
 from parapod.diagrams.machining_center.ports import PARTS, ports_of_limbs
 from parapod.diagrams.machining_center.scenario import CenterScenario
@@ -37,6 +37,21 @@ def _variant(scenario: CenterScenario) -> Mapping[str, Any]:
     """Sizes of the ports, and what may be moved alone."""
     alone = {"legs": _MOVE} if scenario.limbs == _MOVES_ALONE else {}
     return {"ports": ports_of_limbs(scenario.limbs), "self_tests": alone}
+
+
+def _limits(scenario: CenterScenario) -> Limits:
+    """Stroke, speed and force of the legs, and how far they may be off their way."""
+    geometry, legs = scenario.geometry, scenario.legs
+    stroke = geometry.stroke_min, geometry.stroke_max
+    speed, force = 1e-3 * legs.max_velocity_mm_s, legs.max_force_N
+    current, off = force / legs.force_per_current_N_A, CenterLimits().following
+    return {
+        **dict.fromkeys(("legs.position", "legs.position_command"), stroke),
+        "legs.velocity": (-speed, speed),
+        "legs.current": (-current, current),
+        "truth.leg_force": (-force, force),
+        "length_error": (-off, off),
+    }
 
 
 def _emulated(scenario: CenterScenario, period: float) -> CenterScenario:
@@ -76,6 +91,7 @@ MACHINING_CENTER = Machine(
     switches=("locks.closed", "clamps.closed"),
     guard=CenterGuard,
     twin=CenterTwin,
+    limits=_limits,
     plots=(
         "pose_desired[0:3]+pose_estimated[0:3]",
         "pose_desired[3:6]+pose_estimated[3:6]",

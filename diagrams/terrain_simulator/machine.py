@@ -4,11 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from parapod.diagrams.machine import Machine, SelfTest
+from parapod.diagrams.machine import Limits, Machine, SelfTest
 from parapod.diagrams.terrain_simulator.controller import make_controller
-from parapod.diagrams.terrain_simulator.guard import BenchGuard
+from parapod.diagrams.terrain_simulator.guard import BenchGuard, BenchLimits
 from parapod.diagrams.terrain_simulator.plants import add_bodies, add_kinematics, add_mock
 from parapod.diagrams.terrain_simulator.ports import PARTS, ports_of_joints
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
@@ -48,6 +49,25 @@ def _variant(scenario: TerrainBenchScenario) -> Mapping[str, Any]:
     return {"ports": ports_of_joints(scenario.leg.ports)}
 
 
+def _limits(scenario: TerrainBenchScenario) -> Limits:
+    """Rail, speed and force of the sliders, the hip's slide and drive, force cells and leg."""
+    geometry, sliders, usual = scenario.geometry, scenario.sliders, BenchLimits()
+    rail = geometry.slider_min, geometry.slider_max
+    speed, force, support = sliders.max_velocity_m_s, sliders.max_force_N, scenario.hip.max_force_N
+    current = force / sliders.force_per_current_N_A
+    torque = np.array(scenario.leg.under_test.max_torque)
+    return {
+        **dict.fromkeys(("sliders.position", "sliders.position_command"), rail),
+        "sliders.velocity": (-speed, speed),
+        "sliders.current": (-current, current),
+        "truth.slider_force": (-force, force),
+        "hip.position": (usual.lowest, None),
+        "hip.force_command": (-support, support),
+        "cells.force": (-usual.crushed, usual.crushed),
+        "leg.torque_command": (-torque, torque),
+    }
+
+
 def _emulated(scenario: TerrainBenchScenario, period: float) -> TerrainBenchScenario:
     """Drives as devices command them: these count, and their set values come when they come."""
     sliders = replace(
@@ -81,11 +101,13 @@ TERRAIN_BENCH = Machine(
     cut={"sliders.brake": 1.0, "hip.brake": 1.0, "hip.force_command": 0.0, "belt.brake": 1.0},
     guard=BenchGuard,
     twin=BenchTwin,
+    limits=_limits,
     plots=(
         "pose_desired[0:2]+pose_estimated[0:2]",
         "pose_desired[2]+pose_estimated[2]",
         "foot_load[0:2]",
         "hip.position",
+        "sliders.velocity",
     ),
     variant=_variant,
     exchange={"multibody": 5e-3, "kinematic": 5e-3},

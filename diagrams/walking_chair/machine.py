@@ -2,7 +2,9 @@
 
 from dataclasses import replace
 
-from parapod.diagrams.machine import Machine, SelfTest
+import numpy as np
+
+from parapod.diagrams.machine import Limits, Machine, SelfTest
 from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.guard import ChairGuard
 from parapod.diagrams.walking_chair.homing import LEGS
@@ -11,6 +13,24 @@ from parapod.diagrams.walking_chair.plants import add_bodies, add_mock, add_stat
 from parapod.diagrams.walking_chair.ports import PARTS, PORTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.walking_chair.twin import ChairTwin
+from parapod.systems.walking_chair.geometry import LEG_COUNT
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.payload import FORCE_LIMIT, PayloadEstimatorParams
+
+
+def _limits(scenario: ChairScenario) -> Limits:
+    """Strokes and speeds of the branches, their thrust, and the margin of the support."""
+    low, high = np.tile(CHAIR_GEOMETRY.leg.strokes, (LEG_COUNT, 1)).T
+    speed = 1e-3 * scenario.drives.max_velocity_mm_s
+    current = FORCE_LIMIT / PayloadEstimatorParams().force_per_current
+    return {
+        **dict.fromkeys(("legs.position", "position_node", "truth.position"), (low, high)),
+        **dict.fromkeys(("legs.velocity", "legs.velocity_command"), (-speed, speed)),
+        "legs.current": (-current, current),
+        "truth.force": (-FORCE_LIMIT, FORCE_LIMIT),
+        "truth.contact_force": (0.0, None),
+        "support_margin": (1e-3 * scenario.control.support_margin_mm, None),
+    }
 
 
 def _emulated(scenario: ChairScenario, period: float) -> ChairScenario:
@@ -53,6 +73,7 @@ CHAIR = Machine(
     cut={"legs.velocity_command": 0.0, "legs.brake": 1.0},
     guard=ChairGuard,
     twin=ChairTwin,
+    limits=_limits,
     plots=(
         "position_node[0:3]+legs.position[0:3]",
         "support_margin",

@@ -365,7 +365,8 @@ def shown_on(
     """
     shown_at, chart = -math.inf, None
     try:
-        chart = StripChart(loop.machine, {n: port.size() for n, port in loop.ports.items()})
+        sizes = {name: port.size() for name, port in loop.ports.items()}
+        chart = StripChart(loop.machine, sizes, loop.machine.all_limits(loop.scenario))
     except MissingExtra as error:
         remark(f"no plots beside the scene: {error}")
     panel.plot(chart)

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     from pydrake.systems.framework import Context
 
     from parapod.diagrams.closed_loop import ClosedLoop
-    from parapod.diagrams.machine import Machine
+    from parapod.diagrams.machine import Limits, Machine
+    from parapod.diagrams.twin import Twin
     from parapod.sims.lab.bench import Bench, Loops, Run
     from parapod.sims.lab.panel import Panel, Readout
 
@@ -44,6 +45,24 @@ if TYPE_CHECKING:
 _HOOKS = {"meshcat": "scene", "html": "scene", "log": "logged", "graphviz": "loop"}
 
 type Logged = tuple[ArrayLike, Mapping[str, tuple[ArrayLike, str]]]
+
+
+@dataclass(frozen=True)
+class LogDrawing:
+    """Drawing of a log that is not of a closed loop, and its usual plots.
+
+    Attributes:
+        machine: the machine of which the log tells something; it is drawn in the scenario that
+            the experiment's `machine_scenario` makes.
+        stand_ins: by signal of the drawing, the one in the log that takes its place.
+        twin: drawing of a part of the machine; None: the machine's own.
+        plots: usual plots, as a machine declares them; none: the machine's.
+    """
+
+    machine: "Machine[Any]"
+    stand_ins: Mapping[str, str] = field(default_factory=dict)
+    twin: "type[Twin] | None" = None
+    plots: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -86,6 +105,7 @@ class Experiment[S, D]:
             its help.
         takes: usual duration of a run, in words.
         on_devices: settings, as for `--set`, with which devices keep up.
+        drawing: drawing of a log in a replay; None: the machine's, where it has one.
     """
 
     schema: ClassVar[type]
@@ -93,6 +113,7 @@ class Experiment[S, D]:
     switches: ClassVar[Mapping[str, tuple[str, str]]] = {}
     takes: ClassVar[str] = "seconds"
     on_devices: ClassVar[Sequence[str]] = ()
+    drawing: ClassVar[LogDrawing | None] = None
 
     def __init__(self, name: str):
         """Names the experiment as its entry point does."""
@@ -138,9 +159,21 @@ class Experiment[S, D]:
         """Figures, drawn when they are wanted."""
         return ()
 
-    def limits(self, scenario: S) -> Mapping[str, tuple[float | None, float | None]]:
-        """Smallest and largest admissible value of signals, in their unit; drawn in plots."""
-        return {}
+    def limits(self, scenario: S) -> "Limits":
+        """Smallest and largest admissible value of signals; drawn in plots.
+
+        Those of the machine that draws its log, also of signals that take the place of others.
+        """
+        if self.drawing is None:
+            return {}
+        of_machine = self.machine_scenario(scenario)
+        known = self.drawing.machine.of(of_machine).all_limits(of_machine)
+        pairs = self.drawing.stand_ins.items()
+        return {**known, **{other: known[name] for name, other in pairs if name in known}}
+
+    def machine_scenario(self, scenario: S) -> Any:
+        """The machine's scenario, where the experiment has one of its own."""
+        return scenario
 
     def afterwards(self, scenario: S, data: D, options: RunOptions) -> Callable[[], None] | None:
         """Work that goes on once the result has been shown, or None."""
@@ -256,10 +289,6 @@ class LoopExperiment[S, D](Experiment[S, D]):
 
         return ClosedLoop(self.machine, scenario, **options)
 
-    def machine_scenario(self, scenario: S) -> Any:
-        """The machine's scenario, where the experiment has one of its own."""
-        return scenario
-
     def structure(self, scenario: S) -> str | None:
         """The part of a scenario that is built in, as a text; None: its loop serves no other one.
 
@@ -308,10 +337,10 @@ class LoopExperiment[S, D](Experiment[S, D]):
     def _after(self, scenario: S, options: RunOptions) -> None:
         """The bench records the scene of the run."""
 
-    def limits(self, scenario: S) -> Mapping[str, tuple[float | None, float | None]]:
+    def limits(self, scenario: S) -> "Limits":
         """Those that the machine declares."""
-        table = self.machine.of(self.machine_scenario(scenario)).table
-        return {name: port.limits for name, port in table.items() if port.limits is not None}
+        of_machine = self.machine_scenario(scenario)
+        return self.machine.of(of_machine).all_limits(of_machine)
 
     def watched(self, data: D) -> "Run":
         """The run that the options show and write."""

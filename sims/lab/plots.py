@@ -4,13 +4,16 @@ import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.quoting import did_you_mean, quoted
 
 if TYPE_CHECKING:
-    from parapod.diagrams.machine import Machine
+    from parapod.diagrams.machine import Limits
 
 _ASKED = re.compile(r"(?P<name>[^\[\]+]+)(?:\[(?P<first>\d+)(?::(?P<end>\d+))?\])?")
 # As people read them, and by how much the number is then larger.
@@ -68,12 +71,21 @@ class Plot:
         unit: unit in which they are drawn.
         factor: number in `unit` of one in the log's unit.
         limits: smallest and largest admissible values, in `unit`.
+        limited: places among `curves` of those that each of the limits is of.
     """
 
     curves: tuple[Curve, ...]
     unit: str
     factor: float = 1.0
     limits: tuple[float, ...] = field(default=())
+    limited: tuple[tuple[int, ...], ...] = field(default=())
+
+    def place_of_limit(self, limit: float) -> int | None:
+        """Place of the first curve that a limit is of; None: it is of all that have any."""
+        places = self.limited[self.limits.index(limit)]
+        return (
+            None if len(places) == len({p for each in self.limited for p in each}) else places[0]
+        )
 
     @property
     def legend(self) -> tuple[str, ...]:
@@ -105,7 +117,7 @@ def unit_of(unit: str, element: int) -> str:
 def choose(
     signals: Signals,
     asked: Sequence[str],
-    limits: Mapping[str, tuple[float | None, float | None]],
+    limits: "Limits",
 ) -> list[Plot]:
     """The plots that somebody has asked for.
 
@@ -113,7 +125,8 @@ def choose(
         signals: those that there are.
         asked: `signal`, `signal[0]` or `signal[0:3]`, several joined by +; elements of different
             units become plots of their own.
-        limits: smallest and largest admissible value of signals, in their unit.
+        limits: smallest and largest admissible value of signals, in their unit, for all elements
+            or for each.
 
     Raises:
         NoSignal: names those that there are, and one that is near.
@@ -147,24 +160,28 @@ def parse(asked: str) -> tuple[str, range | None] | None:
     return found["name"], range(first, int(found["end"]) if found["end"] else first + 1)
 
 
-def usual(
-    there: Collection[str], machine: "Machine[Any] | None", measured: Sequence[str] = ()
-) -> list[str]:
-    """Plots for which nobody has asked: the machine's usual ones, as far as they are there.
+def usual(there: Collection[str], plots: Sequence[str], measured: Sequence[str] = ()) -> list[str]:
+    """Plots for which nobody has asked: the usual ones, as far as they are there.
 
     Args:
         there: names of the signals that there are.
-        machine: the machine, or None.
+        plots: the usual ones, of a machine or of an experiment.
         measured: those that the experiment measures, for when none of the usual ones is there.
     """
     found = []
-    for text in machine.plots if machine is not None else ():
+    for text in plots:
         parts = [each for each in text.split("+") if _name(each) in there]
         if parts:
             found.append("+".join(parts))
     if found:
         return found
     return ([name for name in measured if name in there] or [*there])[:_USUAL]
+
+
+def limit_of(limit: ArrayLike, element: int) -> float:
+    """Limit of one element, of a number for all of them or of one for each."""
+    numbers = np.ravel(np.asarray(limit, dtype=float))
+    return float(numbers[element] if numbers.size > 1 else numbers[0])
 
 
 def _name(asked: str) -> str:
@@ -196,8 +213,13 @@ def _named(asked: str, names: Collection[str]) -> str:
 def _plot(
     curves: tuple[Curve, ...],
     unit: str,
-    limits: Mapping[str, tuple[float | None, float | None]],
+    limits: "Limits",
 ) -> Plot:
     shown, factor = _READ.get(unit, (unit or "-", 1.0))
-    ends = {end for curve in curves for end in limits.get(curve.signal, ()) if end is not None}
-    return Plot(curves, shown, factor, tuple(factor * end for end in sorted(ends)))
+    ends: dict[float, list[int]] = {}
+    for place, curve in enumerate(curves):
+        for each in limits.get(curve.signal, ()):
+            if each is not None and math.isfinite(end := limit_of(each, curve.element)):
+                ends.setdefault(factor * end, []).append(place)
+    order = sorted(ends)
+    return Plot(curves, shown, factor, tuple(order), tuple(tuple(ends[end]) for end in order))

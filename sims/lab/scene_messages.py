@@ -78,8 +78,8 @@ def scene_messages(subject: Subject, pictures: Sequence[Picture]) -> Iterator[Me
     if not pictures:
         return
     need("foxglove.messages")
-    machine: Any = subject.machine
-    twin = machine.twin(None, subject.machine_scenario())
+    make: Any = subject.twin
+    twin = make(None, subject.machine_scenario())
     yield Message(SCENE, pictures[0][0], _bodies(twin.scene_graphs(), pictures[0][0]))
     began, step = time.monotonic(), 1
     for number, (stamp, t, row) in enumerate(pictures):

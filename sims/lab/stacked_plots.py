@@ -96,13 +96,15 @@ def layout(plots: Sequence[Plot]) -> dict[str, Any]:
     return made
 
 
-def limit_line(place: int, limit: float) -> dict[str, Any]:
+def limit_line(place: int, limit: float, of: int | None = None) -> dict[str, Any]:
     """A limit, drawn through the plot at a place.
 
     Args:
         place: of the plot, counted from 0.
         limit: value on its axis.
+        of: place of the curve whose colour it has; None: it is of all curves.
     """
+    colour = _LIMIT if of is None else COLOURS[of % len(COLOURS)]
     return {
         "type": "line",
         "xref": f"{axis('x', place)} domain",
@@ -111,7 +113,7 @@ def limit_line(place: int, limit: float) -> dict[str, Any]:
         "yref": axis("y", place),
         "y0": limit,
         "y1": limit,
-        "line": {"color": _LIMIT, "width": 1, "dash": "dot"},
+        "line": {"color": colour, "width": 1, "dash": "dot"},
     }
 
 

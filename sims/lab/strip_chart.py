@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from parapod.diagrams.machine import Machine
+from parapod.diagrams.machine import Limits, Machine
 from parapod.sims.lab.plots import Signals, choose, usual
 from parapod.sims.lab.stacked_plots import axis, black, layout, limit_line, traces
 from parapod.systems.core.extras import need
@@ -29,12 +29,15 @@ class StripChart:
         description: axes and curves, as the page takes them.
     """
 
-    def __init__(self, machine: Machine[Any], sizes: Mapping[str, int]):
+    def __init__(
+        self, machine: Machine[Any], sizes: Mapping[str, int], limits: Limits | None = None
+    ):
         """Chooses the curves: those of the machine's usual plots that there are.
 
         Args:
             machine: the machine.
             sizes: number of elements of each signal that there is, by port name.
+            limits: smallest and largest admissible value of signals; None: those of the ports.
 
         Raises:
             MissingExtra: plotly is not installed.
@@ -42,9 +45,9 @@ class StripChart:
         need("plotly")
         known = [name for name in sizes if name in machine.table]
         units = {name: machine.unit(name) for name in known}
-        limits = {n: port.limits for n in known if (port := machine.table[n]).limits is not None}
+        ends = machine.limits_of_ports if limits is None else limits
         there = Signals(machine.title, {name: sizes[name] for name in known}, units)
-        plots = choose(there, usual(known, machine), limits)
+        plots = choose(there, usual(known, machine.plots), ends)
         curves = [(plot, curve) for plot in plots for curve in plot.curves]
         self.signals = tuple(dict.fromkeys(curve.signal for _, curve in curves))
         self._elements = [(curve.signal, curve.element, plot.factor) for plot, curve in curves]

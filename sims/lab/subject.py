@@ -1,6 +1,6 @@
 """The machine that a log is of, as far as this parapod knows it."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
@@ -15,8 +15,9 @@ from parapod.systems.core.quoting import printable
 from parapod.systems.core.scenario_file import parse, read_scenario
 
 if TYPE_CHECKING:
-    from parapod.diagrams.machine import Machine
-    from parapod.sims.lab.experiment import Experiment
+    from parapod.diagrams.machine import Limits, Machine
+    from parapod.diagrams.twin import Tracker, Twin
+    from parapod.sims.lab.experiment import Experiment, LogDrawing
 
 
 @dataclass
@@ -88,12 +89,39 @@ class Subject:
     @property
     def drawn_by(self) -> dict[str, str]:
         """By signal of the drawing, the one in the log that tells it."""
-        if self.undrawn or self.machine is None or self.machine.twin is None:
+        if self.undrawn or self.twin is None:
             return {}
-        twin, there = self.machine.twin, self.shapes
-        by_itself = {name: name for name in sorted(twin.signals) if name in there}
-        instead = {n: other for n, other in twin.stand_ins.items() if n not in there}
-        return by_itself | instead
+        there, names = self.shapes, sorted(self.twin.signals)
+        told = {name: name if name in there else self._stand_ins.get(name, "") for name in names}
+        return {name: source for name, source in told.items() if source in there}
+
+    @property
+    def twin(self) -> "type[Twin] | None":
+        """Drawing of the machine, or of the part of it that the log tells about."""
+        if self.machine is None:
+            return None
+        return (self._drawing and self._drawing.twin) or self.machine.twin
+
+    @property
+    def plots(self) -> Sequence[str]:
+        """Usual plots: of the experiment, or of its machine where the log has none of those.
+
+        On a real machine an experiment leaves the log of its job.
+        """
+        own = () if self._drawing is None else self._drawing.plots
+        names = {each.partition("[")[0] for text in own for each in text.split("+")}
+        if names & self.shapes.keys():
+            return own
+        return () if self.machine is None else self.machine.plots
+
+    @property
+    def _drawing(self) -> "LogDrawing | None":
+        return None if self.experiment is None else self.experiment.drawing
+
+    @property
+    def _stand_ins(self) -> Mapping[str, str]:
+        own = {} if self._drawing is None else self._drawing.stand_ins
+        return {**(self.twin.stand_ins if self.twin is not None else {}), **own}
 
     @property
     def phase(self) -> tuple[str, tuple[str, ...]] | None:
@@ -105,11 +133,14 @@ class Subject:
         return None
 
     @property
-    def limits(self) -> Mapping[str, tuple[float | None, float | None]]:
+    def limits(self) -> "Limits":
         """Smallest and largest admissible value of signals."""
         if self.experiment is None or not isinstance(self.scenario, self.experiment.schema):
             return {}
-        return self.experiment.limits(self.scenario)
+        try:
+            return self.experiment.limits(self.scenario)
+        except ParapodError:  # of files that are not here, which the drawing tells about
+            return {}
 
     @property
     def facts(self) -> Iterator[str]:
@@ -126,8 +157,19 @@ class Subject:
             yield np.datetime64(int(began), "s").item().strftime("%Y-%m-%d %H:%M:%S UTC")
 
     def values(self, row: Mapping[str, Floats]) -> dict[str, Floats]:
-        """Samples of the log by the names that the drawing has for them."""
-        return {name: row[source] for name, source in self.drawn_by.items()}
+        """Samples of the log, and what is tracked, by the names that the drawing has for them."""
+        tracked = self.twin.tracked & row.keys() if self.twin is not None else ()
+        samples = {name: row[source] for name, source in self.drawn_by.items()}
+        return samples | {name: row[name] for name in tracked}
+
+    def tracker(self) -> "Tracker | None":
+        """Tracker of the drawing, which takes the log's samples by their names; or None."""
+        if self.undrawn or self.twin is None:
+            return None
+        track = self.twin.tracker(self.machine_scenario())
+        if track is None:
+            return None
+        return lambda time, samples: track(time, self.values(samples))
 
     def machine_scenario(self) -> Any:
         """The machine's part of the scenario."""
@@ -149,18 +191,18 @@ class Subject:
             )
         self.experiment = find_experiment(str(metadata["experiment"]))
         machine: Machine[Any] | None = getattr(self.experiment, "machine", None)
+        if self._drawing is not None:
+            machine = self._drawing.machine
         if machine is None:
-            self.undrawn = f"'{self.name}' runs no closed loop of a machine"
+            self.undrawn = f"the signals of '{self.name}' are not the motion of a machine"
             return
         self.machine = machine
         self.scenario = self._read_scenario(machine)
         self.machine = machine.of(self.machine_scenario())
-        if machine.twin is None:
+        if self.twin is None:
             self.undrawn = f"{machine.title} has no drawing"
             return
-        there = self.shapes
-        stand_ins = machine.twin.stand_ins
-        missing = [n for n in machine.twin.needed if not {n, stand_ins.get(n)} & set(there)]
+        missing = self.twin.needed - self.drawn_by.keys()
         if missing:
             self.undrawn = f"the log has no {', '.join(sorted(missing))}"
         for name in set(self.drawn_by.values()) & set(self.machine.table):

@@ -29,7 +29,7 @@ from parapod.diagrams.levelling_platform.scenario import (
     emulated_hardware,
 )
 from parapod.sims.lab.bench import Bench
-from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.lab.experiment import Experiment, LogDrawing, Logged
 from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.files import check_log, check_writable
 from parapod.sims.lab.results import Metric
@@ -285,6 +285,9 @@ class Calibrate(Experiment[CalibrateScenario, Identified]):
 
     schema = CalibrateScenario
     machine = PLATFORM
+    drawing = LogDrawing(
+        PLATFORM, plots=("attitude_estimated", "height_measured", "legs.extension")
+    )
     backends = ("kinematic", "hardware")
     takes = "5 s"
 

@@ -31,10 +31,11 @@ from parapod.diagrams.levelling_platform.scenario import (
     SensorScenario,
     emulated_hardware,
 )
+from parapod.diagrams.machine import Limits
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.sims.lab.bench import Bench
-from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.lab.experiment import Experiment, LogDrawing, Logged
 from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.results import Metric
 from parapod.sims.levelling_platform.driven import make_simulator, on_level_ground
@@ -157,6 +158,16 @@ class IdentifyActuators(Experiment[IdentifyActuatorsScenario, Identified]):
 
     schema = IdentifyActuatorsScenario
     machine = PLATFORM
+    # Pale: the legs without load at the same time.
+    drawing = LogDrawing(
+        PLATFORM,
+        {
+            "legs.extension": "loaded.legs.extension",
+            "attitude_estimated": "loaded.attitude",
+            "extension_desired_state": "unloaded.legs.extension",
+        },
+        plots=("loaded.legs.voltage", "loaded.legs.extension", "unloaded.legs.extension"),
+    )
     backends = (*SIMULATED, "hardware")
     takes = "30 s"
 
@@ -190,7 +201,15 @@ class IdentifyActuators(Experiment[IdentifyActuatorsScenario, Identified]):
         for name, case in zip(CASES, cases, strict=True):
             signals[f"{name}.legs.voltage"] = (case.voltage, "V")
             signals[f"{name}.legs.extension"] = (case.extension, "m")
+            if case.attitude is not None:
+                signals[f"{name}.attitude"] = (case.attitude, "rad")
         return data.recordings.loaded.time, signals
+
+    def limits(self, scenario: IdentifyActuatorsScenario) -> Limits:
+        """Supply and stroke, of both cases."""
+        known = super().limits(scenario)
+        both = ("legs.voltage", "legs.extension")
+        return {**known, **{f"{case}.{name}": known[name] for case in CASES for name in both}}
 
     def measure(self, scenario: IdentifyActuatorsScenario, data: Identified) -> Iterator[Metric]:
         """Gains of the steps, gains with friction separated, and the stroke."""

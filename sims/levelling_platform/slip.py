@@ -32,7 +32,7 @@ from parapod.diagrams.levelling_platform.scenario import (
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect, named_source
 from parapod.sims.lab.bench import Bench
-from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.lab.experiment import Experiment, LogDrawing, Logged
 from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.results import Metric
 from parapod.sims.levelling_platform.driven import make_simulator, on_level_ground
@@ -230,6 +230,11 @@ class Slip(Experiment[SlipScenario, Slipped]):
 
     schema = SlipScenario
     machine = PLATFORM
+    drawing = LogDrawing(
+        PLATFORM,
+        {"legs.extension": "truth.extension", "arm.position_command": "truth.arm_position"},
+        plots=("truth.posture[0:2]", "truth.posture[2]", "truth.extension", "truth.arm_position"),
+    )
     backends = ("multibody", "hardware")
     takes = "30 s"
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from parapod.diagrams.machine import Limits
 from parapod.diagrams.machining_center.scenario import CenterScenario
 from parapod.sims.lab.bench import Run
 from parapod.sims.lab.figures import COLOURS
@@ -45,6 +46,10 @@ class CenterMachining(CenterJob):
         "beyond drill and weight.",
         (8.0, 4.6),
     )
+
+    def limits(self, scenario: CenterScenario) -> Limits:
+        """Those of the machine, and the margin: all feet stand, so none may be without."""
+        return {**super().limits(scenario), "wrench_margin": (0.0, None)}
 
     def of_truth(self, scenario: CenterScenario, run: Run) -> Iterator[Metric]:
         """See `CenterJob`."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from rich.console import Console
 
+from parapod.diagrams.twin import Tracker
 from parapod.sims.lab.progress import counted
 from parapod.sims.lab.stored_log import StoredLog
 from parapod.sims.lab.thinning import Extremes, Floats, Line, Snapshots
@@ -67,6 +68,7 @@ def gather(
     phase: tuple[str, tuple[str, ...]] | None,
     console: Console,
     between: tuple[float, float] | None = None,
+    track: Tracker | None = None,
 ) -> Digest:
     """Reads a log once, whatever its length.
 
@@ -77,6 +79,8 @@ def gather(
         phase: signal that tells phases and the names of its values; None: there is none.
         console: console for progress.
         between: first and last time that is wanted [s]; None: all.
+        track: tells further signals for the drawing, of all samples of `drawn`; None: there are
+            none.
 
     Raises:
         OutputError: the log cannot be read.
@@ -93,10 +97,13 @@ def gather(
     with counted(console, f"reading {log.path.name}", log.total) as report:
         for time, samples in log.pieces(names):
             whole = (whole[0] if rows or whole[1] else float(time[0]), float(time[-1]))
+            # Also of what is before the times that are wanted.
+            tracked = {} if track is None else track(time, {n: samples[n] for n in drawn})
             chosen = (time >= first) & (time <= last)
             if not chosen.all():
                 time = time[chosen]
                 samples = {name: each[chosen] for name, each in samples.items()}
+                tracked = {name: each[chosen] for name, each in tracked.items()}
             if not len(time):
                 continue
             begin, end = begin if rows else float(time[0]), float(time[-1])
@@ -104,7 +111,7 @@ def gather(
             for name, each in extremes.items():
                 each.add(time, samples[name].reshape(len(time), -1).astype(float))
             if drawn:
-                _keep(pictures, time, {name: samples[name] for name in drawn})
+                _keep(pictures, time, {name: samples[name] for name in drawn} | dict(tracked))
             if phase is not None:
                 changes.add(time, samples[phase[0]].reshape(len(time), -1)[:, 0])
             report(log.done)
@@ -138,7 +145,7 @@ def _keep(pictures: Snapshots[Picture], time: Floats, samples: Mapping[str, Floa
     pictures.skip(min(k, len(time)))
     while k < len(time):
         pictures.take(
-            (float(time[k]), {name: np.array(each[k]) for name, each in samples.items()})
+            (float(time[k]), {name: np.array(each[k], ndmin=1) for name, each in samples.items()})
         )
         ahead = min(pictures.until_wanted(), len(time) - k - 1)
         pictures.skip(ahead)

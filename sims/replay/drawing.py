@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 
 from parapod.diagrams.twin import DESIRED, MEASURED, PALE
+from parapod.sims.lab.discovery import find_experiment
 from parapod.sims.lab.progress import counted
 from parapod.sims.lab.subject import Subject
 from parapod.sims.replay.digest import Digest
@@ -59,8 +60,7 @@ def record(
     if not shown:
         return None
     host = shown[0].subject
-    experiment: Any = host.experiment
-    meshcat = experiment.scene(_scene_scenario(host))
+    meshcat = _scene(host)
     rate = min(_FASTEST, max(_rate(each.digest) for each in shown))
     meshcat.StartRecording(rate)
     pale: dict[str, float] = {}
@@ -95,7 +95,7 @@ def _draw(
     """
     subject: Any = replay.subject
     pictures = replay.digest.pictures
-    twin: Twin = subject.machine.twin(meshcat, subject.machine_scenario(), prefix)
+    twin: Twin = subject.twin(meshcat, subject.machine_scenario(), prefix)
     with counted(console, f"drawing {subject.label}", len(pictures)) as report:
         for done, (time, row) in enumerate(pictures):
             # In the middle of a frame, so that no rounding puts two into one.
@@ -104,12 +104,17 @@ def _draw(
             report(done)
 
 
-def _scene_scenario(subject: Subject) -> Any:
-    """Scenario for the scene; its experiment's default where the log has the machine's only."""
+def _scene(subject: Subject) -> "Meshcat":
+    """The scene; that of the experiment that the machine names, where its own has none."""
     experiment: Any = subject.experiment
-    if isinstance(subject.scenario, experiment.schema):
-        return subject.scenario
-    return experiment.schema()
+    scenario = subject.scenario
+    if not hasattr(experiment, "scene"):
+        experiment = find_experiment(subject.machine.experiment)  # type: ignore[union-attr]
+        scenario = subject.machine_scenario()
+    # Its default where the log has the machine's only.
+    is_its = isinstance(scenario, experiment.schema)
+    meshcat: Meshcat = experiment.scene(scenario if is_its else experiment.schema())
+    return meshcat
 
 
 def _rate(digest: Digest) -> float:

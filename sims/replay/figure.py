@@ -113,7 +113,9 @@ def _draw(canvas: Any, logs: list[Replay]) -> None:
                     label=None if is_named else plot.legend[place],
                 )
         for limit in near_limits(logs, k):
-            axes.axhline(limit, color="0.35", linestyle=":", linewidth=1.2)
+            of = plot.place_of_limit(limit)
+            colour = "0.35" if of is None else COLOURS[of % len(COLOURS)]
+            axes.axhline(limit, color=colour, linestyle=":", linewidth=1.2)
         for number, phase in enumerate(first.digest.phases):
             band = _BANDS[number % 2]
             axes.axvspan(phase.begin, phase.end, color=band, alpha=0.15, linewidth=0.0, zorder=0)

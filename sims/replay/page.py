@@ -98,7 +98,8 @@ def _layout(logs: Sequence[Replay], ends: tuple[float, float]) -> dict[str, Any]
     for k in range(len(logs[0].plots)):
         x, y = axis("x", k), axis("y", k)
         made[axis("xaxis", k)]["range"] = list(ends)
-        made["shapes"] += [limit_line(k, limit) for limit in near_limits(logs, k)]
+        of = logs[0].plots[k].place_of_limit
+        made["shapes"] += [limit_line(k, limit, of(limit)) for limit in near_limits(logs, k)]
         made["shapes"] += [
             {
                 "type": "rect",

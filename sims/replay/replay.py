@@ -112,7 +112,7 @@ def open_replays(
         units |= each.units
     signals = Signals(owner, sizes, units)
     measured = getattr(subject.experiment, "signals", ())
-    wanted = list(asked) or usual(signals.sizes, subject.machine, measured)
+    wanted = list(asked) or usual(signals.sizes, subject.plots, measured)
     plots = choose(signals, wanted, subject.limits)
     replays = []
     for each, of in both:
@@ -122,6 +122,6 @@ def open_replays(
             of.remarks.append(f"{of.label} has no {', '.join(missing)}")
         there = dict.fromkeys(c.signal for c in curves if c.signal in each.sizes)
         drawn = list(dict.fromkeys(of.drawn_by.values()))
-        digest = gather(each, there, drawn, of.phase, console, between)
+        digest = gather(each, there, drawn, of.phase, console, between, of.tracker())
         replays.append(Replay(of, plots, digest))
     return replays[0], replays[1] if len(replays) > 1 else None

@@ -16,9 +16,13 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
+from parapod.diagrams.machine import Limits
 from parapod.diagrams.walking_chair.leg_loop import LegLoopParams, make_leg_loop
+from parapod.diagrams.walking_chair.machine import CHAIR
+from parapod.diagrams.walking_chair.scenario import ChairScenario
+from parapod.diagrams.walking_chair.twin import LegTwin
 from parapod.sims.lab.bench import Bench
-from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.lab.experiment import Experiment, LogDrawing, Logged
 from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.results import Metric
 from parapod.systems.actuators.compound_position_controller import (
@@ -286,6 +290,17 @@ class ChairCircle(Experiment[ChairCircleScenario, dict[str, Recording]]):
     """Follows the circle in every mode."""
 
     schema = ChairCircleScenario
+    drawing = LogDrawing(
+        CHAIR,
+        {"leg.position": "compound.position", "leg.position_desired": "position_desired"},
+        LegTwin,
+        plots=(
+            "foot_desired[0:2]+compound.foot[0:2]",
+            "compound.position",
+            "velocity_desired+compound.velocity",
+            "position.velocity",
+        ),
+    )
     backends = ("kinematic",)
     takes = "10 s"
 
@@ -319,6 +334,21 @@ class ChairCircle(Experiment[ChairCircleScenario, dict[str, Recording]]):
             signals[f"{mode}.velocity"] = (recording.velocity, "m/s")
             signals[f"{mode}.foot"] = (recording.foot, "m")
         return any_one.time, signals
+
+    def machine_scenario(self, scenario: ChairCircleScenario) -> ChairScenario:
+        """The chair of which it is a leg."""
+        return ChairScenario()
+
+    def limits(self, scenario: ChairCircleScenario) -> Limits:
+        """Strokes of the leg's branches, and speeds that the drives are asked for."""
+        low, high = GEOMETRY.strokes.T
+        speed = 1e-3 * scenario.drives.max_velocity_mm_s
+        return {
+            **{f"{mode}.position": (low, high) for mode in MODES},
+            **{f"{mode}.velocity": (-speed, speed) for mode in MODES},
+            "position_desired": (low, high),
+            "velocity_desired": (-speed, speed),
+        }
 
     def measure(
         self, scenario: ChairCircleScenario, data: dict[str, Recording]

@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.diagrams.walking_chair.scenario import GaitScenario
+from parapod.diagrams.machine import Limits
+from parapod.diagrams.walking_chair.machine import CHAIR
+from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario, PassengerScenario
 from parapod.sims.lab.bench import Bench
-from parapod.sims.lab.experiment import (
-    Experiment,
-    Logged,
-)
+from parapod.sims.lab.experiment import Experiment, LogDrawing, Logged
 from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.results import Metric
 from parapod.systems.core.errors import ScenarioError
@@ -162,6 +161,17 @@ class ChairGait(Experiment[ChairGaitScenario, Walks]):
     """Samples the gait with both laws."""
 
     schema = ChairGaitScenario
+    # Pale: the body moved by Eq. (45).
+    drawing = LogDrawing(
+        CHAIR,
+        {"legs.position": "smooth.length", "position_node": f"{PRINTED}.length"},
+        plots=(
+            "smooth.body_position[1:3]",
+            "smooth.length[0:3]",
+            f"{PRINTED}.velocity[0:2]+smooth.velocity[0:2]",
+            "smooth.acceleration[0:3]",
+        ),
+    )
     backends = ("exact",)
     takes = "2 s"
 
@@ -184,7 +194,18 @@ class ChairGait(Experiment[ChairGaitScenario, Walks]):
             for name, unit in (("length", "m"), ("velocity", "m/s"), ("acceleration", "m/s^2")):
                 values = getattr(walk.branches, name).reshape(count, -1)
                 signals[f"{law}.{name}"] = (values, unit)
+        standing = np.array(data.printed.walk.standing, dtype=float)
+        signals["support"] = (standing[data.printed.phase], "0/1")
         return data.printed.time, signals
+
+    def machine_scenario(self, scenario: ChairGaitScenario) -> ChairScenario:
+        """The chair at the beginning of the gait, nobody on it."""
+        return ChairScenario(gait=scenario.gait, passenger=PassengerScenario(0.0))
+
+    def limits(self, scenario: ChairGaitScenario) -> Limits:
+        """Strokes and speeds of the branches."""
+        of_both = {f"{law}.velocity": (-SPEED_LIMIT, SPEED_LIMIT) for law in (PRINTED, "smooth")}
+        return {**super().limits(scenario), **of_both}
 
     def measure(self, scenario: ChairGaitScenario, data: Walks) -> Iterable[Metric]:
         """Speeds, accelerations, strokes and symmetries."""

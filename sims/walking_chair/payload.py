@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from parapod.diagrams.walking_chair.scenario import GaitScenario
+from parapod.diagrams.machine import Limits
+from parapod.diagrams.walking_chair.machine import CHAIR
+from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario, PassengerScenario
 from parapod.sims.lab.bench import Bench
-from parapod.sims.lab.experiment import (
-    Experiment,
-    Logged,
-)
+from parapod.sims.lab.experiment import Experiment, LogDrawing, Logged
 from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.progress import progress
 from parapod.sims.lab.results import Metric
@@ -168,6 +167,16 @@ class ChairPayload(Experiment[ChairPayloadScenario, list[Instant]]):
     """Finds payloads, forces and margins."""
 
     schema = ChairPayloadScenario
+    drawing = LogDrawing(
+        CHAIR,
+        {"legs.position": "length"},
+        plots=(
+            "largest_payload_frictionless+largest_payload_friction",
+            "branch_force_least_friction[0:3]",
+            "branch_force_equal[0:3]",
+            "length[0:3]",
+        ),
+    )
     backends = ("exact",)
     takes = "5 s"
 
@@ -180,7 +189,7 @@ class ChairPayload(Experiment[ChairPayloadScenario, list[Instant]]):
         return survey(scenario, bench.console)
 
     def logged(self, scenario: ChairPayloadScenario, data: list[Instant]) -> Logged:
-        """Payloads and forces of the branches."""
+        """Payloads, forces of the branches, their lengths, and what touches the ground."""
         signals: dict[str, tuple[Floats, str]] = {}
         for name in ("frictionless", "friction"):
             masses = np.array([getattr(instant, name).mass for instant in data])
@@ -190,7 +199,31 @@ class ChairPayload(Experiment[ChairPayloadScenario, list[Instant]]):
             signals[f"branch_force_{name}"] = (forces, "N")
         touching = np.array([instant.stand.touching for instant in data])
         signals["touching"] = (touching, "0/1")
-        return np.array([instant.time for instant in data]), signals
+        times = np.array([instant.time for instant in data])
+        motion = scenario.walk.motions(GEOMETRY, times)
+        lengths = chair_inverse(
+            GEOMETRY, motion.body.position, _LEVEL, motion.feet.position, motion.references
+        )
+        signals["length"] = (lengths.reshape(len(times), -1), "m")
+        signals["support"] = (np.asarray(motion.support, dtype=float), "0/1")
+        return times, signals
+
+    def machine_scenario(self, scenario: ChairPayloadScenario) -> ChairScenario:
+        """The chair at the beginning of the step, with the payload on its seat."""
+        payload, gait = scenario.payload, replace(scenario.gait, cycles=1)
+        seat = PassengerScenario(payload.mass_kg, payload.x_mm, payload.y_mm)
+        return ChairScenario(gait=gait, passenger=seat)
+
+    def limits(self, scenario: ChairPayloadScenario) -> Limits:
+        """Thrust of the branches, the paper's payload, and strokes."""
+        limit = scenario.force_limit
+        forces = ("least_frictionless", "least_friction")
+        return {
+            **super().limits(scenario),
+            **{f"branch_force_{name}": (-limit, limit) for name in forces},
+            "largest_payload_frictionless": (PAPER_PAYLOAD, None),
+            "largest_payload_friction": (PAPER_PAYLOAD, None),
+        }
 
     def measure(self, scenario: ChairPayloadScenario, data: list[Instant]) -> Iterator[Metric]:
         """Largest payloads, margins, and the paper's numbers."""

@@ -100,11 +100,6 @@ class ChairWalk(LoopExperiment[ChairScenario, Run]):
         """
         check_walk(scenario)
 
-    def limits(self, scenario: ChairScenario) -> Mapping[str, tuple[float | None, float | None]]:
-        """The margin that is required besides."""
-        required = 1e-3 * scenario.control.support_margin_mm
-        return {**super().limits(scenario), "support_margin": (required, None)}
-
     def duration(self, scenario: ChairScenario) -> float:
         """Standing, walk, standing [s]."""
         return scenario.begin + scenario.gait.walk.duration + scenario.end

@@ -126,10 +126,19 @@ class KinematicChair(LeafSystem):
             place: x and y (2) of the body in the world [m].
             passenger: who sits on it.
         """
-        context = self.GetMyMutableContextFromRoot(root_context)
-        context.SetDiscreteState(0, _looking_ahead(place))
-        context.SetDiscreteState(1, np.zeros(3 * _CORNERS))
+        self.put(root_context, _looking_ahead(place))
         self.seat(root_context, passenger)
+
+    def put(self, root_context: Context, place: ArrayLike) -> None:
+        """Puts the body at a place, whatever carries it.
+
+        Args:
+            root_context: context of the diagram that holds this system.
+            place: x, y [m] and heading [rad] (3) of the body in the world.
+        """
+        context = self.GetMyMutableContextFromRoot(root_context)
+        context.SetDiscreteState(0, np.asarray(place, dtype=float))
+        context.SetDiscreteState(1, np.zeros(3 * _CORNERS))
 
     def seat(self, root_context: Context, passenger: Passenger) -> None:
         """Exchanges the passenger, in the context of the diagram that holds this system."""

@@ -109,7 +109,7 @@ def test_the_bodies_are_where_the_drawing_has_them(messages, log):
     read = read_log(log)
     shapes = {name: each.shape[1:] for name, each in read.signals.items()}
     subject = Subject.of("log", shapes, read.metadata)
-    twin = subject.machine.twin(None, subject.machine_scenario())
+    twin = subject.twin(None, subject.machine_scenario())
     heights = []
     for k, content in enumerate(messages["/tf"][2]):
         twin.show({name: each[k] for name, each in read.signals.items()})

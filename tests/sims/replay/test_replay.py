@@ -6,6 +6,7 @@ import json
 import re
 import urllib.error
 import urllib.request
+from dataclasses import replace
 from threading import Thread
 
 import numpy as np
@@ -14,10 +15,14 @@ from rich.console import Console
 
 from parapod.diagrams.machine import find_machine
 from parapod.sims.cli.main import main
+from parapod.sims.lab.discovery import find_entry
 from parapod.sims.lab.files import write_experiment_log
 from parapod.sims.replay import digest as digests
 from parapod.sims.replay.replay import near_limits, open_replays
 from parapod.sims.replay.serve import PageServer
+from parapod.systems.walking_chair.chair import chair_inverse
+from parapod.systems.walking_chair.gait import TrotGait, Walk
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 
 pytest.importorskip("plotly")
 MACHINE = find_machine("machining_center")
@@ -273,6 +278,108 @@ def test_limits_of_the_machine_are_drawn(work):
     assert gyro.limits == pytest.approx((-1000.0, 1000.0), rel=1e-3)
     assert near_limits([replay], 0) == pytest.approx([380.0])  # 460 mm is far from 390..410
     assert near_limits([replay], 1) == []
+
+
+def chair_log(path, left_out=()):
+    """A log of a chair that walks two steps ahead, by closed forms."""
+    chair = find_machine("walking_chair")
+    walk = replace(TrotGait(), cycles=2, body_law="ramped")
+    time = np.arange(0.0, Walk((walk,)).duration, 0.05)
+    motion = Walk((walk,)).motions(CHAIR_GEOMETRY, time)
+    body, feet = np.asarray(motion.body.position), motion.feet.position
+    lengths = chair_inverse(CHAIR_GEOMETRY, body, np.eye(3), feet, motion.references)
+    signals = {
+        "legs.position": lengths.reshape(len(time), -1),
+        "position_node": lengths.reshape(len(time), -1),
+        "support": np.asarray(motion.support, float),
+    }
+    units = {n: (s, chair.unit(n)) for n, s in signals.items() if n not in left_out}
+    scenario = chair.scenario(backend="kinematic")
+    scenario.gait.cycles = 2
+    write_experiment_log(path, "chair-walk", scenario, time, units)
+    return path, body
+
+
+def bodies(twin):
+    """Places of the chair's body in both drawings."""
+    places = {}
+    for drawing, (graph, context) in twin.scene_graphs().items():
+        inspector = graph.model_inspector()
+        (frame,) = (f for f in inspector.GetAllFrameIds() if "body::" in inspector.GetName(f))
+        query = graph.get_query_output_port().Eval(context)
+        places[drawing] = query.GetPoseInWorld(frame).translation()
+    return places
+
+
+def test_a_chair_that_is_watched_is_drawn_where_its_steps_lead_it(work):
+    log, body = chair_log(work / "walk.npz")
+    replay, _ = open_replays(log, None, (), Console(quiet=True))
+    subject, shown = replay.subject, replay.digest.pictures
+    twin = subject.twin(None, subject.machine_scenario())
+    for _, row in [*shown[::20], shown[-1]]:  # without what is tracked, as a page has it
+        twin.show({name: row[name] for name in subject.drawn_by})
+    for place in bodies(twin).values():
+        np.testing.assert_allclose(place[:2], body[-1, :2], atol=2e-3)
+
+
+@pytest.mark.parametrize("left_out", [(), ("support", "position_node")])
+def test_a_chair_is_at_the_same_place_however_few_pictures_there_are(work, left_out, monkeypatch):
+    log, body = chair_log(work / "walk.npz", left_out)
+
+    def place(pictures, between=None):
+        monkeypatch.setattr(digests, "_PICTURES", pictures)
+        replay, _ = open_replays(log, None, (), Console(quiet=True), between=between)
+        subject, shown = replay.subject, replay.digest.pictures
+        twin = subject.twin(None, subject.machine_scenario())
+        time, row = shown[-1]
+        twin.show(subject.values(row), time)
+        return time, bodies(twin)
+
+    (last, all_of_them), (early, few) = place(10_000), place(4)
+    assert early < last - 1.0
+    _, until = place(10_000, (early - 1.0, early + 1e-9))
+    for drawing in ("measured", "desired"):
+        np.testing.assert_allclose(all_of_them[drawing][:2], body[-1, :2], atol=1e-3)
+        np.testing.assert_allclose(few[drawing], until[drawing], atol=1e-12)
+    assert few["measured"][1] > 0.02
+
+
+def test_a_log_of_one_leg_is_drawn_as_a_leg_in_the_scene_of_its_machine(work, capsys):
+    count, lengths = 5, np.linspace((0.62, 0.63, 0.62), (0.64, 0.62, 0.63), 5)
+    signals = {"compound.position": (lengths, "m"), "position_desired": (lengths + 1e-3, "m")}
+    scenario = find_entry("chair-circle").load().schema()
+    path = work / "circle.npz"
+    write_experiment_log(path, "chair-circle", scenario, np.arange(count), signals)
+    assert main(["replay", str(path), "--html", "circle.html"]) == 0
+    assert capsys.readouterr().err == "parapod: circle.npz: the machine is drawn every 1 s\n"
+    _, content, scene = page_of(work / "circle.html")
+    assert scene is not None
+    drawn = [each["hovertemplate"] for each in content["traces"]]
+    assert sum("compound.position" in each for each in drawn) == 3
+
+
+def test_a_job_on_a_real_machine_has_the_plots_and_the_drawing_of_its_machine(work):
+    extension = np.linspace(0.39, 0.41, 5)[:, None] * np.ones(4)
+    signals = {"legs.extension": (extension, "m"), "attitude_estimated": (np.zeros((5, 2)), "rad")}
+    scenario = find_entry("identify-actuators").load().schema()
+    write_experiment_log(work / "a.npz", "identify-actuators", scenario, np.arange(5), signals)
+    replay, _ = open_replays(work / "a.npz", None, (), Console(quiet=True))
+    assert replay.subject.drawn_by == {name: name for name in signals}
+    drawn = {curve.signal for plot in replay.plots for curve in plot.curves}
+    assert drawn == {"legs.extension", "attitude_estimated"}
+
+
+def test_elements_have_limits_of_their_own(work):
+    log, _ = chair_log(work / "walk.npz")
+    asked = ["legs.position[0]", "legs.position[1]", "legs.position[3:5]"]
+    replay, _ = open_replays(log, None, asked, Console(quiet=True), is_drawn=False)
+    up, ups, both = (plot.limits for plot in replay.plots)
+    assert up == pytest.approx((591.4, 891.4))
+    assert ups == pytest.approx((574.0, 874.0))
+    assert both == pytest.approx((574.0, 591.4, 874.0, 891.4))
+    # Lines have the colours of the curves that they are of, where these differ.
+    assert [replay.plots[2].place_of_limit(limit) for limit in both] == [1, 0, 1, 0]
+    assert replay.plots[0].place_of_limit(up[0]) is None
 
 
 def test_without_a_screen_no_window_is_opened_and_a_file_is_asked_for(log, monkeypatch, capsys):
