@@ -53,7 +53,7 @@ if TYPE_CHECKING:
         study,
         viewer,
     )
-    from parapod.sims.lab.experiment import Experiment, LoopExperiment, RunOptions
+    from parapod.sims.lab.experiment import Experiment, LogDrawing, LoopExperiment, RunOptions
     from parapod.sims.lab.figures import Figure
     from parapod.sims.lab.results import Metric, Result
     from parapod.sims.lab.scene import Scene
@@ -84,7 +84,7 @@ _HOMES = {
     "diagrams.station": ("Behind", "Station"),
     "diagrams.wiring": ("add", "connect", "named_source"),
     "sims.lab.api": ("closed_loop", "experiments", "run", "scenario", "study", "viewer"),
-    "sims.lab.experiment": ("Experiment", "LoopExperiment", "RunOptions"),
+    "sims.lab.experiment": ("Experiment", "LogDrawing", "LoopExperiment", "RunOptions"),
     "sims.lab.figures": ("Figure",),
     "sims.lab.results": ("Metric", "Result"),
     "sims.lab.scene": ("Scene",),
