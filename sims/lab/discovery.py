@@ -6,15 +6,15 @@ module's docstring. A package that cannot be read or loaded is named, and the ot
 
 import ast
 import importlib.util
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property, lru_cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.installed import State, installed, state
 from parapod.systems.core.quoting import did_you_mean, quoted
 
 if TYPE_CHECKING:  # Listing must not wait for Drake.
@@ -146,21 +146,13 @@ def _parsed(source: Path, modified: int) -> ast.Module:
 
 def list_entries() -> tuple[Entry, ...]:
     """All experiments that are installed: parapod's own first, then by package and name."""
-    return _entries(tuple((folder, _modified(folder)) for folder in sys.path))
-
-
-def _modified(folder: str) -> int:
-    """Time at which something came to a folder or left it [ns]; 0 if it is none."""
-    try:
-        return Path(folder or ".").stat().st_mtime_ns
-    except OSError:
-        return 0
+    return _entries(state())
 
 
 @lru_cache(maxsize=1)
-def _entries(_installed: tuple[tuple[str, int], ...]) -> tuple[Entry, ...]:
-    """The same, read again only where something else is installed."""
-    found = {Entry(point.name, point) for point in entry_points(group=GROUP)}
+def _entries(_state: State) -> tuple[Entry, ...]:
+    """The same, made again only where something else is installed."""
+    found = {Entry(point.name, point) for point in installed(GROUP)}
     own = "parapod"
     return tuple(
         sorted(found, key=lambda e: (e.package != own, e.package, e.point.module, e.name))
