@@ -378,15 +378,19 @@ _COMMANDS = {
 }
 # Longest time between two looks at ramps and heartbeats [s].
 _TICK = 0.002
-# Identifiers of service data, of which a hundred set up a node; what they change shows at the next
-# look.
-_SERVICE = range(0x580, 0x680)
+# Service data (CiA 301): identifiers of requests, the command that reads, and the objects that say
+# how a node communicates.
+_REQUESTS, _UPLOAD, _COMMUNICATION_OBJECTS = range(0x600, 0x680), 0x40, range(0x1000, 0x2000)
 # How long capacitors feed the drives when their supply has been cut [s] (assumption).
 _HOLD_UP = 0.02
 
 
-def _is_service(can_id: int) -> bool:
-    return can_id in _SERVICE
+def _moves_nothing(message: Any) -> bool:
+    """Whether a frame reads, or tells how to communicate: a hundred such set up a node."""
+    data = message.data
+    if message.arbitration_id not in _REQUESTS or len(data) < 4:
+        return False
+    return data[0] == _UPLOAD or data[1] | data[2] << 8 in _COMMUNICATION_OBJECTS
 
 
 class Epos2Nodes:
@@ -534,7 +538,7 @@ class Epos2Nodes:
                 # All that has come, before anybody misses a heartbeat among it.
                 is_due = message is None
                 while message is not None:
-                    is_due = is_due or not _is_service(message.arbitration_id)
+                    is_due = is_due or not _moves_nothing(message)
                     self._receive(message)
                     message = bus.recv(0.0)
                 now = self._clock()
