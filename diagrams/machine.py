@@ -9,7 +9,6 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib.metadata import entry_points
 from typing import Any, Literal
 
 import numpy as np
@@ -23,6 +22,7 @@ from parapod.diagrams.homing import Homing
 from parapod.diagrams.station import Behind
 from parapod.diagrams.twin import Twin
 from parapod.systems.core.errors import ParapodError, WiringError
+from parapod.systems.core.installed import installed
 from parapod.systems.core.schema import Schema, plain, quantity
 
 _STATUS = ("status.age", "status.fault")
@@ -356,9 +356,10 @@ def find_machine(name: str) -> Machine[Any]:
     Raises:
         ParapodError: there is none of this name, or its package cannot be loaded.
     """
-    found = entry_points(group="parapod.machines", name=name)
+    points = installed("parapod.machines")
+    found = [entry for entry in points if entry.name == name]
     if not found:
-        known = ", ".join(sorted({entry.name for entry in entry_points(group="parapod.machines")}))
+        known = ", ".join(sorted({entry.name for entry in points}))
         raise ParapodError(f"there is no machine '{name}'; there are: {known}")
     (entry, *_) = found
     try:
@@ -374,7 +375,7 @@ def find_machine(name: str) -> Machine[Any]:
 
 def list_machines() -> tuple[Machine[Any], ...]:
     """All machines that are installed; loads them."""
-    names = sorted({entry.name for entry in entry_points(group="parapod.machines")})
+    names = sorted({entry.name for entry in installed("parapod.machines")})
     return tuple(find_machine(name) for name in names)
 
 

@@ -4,11 +4,11 @@ import importlib
 import importlib.util
 import os
 import sys
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from parapod.diagrams.drivers.driver import Driver
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.installed import installed
 from parapod.systems.core.quoting import quoted_path
 
 GROUP = "parapod.drivers"
@@ -24,7 +24,7 @@ def load_installed_drivers() -> tuple[str, ...]:
         A sentence for each package that cannot be imported and each name that is taken twice.
     """
     problems = []
-    for entry in entry_points(group=GROUP):
+    for entry in installed(GROUP):
         try:
             entry.load()
         except (Exception, SystemExit) as error:  # nor may a program that is named by mistake end

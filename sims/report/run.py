@@ -3,7 +3,6 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from typing import Any
 
 from rich.console import Console
@@ -14,6 +13,7 @@ from parapod.sims.lab.results import Result
 from parapod.sims.lab.sweep import run_seeds
 from parapod.sims.report.chapter import Chapter, Check, Numbers, Part, Picture
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.installed import installed
 from parapod.systems.core.scenario_file import load_scenario
 
 
@@ -77,7 +77,7 @@ class ChapterRun:
 
 def list_chapters() -> tuple[Chapter, ...]:
     """All chapters, declared by the entry points `parapod.chapters`."""
-    points = sorted(entry_points(group="parapod.chapters"), key=lambda point: point.name)
+    points = sorted(installed("parapod.chapters"), key=lambda point: point.name)
     return tuple(point.load() for point in points)
 
 

@@ -149,6 +149,16 @@ class BufferedPort:
         return len(self._buffer) or self._port.in_waiting
 
     @property
+    def timeout(self) -> float | None:
+        """Longest wait for a first byte [s]; None for ever."""
+        timeout: float | None = self._port.timeout
+        return timeout
+
+    @timeout.setter
+    def timeout(self, timeout: float | None) -> None:
+        self._port.timeout = timeout
+
+    @property
     def write_timeout(self) -> float | None:
         """Longest time for a write [s]; None for ever."""
         timeout: float | None = self._port.write_timeout
@@ -216,6 +226,8 @@ class CanopenBus:
             raise self._unplugged(error) from error
         if hasattr(self._bus, "serialPortOrig"):
             self._bus.serialPortOrig = BufferedPort(self._bus.serialPortOrig)
+            # Bytes wake it at once all the same; python-can would look a thousand times a second.
+            self._bus.serialPortOrig.timeout = _RECEIVE_CYCLE
         name = f"receive {self._name}"
         self._thread = threading.Thread(target=self._receive, name=name, daemon=True)
         self._thread.start()

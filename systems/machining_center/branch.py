@@ -17,7 +17,13 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 from parapod.systems.core.batching import of_width
 from parapod.systems.core.elementwise import nan_without_warning
-from parapod.systems.core.vectors import Array, cross, rotation_columns, times
+from parapod.systems.core.vectors import (
+    Array,
+    cross,
+    rotation_columns,
+    times,
+    turned_angles,
+)
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.platform_mode import feet_of
 
@@ -152,7 +158,8 @@ def foot_of_limb(
 def turned_foot(foot_pose: Array, angle: float) -> Array:
     """A foot's pose (6) after a turn [rad] about its third axis."""
     R_WA, place = _frames(foot_pose)
-    return np.concatenate((place, _angles(R_WA @ _rotation("xyz", 0.0, 0.0, angle))))
+    turn = angle * R_WA[:, 2]
+    return np.concatenate((place, turned_angles(foot_pose[3:].tolist(), turn.tolist())))
 
 
 class _Chains(NamedTuple):
@@ -202,9 +209,11 @@ def _joints(chains: _Chains) -> Array:
         (_perpendicular(line, u), v_c, u),
     )
     first, second, normal = (_beside(line.shape, *vectors) for vectors in zip(*rows, strict=True))
-    q_1, q_2, q_3, to_line, to_middle = np.moveaxis(_angle(first, second, normal), -1, 0)
-    quarter = 0.5 * np.pi
-    return np.stack((q_1, q_2, q_3, length, quarter - to_line, quarter - to_middle), axis=-1)
+    angles = _angle(first, second, normal)
+    joints = np.empty((*length.shape, 6))
+    joints[..., :3], joints[..., 3] = angles[..., :3], length
+    joints[..., 4:] = 0.5 * np.pi - angles[..., 3:]
+    return joints
 
 
 def _rates(chains: _Chains) -> Array:
@@ -239,8 +248,11 @@ def _ends(geometry: CenterGeometry, along: Along) -> Array:
 
 def _frames(poses: Array) -> tuple[Array, Array]:
     """Rotations (..., 3, 3) and origins (..., 3) of poses (..., 6)."""
-    columns = rotation_columns(poses[..., 3], poses[..., 4], poses[..., 5])
-    return np.moveaxis(np.stack(columns), (0, 1), (-1, -2)), poses[..., :3]
+    rotation = np.empty((*poses.shape[:-1], 3, 3))
+    for j, column in enumerate(rotation_columns(poses[..., 3], poses[..., 4], poses[..., 5])):
+        for i, part in enumerate(column):
+            rotation[..., i, j] = part
+    return rotation, poses[..., :3]
 
 
 def _rotation(axes: str, *angles: ArrayLike) -> Array:
@@ -256,16 +268,16 @@ def _angles(rotation: Array) -> Array:
 
 
 def _unit(vector: Array) -> Array:
-    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+    return vector / np.sqrt(np.add.reduce(vector**2, axis=-1, keepdims=True))
 
 
 def _perpendicular(vector: Array, normal: Array) -> Array:
     """Direction of a vector's part that is perpendicular to a unit vector."""
-    along = np.sum(vector * normal, axis=-1, keepdims=True)
+    along = np.add.reduce(vector * normal, axis=-1, keepdims=True)
     return _unit(vector - along * normal)
 
 
 def _angle(first: Array, second: Array, normal: Array) -> Array:
     """Angle Theta from one unit vector to another about a unit normal, Eq. (1)."""
-    sine = np.sum(normal * cross(first, second), axis=-1)
-    return np.arctan2(sine, np.sum(first * second, axis=-1))
+    sine = np.add.reduce(normal * cross(first, second), axis=-1)
+    return np.arctan2(sine, np.add.reduce(first * second, axis=-1))

@@ -12,7 +12,14 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 from parapod.systems.core.batching import of_width
 from parapod.systems.core.errors import UnreachablePosture
-from parapod.systems.core.vectors import Array, cross, rotation_columns, times
+from parapod.systems.core.vectors import (
+    Array,
+    cross,
+    rotation_columns,
+    times,
+    turn_between,
+    turned_angles,
+)
 from parapod.systems.machining_center.geometry import CenterGeometry, leg_name
 
 # Newton's steps below this are rounding [m, and r_c rad].
@@ -190,15 +197,20 @@ def length_scale(geometry: CenterGeometry) -> Array:
 def moved(pose: Array, twist: Array) -> Array:
     """Poses (..., 6) after displacements (..., 6) [rotation vector; translation]."""
     position = pose[..., :3] + twist[..., 3:]
+    if position.ndim == 1:
+        angles: ArrayLike = turned_angles(pose[3:].tolist(), twist[:3].tolist())
+        return np.concatenate((position, angles))
     turned = Rotation.from_rotvec(twist[..., :3].reshape(-1, 3)) * Rotation.from_euler(
         "xyz", pose[..., 3:].reshape(-1, 3)
     )
-    angles = turned.as_euler("xyz").reshape(position.shape)
-    return np.concatenate((position, angles), axis=-1)
+    return np.concatenate((position, turned.as_euler("xyz").reshape(position.shape)), axis=-1)
 
 
 def displacement(start: Array, end: Array) -> Array:
     """Displacements (..., 6) by which `moved` takes poses from start to end."""
+    if start.ndim == end.ndim == 1:
+        vector = turn_between(start[3:].tolist(), end[3:].tolist())
+        return np.concatenate((vector, end[:3] - start[:3]))
     angles = np.broadcast_arrays(start[..., 3:], end[..., 3:])
     before, after = (Rotation.from_euler("xyz", a.reshape(-1, 3)) for a in angles)
     turned = (after * before.inv()).as_rotvec().reshape(angles[0].shape)
@@ -219,20 +231,26 @@ def legs_at(geometry: CenterGeometry, pose: ArrayLike, footholds: ArrayLike | No
     poses = of_width(pose, 6, "pose")
     feet = feet_of(geometry, footholds)
     shape = np.broadcast_shapes(poses.shape[:-1], feet.shape[:-2])
-    x = np.moveaxis(np.broadcast_to(poses, (*shape, 6)), -1, 0)
-    a = np.moveaxis(np.broadcast_to(feet[..., :3], (*shape, geometry.limbs, 3)), (-2, -1), (0, 1))
-    first, second, _ = rotation_columns(x[3], x[4], x[5])
+    x, a = poses, feet[..., :3]
+    if shape:
+        x = np.moveaxis(np.broadcast_to(x, (*shape, 6)), -1, 0)
+        a = np.moveaxis(np.broadcast_to(a, (*shape, geometry.limbs, 3)), (-2, -1), (0, 1))
+        first, second, _ = rotation_columns(x[3], x[4], x[5])
+    else:  # plain numbers
+        first, second, _ = rotation_columns(*map(float, x[3:]))
     b = geometry.pivots.reshape(geometry.legs, 3, *(1,) * (len(shape) + 1))
     # All pivots are in the plane of the first two axes.
     arms = b[:, 0] * np.stack(first) + b[:, 1] * np.stack(second)
     spans = (arms + x[:3]).reshape(geometry.limbs, 2, 3, *shape) - a[:, np.newaxis]
     spans = spans.reshape(arms.shape)
-    lengths = np.sqrt(np.sum(spans**2, axis=1))
+    lengths = np.sqrt(np.add.reduce(spans**2, axis=1))
     return Legs(arms, spans / lengths[:, np.newaxis], lengths)
 
 
 def rows_of(legs: Legs) -> Array:
     """(2n, 6, ...) rows [moment, force] of the Jacobian about P_O."""
+    if legs.lengths.ndim == 1:
+        return np.concatenate((cross(legs.arms, legs.directions), legs.directions), axis=1)
     arms, directions = np.moveaxis(legs.arms, 1, -1), np.moveaxis(legs.directions, 1, -1)
     return np.concatenate((np.moveaxis(cross(arms, directions), -1, 1), legs.directions), axis=1)
 
@@ -253,6 +271,8 @@ def feet_of(geometry: CenterGeometry, footholds: ArrayLike | None) -> NDArray[np
 
 def decomposed(matrix: Array, full_matrices: bool = False) -> tuple[Array, Array, Array]:
     """Singular value decomposition; values are NaN of matrices that are not finite."""
+    if np.isfinite(matrix).all():
+        return np.linalg.svd(matrix, full_matrices)
     is_finite = np.isfinite(matrix).all(axis=(-2, -1), keepdims=True)
     left, values, right = np.linalg.svd(np.where(is_finite, matrix, 0.0), full_matrices)
     return left, np.where(is_finite[..., 0], values, np.nan), right

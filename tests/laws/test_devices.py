@@ -669,7 +669,7 @@ def test_device_that_is_not_there_is_named_in_time_and_not_configured(place, nam
     judged.check(2.0)
 
 
-@each(EMULATED)
+@each(PROGRAMS)
 def test_device_that_is_not_configured_says_so_and_can_be_closed(rig, device):
     for again in (False, True):
         if again:
@@ -863,7 +863,7 @@ def test_close_of_an_unplugged_device_is_quiet_and_in_time(rig, device, judge):
     judged.check(1.5)
 
 
-@each(MEASURING)
+@each([name for name in MEASURING if not ROWS[name].like])
 def test_stuck_device_shows_the_same_until_it_is_well(rig, device):
     signal, values, error = rig.row.truth
     near = pytest.approx(values, abs=error)

@@ -92,6 +92,7 @@ BRIEF = {
     "chair-circle": ("circle.laps=1", "circle.radius_mm=5", "circle.lap_duration=2"),
     "chair-payload": ("instants=1",),
     "bench-workspace": ("cells=100",),
+    "center-workspace": ("cell_mm=30",),
 }
 
 

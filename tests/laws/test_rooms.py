@@ -1,6 +1,7 @@
 """Who may import whom: arrows between the rooms point one way."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -18,15 +19,20 @@ FORBIDDEN = {
 }
 
 
-def imported(path):
-    names = set()
+@cache
+def told(path):
+    """Names that a module imports, and first words of docstrings by what they are of."""
+    names, words = set(), []
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path} imports relatively"
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return names
+        elif isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+            text = ast.get_docstring(node, clean=False) or "None"
+            words.append((getattr(node, "name", "the module"), text.split()[0]))
+    return names, words
 
 
 @pytest.mark.parametrize(("rooms", "forbidden"), FORBIDDEN.items())
@@ -34,19 +40,16 @@ def test_rooms_import_what_is_below_them(rooms, forbidden):
     sources = [path for room in rooms for path in sorted((ROOT / room).rglob("*.py"))]
     assert len(sources) > 5 * len(rooms)
     for path in sources:
-        for name in imported(path):
+        for name in told(path)[0]:
             assert not f"{name}.".startswith(tuple(f"{prefix}." for prefix in forbidden)), path
 
 
 def test_docstrings_begin_with_an_imperative_or_a_noun():
     for path in (p for room in ROOMS for p in (ROOT / room).rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
-                first = (ast.get_docstring(node) or "None").split()[0]
-                name = getattr(node, "name", "the module")
-                assert first not in ("What", "How", "Of", "As", "With", "Where", "When", "Why"), (
-                    f"{path.name}: {name} begins with '{first}'"
-                )
+        for name, first in told(path)[1]:
+            assert first not in ("What", "How", "Of", "As", "With", "Where", "When", "Why"), (
+                f"{path.name}: {name} begins with '{first}'"
+            )
 
 
 @pytest.mark.parametrize(

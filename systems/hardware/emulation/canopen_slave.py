@@ -17,6 +17,11 @@ from parapod.systems.hardware.emulation.harness import Misbehaviour
 
 # Every so many frames of a garbled node is cut short.
 _GARBLED = 5
+# Objects that say what process data carry (CiA 301).
+_OF_PROCESS_DATA = range(0x1400, 0x1C00)
+
+# By identifier, index, subindex and number of bytes of each entry.
+type _Mapped = list[tuple[int, list[tuple[int, int, int]]]]
 
 
 class SlaveLine:
@@ -130,6 +135,8 @@ class CanopenSlave:
         self.id, self._line, self._on_heartbeat_lost = node_id, line, on_heartbeat_lost
         self._guarded: tuple[int, float] | None = None
         self._heard: float | None = None
+        self._defaults = dict(defaults)
+        self._process_data: tuple[_Mapped, _Mapped] | None = None
         self.node: Any = need("canopen").LocalNode(node_id, _dictionary(defaults))
         self.node.associate_network(line)
         self.node.add_write_callback(self._on_write)
@@ -142,13 +149,18 @@ class CanopenSlave:
     def boot(self) -> None:
         """Forgets all settings, says so, and waits for a master."""
         self.node.data_store.clear()
+        self._process_data = None
         self._guarded = self._heard = None
         self.node.nmt.state = "INITIALISING"
         self.node.nmt.state = "PRE-OPERATIONAL"
 
     def get(self, entry: Entry) -> int:
-        """Value of an entry of the object dictionary."""
-        return entry.unpack(self.node.get_data(entry.index, entry.subindex))
+        """Value of an entry of the object dictionary that only writing changes.
+
+        Without canopen's ways of asking for it: a dozen nodes are asked a dozen times a tick.
+        """
+        data = self.node.data_store.get(entry.index, {}).get(entry.subindex)
+        return self._defaults[entry] if data is None else entry.unpack(data)
 
     def written(self, entry: Entry) -> int:
         """Value that has been written to an entry since the last boot; 0 if none has."""
@@ -171,6 +183,8 @@ class CanopenSlave:
             self._on_heartbeat_lost()
 
     def _on_write(self, index: int, subindex: int, data: bytes, **_: Any) -> None:
+        if index in _OF_PROCESS_DATA:
+            self._process_data = None
         if index == HEARTBEAT_CONSUMED.index:
             value = HEARTBEAT_CONSUMED.unpack(data)
             timeout = 1e-3 * (value & 0xFFFF)
@@ -180,23 +194,37 @@ class CanopenSlave:
     def _on_sync(self, *_: Any) -> None:
         if self.node.nmt.state != "OPERATIONAL":
             return
-        for number in range(PDO_COUNT):
-            can_id = self._identifier(0x1800 + number)
-            if can_id is None or self._value(0x1800 + number, 2, "<B") > 240:
-                continue
-            parts = (self.node.get_data(i, s) for i, s, _ in self._mapped(0x1A00 + number))
+        sent = self._mapped_data()[1]
+        for can_id, entries in sent:
+            parts = (self.node.get_data(index, subindex) for index, subindex, _ in entries)
             self._line.send_message(can_id, b"".join(parts))
 
     def _on_command(self, can_id: int, data: bytes, _timestamp: float) -> None:
         if self.node.nmt.state != "OPERATIONAL":
             return
-        for number in range(PDO_COUNT):
-            if self._identifier(0x1400 + number) != can_id:
+        received, _ = self._mapped_data()
+        for known, entries in received:
+            if known != can_id:
                 continue
             # From the end, where the target is: the controlword acts when the target is there.
-            for index, subindex, size in reversed(list(self._mapped(0x1600 + number))):
+            for index, subindex, size in reversed(entries):
                 chunk, data = bytes(data[-size:]), data[:-size]
                 self.node.set_data(index, subindex, chunk)
+
+    def _mapped_data(self) -> "tuple[_Mapped, _Mapped]":
+        """Process data that are received, and those that answer SYNC, as they are set up now."""
+        if self._process_data is None:
+            received: _Mapped = []
+            sent: _Mapped = []
+            for number in range(PDO_COUNT):
+                if (can_id := self._identifier(0x1400 + number)) is not None:
+                    received.append((can_id, self._mapped(0x1600 + number)))
+                if (can_id := self._identifier(0x1800 + number)) is None:
+                    continue
+                if self._value(0x1800 + number, 2, "<B") <= 240:
+                    sent.append((can_id, self._mapped(0x1A00 + number)))
+            self._process_data = received, sent
+        return self._process_data
 
     def _identifier(self, communication: int) -> int | None:
         """Identifier of a process data object; None if it is not valid."""

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Self
 from parapod.systems.core.elementwise import clamp
 from parapod.systems.core.extras import need
 from parapod.systems.hardware.canopen import (
+    HEARTBEAT_BASE,
     HEARTBEAT_CONSUMED,
     HEARTBEAT_PRODUCED,
     Entry,
@@ -377,8 +378,19 @@ _COMMANDS = {
 }
 # Longest time between two looks at ramps and heartbeats [s].
 _TICK = 0.002
+# Service data (CiA 301): identifiers of requests, the command that reads, and the objects that say
+# how a node communicates.
+_REQUESTS, _UPLOAD, _COMMUNICATION_OBJECTS = range(0x600, 0x680), 0x40, range(0x1000, 0x2000)
 # How long capacitors feed the drives when their supply has been cut [s] (assumption).
 _HOLD_UP = 0.02
+
+
+def _moves_nothing(message: Any) -> bool:
+    """Whether a frame reads, or tells how to communicate: a hundred such set up a node."""
+    data = message.data
+    if message.arbitration_id not in _REQUESTS or len(data) < 4:
+        return False
+    return data[0] == _UPLOAD or data[1] | data[2] << 8 in _COMMUNICATION_OBJECTS
 
 
 class Epos2Nodes:
@@ -518,15 +530,21 @@ class Epos2Nodes:
         self._lines[self._ids.index(node_id)].is_connected = False
 
     def _run(self, bus: Any) -> None:
+        tick = -math.inf
         while not self._stopping.is_set():
-            message = bus.recv(_TICK)
+            message = bus.recv(clamp(tick - self._clock(), 0.0, _TICK))
             with self._lock:
                 self._measure()
                 # All that has come, before anybody misses a heartbeat among it.
+                is_due = message is None
                 while message is not None:
+                    is_due = is_due or not _moves_nothing(message)
                     self._receive(message)
                     message = bus.recv(0.0)
                 now = self._clock()
+                if not is_due and now < tick:
+                    continue
+                tick = now + _TICK
                 self._press(now)
                 self._touch()
                 for line, node in zip(self._lines, self.nodes, strict=True):
@@ -538,8 +556,9 @@ class Epos2Nodes:
         if self._misbehaviour.is_unplugged:
             return
         now = self._clock()
+        is_heartbeat = message.arbitration_id >= HEARTBEAT_BASE
         for line, node in zip(self._lines, self.nodes, strict=True):
-            if line.is_connected:
+            if is_heartbeat and line.is_connected:
                 node.hear(message.arbitration_id, now)
             # A frame of the wrong length or to an unknown entry: real nodes ignore it, too.
             with suppress(Exception):
@@ -587,9 +606,11 @@ class Epos2Nodes:
         for signal, what in _COMMANDS.items():
             if f"{self._part}.{signal}" in self._harness:
                 self._set(signal, [getattr(node, what) for node in self.nodes])
+        switching = {node_id for group in self._switches for node_id, *_ in group.switches}
+        outputs = {node_id: self._node(node_id).outputs for node_id in switching}
         for group in self._switches:
-            outputs = [self._node(node_id).outputs[k - 1] for node_id, k, _ in group.switches]
-            self._harness.set(group.command, [0.0 if is_on else 1.0 for is_on in outputs])
+            are_on = [outputs[node_id][k - 1] for node_id, k, _ in group.switches]
+            self._harness.set(group.command, [0.0 if is_on else 1.0 for is_on in are_on])
         is_enabled = any(node.state is DriveState.OPERATION_ENABLED for node in self.nodes)
         self._set("brake", [0.0 if is_enabled else 1.0])
 

@@ -5,8 +5,16 @@ import math
 import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
+from scipy.spatial.transform import Rotation
 
-from parapod.systems.core.vectors import Axes, cross, inverse, times
+from parapod.systems.core.vectors import (
+    Axes,
+    cross,
+    inverse,
+    times,
+    turn_between,
+    turned_angles,
+)
 
 RNG = np.random.default_rng(0)
 
@@ -69,3 +77,19 @@ def test_components_keep_the_length_and_are_undone_by_the_rotation():
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_angles_that_are_not_finite_give_nan(bad):
     assert np.isnan(Axes.from_roll_pitch_yaw(0.1, bad, 0.2).components((1.0, 2.0, 3.0))).all()
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-12, 9e-5, 1.1e-4, 1e-2, 0.7, 2.5])
+def test_a_single_turn_is_that_of_scipy_s_rotations(size):
+    random = np.random.default_rng(1)
+    for _ in range(20):
+        angles = random.uniform(-1.0, 1.0, 3) * (3.0, 1.2, 3.0)
+        turn = random.normal(size=3)
+        turn *= size / np.linalg.norm(turn)
+        before = Rotation.from_euler("xyz", angles)
+        after = turned_angles(angles.tolist(), turn.tolist())
+        wanted = (Rotation.from_rotvec(turn) * before).as_matrix()
+        np.testing.assert_allclose(
+            Rotation.from_euler("xyz", after).as_matrix(), wanted, rtol=0, atol=1e-14
+        )
+        np.testing.assert_allclose(turn_between(angles.tolist(), after), turn, rtol=0, atol=1e-13)
