@@ -138,7 +138,7 @@ class LoadEstimator(LeafSystem):
     Weight and inertia of the bench are taken off, for the motion that it is led through; friction
     is not.
 
-    State: discrete, both outputs (6), updated every period.
+    State: discrete, both outputs (6), updated every period, and once as a simulation begins.
 
     Bad input: sliders that no pose belongs to give the pose that is asked for; with a number that
     is none of a measurement the outputs are zero.
@@ -167,6 +167,7 @@ class LoadEstimator(LeafSystem):
         after = {self.discrete_state_ticket(shown)}
         self.DeclareVectorOutputPort("pose_estimated", 3, self._copy_pose, after)
         self.DeclareVectorOutputPort("load_estimated", 3, self._copy_load, after)
+        self.DeclareInitializationDiscreteUpdateEvent(self._update)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def _copy_pose(self, context: Context, output: BasicVector) -> None:

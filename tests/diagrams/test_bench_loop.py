@@ -89,6 +89,9 @@ def test_cells_and_currents_tell_the_force_of_the_foot(stepped):
     np.testing.assert_allclose(
         stepped["pose_estimated"][rest], stepped["truth.pose"][rest], atol=1e-4
     )
+    # From the first sample on: the bench is drawn by it.
+    begun = stepped["pose_estimated"][0]
+    np.testing.assert_allclose(begun, stepped["truth.pose"][0], atol=1e-4)
 
 
 def test_the_leg_feels_in_the_world_what_it_feels_on_the_bench(stepped):
