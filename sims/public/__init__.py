@@ -110,6 +110,7 @@ __all__ = [
     "Homing",
     "In",
     "Inner",
+    "LogDrawing",
     "LoopExperiment",
     "Machine",
     "MachineScenario",
