@@ -313,6 +313,14 @@ def test_controls_without_buttons_to_hold_drive_by_sliders(meshcat):
     assert outputs["operator_age"] == 0.0
 
 
+@pytest.fixture
+def held_until_let_go(monkeypatch):
+    """What is held stays so until it is let go, however slow a busy computer is."""
+    monkeypatch.setattr("parapod.sims.lab.panel._HELD", 60.0)
+
+
+@pytest.mark.flaky(reruns=2)  # the page's silence goes by the clock
+@pytest.mark.usefixtures("held_until_let_go")
 def test_a_platform_whose_operator_is_gone_holds_until_somebody_resets_it(panel, page):
     scenario = load_scenario(DeployScenario, overrides=("backend=kinematic",))
     live = LiveOperation(scenario.machine, 0.47, panel)
@@ -365,9 +373,8 @@ def hold(panel, *names, on=True):
         assert panel._obey({"hold": name, "on": on, "number": time.monotonic_ns()})
 
 
-def test_a_person_operates_the_platform(panel, page, monkeypatch):
-    # What is held stays so until it is let go, however slow a busy computer is.
-    monkeypatch.setattr("parapod.sims.lab.panel._HELD", 60.0)
+@pytest.mark.usefixtures("held_until_let_go")
+def test_a_person_operates_the_platform(panel, page):
     overrides = ("backend=kinematic", "ground.foot_heights_mm=[0, 0, 0, 0]")
     scenario = load_scenario(DeployScenario, overrides=overrides)
     live = LiveOperation(scenario.machine, 0.47, panel)
