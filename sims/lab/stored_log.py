@@ -29,6 +29,8 @@ _ZIP = b"PK\x03\x04"
 _MAGIC, _MESSAGE, _CHUNK, _DATA_END = 8, 0x05, 0x06, 0x0F
 _RECORD, _CHANNEL, _HEAD = struct.Struct("<BQ"), struct.Struct("<H"), 22
 _BLOCK = 1 << 22
+# Stamps below this are times of a simulation [s]: as a date it is in 2001.
+WALL_CLOCKS = 1e9
 # Columns of a table's signal: its name, and where it has several elements the indices of one.
 _COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<index>[\d;]+)\])?")
 
@@ -43,6 +45,8 @@ class StoredLog(ABC):
         path: the file.
         shapes: shape of one sample of each signal, by port name.
         metadata: data about the run.
+        clock: wall-clock time at the loop's time 0 [s]; None of what was simulated.
+        shift: time by which its samples are moved [s], so that it fits to another log.
         cut_at: time of the last sample [s] of a log that ends in the middle, known when all
             samples have been read; None: it is whole.
         total: amount of its samples, in rows or bytes.
@@ -59,6 +63,8 @@ class StoredLog(ABC):
         self.path = path
         self.shapes: dict[str, tuple[int, ...]] = {}
         self.metadata: dict[str, Any] = {}
+        self.clock: float | None = None
+        self.shift = 0.0
         self.cut_at: float | None = None
         self.total = self.done = 0
         with self._reading():
@@ -93,7 +99,19 @@ class StoredLog(ABC):
             OutputError: the file ends where it should not, or holds something else.
         """
         with self._reading():
-            yield from self._pieces([*self.shapes] if names is None else names)
+            for times, samples in self._pieces([*self.shapes] if names is None else names):
+                yield times + self.shift, samples
+
+    def ends(self) -> tuple[float, float] | None:
+        """Times of the first and the last sample [s]; None: there is none.
+
+        Raises:
+            OutputError: the file ends where it should not, or holds something else.
+        """
+        found: list[float] = []
+        for times, _ in self.pieces(()):
+            found = [*found[:1], float(times[0]), float(times[-1])] if len(times) else found
+        return (found[0], found[-1]) if found else None
 
     def read(self) -> Log:
         """All of it.
@@ -276,8 +294,9 @@ class McapLog(StoredLog):
                     topic = self._topics.get(record.channel_id)
                     if topic is None or topic in self.shapes:
                         continue
-                    self.metadata.setdefault("wall_time", 1e-9 * record.log_time)
-                    self.shapes[topic] = (len(json.loads(record.data)["value"]),)
+                    message = json.loads(record.data)
+                    self._begin(1e-9 * record.log_time, message["t"])
+                    self.shapes[topic] = (len(message["value"]),)
                     missing = len(self._topics) - len(self.shapes)
                     if not missing:
                         break
@@ -286,6 +305,13 @@ class McapLog(StoredLog):
         for topic in self._topics.values():  # of a log without a whole sample
             self.shapes.setdefault(topic, (0,))
         self.metadata["units"] = units
+
+    def _begin(self, stamp: float, time: float) -> None:
+        """Notes the stamp of the first sample and its time by the loop [s]."""
+        if "wall_time" not in self.metadata:
+            self.metadata["wall_time"] = stamp
+            # Of a simulation it is the loop's time.
+            self.clock = stamp - time if stamp > WALL_CLOCKS else None
 
     def _pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         wanted = {ident: name for ident, name in self._topics.items() if name in names}

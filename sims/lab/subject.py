@@ -9,6 +9,7 @@ import numpy as np
 
 from parapod.diagrams.drivers.external import load_installed_drivers
 from parapod.sims.lab.discovery import find_experiment
+from parapod.sims.lab.stored_log import WALL_CLOCKS
 from parapod.sims.lab.thinning import Floats
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.quoting import printable
@@ -153,7 +154,7 @@ class Subject:
         if made:
             yield f"parapod {printable(made)}"
         began = self.metadata.get("wall_time", 0.0)
-        if began > 1e9:  # of a clock on a wall, not of a simulation
+        if began > WALL_CLOCKS:
             yield np.datetime64(int(began), "s").item().strftime("%Y-%m-%d %H:%M:%S UTC")
 
     def values(self, row: Mapping[str, Floats]) -> dict[str, Floats]:

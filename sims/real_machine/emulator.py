@@ -67,6 +67,8 @@ _PATIENCE = 0.2
 # Time between two looks at switches [s]: contacts bounce for some milliseconds, and those that
 # tell of forces have the plant's contacts solved for once more.
 _SWITCH_PERIOD = 0.01
+# Physics that are so late are no longer what a controller takes them for [s].
+_TOO_LATE = 0.05
 # Time between two remarks on physics that are late [s].
 _REMARK_PERIOD = 10.0
 
@@ -168,6 +170,7 @@ class EmulatedMachine:
         circuits: what is no device and breaks all the same, by the names of `disturbed`.
         period: between two exchanges of wires and physics [s].
         lost: time by which the physics have fallen behind the clock for good [s].
+        late: by how much they are behind it now [s].
     """
 
     def __init__(self, machine: Machine[Any], scenario: Any):
@@ -192,7 +195,7 @@ class EmulatedMachine:
         # With a longer step of the plant the exchange is rarer.
         step = 0.0 if scenario.backend == "kinematic" else scenario.plant.time_step
         self.period = max(machine.exchange[scenario.backend], step)
-        self.lost = 0.0
+        self.lost = self.late = 0.0
         self._looks = itertools.count()
         self._look_every = max(1, round(_SWITCH_PERIOD / self.period))
         self._station = Station(machine, machine.emulated(scenario, self.period))
@@ -248,6 +251,7 @@ class EmulatedMachine:
 
         def exchange(root: Context) -> None:
             self.lost = loop.timing.missed * self.period
+            self.late = loop.timing.late[-1] if loop.timing.late else 0.0
             if between is not None:
                 between(root)
             is_cut = self._is_pressed or self.circuits[SUPPLY].is_broken
@@ -354,18 +358,19 @@ class Lateness:
         self._advice = "" if cheaper == backend else f"; --backend {cheaper} needs less"
         self._say, self._lost, self._next = say, 0.0, -math.inf
 
-    def judge(self, now: float, lost: float) -> None:
-        """Says that time has been lost since the last remark, at most every ten seconds.
+    def judge(self, now: float, late: float, lost: float) -> None:
+        """Says that the physics are late, at most every ten seconds.
 
         Args:
             now: time of the simulation [s].
-            lost: see `EmulatedMachine` [s].
+            late: see `EmulatedMachine` [s].
+            lost: see there [s].
         """
-        if lost > self._lost and now >= self._next:
+        if now >= self._next and (late > _TOO_LATE or lost > self._lost):
             self._say(
-                f"{now:.2f} s: this computer is too slow or too busy for these physics: "
-                f"{lost - self._lost:.2f} s lost; controllers will find measurements that are too "
-                f"old{self._advice}"
+                f"{now:.2f} s: this computer is too slow or too busy for these physics: they are "
+                f"{late:.2f} s late, and {lost - self._lost:.2f} s are lost; controllers will "
+                f"find legs that do not follow, or measurements that are too old{self._advice}"
             )
             self._lost, self._next = lost, now + _REMARK_PERIOD
 
@@ -427,7 +432,7 @@ def emulate(
         def on_tick(root: Context) -> None:
             now = root.get_time()
             schedule.advance(now)
-            lateness.judge(now, emulated.lost)
+            lateness.judge(now, emulated.late, emulated.lost)
             if schedule.is_measuring():
                 schedule.say(f"{now:.2f} s: {MEASURE}d {emulated.measured(root)}")
             if record is not None and next(ticks) % every == 0:

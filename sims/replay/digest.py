@@ -125,7 +125,9 @@ def gather(
     lines = {name: each.line() for name, each in extremes.items()}
     phases, remarks = changes.phases(phase[1] if phase else (), end)
     if log.cut_at is not None:
-        remarks.append(f"{log.path.name} is cut off; it is shown up to {log.cut_at:g} s")
+        remarks.append(
+            f"{log.path.name} is cut off; it is shown up to {log.cut_at + log.shift:g} s"
+        )
     bucket = max((line.bucket for line in lines.values()), default=1)
     if bucket > 2:  # of two the smallest and the largest are both
         remarks.append(

@@ -105,6 +105,7 @@ def open_replays(
         label = f"{against.name} (other)" if against.name == path.name else against.name
         both.append((other, Subject.of(label, other.shapes, other.metadata, is_drawn)))
         owner += f" or {quoted_path(against)}"
+        _lay_by_clock(log, other, both[1][1])
     sizes: dict[str, int] = {}
     units: dict[str, str] = {}
     for each, _ in reversed(both):
@@ -125,3 +126,28 @@ def open_replays(
         digest = gather(each, there, drawn, of.phase, console, between, of.tracker())
         replays.append(Replay(of, plots, digest))
     return replays[0], replays[1] if len(replays) > 1 else None
+
+
+def _lay_by_clock(log: StoredLog, other: StoredLog, subject: Subject) -> None:
+    """Moves a log that was written at the same time as the first, and says so.
+
+    A controller and the emulator of its machine begin to count their times at different moments.
+
+    Args:
+        log: the first log.
+        other: one that is laid over it.
+        subject: what the other one is of.
+
+    Raises:
+        OutputError: a log cannot be read.
+    """
+    if log.clock is None or other.clock is None:
+        return
+    later = other.clock - log.clock
+    ends, others = log.ends(), other.ends()
+    if ends and others and ends[0] < others[1] + later and others[0] + later < ends[1]:
+        other.shift = later
+        subject.remarks.append(
+            f"{subject.label} was written at the same time: it is laid by the computer's clock, "
+            f"{abs(later):.2f} s {'later' if later > 0.0 else 'earlier'} than by its own time"
+        )

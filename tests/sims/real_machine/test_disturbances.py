@@ -154,19 +154,24 @@ def test_what_physics_lose_is_counted_and_told(machine, monkeypatch):
     # Each second of physics takes 1.5; up to 0.2 s of it may still be made up for.
     assert slow.now == pytest.approx(1.5, abs=0.01)
     assert 0.3 - 0.01 <= machine.lost <= 0.5
+    assert 0.0 < machine.late <= 0.21
     said = []
     lateness = Lateness(PLATFORM, "multibody", said.append)
-    for now, lost in ((0.5, 0.0), (1.0, 0.21), (2.0, 0.4), (11.1, 0.5), (30.0, 0.5)):
-        lateness.judge(now, lost)
+    steps = ((0.5, 0.0), (1.0, 0.21), (2.0, 0.4), (11.1, 0.5), (30.0, 0.5))
+    for now, lost in steps:
+        lateness.judge(now, 0.02, lost)
     first, second = said
     assert first.startswith("1.00 s: this computer is too slow or too busy")
-    assert ": 0.21 s lost; " in first
+    assert "they are 0.02 s late, and 0.21 s are lost; " in first
     assert first.endswith("; --backend kinematic needs less")
     assert second.startswith("11.10 s: ")
-    assert ": 0.29 s lost; " in second
+    assert "0.29 s are lost; " in second
+    lateness.judge(31.0, 0.06, 0.5)
+    assert said[2:] == [said[2]]
+    assert "they are 0.06 s late, and 0.00 s are lost" in said[2]
 
 
 def test_the_cheapest_physics_have_no_cheaper_ones():
     said = []
-    Lateness(PLATFORM, "kinematic", said.append).judge(1.0, 0.3)
+    Lateness(PLATFORM, "kinematic", said.append).judge(1.0, 0.2, 0.3)
     assert said[0].endswith("measurements that are too old")

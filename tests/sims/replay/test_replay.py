@@ -17,6 +17,7 @@ from parapod.diagrams.machine import find_machine
 from parapod.sims.cli.main import main
 from parapod.sims.lab.discovery import find_entry
 from parapod.sims.lab.files import write_experiment_log
+from parapod.sims.lab.mcap import McapWriter
 from parapod.sims.replay import digest as digests
 from parapod.sims.replay.replay import near_limits, open_replays
 from parapod.sims.replay.serve import PageServer
@@ -402,3 +403,58 @@ def test_a_page_is_served_to_this_computer_only():
         with pytest.raises(urllib.error.HTTPError, match="404"):
             urllib.request.urlopen(f"{server.url}/other")
         server.shutdown()
+
+
+def live_log(path, begins, count=40, is_whole=True):
+    """An MCAP log whose loop begins at a time of the wall clock [s], a leg that goes as that."""
+    pytest.importorskip("mcap")
+    with path.open("wb") as stream:
+        writer = McapWriter(stream, {"legs.position": "m"}, {"experiment": "center-walk"})
+        for time in 0.1 * np.arange(1, count + 1):
+            stamp = begins + time
+            writer.write(round(1e9 * stamp), time, [[1e-3 * (stamp - NOON)] * 6])
+        if is_whole:
+            writer.finish()
+    return path
+
+
+NOON = 1_790_000_000.0  # [s]
+
+
+@pytest.mark.parametrize("is_whole", [True, False])
+@pytest.mark.parametrize(
+    ("begins", "moved"),
+    [(1.5, 1.5), (-2.0, -2.0), (3.7, 3.7), (4.5, 0.0), (-4.5, 0.0), (86400.0, 0.0)],
+)
+def test_logs_of_the_same_time_are_laid_over_each_other_by_the_clock(
+    work, begins, moved, is_whole
+):
+    one = live_log(work / "machine.mcap", NOON)
+    two = live_log(work / "emulated.mcap", NOON + begins, is_whole=is_whole)
+    replay, other = open_replays(one, two, ["legs.position"], Console(quiet=True))
+    assert replay.digest.begin == pytest.approx(0.1)
+    assert other.digest.begin == pytest.approx(0.1 + moved)
+    said = [text for text in other.remarks if "by the computer's clock" in text]
+    assert len(said) == (moved != 0.0)
+    if moved:
+        way = "later" if moved > 0.0 else "earlier"
+        assert (
+            f"emulated.mcap was written at the same time: {said[0].partition(': ')[2]}" == said[0]
+        )
+        assert f"{abs(moved):.2f} s {way} than by its own time" in said[0]
+        # Where both are, they now tell the same.
+        lines = [each.digest.lines["legs.position"] for each in (replay, other)]
+        shared = np.intersect1d(*(line.time.round(6) for line in lines))
+        at = [line.values[np.isin(line.time.round(6), shared), 0] for line in lines]
+        np.testing.assert_allclose(*at, atol=1e-9)
+    between = open_replays(
+        one, two, ["legs.position"], Console(quiet=True), between=(2.0, 4.0 + max(moved, 0.0))
+    )
+    assert between[1].digest.begin == pytest.approx(max(2.0, 0.1 + moved))
+
+
+def test_a_simulation_is_laid_by_its_own_time(work):
+    one, two = live_log(work / "machine.mcap", NOON), live_log(work / "simulated.mcap", 0.0)
+    _, other = open_replays(one, two, ["legs.position"], Console(quiet=True))
+    assert other.digest.begin == pytest.approx(0.1)
+    assert not [text for text in other.remarks if "clock" in text]
