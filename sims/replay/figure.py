@@ -5,7 +5,7 @@ from typing import Any
 
 from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.figures import FORMATS as _FORMATS
-from parapod.sims.replay.replay import Replay, near_limits
+from parapod.sims.replay.replay import Replay, least_ends, near_limits
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
 
@@ -124,6 +124,8 @@ def _draw(canvas: Any, logs: list[Replay]) -> None:
                 place = axes.get_xaxis_transform()
                 words = {"ha": "center", "va": "top", "fontsize": "small", "color": "0.3"}
                 axes.text(middle, 0.99, phase.name, transform=place, **words)
+        if least := least_ends(logs, k):
+            axes.set_ylim(least)
         axes.set_ylabel(plot.axis)
         above = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.1}
         axes.legend(ncols=len(plot.curves), fontsize="small", columnspacing=1.2, **above)

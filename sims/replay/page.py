@@ -12,7 +12,7 @@ from parapod.sims.lab.pages import render_page
 from parapod.sims.lab.stacked_plots import axis, black, layout, library, limit_line, traces
 from parapod.sims.replay.digest import Digest
 from parapod.sims.replay.drawing import RecordedScene
-from parapod.sims.replay.replay import Replay, near_limits
+from parapod.sims.replay.replay import Replay, least_ends, near_limits
 
 _SPEEDS = (0.1, 0.25, 0.5, 1, 2, 5, 10, 60, 600)
 # A log is played in so many seconds at most, unless somebody asks for another speed.
@@ -98,6 +98,8 @@ def _layout(logs: Sequence[Replay], ends: tuple[float, float]) -> dict[str, Any]
     for k in range(len(logs[0].plots)):
         x, y = axis("x", k), axis("y", k)
         made[axis("xaxis", k)]["range"] = list(ends)
+        if least := least_ends(logs, k):
+            made[axis("yaxis", k)]["autorangeoptions"] = {"include": list(least)}
         of = logs[0].plots[k].place_of_limit
         made["shapes"] += [limit_line(k, limit, of(limit)) for limit in near_limits(logs, k)]
         made["shapes"] += [

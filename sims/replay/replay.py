@@ -16,6 +16,8 @@ from parapod.systems.core.quoting import quoted_path
 
 # A limit is near that is no further from the curves than so many times their height.
 _REACH = 2.0
+# Heights of plots by their units, below which there is nothing but rounding to be seen.
+_LEAST = {"deg": 0.01, "mm": 0.01, "deg/s": 0.1, "mm/s": 0.1, "N": 0.1, "V": 0.01, "A": 0.01}
 
 
 @dataclass(frozen=True)
@@ -55,17 +57,43 @@ def near_limits(logs: Sequence[Replay], number: int) -> list[float]:
         logs: logs that share the plot.
         number: index of the plot.
     """
+    ends = _ends(logs, number)
+    if ends is None:
+        return []
+    low, high = ends
+    reach = _REACH * (high - low)
+    return [
+        limit for limit in logs[0].plots[number].limits if low - reach <= limit <= high + reach
+    ]
+
+
+def least_ends(logs: Sequence[Replay], number: int) -> tuple[float, float] | None:
+    """Ends of the axis of a plot whose curves differ by less than its unit lets one see.
+
+    Args:
+        logs: logs that share the plot.
+        number: index of the plot.
+
+    Returns:
+        Both ends; None where the curves are higher than that.
+    """
+    ends = _ends(logs, number)
+    least = _LEAST.get(logs[0].plots[number].unit, 0.0)
+    if ends is None or ends[1] - ends[0] >= least:
+        return None
+    middle = 0.5 * (ends[0] + ends[1])
+    return middle - 0.5 * least, middle + 0.5 * least
+
+
+def _ends(logs: Sequence[Replay], number: int) -> tuple[float, float] | None:
+    """Smallest and largest value of a plot's curves; None: there is none."""
     plot = logs[0].plots[number]
     values = [
         each.values(plot, curve) for each in logs for curve in plot.curves if each.has(curve)
     ]
     known = np.concatenate(values)
     known = known[np.isfinite(known)]
-    if not known.size:
-        return []
-    low, high = float(known.min()), float(known.max())
-    reach = _REACH * (high - low)
-    return [limit for limit in plot.limits if low - reach <= limit <= high + reach]
+    return (float(known.min()), float(known.max())) if known.size else None
 
 
 def open_replays(

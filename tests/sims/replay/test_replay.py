@@ -19,7 +19,8 @@ from parapod.sims.lab.discovery import find_entry
 from parapod.sims.lab.files import write_experiment_log
 from parapod.sims.lab.mcap import McapWriter
 from parapod.sims.replay import digest as digests
-from parapod.sims.replay.replay import near_limits, open_replays
+from parapod.sims.replay.page import make_page
+from parapod.sims.replay.replay import least_ends, near_limits, open_replays
 from parapod.sims.replay.serve import PageServer
 from parapod.systems.walking_chair.chair import chair_inverse
 from parapod.systems.walking_chair.gait import TrotGait, Walk
@@ -458,3 +459,25 @@ def test_a_simulation_is_laid_by_its_own_time(work):
     _, other = open_replays(one, two, ["legs.position"], Console(quiet=True))
     assert other.digest.begin == pytest.approx(0.1)
     assert not [text for text in other.remarks if "clock" in text]
+
+
+def test_rounding_fills_no_plot(work):
+    path, time = work / "walk.npz", np.arange(40.0)
+    pose = np.zeros((40, 6))
+    pose[:, 0], pose[:, 3], pose[:, 4] = 0.3 + 1e-9 * (time % 2), 1e-6 * (time % 2), 1e-3 * time
+    scenario = MACHINE.scenario(backend="kinematic")
+    write_experiment_log(
+        path,
+        "center-walk",
+        scenario,
+        time,
+        {"pose_estimated": (pose, MACHINE.unit("pose_estimated"))},
+    )
+    names = [f"pose_estimated[{k}]" for k in (0, 3, 4)]
+    replay, _ = open_replays(path, None, names, Console(quiet=True))
+    length, still, turning = (least_ends([replay], k) for k in range(3))
+    assert length == pytest.approx((299.995, 300.005), abs=1e-5)
+    assert still == pytest.approx((-0.005, 0.005), abs=1e-4)
+    assert turning is None
+    page = make_page(replay, None, None)
+    assert page.count('"autorangeoptions"') == 2
