@@ -69,8 +69,6 @@ FACTS = {
         "there == here",
     ),
 }
-# Seconds of simulated machines, which have tests of their own: 22 s of CPU together.
-LONG = ("5_walking_chair", "6_machining_center", "7_terrain_simulator", "8_study")
 DEVICES = "own_emulator("  # in the cell with emulated devices
 MOST_CPU = 20.0  # of a notebook and what it starts [s]
 LONGEST_OUTPUT = 40  # lines
@@ -207,10 +205,7 @@ def read(name):
     return json.loads(NOTEBOOKS[name].read_text())
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in NOTEBOOKS],
-)
+@each_notebook
 def test_a_notebook_runs_and_shows_what_it_says(kernel, name):
     found = execute(kernel, name, without=DEVICES)  # which need a clock
     check(found, FACTS[name])
