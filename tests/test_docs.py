@@ -78,6 +78,50 @@ def test_a_quoted_command_is_understood_and_refused_with_the_quoted_words(
         load(arguments)
 
 
+# Commands that need devices or a person, or do not end by themselves.
+_ATTENDED = ("emulate", "operate", "home", "check", "adopt", "bench-rt")
+# What a command would need besides.
+_ELSEWHERE = ("hardware", "--cluster", "rps-tilt", "first.mcap")
+
+
+def _runnable(command):
+    """The command as it ends by itself, within its page's folder; None: it cannot be run here."""
+    if command[0] in _ATTENDED or set(_ELSEWHERE) & set(command):
+        return None
+    if command[0] == "plot" and "--out" not in command:
+        return None
+    # Watching takes as long as what is watched; twenty seeds and a grid show no more than two.
+    brief = [re.sub(r"(\d):\d+$", r"\1:2", word) for word in command if word != "--meshcat"]
+    if "--seeds" in brief:
+        brief[brief.index("--seeds") + 1] = "2"
+    if command[0] == "replay" and "--html" not in brief:
+        brief += ["--html", "page.html"]
+    return brief
+
+
+def quoting_pages():
+    """Pages with the commands that can be run, in their order."""
+    pages = {}
+    for page, command, said in (param.values for param in quoted_commands()):
+        brief = None if said and said[0].startswith("parapod: error: ") else _runnable(command)
+        if brief is not None:
+            pages.setdefault(page, []).append(brief)
+    return [pytest.param(page, each, id=page.stem) for page, each in pages.items()]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("page", "commands"), quoting_pages())
+def test_the_commands_of_a_page_do_what_they_say(page, commands, reader_of, capsys):
+    reader_of(page)
+    for command in commands:
+        injected = any(word.startswith("faults=") for word in command)
+        assert main(command) == int(injected), (command, capsys.readouterr())
+        said = capsys.readouterr().out
+        for option in ("--html", "--log", "--json", "--out", "--figures"):
+            if option in command:
+                assert Path(command[command.index(option) + 1]).exists(), (command, said)
+
+
 def test_the_phases_are_drawn_from_the_table_of_transitions():
     assert f"```mermaid\n{as_mermaid()}\n```" in _OPERATION
 
