@@ -175,3 +175,17 @@ def test_the_cheapest_physics_have_no_cheaper_ones():
     said = []
     Lateness(PLATFORM, "kinematic", said.append).judge(1.0, 0.2, 0.3)
     assert said[0].endswith("measurements that are too old")
+
+
+def test_an_emulator_says_on_its_console_that_it_is_late(tmp_path, monkeypatch):
+    monkeypatch.setenv("PARAPOD_EMULATOR", str(tmp_path / "e"))
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    slow = SlowComputer()
+    loop = partial(RealTimeLoop, clock=lambda: slow.tick() or slow.now, sleep=slow.sleep)
+    monkeypatch.setattr(emulator, "RealTimeLoop", loop)
+    scenario = LevellingScenario(backend="kinematic")
+    scenario.hardware.drivers = []
+    console = Console(file=io.StringIO())
+    emulator.emulate(PLATFORM, scenario, duration=0.1, console=console)
+    said = console.file.getvalue().splitlines()
+    assert len([line for line in said if "too slow or too busy" in line]) == 1
