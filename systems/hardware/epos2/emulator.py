@@ -386,7 +386,7 @@ _HOLD_UP = 0.02
 
 
 def _moves_nothing(message: Any) -> bool:
-    """Whether a frame reads, or tells how to communicate: a hundred such set up a node."""
+    """True for a frame that reads, or tells how to communicate: a hundred such set up a node."""
     data = message.data
     if message.arbitration_id not in _REQUESTS or len(data) < 4:
         return False

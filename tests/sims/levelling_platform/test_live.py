@@ -315,7 +315,7 @@ def test_controls_without_buttons_to_hold_drive_by_sliders(meshcat):
 
 @pytest.fixture
 def held_until_let_go(monkeypatch):
-    """What is held stays so until it is let go, however slow a busy computer is."""
+    """Keeps buttons held until they are let go, however slow a busy computer is."""
     monkeypatch.setattr("parapod.sims.lab.panel._HELD", 60.0)
 
 
