@@ -1,6 +1,5 @@
 """Devices behind the ports of a station: checked against the machine's table, opened, wired."""
 
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ from parapod.diagrams.station import Behind
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.quoting import quoted
+from parapod.systems.hardware.clock import monotonic, sleep
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.io import DeviceThread, PartReader, PartWriter
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 # How long devices are asked to become neutral, and the pause in between [s].
 _CONFIRMING, _PAUSE = 2.0, 0.05
+# Pause between two looks for news of a device [s].
+_NEWS_PAUSE = 1e-3
 
 
 @dataclass
@@ -74,6 +76,19 @@ class Parts:
         """
         for reader in self.readers.values():
             reader.reset(reader.GetMyMutableContextFromRoot(root_context))
+
+    def await_measurements(self, patience: float) -> None:
+        """Waits until every device has measured anew, or has a fault.
+
+        Args:
+            patience: longest wait [s]; what has not come by then is as old as its age says.
+        """
+        begun = monotonic()
+        for thread in self.all_threads:
+            while thread.device.measures and not thread.error and thread.sample.stamp < begun:
+                if monotonic() > begun + patience:
+                    return
+                sleep(_NEWS_PAUSE)
 
     @contextmanager
     def active(self) -> Iterator[None]:
@@ -146,14 +161,14 @@ def _words(error: BaseException) -> str:
 
 def _ask_again(unconfirmed: dict[DeviceThread, Exception]) -> None:
     """Asks devices to become neutral until all have confirmed it, or it has lasted too long."""
-    deadline = time.monotonic() + _CONFIRMING
-    while unconfirmed and time.monotonic() < deadline:
+    deadline = monotonic() + _CONFIRMING
+    while unconfirmed and monotonic() < deadline:
         for thread in list(unconfirmed):
             if (error := thread.stop()) is None:
                 del unconfirmed[thread]
             else:
                 unconfirmed[thread] = error
-        time.sleep(_PAUSE)
+        sleep(_PAUSE)
 
 
 def add_devices(builder: DiagramBuilder, machine: "Machine[Any]", scenario: Any) -> Behind:

@@ -43,6 +43,16 @@ class Adis16448SpiImu(SpiSettings, Driver):
 class Adis16448IioImu(IioSettings, Driver):
     """The inertial sensor through Linux IIO, here or on another computer: see `Adis16448Iio`."""
 
+    @property
+    def is_emulated(self) -> bool:
+        """See `Driver`: iiod of this computer is the emulator's."""
+        return self._emulated_port is not None
+
+    @property
+    def _emulated_port(self) -> int | None:
+        here, _, port = self.uri.rpartition(":")
+        return int(port) if here == "ip:127.0.0.1" and port.isdecimal() else None
+
     def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
         from parapod.systems.hardware.adis16448.iio import Adis16448Iio
@@ -56,8 +66,8 @@ class Adis16448IioImu(IioSettings, Driver):
         """See `Driver`: the kernel's files, made up, behind Debian's own iiod."""
         from parapod.systems.hardware.adis16448.iiod import IiodServer, is_available
 
-        here, _, port = self.uri.rpartition(":")
-        if here != "ip:127.0.0.1" or not port.isdecimal():
+        port = self._emulated_port
+        if port is None:
             key = f"!{type(self).__name__}.uri"
             text = (
                 f"{key} = {escaped(self.uri)} is not an address of the emulator, ip:127.0.0.1:PORT"
@@ -66,4 +76,4 @@ class Adis16448IioImu(IioSettings, Driver):
         reason = is_available()
         if reason is not None:
             raise OutputError(f"iiod cannot be emulated here: {reason}; use !Adis16448SpiImu")
-        return IiodServer(harness, misbehaviour, int(port), part=self.part)
+        return IiodServer(harness, misbehaviour, port, part=self.part)

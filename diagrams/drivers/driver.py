@@ -5,9 +5,9 @@ needs none of their libraries, and loads none of their code.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import escaped, quoted_path
@@ -17,6 +17,7 @@ from parapod.systems.hardware.addresses import (
     emulator_lock,
     resolved,
 )
+from parapod.systems.hardware.clock import CLOCK, EmulatedClock, following
 
 if TYPE_CHECKING:
     from parapod.systems.hardware.device import Device
@@ -49,11 +50,19 @@ class Driver(Variant):
 
     Attributes:
         part: part of the machine, as in the names of its ports.
+        is_timeless: whether the device has no time of its own, as one that is not fitted.
     """
+
+    is_timeless: ClassVar[bool] = False
 
     others = "those of your own come with --drivers FILE, or with a package's parapod.drivers"
 
     part: str = ""
+
+    @property
+    def is_emulated(self) -> bool:
+        """Whether its address is one at which an emulator of this computer answers."""
+        return bool(_emulated_addresses(self))
 
     def make(self, ports: PartPorts) -> "Device":
         """The device, not configured yet.
@@ -102,6 +111,49 @@ def emulated(address: str, key: str) -> str:
 
 
 @contextmanager
+def time_of(drivers: Sequence[Driver], experiment: str) -> Iterator[EmulatedClock | None]:
+    """Go by the time of the drivers' devices: the emulator's, where it keeps one.
+
+    Args:
+        drivers: drivers of the machine, or of a part of it.
+        experiment: experiment that names the machine to `parapod emulate`.
+
+    Yields the emulator's clock; None: the devices go by the computer's.
+
+    Raises:
+        ScenarioError: see `refuse_without_emulator`; or real devices beside emulated ones whose
+            time is not the computer's.
+    """
+    refuse_without_emulator(drivers, experiment)
+    own = [driver for driver in drivers if not driver.is_timeless]
+    real = [driver for driver in own if not driver.is_emulated]
+    if len(real) == len(own):
+        yield None
+        return
+    with following(emulator_directory() / CLOCK) as clock, ExitStack() as stack:
+        if clock is None:
+            yield None
+            return
+        stack.callback(clock.release)
+        if real:
+            tag = f"!{type(real[0]).__name__} of {escaped(real[0].part)}"
+            raise ScenarioError(
+                f"hardware.drivers: {tag} is a real device beside emulated ones, which go by a "
+                f"time of their own: begin `parapod emulate {experiment} --rate 1`",
+                "hardware.drivers",
+            )
+        yield clock
+
+
+def _emulated_addresses(driver: Driver) -> dict[str, str]:
+    """Fields of a driver that are addresses of the emulator, by their names."""
+    fields = vars(driver).items()
+    return {
+        key: value for key, value in fields if isinstance(value, str) and resolved(value) != value
+    }
+
+
+@contextmanager
 def named(driver: Driver) -> Iterator[None]:
     """Name the driver whose settings do not fit together.
 
@@ -131,11 +183,10 @@ def refuse_without_emulator(drivers: Sequence[Driver], experiment: str) -> None:
         return
     directory = emulator_directory()
     for driver in drivers:
-        for key, value in vars(driver).items():
-            if isinstance(value, str) and resolved(value) != value:
-                raise ScenarioError(
-                    f"!{type(driver).__name__}.{key} = {escaped(value)}, but no emulator runs in "
-                    f"{quoted_path(directory)}: begin `parapod emulate {experiment}` in another "
-                    "terminal, or name your own devices under hardware.drivers",
-                    "hardware.drivers",
-                )
+        for key, value in _emulated_addresses(driver).items():
+            raise ScenarioError(
+                f"!{type(driver).__name__}.{key} = {escaped(value)}, but no emulator runs in "
+                f"{quoted_path(directory)}: begin `parapod emulate {experiment}` in another "
+                "terminal, or name your own devices under hardware.drivers",
+                "hardware.drivers",
+            )

@@ -2,7 +2,7 @@
 
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts
 from parapod.systems.core.errors import ScenarioError
@@ -19,6 +19,7 @@ class NotFittedPart(Driver):
     Refused for the parts without which nothing may move.
     """
 
+    is_timeless: ClassVar[bool] = True
     part: str = "arm"
 
     def make(self, ports: PartPorts) -> "Device":

@@ -12,6 +12,8 @@ from parapod.sims.cli.arguments import (
     machine_of,
 )
 
+_SLOWEST = 0.01  # rate: a job of half a minute takes an hour [-]
+
 HELP = "put the simulated machine behind emulated devices"
 DESCRIPTION = (
     "Simulates the machine in real time behind emulators of its devices, which speak the makers' "
@@ -40,11 +42,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="make a device misbehave at a time in s, as in '12 imu garbage'; may be repeated",
     )
     parser.add_argument(
+        "--rate",
+        type=_rate,
+        metavar="R",
+        help="emulated seconds in one of the computer's, up to 1; without it, as fast as this "
+        "computer is found to follow, in a time that waits for programs that are late; 1: by the "
+        "computer's own clock, as beside real devices",
+    )
+    parser.add_argument(
         "--for", dest="duration", type=float, metavar="S", help="end after so many seconds"
     )
     parser.add_argument(
         "--log", type=Path, metavar="FILE", help="write all signals, the true ones too, as MCAP"
     )
+
+
+def _rate(text: str) -> float:
+    """A rate that is given on the command line [-]."""
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = 0.0
+    if not _SLOWEST <= rate <= 1.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a rate of {_SLOWEST:g}..1")
+    return rate
 
 
 def execute(arguments: argparse.Namespace) -> int:
@@ -71,6 +92,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 *(machine, scenario, requests, duration, arguments.log),
                 experiment=arguments.name,
                 settings=experiment.on_devices,
+                rate=arguments.rate,
             )
     except KeyboardInterrupt:
         print("the emulator has ended", file=sys.stderr)  # as it is meant to

@@ -27,6 +27,7 @@ from parapod.sims.lab.mcap import McapWriter
 from parapod.systems.core.errors import OutputError, ParapodError
 from parapod.systems.core.extras import need
 from parapod.systems.core.quoting import quoted_path
+from parapod.systems.hardware.clock import calendar_time_ns
 
 # Longest time for which what has been read is not in the file [s].
 _FLUSH_PERIOD = 0.2
@@ -96,7 +97,7 @@ class LiveLog:
             self._fail("its process has ended")  # without a word
         if self._wrong or self._is_broken:
             return
-        self._stamp[0], self._row[1] = time.time_ns(), t
+        self._stamp[0], self._row[1] = calendar_time_ns(), t
         for place, value in zip(self._places, values, strict=True):
             place[:] = value
         row = self._row.tobytes()

@@ -2,7 +2,6 @@
 
 import sys
 import threading
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +11,7 @@ from rich.console import Console
 from parapod.diagrams.machine import Machine
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import quoted
+from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.emulation.harness import KINDS, SUPPLY, Misbehaviour
 
 # The word that ends a device's misbehaviour.
@@ -167,7 +167,7 @@ class Schedule:
         if request.kind == kinds_of(request.part)[-1]:
             misbehaviour.end()
         else:
-            misbehaviour.begin(request.kind, time.monotonic())
+            misbehaviour.begin(request.kind, monotonic())
         self.say(f"{self._now:.2f} s: {request.part} {request.kind}")
 
     def say(self, text: str) -> None:

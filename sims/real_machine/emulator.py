@@ -3,6 +3,7 @@
 import itertools
 import math
 import multiprocessing
+import os
 import signal
 import sys
 import time
@@ -54,6 +55,7 @@ from parapod.systems.hardware.addresses import (
     emulator_lock,
     make_emulator_directory,
 )
+from parapod.systems.hardware.clock import CLOCK, EmulatedClock, following, going_by, monotonic
 from parapod.systems.hardware.emulation.harness import SUPPLY, Misbehaviour, SharedHarness
 from parapod.systems.hardware.exclusive import InUse, is_kept, only_program
 
@@ -69,6 +71,12 @@ _PATIENCE = 0.2
 _SWITCH_PERIOD = 0.01
 # Physics that are so late are no longer what a controller takes them for [s].
 _TOO_LATE = 0.05
+# An emulated time waits no longer for the physics, of the computer's clock [s].
+_HELD_FOR = 10.0
+# Rates at which emulated time may run [-], and what is tried to choose one: the physics for a time
+# [s], which are to take this share of a processor [-], where there are two.
+_RATES = (1.0, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01)
+_TRIED, _SHARE, _PROCESSORS = 0.3, 0.4, 2
 # Time between two remarks on physics that are late [s].
 _REMARK_PERIOD = 10.0
 
@@ -145,7 +153,8 @@ def _serve(
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for all; the first process ends us
     try:
         harness = SharedHarness(path, sizes, parts)
-        with driver.emulate(harness, harness.misbehaviour(driver.part, seed)):
+        misbehaviour = harness.misbehaviour(driver.part, seed)
+        with following(path.with_name(CLOCK)), driver.emulate(harness, misbehaviour):
             _tell(connection, _READY)
             connection.poll(None)
     except ScenarioError as error:
@@ -169,17 +178,21 @@ class EmulatedMachine:
         misbehaviours: by part of the machine.
         circuits: what is no device and breaks all the same, by the names of `disturbed`.
         period: between two exchanges of wires and physics [s].
+        clock: time by which all of it goes; None: the computer's.
         lost: time by which the physics have fallen behind the clock for good [s].
         late: by how much they are behind it now [s].
     """
 
-    def __init__(self, machine: Machine[Any], scenario: Any):
+    def __init__(self, machine: Machine[Any], scenario: Any, rate: float | None = None):
         """Builds the machine, in the state in which the scenario begins.
 
         Args:
             machine: the machine.
             scenario: one of its scenarios; its backend must be a simulated one; its drivers are
                 emulated.
+            rate: emulated seconds in one of the computer's [-], 1 at most; 1: the machine goes by
+                the computer's clock, as a real one; None: as fast as this computer is found to
+                follow, by a clock that waits for programs that are late.
 
         Raises:
             ScenarioError: no machine's, another backend, or an emulator runs already.
@@ -216,7 +229,26 @@ class EmulatedMachine:
         for spec in machine.inputs:
             self.harness.set(spec.name, [spec.idle] * spec.size)
             self._port(spec).FixValue(self._context, self.harness.get(spec.name))
+        clock = self._wires.with_name(CLOCK)
+        clock.unlink(missing_ok=True)
+        self.clock: EmulatedClock | None = None
+        if rate != 1.0:
+            self.clock = EmulatedClock(clock, rate or self._sustainable_rate())
         self._show()
+
+    def _sustainable_rate(self) -> float:
+        """Rate at which the physics leave time for devices and a controller [-]."""
+        simulator = Simulator(self._station, self._context.Clone())
+        root = simulator.get_mutable_context()
+        simulator.Initialize()
+        begun, steps = time.monotonic(), 0
+        while (took := time.monotonic() - begun) < _TRIED or not steps:
+            simulator.AdvanceTo(root.get_time() + self.period)
+            for _, port in self._outputs:
+                port.Eval(root)
+            steps += 1
+        share = took / (steps * self.period) / _SHARE / min(1.0, _processors() / _PROCESSORS)
+        return next((rate for rate in _RATES if rate * share <= 1.0), _RATES[-1])
 
     def _port(self, spec: Port) -> InputPort:
         return self._station.GetInputPort(spec.name)
@@ -230,14 +262,18 @@ class EmulatedMachine:
         """
         drivers, seed = self._scenario.hardware.drivers, self._scenario.seed
         try:
-            with emulated_devices(drivers, self._wires, self._sizes, self._parts, seed):
+            with (
+                going_by(self.clock),
+                emulated_devices(drivers, self._wires, self._sizes, self._parts, seed),
+            ):
                 yield
         finally:
+            self._wires.with_name(CLOCK).unlink(missing_ok=True)
             self._wires.unlink(missing_ok=True)
             self._program.close()
 
     def run(self, duration: float, on_tick: Callable[[Context], None]) -> None:
-        """Simulates in real time.
+        """Simulates in the time of `clock`, within `devices`.
 
         What a busy computer delays by a moment is made up for; what is later is lost, and counted.
 
@@ -268,7 +304,10 @@ class EmulatedMachine:
 
         self._simulator.Initialize()
         loop = RealTimeLoop(
-            self._simulator, self.period, exchange, is_strict=False, patience=_PATIENCE
+            *(self._simulator, self.period, exchange),
+            is_strict=False,
+            patience=_PATIENCE,
+            hold=None if self.clock is None else self.clock.keeper(_HELD_FOR),
         )
         loop.run(duration)
 
@@ -278,7 +317,7 @@ class EmulatedMachine:
 
     def _driven(self, asked: Sequence[float]) -> tuple[float, ...]:
         """Commands that reach the motors through drives that are no device of their own."""
-        now = time.monotonic()
+        now = monotonic()
         reached = self._drives.shown(asked, now)
         return reached if self._drives.answers(now) else (0.0,) * len(reached)
 
@@ -388,6 +427,7 @@ def emulate(
     console: Console | None = None,
     experiment: str | None = None,
     settings: Sequence[str] = (),
+    rate: float | None = None,
 ) -> None:
     """Runs emulated devices until Ctrl-C, or for a time.
 
@@ -403,13 +443,14 @@ def emulate(
         console: console for remarks.
         experiment: that another program may run with it; None for the machine's own.
         settings: with which it may, as for `--set`.
+        rate: see `EmulatedMachine` [-].
 
     Raises:
         ScenarioError: see `EmulatedMachine`.
         OutputError: the log cannot be written.
     """
     said = console or Console(stderr=True)
-    emulated = EmulatedMachine(machine, scenario)
+    emulated = EmulatedMachine(machine, scenario, rate)
     schedule = Schedule(emulated.disturbed(), requests, said)
     with ExitStack() as stack:
         stack.enter_context(ended_by_signals())
@@ -423,7 +464,7 @@ def emulate(
             units, sizes = emulated.ports()
             record = stack.enter_context(LiveLog(log, units, sizes, metadata, schedule.say))
         stack.enter_context(emulated.devices())
-        _introduce(scenario, experiment or machine.experiment, settings, said)
+        _introduce(emulated, scenario, experiment or machine.experiment, settings, said)
         schedule.listen()
         every = max(1, round(_LOG_PERIOD / emulated.period))
         ticks = itertools.count()
@@ -442,7 +483,13 @@ def emulate(
             emulated.run(min(duration, _FOREVER), on_tick)
 
 
-def _introduce(scenario: Any, experiment: str, settings: Sequence[str], console: Console) -> None:
+def _introduce(
+    emulated: EmulatedMachine,
+    scenario: Any,
+    experiment: str,
+    settings: Sequence[str],
+    console: Console,
+) -> None:
     hardware: HardwareScenario = scenario.hardware
     tags = ", ".join(f"{type(d).__name__} ({d.part})" for d in hardware.drivers)
     run = f"parapod run {experiment} --backend hardware"
@@ -451,6 +498,24 @@ def _introduce(scenario: Any, experiment: str, settings: Sequence[str], console:
     for line in (
         f"emulated: {tags}",
         f"in {emulator_directory()}; physics: {scenario.backend}",
+        f"time: {_described(emulated.clock)}",
         f"ready: in another terminal, {run}",
     ):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _processors() -> int:
+    """Number of processors on which this program may run."""
+    return (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
+
+
+def _described(clock: EmulatedClock | None) -> str:
+    """The time by which emulated devices go, for people."""
+    if clock is None:
+        return "the computer's, at rate 1"
+    waits = "waits for programs that are late"
+    if clock.rate == 1.0:
+        return f"rate 1, as on the real machine; {waits}"
+    return f"rate {clock.rate:g}, {1.0 / clock.rate:.3g} s for each second; {waits}"

@@ -1,6 +1,5 @@
 """Homing of one part of a real machine: its axes find their reference, which is then checked."""
 
-import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from typing import Any
@@ -9,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.devices import Parts, make_parts
-from parapod.diagrams.drivers.driver import Driver, refuse_without_emulator
+from parapod.diagrams.drivers.driver import Driver, time_of
 from parapod.diagrams.homing import (
     APPROACHES,
     Check,
@@ -26,6 +25,7 @@ from parapod.sims.real_machine.job import DeviceWatch
 from parapod.sims.real_machine.real_time import ended_by_signals, undisturbed
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import quoted
+from parapod.systems.hardware.clock import monotonic, sleep
 from parapod.systems.hardware.io import DeviceThread
 from parapod.systems.hardware.position_memory import IncrementalDevice
 
@@ -65,7 +65,6 @@ def home_part(
     period = scenario.control.period
     parts = make_parts(drivers, machine.inputs, machine.measured, period)
     wanted = (part, *homing.parts)
-    refuse_without_emulator([d for d in drivers if d.part in wanted], machine.experiment)
     driver, thread = _incremental(parts, drivers, part)
     device = thread.device
     assert isinstance(device, IncrementalDevice)
@@ -79,6 +78,7 @@ def home_part(
             say(text)
 
     with ExitStack() as stack:
+        stack.enter_context(time_of([d for d in drivers if d.part in wanted], machine.experiment))
         stack.enter_context(ended_by_signals())
         stack.enter_context(undisturbed())
         stack.callback(say_news)  # also of devices that are refused
@@ -151,12 +151,12 @@ class _Hands:
             DeviceError: a device fails.
         """
         try:
-            commands, due = next(procedure), time.monotonic()
+            commands, due = next(procedure), monotonic()
             while True:
                 self._post(commands)
-                due = max(due + self._period, time.monotonic())
-                time.sleep(max(0.0, due - time.monotonic()))
-                self._watch.check(time.monotonic())
+                due = max(due + self._period, monotonic())
+                sleep(max(0.0, due - monotonic()))
+                self._watch.check(monotonic())
                 if self._age() > _OLDEST:
                     self._await_news()
                 try:
@@ -189,20 +189,20 @@ class _Hands:
     def _age(self) -> float:
         """Age of the oldest measurements [s]."""
         stamps = [t.sample.stamp for t in self._parts.all_threads if t.device.measures]
-        return time.monotonic() - min(stamps)
+        return monotonic() - min(stamps)
 
     def _await_news(self) -> None:
         """Has the axes stand until there are new measurements."""
-        deadline = time.monotonic() + _PATIENCE
+        deadline = monotonic() + _PATIENCE
         while self._age() > _OLDEST:
-            if time.monotonic() > deadline:
+            if monotonic() > deadline:
                 raise HomingError(f"{self._part}: no measurements for {_PATIENCE:g} s")
-            self._watch.check(time.monotonic())
+            self._watch.check(monotonic())
             self._post([0.0] * self._homing.size)
-            time.sleep(self._period)
+            sleep(self._period)
 
     def _post(self, commands: Sequence[float]) -> None:
-        homing, now = self._homing, time.monotonic()
+        homing, now = self._homing, monotonic()
         for thread in self._parts.threads[self._part]:
             asked = {
                 name: commands if name == homing.command else [homing.rest.get(name, 0.0)] * size

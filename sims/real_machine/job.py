@@ -1,6 +1,5 @@
 """A job on the real machine, in real time."""
 
-import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
@@ -14,7 +13,7 @@ from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.devices import Parts
-from parapod.diagrams.drivers.driver import refuse_without_emulator
+from parapod.diagrams.drivers.driver import time_of
 from parapod.diagrams.guard import Tripped
 from parapod.diagrams.station import Station
 from parapod.sims.lab.experiment import RunOptions
@@ -33,6 +32,7 @@ from parapod.sims.real_machine.real_time import (
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
 from parapod.systems.core.scenario_file import dump_scenario
+from parapod.systems.hardware.clock import EmulatedClock, monotonic
 from parapod.systems.hardware.io import DeviceThread
 from parapod.systems.hardware.position_memory import IncrementalDevice
 
@@ -80,7 +80,7 @@ class DeviceWatch:
         """Looks at every device.
 
         Args:
-            now: `time.monotonic` [s].
+            now: `clock.monotonic` [s].
 
         Raises:
             DeviceError: one has been wrong for too long; has its words.
@@ -131,10 +131,11 @@ def run_on_hardware(
     """
     station = loop.station
     parts: Parts = station.behind.handle
-    refuse_without_emulator(station.scenario.hardware.drivers, loop.machine.experiment)
     root = simulator.get_mutable_context()
     watch = DeviceWatch(parts.all_threads)
     with ExitStack() as stack:
+        drivers = station.scenario.hardware.drivers
+        clock = stack.enter_context(time_of(drivers, loop.machine.experiment))
         stack.enter_context(ended_by_signals())
         write = stack.enter_context(logged(options, loop, root, what))
         # Before any device waits for heartbeats, because a collection stops all threads; and the
@@ -157,16 +158,20 @@ def run_on_hardware(
         guarded = _guarded(loop, root)
 
         def on_tick(context: Context) -> None:
-            watch.check(time.monotonic())
-            guarded(time.monotonic())
+            # First, so that a log shows the tick that has ended the job.
             write(context.get_time())
+            watch.check(monotonic())
+            guarded(monotonic())
             report(context.get_time())
             if is_over(context):
                 raise _Over
 
         running = RealTimeLoop(simulator, station.scenario.control.period, on_tick)
         running.timing.refused = tuple(each for each in outcomes if not each.is_taken)
+        running.timing.clock = clock
         begun(running.timing)
+        # Those of the beginning have grown old meanwhile.
+        parts.await_measurements(_PATIENCE)
         try:
             running.run(min(until, _FOREVER))
         except _Over:
@@ -182,9 +187,15 @@ def _unprivileged(timing: Timing) -> str:
 
 
 def _guarded(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None]:
-    """Ends the job when the machine's guard does, and has no file remember wrong positions."""
+    """Ends the job when the machine's guard does, and has no file remember wrong positions.
+
+    Before the first command that is not idle nothing has moved, and the positions stay known.
+    """
     if loop.machine.guard is None:
         return lambda now: None
+    idle = {spec.name: spec.idle for spec in loop.machine.inputs}
+    commands = loop.readings(root, frozenset(idle))
+    has_acted = False
     guard, parts = loop.machine.guard(loop.station.scenario), loop.station.behind.handle
     signals = loop.readings(root, guard.signals)
     # What runs for the first time is slow: another guard does it, on a copy, and is forgotten.
@@ -192,10 +203,15 @@ def _guarded(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None]:
     loop.machine.guard(loop.station.scenario).check(0.0, {n: read() for n, read in first.items()})
 
     def check(now: float) -> None:
+        nonlocal has_acted
+        has_acted = has_acted or not all(
+            np.array_equal(read(), np.full_like(read(), idle[name]), equal_nan=True)
+            for name, read in commands.items()
+        )
         trip = guard.check(now, {name: read() for name, read in signals.items()})
         if trip is None:
             return
-        for part in trip.distrusted:
+        for part in trip.distrusted if has_acted else ():
             for thread in parts.threads[part]:
                 if isinstance(thread.device, IncrementalDevice):
                     thread.device.distrust()
@@ -257,6 +273,8 @@ def show_timing(timing: Timing, station: Station[Any], console: Console) -> None
         f"late {_ms(late)}, cost {_ms(cost)} ms (median, 99 %, largest{newest})"
         f"{_unprivileged(timing)}"
     ]
+    if timing.clock is not None:
+        lines.append(f"emulated time, {waited_for(timing.clock)}")
     if timing.disk_faults:
         lines.append(
             f"{timing.disk_faults} pages of the program were read from the disk meanwhile"
@@ -272,6 +290,15 @@ def show_timing(timing: Timing, station: Station[Any], console: Console) -> None
             )
     for line in lines:
         console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def waited_for(clock: EmulatedClock) -> str:
+    """Rate of an emulated time, and how long it has stood still, for people."""
+    physics, controllers = clock.waited
+    return (
+        f"at rate {clock.rate:g}: it has waited {physics:.2f} s for the emulated machine and "
+        f"{controllers:.2f} s for controllers"
+    )
 
 
 def _ms(seconds: NDArray[np.float64]) -> str:

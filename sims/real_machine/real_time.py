@@ -1,12 +1,12 @@
 """A diagram advanced with the wall clock: absolute deadlines, safe end when they are missed."""
 
 import gc
+import math
 import os
 import resource
 import signal
 import sys
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
@@ -29,12 +29,16 @@ from parapod.sims.real_machine.privileges import (
     privileges,
 )
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.hardware.clock import EmulatedClock, Hold, hold, monotonic, sleep
 
 # A controller that is this late is not in control [s].
 _HOPELESS = 0.1
 # This share of missed deadlines within a second is a computer that is too slow [-].
 _TOLERATED_SHARE = 0.5
 _WINDOW = 1.0  # [s]
+# An emulated time waits for ticks that are so late, and not longer than that of the computer's
+# clock [periods, s].
+_HELD, _HELD_FOR = 0.5, 10.0
 # Part of a period between two ticks that make up for lost time [-].
 _HURRIED = 0.8
 # What a thread may compute while others wait for the interpreter [s]; Python's own is 5 ms.
@@ -68,6 +72,7 @@ class Timing:
         page_faults: pages of memory that the program touched first while the loop ran.
         disk_faults: pages that were read from the disk meanwhile.
         refused: privileges that the kernel has refused it.
+        clock: emulated time by which the loop goes; None: the computer's.
     """
 
     period: float
@@ -80,6 +85,7 @@ class Timing:
     page_faults: int = 0
     disk_faults: int = 0
     refused: tuple[Outcome, ...] = ()
+    clock: EmulatedClock | None = None
 
     def __post_init__(self) -> None:
         self.late, self.cost = deque(maxlen=self.kept), deque(maxlen=self.kept)
@@ -125,10 +131,11 @@ class RealTimeLoop:
         period: float,
         on_tick: Callable[[Context], None] | None = None,
         is_strict: bool = True,
-        clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
+        clock: Callable[[], float] = monotonic,
+        sleep: Callable[[float], None] = sleep,
         kept: int | None = KEPT,
         patience: float = 0.0,
+        hold: Hold | None = None,
     ):
         """Prepares the loop.
 
@@ -142,9 +149,10 @@ class RealTimeLoop:
             kept: see `Timing`.
             patience: how late ticks may be that are made up for, a quarter faster than the clock,
                 and not left out [s]: for physics, whose time does not stop.
+            hold: with which an emulated time waits for the ticks; None for a new one.
         """
         self._simulator, self._on_tick, self._patience = simulator, on_tick, patience
-        self._is_strict, self._clock, self._sleep = is_strict, clock, sleep
+        self._is_strict, self._clock, self._sleep, self._hold = is_strict, clock, sleep, hold
         self.timing = Timing(period, kept)
         self._window = max(10, round(_WINDOW / period))
         self._is_missed: deque[bool] = deque(maxlen=self._window)
@@ -161,19 +169,26 @@ class RealTimeLoop:
         before = resource.getrusage(resource.RUSAGE_SELF)
         try:
             with signals_between_ticks() as interrupted:
-                self._run(until, interrupted)
+                self._run(until, interrupted, self._hold or hold(_HELD_FOR))
         finally:
             after = resource.getrusage(resource.RUSAGE_SELF)
             self.timing.page_faults += after.ru_minflt - before.ru_minflt
             self.timing.disk_faults += after.ru_majflt - before.ru_majflt
 
-    def _run(self, until: float, interrupted: Callable[[], None]) -> None:
+    def _run(self, until: float, interrupted: Callable[[], None], held: Hold) -> None:
+        try:
+            self._tick(until, interrupted, held)
+        finally:
+            held.until(math.inf)
+
+    def _tick(self, until: float, interrupted: Callable[[], None], held: Hold) -> None:
         period, timing = self.timing.period, self.timing
         context = self._simulator.get_context()
         begin = context.get_time()
         ticks = round((until - begin) / period)
         due = earliest = self._clock()
         for k in range(ticks):
+            held.until(max(due, earliest) + _HELD * period)
             self._wait(max(due, earliest))
             interrupted()
             started = self._clock()
@@ -281,16 +296,16 @@ def signals_between_ticks() -> Iterator[Callable[[], None]]:
         yield lambda: None
         return
     heard: list[int] = []
-    asked = time.monotonic()
+    asked = monotonic()
 
     def note(number: int, frame: FrameType | None) -> None:
-        if heard or time.monotonic() - asked > _HOPELESS:
+        if heard or monotonic() - asked > _HOPELESS:
             handlers[number](number, frame)
         heard.append(number)
 
     def ask() -> None:
         nonlocal asked
-        asked = time.monotonic()
+        asked = monotonic()
         if heard:
             handlers[heard[0]](heard[0], None)
 

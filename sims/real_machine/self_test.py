@@ -1,6 +1,5 @@
 """Self-test of the devices of one part of a machine: what they show, and one move of each."""
 
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -10,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.devices import make_parts
-from parapod.diagrams.drivers.driver import Driver, refuse_without_emulator
+from parapod.diagrams.drivers.driver import Driver, time_of
 from parapod.diagrams.machine import Machine, SelfTest
 from parapod.sims.lab.results import Metric
 from parapod.sims.real_machine.real_time import ended_by_signals
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import quoted
+from parapod.systems.hardware.clock import monotonic, sleep
 from parapod.systems.hardware.io import DeviceThread
 from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
@@ -86,11 +86,8 @@ def check_part(
     parts = make_parts(drivers, machine.inputs, machine.measured, scenario.control.period)
     if part not in parts.threads:
         raise ScenarioError(f"part {quoted(part)} is not one of {', '.join(parts.threads)}")
-    refuse_without_emulator([d for d in drivers if d.part == part], machine.experiment)
     threads = parts.threads[part]
     checked = None if move is None else _checked(machine, part, move, threads)
-    if checked is not None and not may_move():
-        return []
     metrics: list[Metric] = []
     # A device calls the signals of other parts by their whole names.
     units = {name.removeprefix(f"{part}."): spec.unit for name, spec in machine.table.items()}
@@ -100,6 +97,9 @@ def check_part(
             say(text)
 
     with ExitStack() as stack:
+        stack.enter_context(time_of([d for d in drivers if d.part == part], machine.experiment))
+        if checked is not None and not may_move():
+            return []
         stack.enter_context(ended_by_signals())
         stack.callback(say_news)  # also of devices that are refused
         for thread in threads:
@@ -161,16 +161,16 @@ def _read(
     rows: dict[str, list[Sequence[float]]] = {name: [] for name in thread.device.measures}
     shown: dict[str, list[float]] = {}
     costs = []
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        began = time.monotonic()
+    end = monotonic() + seconds
+    while monotonic() < end:
+        began = monotonic()
         for name, values in thread.device.read().items():
             rows[name].append(values)
             if units.get(name) == _SWITCH and shown.get(name) != [*values]:
                 shown[name] = [*values]
                 say(f"{name}: {' '.join(f'{value:g}' for value in values)}")
-        costs.append(time.monotonic() - began)
-        time.sleep(max(0.0, began + _STEP - time.monotonic()))
+        costs.append(monotonic() - began)
+        sleep(max(0.0, began + _STEP - monotonic()))
     for name, samples in rows.items():
         if name in shown:
             continue
@@ -234,12 +234,12 @@ def _move(
     say(f"{part} {move.index + 1}: {move.command:g} {move.unit} for {move.duration:g} s and back")
     reader = next(t for t in threads if motion.measures in t.device.measures)
     commanded, measured = [0.0], [np.array(reader.sample.values[motion.measures])]
-    due = time.monotonic()
+    due = monotonic()
     for command in _profile(move):
         ahead = commanded[-1] + command * _STEP
         _post(threads, motion, move.index, ahead if motion.is_position else command, measured[0])
         due += _STEP
-        time.sleep(max(0.0, due - time.monotonic()))
+        sleep(max(0.0, due - monotonic()))
         if (error := reader.error) is not None:
             raise error
         commanded.append(commanded[-1] + command * _STEP)
@@ -285,7 +285,7 @@ def _post(
     start: NDArray[np.float64],
 ) -> None:
     """Commands one axis, and the others to rest: by a rate, or by the way from where it was."""
-    now = time.monotonic()
+    now = monotonic()
     for thread in threads:
         commands = {}
         for name, size in thread.device.commands.items():

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from parapod.systems.core.extras import need
+from parapod.systems.hardware.clock import answer_time
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 
 # Identifiers of frames; those of a node have its id added.
@@ -258,7 +259,7 @@ class CanopenBus:
             arbitration_id=can_id, data=data, is_extended_id=False, is_remote_frame=remote
         )
         try:
-            self._bus.send(message, timeout=_SEND_TIMEOUT)
+            self._bus.send(message, timeout=answer_time(_SEND_TIMEOUT))
         except (self._can.CanError, OSError) as error:
             raise self._unplugged(error) from error
 
@@ -322,7 +323,7 @@ class CanopenBus:
         """Ids of the nodes that are on the bus."""
         with suppress(DeviceError):
             self._network.scanner.search()
-            time.sleep(_SEARCH_TIME)
+            time.sleep(answer_time(_SEARCH_TIME))
         return sorted(self._network.scanner.nodes)
 
     def _receive(self) -> None:

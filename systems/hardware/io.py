@@ -8,7 +8,6 @@ devices of one part of a machine.
 import logging
 import math
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
@@ -18,6 +17,7 @@ from pydrake.systems.framework import Context, InputPort, LeafSystem, State
 
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.ports import read
+from parapod.systems.hardware.clock import Hold, hold, monotonic, wait
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
 
 _LOG = logging.getLogger(__name__)
@@ -33,6 +33,9 @@ _LARGEST_LEAD = 0.7
 _LEARNING = 2e-4
 # How many of the newest ages are kept: some minutes.
 _KEPT = 30_000
+# An emulated time waits for readings that are so late, and not longer than that of the computer's
+# clock [periods, s].
+_HELD, _HELD_FOR = 2.5, 1.0
 # How long a thread may take to end once it is asked to; a device's calls are shorter [s].
 _JOIN_TIMEOUT = 2.0
 
@@ -42,7 +45,7 @@ class Sample(NamedTuple):
 
     Attributes:
         values: values of its signals; empty before the first.
-        stamp: `time.monotonic` when the reading of them began [s].
+        stamp: time of devices (`clock.monotonic`) when the reading of them began [s].
         fault: fault since then.
         words: message of the device about it, without its name; "" if nothing is wrong.
     """
@@ -79,7 +82,7 @@ class DeviceThread:
         device: Device,
         period: float = 0.01,
         command_timeout: float = COMMAND_TIMEOUT,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = monotonic,
     ):
         """Prepares the thread.
 
@@ -100,6 +103,7 @@ class DeviceThread:
         self._due, self._reading_time = clock(), 0.0
         self._wake, self._stopping = threading.Event(), threading.Event()
         self._has_sample = threading.Event()
+        self._hold = Hold()
         self._thread: threading.Thread | None = None
 
     @property
@@ -131,6 +135,7 @@ class DeviceThread:
         lead, now = min(self._reading_time + _MARGIN, _LARGEST_LEAD * self.period), self._clock()
         if self._due > now:  # a reading that is late already must not be put off for ever
             self._due = now + self.period - lead
+            self._wait_for_reading()
         self._wake.set()
 
     def post(self, commands: Signals, measured: float) -> None:
@@ -138,7 +143,7 @@ class DeviceThread:
 
         Args:
             commands: the device's signals.
-            measured: `time.monotonic` of the measurements that they were made of [s].
+            measured: time of devices of the measurements that they were made of [s].
         """
         self._command = _Command(commands, self._clock(), measured)
         self._wake.set()
@@ -178,8 +183,19 @@ class DeviceThread:
     def _no_sample(self) -> Sample:
         return Sample({}, self._clock(), DeviceFault.SILENT, "no sample yet")
 
+    def _wait_for_reading(self) -> None:
+        """Has an emulated time wait for the next reading, unless the device is at fault."""
+        if self._has_sample.is_set() and not self._sample.fault and self.device.measures:
+            self._hold.until(self._due + _HELD * self.period)
+
     def _run(self) -> None:
-        self._due = self._clock()
+        self._due, self._hold = self._clock(), hold(_HELD_FOR)
+        try:
+            self._serve()
+        finally:
+            self._hold.until(math.inf)
+
+    def _serve(self) -> None:
         while not self._stopping.is_set():
             command = self._command
             if command is not None and command is not self._written:
@@ -191,7 +207,7 @@ class DeviceThread:
             if now >= self._due:
                 due, self._due = self._due, max(self._due + self.period, now)
                 self._read(due)
-            self._wake.wait(max(0.0, min(self._due - self._clock(), self._timeout)))
+            wait(self._wake, max(0.0, min(self._due - self._clock(), self._timeout)))
             self._wake.clear()
 
     def _read(self, due: float) -> None:
@@ -201,10 +217,12 @@ class DeviceThread:
         except Exception as error:
             fault, words = _described(self.device, error)
             self._sample = self._sample._replace(fault=fault, words=words)
+            self._hold.until(math.inf)
             return
         self._sample = Sample(values, began, DeviceFault.NONE, "")
         self._learn(self._clock() - due)
         self._has_sample.set()
+        self._wait_for_reading()
 
     def _learn(self, took: float) -> None:
         """Follows that quantile of the times, which a rare long one does not move."""
@@ -260,7 +278,7 @@ class PartReader(LeafSystem):
     |---|---|---|---|
     | out `age` | 1 | s | time since the oldest sample of the part was begun |
     | out `fault` | 1 | code | the first device's `DeviceFault`; 0: none |
-    | out `stamp` | 1 | s | `time.monotonic` when the oldest sample was begun |
+    | out `stamp` | 1 | s | time of devices when the oldest sample was begun |
 
     Besides, one output for each signal that a device measures, with its name, size and SI unit.
 
@@ -278,7 +296,7 @@ class PartReader(LeafSystem):
         threads: Sequence[DeviceThread] = (),
         period: float = 0.01,
         stale_after: float = STALE_AFTER,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = monotonic,
     ):
         """Creates the system; its ports follow from what the devices measure.
 
@@ -348,7 +366,7 @@ class PartWriter(LeafSystem):
 
     | port | size | unit | meaning |
     |---|---|---|---|
-    | in `stamp` | 1 | s | `time.monotonic` of the measurements behind them; unconnected: now |
+    | in `stamp` | 1 | s | time of devices of the measurements behind them; unconnected: now |
 
     Besides, one input for each signal that a device is commanded, with its name, size and SI unit.
 
@@ -387,7 +405,7 @@ class PartWriter(LeafSystem):
 
     def _publish_commands(self, context: Context) -> None:
         connected = self._stamp.HasValue(context)
-        stamp = read(self._stamp, context)[0] if connected else time.monotonic()
+        stamp = read(self._stamp, context)[0] if connected else monotonic()
         values = {name: tuple(read(port, context)) for name, port in self._inputs.items()}
         for thread in self._threads:
             thread.post({name: values[name] for name in thread.device.commands}, stamp)

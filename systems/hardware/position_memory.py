@@ -6,7 +6,6 @@ Incremental encoders forget where they are; self-locking screws stay there.
 import json
 import math
 import os
-import time
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from parapod.systems.core.quoting import quoted_path, show
+from parapod.systems.hardware.clock import sleep
 from parapod.systems.hardware.device import Device, DeviceError
 
 # Without power an actuator stands still after this: ten mechanical time constants and more [s].
@@ -298,7 +298,7 @@ class IncrementalDevice(Device):
         """Positions that do not change any more."""
         positions = None
         for _ in range(_LOOKS):
-            time.sleep(_COASTING)
+            sleep(_COASTING)
             before, positions = positions, self.read()[self.position_signal]
             if positions == before:
                 break

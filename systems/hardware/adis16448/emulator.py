@@ -6,7 +6,6 @@ import socket
 import stat
 import struct
 import threading
-import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -31,6 +30,7 @@ from parapod.systems.hardware.adis16448.registers import (
     temperature_word,
 )
 from parapod.systems.hardware.adis16448.spi import LENGTH, SpiBus
+from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 _AS_DELIVERED: dict[int, int] = {
@@ -117,7 +117,7 @@ class Adis16448Registers:
         """
         with self._lock:
             self.transfers += 1
-            now = time.monotonic()
+            now = monotonic()
             if self._misbehaviour.is_unplugged:
                 raise ConnectionError("the cable is out")
             if not self._misbehaviour.answers(now):
@@ -198,7 +198,7 @@ class Adis16448Registers:
     def _reset(self) -> None:
         self.registers.update(_AS_DELIVERED)
         self._answer = self._transient = 0
-        self._ready = time.monotonic() + self._start_up_time
+        self._ready = monotonic() + self._start_up_time
 
 
 def imu_counts(

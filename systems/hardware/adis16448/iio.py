@@ -19,6 +19,7 @@ from parapod.systems.hardware.adis16448.registers import (
     sample_rate,
 )
 from parapod.systems.hardware.adis16448.settings import IioSettings
+from parapod.systems.hardware.clock import answer_time
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
 
 # What IIO's units are in ours (Linux, Documentation/ABI/testing/sysfs-bus-iio): the driver's
@@ -108,7 +109,7 @@ class Adis16448Iio(Device):
         """The newest values."""
         if not self._is_configured:
             raise DeviceError(self.name, "is not configured", DeviceFault.UNPLUGGED)
-        deadline = time.monotonic() + 0.5 * self._settings.timeout
+        deadline = time.monotonic() + answer_time(0.5 * self._settings.timeout)
         if self._context is None:
             self._connect()
         with self._faults():
@@ -141,10 +142,10 @@ class Adis16448Iio(Device):
     def _connect(self) -> None:
         try:
             with self._faults():
-                _probe(self._settings.uri, 0.25 * self._settings.timeout)
+                _probe(self._settings.uri, answer_time(0.25 * self._settings.timeout))
                 iio = need("iio")
                 self._context = iio.Context(self._settings.uri)
-                self._context.set_timeout(round(1e3 * 0.5 * self._settings.timeout))
+                self._context.set_timeout(round(1e3 * answer_time(0.5 * self._settings.timeout)))
                 self._set_up(self._find())
         except BaseException:
             self._hang_up()

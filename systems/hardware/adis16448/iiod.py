@@ -12,6 +12,7 @@ from typing import Self
 
 from parapod.systems.hardware.adis16448.emulator import imu_counts
 from parapod.systems.hardware.adis16448.registers import sample_rate, signed, temperature_word
+from parapod.systems.hardware.clock import monotonic, wait
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
@@ -143,7 +144,7 @@ class IiodServer:
 
     def _follow(self) -> None:
         """Puts the newest counts into the files."""
-        now = time.monotonic()
+        now = monotonic()
         counts = imu_counts(self._harness, self._misbehaviour, now, self._part)
         # The driver takes the lower 12 bits of TEMP_OUT for a signed number.
         shown = dict(zip(_RAW, counts, strict=True))
@@ -163,7 +164,7 @@ class IiodServer:
         fresh.replace(self._file(name))
 
     def _run(self) -> None:
-        while not self._closing.wait(_PERIOD):
+        while not wait(self._closing, _PERIOD):
             if self._misbehaviour.is_unplugged:
                 self._end()
                 continue

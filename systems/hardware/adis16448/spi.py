@@ -30,6 +30,7 @@ from parapod.systems.hardware.adis16448.registers import (
     mounting_axes,
 )
 from parapod.systems.hardware.adis16448.settings import SpiSettings
+from parapod.systems.hardware.clock import answer_time, monotonic, sleep
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
 
 _SOCKET = "unix:"
@@ -116,7 +117,7 @@ class Adis16448Spi(Device):
             self._open()
             self._identify(self._start_up_time)
             self._write_byte(Register.GLOB_CMD, SOFTWARE_RESET)
-            time.sleep(self._start_up_time)
+            sleep(self._start_up_time)
             self._identify(self._settings.timeout)
             self._set_up()
         except BaseException:
@@ -129,7 +130,7 @@ class Adis16448Spi(Device):
         if not self._is_configured:
             raise DeviceError(self.name, "is not configured", DeviceFault.UNPLUGGED)
         # The last transfer begins before the deadline and takes the other half at most.
-        self._deadline = time.monotonic() + 0.5 * self._settings.timeout
+        self._deadline = time.monotonic() + answer_time(0.5 * self._settings.timeout)
         try:
             if not self._is_set_up:
                 self._open()
@@ -166,16 +167,16 @@ class Adis16448Spi(Device):
 
     def _identify(self, patience: float) -> None:
         """Makes sure that this is the sensor, waiting so long for it to start [s]."""
-        deadline = time.monotonic() + patience
+        deadline = monotonic() + patience
         while (answer := self._read_register(Register.PROD_ID)) != PRODUCT_ID:
-            if time.monotonic() >= deadline:
+            if monotonic() >= deadline:
                 self._refuse_stuck([answer])
                 raise DeviceError(
                     self.name,
                     f"PROD_ID is 0x{answer:04X} ({answer}), not 0x{PRODUCT_ID:04X} ({PRODUCT_ID})",
                     DeviceFault.CORRUPT,
                 )
-            time.sleep(_POLL)
+            sleep(_POLL)
 
     def _set_up(self) -> None:
         """Sets range, decimation and CRC, and asks whether the sensor is well."""
@@ -309,7 +310,7 @@ class SpiSocketClient:
         """
         self._path, self._timeout = str(path), timeout
         self._socket: socket.socket | None = None
-        self._connected(time.monotonic() + timeout)
+        self._connected(time.monotonic() + answer_time(timeout))
 
     def xfer2(self, values: Sequence[int], /) -> list[int]:
         """Sends bytes and receives as many.
@@ -318,7 +319,7 @@ class SpiSocketClient:
             TimeoutError: the server did not answer in time.
             OSError: the connection is gone.
         """
-        deadline = time.monotonic() + self._timeout
+        deadline = time.monotonic() + answer_time(self._timeout)
         try:
             connection = self._connected(deadline)
             connection.sendall(LENGTH.pack(len(values)) + bytes(values))

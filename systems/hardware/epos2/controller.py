@@ -2,7 +2,6 @@
 
 import math
 import struct
-import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import NamedTuple
@@ -17,6 +16,7 @@ from parapod.systems.hardware.canopen import (
     Entry,
     Pdo,
 )
+from parapod.systems.hardware.clock import sleep
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import (
     FAULT_RESET,
@@ -333,7 +333,7 @@ class Epos2Controller:
         while is_energised(state := self._state()):
             if self._clock() > deadline:
                 raise self._error(f"keeps its power, it is in {state}")
-            time.sleep(POLL)
+            sleep(POLL)
         self.guard(False)
 
     def poll(self) -> Sample:
@@ -422,7 +422,7 @@ class Epos2Controller:
         self._code = None
         deadline = self._clock() + stopping_time(self._settings, self._timing)
         while self._state() is DriveState.FAULT_REACTION_ACTIVE and self._clock() < deadline:
-            time.sleep(POLL)
+            sleep(POLL)
         for word in FAULT_RESET:
             self._set(objects.CONTROLWORD, word)
         self._wait_for(DriveState.SWITCH_ON_DISABLED)
@@ -434,7 +434,7 @@ class Epos2Controller:
                 code = self._bus.emergency(self._id)
                 words = f", {objects.described(code)}" if code else ""
                 raise self._error(f"is in {state or 'no known state'}, not in {wanted}{words}")
-            time.sleep(POLL)
+            sleep(POLL)
 
     def _state(self) -> DriveState | None:
         return state_of(self._get(objects.STATUSWORD))

@@ -1,12 +1,12 @@
 """Axes on EPOS2 24/5 controllers on a CANopen bus, whatever is commanded of them."""
 
 import math
-import time
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 
 from parapod.systems.hardware.canopen import HEARTBEAT_BASE, CanopenBus, wrapped
+from parapod.systems.hardware.clock import answer_time, monotonic, sleep
 from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
 from parapod.systems.hardware.ds402 import Controlword, DriveState
 from parapod.systems.hardware.epos2.controller import (
@@ -95,7 +95,7 @@ class Epos2Device(IncrementalDevice):
         settings: Epos2Settings,
         timing: Timing = Timing(),
         is_synchronous: bool = True,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = monotonic,
     ):
         """Describes the axes; nothing is opened.
 
@@ -161,7 +161,7 @@ class Epos2Device(IncrementalDevice):
         self.close()
         settings = self._settings
         names = settings.axis_names or ("",) * len(settings.node_ids)
-        bus = CanopenBus(self.name, settings.node_ids, self._timing.sdo_timeout)
+        bus = CanopenBus(self.name, settings.node_ids, answer_time(self._timing.sdo_timeout))
         self._bus = bus
         self._controllers = [
             Epos2Controller(bus, i, settings, self._timing, self._beat, self._clock, axis)
@@ -354,7 +354,7 @@ class Epos2Device(IncrementalDevice):
             if stop is not None:
                 self._watch_stop(stop.is_stop_pressed(stop.poll()))
             return [controller.poll() for controller in self._controllers]
-        frames = self._open_bus().synchronise(self._report_ids, self._timing.timeout)
+        frames = self._open_bus().synchronise(self._report_ids, answer_time(self._timing.timeout))
         if stop is not None:
             # Also when another node is silent.
             with suppress(DeviceError):
@@ -502,7 +502,7 @@ class Epos2Device(IncrementalDevice):
                     i = speeds.index(max(speeds))
                     node = self._settings.node_ids[i]
                     raise DeviceError(self.name, f"node {node} does not stop: {speeds[i]} rpm")
-            time.sleep(POLL)
+            sleep(POLL)
 
 
 def together(remarks: Mapping[str, Sequence[str]]) -> list[str]:

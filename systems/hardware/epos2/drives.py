@@ -1,8 +1,8 @@
 """Velocity-controlled axes: Maxon motors on EPOS2 24/5 controllers on a CANopen bus."""
 
-import time
 from collections.abc import Callable
 
+from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.epos2.controller import Timing
 from parapod.systems.hardware.epos2.settings import Epos2Settings
 from parapod.systems.hardware.epos2.steered import Epos2Steered
@@ -27,7 +27,7 @@ class Epos2(Epos2Steered):
         settings: Epos2Settings,
         timing: Timing = Timing(),
         is_synchronous: bool = True,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = monotonic,
     ):
         """See `Epos2Device`."""
         super().__init__(settings, timing, is_synchronous, clock)

@@ -6,7 +6,6 @@ faults.
 
 import math
 import threading
-import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -21,6 +20,7 @@ from parapod.systems.hardware.canopen import (
     Entry,
     wrapped,
 )
+from parapod.systems.hardware.clock import computer_time, monotonic
 from parapod.systems.hardware.ds402 import STATUSWORDS, DriveState, is_energised, obeyed
 from parapod.systems.hardware.emulation.canopen_slave import (
     CanopenSlave,
@@ -439,7 +439,7 @@ class Epos2Nodes:
         part: str = "wheels",
         signs: Sequence[int] = (),
         measures_current: bool = False,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = monotonic,
         stop_contact: tuple[int, int] | None = None,
         hold_up: float = _HOLD_UP,
         switches: Sequence[SwitchGroup] = (),
@@ -532,7 +532,7 @@ class Epos2Nodes:
     def _run(self, bus: Any) -> None:
         tick = -math.inf
         while not self._stopping.is_set():
-            message = bus.recv(clamp(tick - self._clock(), 0.0, _TICK))
+            message = bus.recv(computer_time(clamp(tick - self._clock(), 0.0, _TICK)))
             with self._lock:
                 self._measure()
                 # All that has come, before anybody misses a heartbeat among it.

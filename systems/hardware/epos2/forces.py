@@ -1,11 +1,11 @@
 """Axes whose forces or torques are commanded: Maxon motors on EPOS2 24/5 controllers."""
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from parapod.systems.core.elementwise import clamp
+from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.device import DeviceError
 from parapod.systems.hardware.epos2.controller import STANDSTILL, Sample, Timing
 from parapod.systems.hardware.epos2.settings import ForceSettings
@@ -110,7 +110,7 @@ class Epos2Forces(Epos2Steered):
         settings: ForceSettings,
         timing: Timing = Timing(),
         is_synchronous: bool = True,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = monotonic,
     ):
         """See `Epos2Device`."""
         super().__init__(settings, timing, is_synchronous, clock)

@@ -1,11 +1,11 @@
 """Position-controlled axes: Maxon motors on EPOS2 24/5 controllers on a CANopen bus."""
 
 import math
-import time
 from collections.abc import Callable, Sequence
 
 from parapod.systems.core.elementwise import clamp
 from parapod.systems.hardware.canopen import wrapped
+from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.ds402 import Controlword
 from parapod.systems.hardware.epos2.controller import STANDSTILL, Sample, Timing
 from parapod.systems.hardware.epos2.device import Epos2Device, unwrapped
@@ -46,7 +46,7 @@ class Epos2Positions(Epos2Device):
         settings: Epos2Settings,
         timing: Timing = Timing(),
         is_synchronous: bool = True,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = monotonic,
     ):
         """See `Epos2Device`."""
         super().__init__(settings, timing, is_synchronous, clock)

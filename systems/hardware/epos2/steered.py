@@ -1,9 +1,9 @@
 """Axes on EPOS2 24/5 controllers whose set values follow from the newest measurements, too."""
 
-import time
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 
+from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.ds402 import Controlword
 from parapod.systems.hardware.epos2.controller import Timing
 from parapod.systems.hardware.epos2.device import Epos2Device
@@ -23,7 +23,7 @@ class Epos2Steered(Epos2Device):
         settings: Epos2Settings,
         timing: Timing = Timing(),
         is_synchronous: bool = True,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = monotonic,
     ):
         """See `Epos2Device`."""
         super().__init__(settings, timing, is_synchronous, clock)

@@ -1,10 +1,10 @@
 """A multifunction card of National Instruments between controller, motor drivers and encoders."""
 
 import math
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
+from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
 from parapod.systems.hardware.ni.session import CONFIGURE_TIMEOUT, WatchdogExpired, begun
 from parapod.systems.hardware.ni.settings import NiDaqSettings, expand_channels
@@ -357,7 +357,7 @@ class NiDaq(IncrementalDevice):
         except DeviceError as error:
             self._do_without(error)
             return
-        self._is_armed, self._reset_at = True, time.monotonic()
+        self._is_armed, self._reset_at = True, monotonic()
 
     def _disarm(self, tasks: NiTasks) -> None:
         """Disarms the watchdog if it is armed; the relay is open before and afterwards."""
@@ -371,7 +371,7 @@ class NiDaq(IncrementalDevice):
 
     def _reset_watchdog(self, tasks: NiTasks, share: float) -> None:
         """Starts the watchdog's timer anew if that is due; notes that it has run out."""
-        now = time.monotonic()
+        now = monotonic()
         due = self._reset_at + share * self._settings.watchdog_timeout
         if not self._is_armed or self._has_expired or now < due:
             return

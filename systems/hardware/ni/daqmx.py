@@ -4,12 +4,12 @@ import math
 import random
 import re
 import threading
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from parapod.systems.core.extras import need
+from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.ni.terminals import COUNTERS, OUTPUTS, NiWiring
 
 # What NI-DAQmx says; the numbers are those of nidaqmx.error_codes.
@@ -157,7 +157,7 @@ class NiCard:
     def advance(self) -> None:
         """Does what is due without a call: the watchdog expires, the button is pressed."""
         with self._lock:
-            if time.monotonic() >= self._expires_at:
+            if monotonic() >= self._expires_at:
                 self._expires_at, self._locked = math.inf, frozenset(self._guarded)
                 self._wiring.set_lines(self._guarded)
             self._wiring.follow()
@@ -406,7 +406,7 @@ class NiCard:
     def _restart(self, task: _Task) -> None:
         """Starts the timer of a watchdog."""
         never = task.timeout == _NEVER
-        self._expires_at = math.inf if never else time.monotonic() + task.timeout
+        self._expires_at = math.inf if never else monotonic() + task.timeout
 
     def _stop(self, task: _Task) -> None:
         """Stops a task; a watchdog that has expired stays so."""

@@ -1,7 +1,6 @@
 """An NI gRPC Device Server with one X Series card, as NI-DAQmx shows it, on a Unix socket."""
 
 import threading
-import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -9,6 +8,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from parapod.systems.core.extras import need
+from parapod.systems.hardware.clock import monotonic, sleep, wait
 from parapod.systems.hardware.ni.daqmx import FUNCTIONS, NiCard, NiRefusal
 from parapod.systems.hardware.ni.terminals import NiWiring
 
@@ -105,7 +105,7 @@ class NiServer:
 
     def _watch(self) -> None:
         """Listens while the cable is in its place, and lets the card do what is due by itself."""
-        while not self._closing.wait(_POLL):
+        while not wait(self._closing, _POLL):
             self.card.advance()
             if self._misbehaviour.is_unplugged and self._server is not None:
                 self._hang_up()
@@ -131,9 +131,9 @@ class NiServer:
 
     def _wait(self, context: Any) -> None:
         """Waits until the card answers; ends the call if it never does."""
-        while context.is_active() and not self._misbehaviour.answers(time.monotonic()):
+        while context.is_active() and not self._misbehaviour.answers(monotonic()):
             if self._misbehaviour.is_unplugged or self._closing.is_set():
                 context.abort(self._grpc.StatusCode.UNAVAILABLE, "the cable is out")
-            time.sleep(_POLL)
+            sleep(_POLL)
         if not context.is_active():
             context.abort(self._grpc.StatusCode.CANCELLED, "the caller has given up")

@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from parapod.systems.core.extras import need
+from parapod.systems.hardware.clock import answer_time
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ni.settings import NiCardSettings
 
@@ -45,7 +46,7 @@ class BoundedChannel:
     The driver library sets no deadlines, so a server that stalls would stop its caller for ever.
 
     Attributes:
-        until: that instant, of the monotonic clock [s].
+        until: that instant, of the computer's monotonic clock [s].
     """
 
     def __init__(self, channel: Any):
@@ -111,7 +112,7 @@ class NiSession(ABC):
         """Begins a call of the device: all that follows is over after so many seconds."""
         self._waits = seconds
         if self._channel is not None:
-            self._channel.until = time.monotonic() + seconds
+            self._channel.until = time.monotonic() + answer_time(seconds)
 
     def open(self) -> None:
         """Makes sure that it is the right card, and creates and starts its tasks.

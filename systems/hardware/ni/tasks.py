@@ -1,7 +1,6 @@
 """The tasks of the card of the legs: what to ask of the driver."""
 
 import math
-import time
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from parapod.systems.core.extras import need
+from parapod.systems.hardware.clock import answer_time, monotonic
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ni.session import NiSession
 from parapod.systems.hardware.ni.settings import NiDaqSettings, expand_channels
@@ -90,7 +90,7 @@ class NiTasks(NiSession):
                 f"{self._settings.counter_names[index]} reads {position} m",
                 DeviceFault.CORRUPT,
             )
-        return round(position / self._settings.metres_per_count), time.monotonic()
+        return round(position / self._settings.metres_per_count), monotonic()
 
     def read_inputs(self) -> tuple[float, ...]:
         """The digital inputs, 0 or 1: limit switches, then the emergency stop if there is one."""
@@ -131,7 +131,7 @@ class NiTasks(NiSession):
     def disarm_watchdog(self) -> None:
         """Stops its timer and unlocks the relay's line, which stays low until it is written."""
         if self._reset is not None:
-            wait([self._reset], self._waits)
+            wait([self._reset], answer_time(self._waits))
             self._reset = None
         self._watchdog.disarm()
 

@@ -1,9 +1,9 @@
 """The terminals of an emulated card, and the wires behind them: of legs, or of force cells."""
 
 import math
-import time
 from collections.abc import Mapping, Sequence
 
+from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 from parapod.systems.safety.faults import FaultKind
 
@@ -138,7 +138,7 @@ class LegWiring(NiWiring):
         # Plus and minus one: what is wrong or garbage changes a switch, too.
         bits = [1.0 if value > 0.5 else -1.0 for value in self._get("limits")]
         contact = -1.0 if self.is_pressed else 1.0
-        shown = self.misbehaviour.shown((*counts, *bits, contact), time.monotonic())
+        shown = self.misbehaviour.shown((*counts, *bits, contact), monotonic())
         size = len(counts)
         lines = {f"port0/line{i}": value > 0.0 for i, value in enumerate(shown[size:-1])}
         if self._stop_line:
@@ -193,5 +193,5 @@ class CellWiring(NiWiring):
         forces = (x if math.isfinite(x) else 0.0 for x in self._harness.get(self._signal))
         cells = zip(self._newton_per_volt.items(), forces, strict=True)
         volts = [force / per_volt + self._zero[name] for (name, per_volt), force in cells]
-        shown = self.misbehaviour.shown(volts, time.monotonic())
+        shown = self.misbehaviour.shown(volts, monotonic())
         return dict(zip(self._newton_per_volt, shown, strict=True))

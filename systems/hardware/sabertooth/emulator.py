@@ -1,11 +1,11 @@
 """Sabertooth motor drivers behind a serial port that is a pseudo terminal."""
 
 import threading
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Self
 
+from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 from parapod.systems.hardware.emulation.pty import PtyPort
 from parapod.systems.hardware.sabertooth.protocol import (
@@ -58,7 +58,7 @@ class SabertoothPty:
         supply_voltage: float = 12.0,
         baud: int = 38400,
         part: str = "legs",
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = monotonic,
     ):
         """Switches the drivers on; the port is there within a `with` block.
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
 from parapod.systems.core.extras import need
+from parapod.systems.hardware.clock import answer_time, monotonic, sleep
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
 from parapod.systems.hardware.sabertooth.protocol import (
     ADDRESSES,
@@ -76,7 +77,7 @@ class SabertoothSerial(Device):
         self,
         settings: SabertoothSettings,
         actuators: int | None = None,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = monotonic,
     ):
         """Describes the drivers; nothing is opened.
 
@@ -183,7 +184,7 @@ class SabertoothSerial(Device):
                 self._settings.path,
                 baud,
                 timeout=0.0,
-                write_timeout=self._settings.serial_timeout,
+                write_timeout=answer_time(self._settings.serial_timeout),
                 exclusive=True,
             )
 
@@ -194,11 +195,11 @@ class SabertoothSerial(Device):
             for address in self._settings.addresses:
                 port.write(packet(address, Command.BAUD_RATE, data))
             self._empty(port)
-            time.sleep(_RESTART)
+            sleep(_RESTART)
 
     def _empty(self, port: Any) -> None:
         """Waits until what was written has left the port; what should have by now is dropped."""
-        deadline = time.monotonic() + self._settings.serial_timeout
+        deadline = time.monotonic() + answer_time(self._settings.serial_timeout)
         while port.out_waiting:
             if time.monotonic() > deadline:
                 # Or the operating system would wait for it when the port is closed.

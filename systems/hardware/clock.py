@@ -1,0 +1,289 @@
+"""The time by which devices and their controllers go: the computer's own, or an emulated one.
+
+Real devices know the computer's clock only. Emulated devices and the program that drives them may
+share another one (`EmulatedClock`), which runs at a rate and waits for programs that are late: so
+the path to the hardware can be walked on any computer, however slow or busy it is.
+
+Everything that belongs to a machine (periods, ages, watchdogs, heartbeats) goes by `monotonic`,
+`sleep` and `wait`. Waits for answers are limited by an `answer_time`, of the computer's clock.
+"""
+
+import mmap
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+# Name of the clock's file, beside the emulator's wires; there while an emulator keeps one.
+CLOCK = "clock"
+
+# Cells of the file: an even count while the rest is whole; the computer's time and the emulated
+# one at an instant; the rate; emulated time minus that of calendars; how much was waited for
+# physics and for controllers. Holds follow: their end, and when the computer's clock overrules it.
+_COUNT, _REAL, _EMULATED, _RATE, _CALENDAR, _PHYSICS, _CONTROLLERS, _FIRST = range(8)
+_HOLDS = 16
+_SIZE = 8 * (_FIRST + 2 * _HOLDS)
+# The shortest sleep while the emulated time may stand still [s].
+_LOOK = 5e-4
+# Physics that are so late are as good as in time [s].
+_JITTER = 3e-3
+# A thread that sleeps may wake so much later [s].
+_WAKING = 2e-3
+# Emulated devices are programs that wait for a processor: answers may take so much longer [-].
+_LENIENCE = 5.0
+
+
+class Hold:
+    """Time at which the emulated clock waits for a thread; with real devices it does nothing."""
+
+    def until(self, at: float) -> None:
+        """Lets no later time come before the next call.
+
+        Args:
+            at: emulated time [s]; infinite: any may come.
+        """
+
+    def sleeping(self, until: float) -> None:
+        """Lets the time come to which its own thread sleeps [s]."""
+
+
+class _SharedHold(Hold):
+    """A hold in the cells of a clock."""
+
+    def __init__(self, cells: "memoryview[float]", index: int, patience: float):
+        self._cells, self._patience = cells, patience
+        self._at = _FIRST + 2 * index
+
+    def until(self, at: float) -> None:
+        """See `Hold`."""
+        self._cells[self._at + 1] = time.monotonic() + self._patience
+        self._cells[self._at] = at
+
+    def sleeping(self, until: float) -> None:
+        """See `Hold`."""
+        if self._cells[self._at] <= until:
+            self.until(until + _WAKING)
+
+
+class EmulatedClock:
+    """A time that several programs share, in a file that they map.
+
+    It runs `rate` times as fast as the computer's clock, until the first hold: the physics' next
+    step, a controller's next tick, a device's next reading. There it stands still until that has
+    been done, or has kept all programs waiting for too long. The wait is lost to all alike, and
+    counted.
+
+    One program keeps the clock, the others follow it.
+
+    Attributes:
+        rate: emulated seconds in one of the computer's [-]; 1 at most.
+    """
+
+    def __init__(self, path: Path, rate: float | None = None):
+        """Opens the clock.
+
+        Args:
+            path: path of the file.
+            rate: makes the file, and a clock of this rate that shows the computer's time now; None
+                to follow one.
+
+        Raises:
+            FileNotFoundError: there is no clock to follow.
+        """
+        if rate is not None:
+            fresh = path.with_name(f"{path.name}.new")
+            fresh.write_bytes(bytes(_SIZE))
+            fresh.replace(path)
+        with open(path, "r+b") as file:
+            self._memory = mmap.mmap(file.fileno(), _SIZE)
+        self._cells = memoryview(self._memory).cast("d")
+        self._lock, self._last, self._next = threading.Lock(), 0.0, 1
+        if rate is not None:
+            now = time.monotonic()
+            for k in range(_HOLDS):
+                self._cells[_FIRST + 2 * k] = float("inf")
+            self._cells[_CALENDAR] = time.time() - now
+            self._set(now, now, rate)
+        self.rate = self._cells[_RATE]
+
+    @property
+    def calendar(self) -> float:
+        """Time of calendars minus the emulated one, when the clock was made [s]."""
+        return self._cells[_CALENDAR]
+
+    @property
+    def waited(self) -> tuple[float, float]:
+        """Emulated time that was waited for the physics, and for controllers [s]."""
+        return self._cells[_PHYSICS], self._cells[_CONTROLLERS]
+
+    def now(self) -> float:
+        """The emulated time [s]; it shows the computer's monotonic one when the clock is made."""
+        now = max(self._shown(time.monotonic())[0], self._last)
+        self._last = now
+        return now
+
+    def hold(self, patience: float) -> Hold:
+        """A new hold of this program's; there are some, and every program but one may have them.
+
+        Args:
+            patience: time of the computer's clock for which everybody waits at most [s].
+        """
+        with self._lock:
+            index, self._next = self._next, self._next % (_HOLDS - 1) + 1
+        return _SharedHold(self._cells, index, patience)
+
+    def release(self) -> None:
+        """Lets go of all holds but the physics': the controller that had them has ended."""
+        for k in range(1, _HOLDS):
+            self._cells[_FIRST + 2 * k] = float("inf")
+
+    def keeper(self, patience: float) -> Hold:
+        """The hold of the program that keeps the clock, with which the time goes on.
+
+        Args:
+            patience: see `hold` [s].
+        """
+        return _Keeper(self, patience)
+
+    def _advance(self) -> None:
+        """Goes on from here: what was waited for until now is lost, and counted."""
+        real = time.monotonic()
+        shown, free, holder = self._shown(real)
+        if free > shown:
+            self._cells[_PHYSICS if holder == 0 else _CONTROLLERS] += free - shown
+            self._set(real, shown, self.rate)
+
+    def _set(self, real: float, emulated: float, rate: float) -> None:
+        cells = self._cells
+        cells[_COUNT] += 1.0
+        cells[_REAL], cells[_EMULATED], cells[_RATE] = real, emulated, rate
+        cells[_COUNT] += 1.0
+
+    def _shown(self, real: float) -> tuple[float, float, int]:
+        """Emulated time, the one without any holds, and the hold that keeps it back; or -1."""
+        while True:
+            cells = self._cells.tolist()
+            if cells[_COUNT] % 2.0 == 0.0 and self._cells[_COUNT] == cells[_COUNT]:
+                break
+            time.sleep(0.0)
+        free = shown = cells[_EMULATED] + cells[_RATE] * (real - cells[_REAL])
+        holder = -1
+        for k in range(_HOLDS):
+            end = cells[_FIRST + 2 * k]
+            if end < shown and real < cells[_FIRST + 2 * k + 1]:
+                shown, holder = end, k
+        return max(shown, cells[_EMULATED]), free, holder
+
+
+class _Keeper(_SharedHold):
+    """The hold of the physics; a time that stood still goes on from there."""
+
+    def __init__(self, clock: EmulatedClock, patience: float):
+        super().__init__(clock._cells, 0, patience)
+        self._clock = clock
+
+    def until(self, at: float) -> None:
+        """See `Hold`."""
+        self._clock._advance()
+        super().until(at + _JITTER)
+
+
+_clock: EmulatedClock | None = None
+
+
+@contextmanager
+def going_by(clock: EmulatedClock | None) -> Iterator[None]:
+    """Has this program go by a clock while it lasts; None: the computer's."""
+    global _clock
+    before, _clock = _clock, clock
+    try:
+        yield
+    finally:
+        _clock = before
+
+
+@contextmanager
+def following(path: Path) -> Iterator[EmulatedClock | None]:
+    """Follows the clock of an emulator while it lasts, if it keeps one.
+
+    Args:
+        path: path of its file.
+
+    Yields the clock, or None.
+    """
+    try:
+        clock = EmulatedClock(path)
+    except FileNotFoundError:
+        clock = None
+    with going_by(clock):
+        yield clock
+
+
+def monotonic() -> float:
+    """The time of devices [s]; without an emulated clock `time.monotonic`."""
+    return time.monotonic() if _clock is None else _clock.now()
+
+
+def calendar_time_ns() -> int:
+    """The time of devices as calendars have it, for logs [ns]."""
+    if _clock is None:
+        return time.time_ns()
+    return round(1e9 * (_clock.calendar + _clock.now()))
+
+
+def sleep(seconds: float) -> None:
+    """Waits until a time has passed for devices [s]."""
+    if _clock is None:
+        time.sleep(seconds)
+        return
+    until = _slept_until(seconds)
+    while (left := until - _clock.now()) > 0.0:
+        time.sleep(computer_time(left))
+
+
+def wait(event: threading.Event, seconds: float) -> bool:
+    """Waits for an event until a time has passed for devices; whether it came.
+
+    Args:
+        event: the event.
+        seconds: [s].
+    """
+    if _clock is None:
+        return event.wait(seconds)
+    until = _slept_until(seconds)
+    while (left := until - _clock.now()) > 0.0:
+        if event.wait(computer_time(left)):
+            return True
+    return event.is_set()
+
+
+def answer_time(seconds: float) -> float:
+    """Time of the computer's clock for an answer that is due within a time of the device's [s]."""
+    return seconds if _clock is None else _LENIENCE * seconds / _clock.rate
+
+
+def computer_time(seconds: float) -> float:
+    """Time of the computer's clock after which that of devices may be so much further [s]."""
+    return seconds if _clock is None else max(seconds / _clock.rate, _LOOK)
+
+
+def hold(patience: float) -> Hold:
+    """The hold of the calling thread, see `EmulatedClock.hold`; its own sleep does not wait."""
+    _thread.hold = Hold() if _clock is None else _clock.hold(patience)
+    return _thread.hold
+
+
+class _Thread(threading.local):
+    hold = Hold()
+
+
+_thread = _Thread()
+
+
+def _slept_until(seconds: float) -> float:
+    """End of a sleep of the calling thread, to which its own hold lets the time come."""
+    assert _clock is not None
+    until = _clock.now() + seconds
+    _thread.hold.sleeping(until)
+    return until
