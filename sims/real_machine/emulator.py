@@ -71,8 +71,9 @@ _PATIENCE = 0.2
 _SWITCH_PERIOD = 0.01
 # Physics that are so late are no longer what a controller takes them for [s].
 _TOO_LATE = 0.05
-# An emulated time waits no longer for the physics, of the computer's clock [s].
-_HELD_FOR = 10.0
+# An emulated time waits for physics that are so late, and not longer than that of the computer's
+# clock [s].
+_SLACK, _HELD_FOR = 3e-3, 10.0
 # Rates at which emulated time may run [-], and what is tried to choose one: the physics for a time
 # [s], which are to take this share of a processor [-], where there are two.
 _RATES = (1.0, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01)
@@ -308,6 +309,7 @@ class EmulatedMachine:
             is_strict=False,
             patience=_PATIENCE,
             hold=None if self.clock is None else self.clock.keeper(_HELD_FOR),
+            slack=_SLACK,
         )
         loop.run(duration)
 

@@ -32,7 +32,7 @@ from parapod.sims.real_machine.real_time import (
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
 from parapod.systems.core.scenario_file import dump_scenario
-from parapod.systems.hardware.clock import EmulatedClock, monotonic
+from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.io import DeviceThread
 from parapod.systems.hardware.position_memory import IncrementalDevice
 
@@ -274,7 +274,11 @@ def show_timing(timing: Timing, station: Station[Any], console: Console) -> None
         f"{_unprivileged(timing)}"
     ]
     if timing.clock is not None:
-        lines.append(f"emulated time, {waited_for(timing.clock)}")
+        physics, controllers = timing.waited
+        lines.append(
+            f"emulated time at rate {timing.clock.rate:g}; it has waited {physics:.2f} s for the "
+            f"emulated machine and {controllers:.2f} s for this program"
+        )
     if timing.disk_faults:
         lines.append(
             f"{timing.disk_faults} pages of the program were read from the disk meanwhile"
@@ -290,15 +294,6 @@ def show_timing(timing: Timing, station: Station[Any], console: Console) -> None
             )
     for line in lines:
         console.print(line, markup=False, highlight=False, soft_wrap=True)
-
-
-def waited_for(clock: EmulatedClock) -> str:
-    """Rate of an emulated time, and how long it has stood still, for people."""
-    physics, controllers = clock.waited
-    return (
-        f"at rate {clock.rate:g}: it has waited {physics:.2f} s for the emulated machine and "
-        f"{controllers:.2f} s for controllers"
-    )
 
 
 def _ms(seconds: NDArray[np.float64]) -> str:

@@ -36,9 +36,9 @@ _HOPELESS = 0.1
 # This share of missed deadlines within a second is a computer that is too slow [-].
 _TOLERATED_SHARE = 0.5
 _WINDOW = 1.0  # [s]
-# An emulated time waits for ticks that are so late, and not longer than that of the computer's
-# clock [periods, s].
-_HELD, _HELD_FOR = 0.5, 10.0
+# An emulated time waits for ticks that are so late [periods], and not longer than that of the
+# computer's clock [s].
+_SLACK, _HELD_FOR = 0.5, 10.0
 # Part of a period between two ticks that make up for lost time [-].
 _HURRIED = 0.8
 # What a thread may compute while others wait for the interpreter [s]; Python's own is 5 ms.
@@ -73,6 +73,7 @@ class Timing:
         disk_faults: pages that were read from the disk meanwhile.
         refused: privileges that the kernel has refused it.
         clock: emulated time by which the loop goes; None: the computer's.
+        waited: emulated time that was waited for the emulated machine, and for controllers [s].
     """
 
     period: float
@@ -86,6 +87,7 @@ class Timing:
     disk_faults: int = 0
     refused: tuple[Outcome, ...] = ()
     clock: EmulatedClock | None = None
+    waited: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         self.late, self.cost = deque(maxlen=self.kept), deque(maxlen=self.kept)
@@ -136,6 +138,7 @@ class RealTimeLoop:
         kept: int | None = KEPT,
         patience: float = 0.0,
         hold: Hold | None = None,
+        slack: float | None = None,
     ):
         """Prepares the loop.
 
@@ -150,8 +153,10 @@ class RealTimeLoop:
             patience: how late ticks may be that are made up for, a quarter faster than the clock,
                 and not left out [s]: for physics, whose time does not stop.
             hold: with which an emulated time waits for the ticks; None for a new one.
+            slack: how late ticks may be before it waits for them [s]; None: half a period.
         """
         self._simulator, self._on_tick, self._patience = simulator, on_tick, patience
+        self._slack = _SLACK * period if slack is None else slack
         self._is_strict, self._clock, self._sleep, self._hold = is_strict, clock, sleep, hold
         self.timing = Timing(period, kept)
         self._window = max(10, round(_WINDOW / period))
@@ -167,10 +172,15 @@ class RealTimeLoop:
             DeadlineError: see the class.
         """
         before = resource.getrusage(resource.RUSAGE_SELF)
+        clock = self.timing.clock
+        begun = clock.waited if clock is not None else (0.0, 0.0)
         try:
             with signals_between_ticks() as interrupted:
                 self._run(until, interrupted, self._hold or hold(_HELD_FOR))
         finally:
+            if clock is not None:
+                physics, controllers = clock.waited
+                self.timing.waited = physics - begun[0], controllers - begun[1]
             after = resource.getrusage(resource.RUSAGE_SELF)
             self.timing.page_faults += after.ru_minflt - before.ru_minflt
             self.timing.disk_faults += after.ru_majflt - before.ru_majflt
@@ -188,7 +198,7 @@ class RealTimeLoop:
         ticks = round((until - begin) / period)
         due = earliest = self._clock()
         for k in range(ticks):
-            held.until(max(due, earliest) + _HELD * period)
+            held.until(due + self._slack)
             self._wait(max(due, earliest))
             interrupted()
             started = self._clock()
@@ -203,7 +213,7 @@ class RealTimeLoop:
             timing.add(started - due, ended - started)
             self._is_missed.append(False)
             due += period
-            if self._patience:
+            if self._patience and not held.is_kept:
                 earliest = started + _HURRIED * period
             if (behind := ended - due) > self._patience:
                 left_out = int(behind / period) + 1

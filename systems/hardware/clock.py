@@ -26,8 +26,8 @@ _HOLDS = 16
 _SIZE = 8 * (_FIRST + 2 * _HOLDS)
 # The shortest sleep while the emulated time may stand still [s].
 _LOOK = 5e-4
-# Physics that are so late are as good as in time [s].
-_JITTER = 3e-3
+# Pause after a look at cells that are being written [s].
+_COLLISION = 5e-5
 # A thread that sleeps may wake so much later [s].
 _WAKING = 2e-3
 # Emulated devices are programs that wait for a processor: answers may take so much longer [-].
@@ -35,7 +35,13 @@ _LENIENCE = 5.0
 
 
 class Hold:
-    """Time at which the emulated clock waits for a thread; with real devices it does nothing."""
+    """Time at which the emulated clock waits for a thread; with real devices it does nothing.
+
+    Attributes:
+        is_kept: whether there is a clock that waits.
+    """
+
+    is_kept = False
 
     def until(self, at: float) -> None:
         """Lets no later time come before the next call.
@@ -50,6 +56,8 @@ class Hold:
 
 class _SharedHold(Hold):
     """A hold in the cells of a clock."""
+
+    is_kept = True
 
     def __init__(self, cells: "memoryview[float]", index: int, patience: float):
         self._cells, self._patience = cells, patience
@@ -139,12 +147,13 @@ class EmulatedClock:
             self._cells[_FIRST + 2 * k] = float("inf")
 
     def keeper(self, patience: float) -> Hold:
-        """The hold of the program that keeps the clock, with which the time goes on.
+        """The hold of the calling thread of the program that keeps the clock.
 
         Args:
             patience: see `hold` [s].
         """
-        return _Keeper(self, patience)
+        _thread.hold = _Keeper(self, patience)
+        return _thread.hold
 
     def _advance(self) -> None:
         """Goes on from here: what was waited for until now is lost, and counted."""
@@ -166,7 +175,7 @@ class EmulatedClock:
             cells = self._cells.tolist()
             if cells[_COUNT] % 2.0 == 0.0 and self._cells[_COUNT] == cells[_COUNT]:
                 break
-            time.sleep(0.0)
+            time.sleep(_COLLISION)  # a real-time reader would keep the writer away
         free = shown = cells[_EMULATED] + cells[_RATE] * (real - cells[_REAL])
         holder = -1
         for k in range(_HOLDS):
@@ -186,7 +195,7 @@ class _Keeper(_SharedHold):
     def until(self, at: float) -> None:
         """See `Hold`."""
         self._clock._advance()
-        super().until(at + _JITTER)
+        super().until(at)
 
 
 _clock: EmulatedClock | None = None
