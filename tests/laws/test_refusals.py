@@ -44,6 +44,20 @@ REFUSALS = [
     (["run", "level", "--drivers", "a\nb"], r"drivers 'a\\nb': there is no such Python file"),
     (["bench-rt", "--of", "a\nb"], r"there is no experiment 'a\\nb'; there are: .*"),
     (["check", "le\ngs", "--of", _LONG], r"there is no experiment 'xxx.*"),
+    # --- parts
+    ("check ram", r"part 'ram' is not one of legs, imu, wheels, arm, turntable"),
+    *(
+        (
+            f"check {arguments}",
+            rf"part '{arguments.split()[0]}' is not fitted, .*; fitted: {parts}",
+        )
+        for arguments, parts in (
+            ("arm", "legs, imu, wheels"),
+            ("turntable --move 1 --yes", "legs, imu, wheels"),
+            ("leg --of bench-walk", "sliders, hip, cells"),
+            ("belt --of bench-walk", "sliders, hip, cells"),  # its zeros would be read
+        )
+    ),
     # --- scenarios; `run` and `scenario` refuse the same
     *(
         (f"{command} level {arguments}", words)
