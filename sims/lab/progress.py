@@ -1,6 +1,10 @@
-"""Progress of long work: a bar in a terminal, a line from time to time elsewhere."""
+"""Progress of long work: a bar in a terminal, a line from time to time elsewhere.
+
+`PARAPOD_PROGRESS=off` leaves out the lines, for who compares what programs print.
+"""
 
 import math
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,7 +35,8 @@ def progress(
         with _bar(console, what, total_seconds) as update:
             yield update
     else:
-        yield _lines(console, what, total_seconds, line_period)
+        started, line = time.monotonic(), _lines(console, what, line_period)
+        yield lambda simulated: line(lambda now: _pace(simulated, total_seconds, now - started))
 
 
 @contextmanager
@@ -68,18 +73,20 @@ def _bar(console: Console, what: str, total: float) -> Iterator[Callable[[float]
             draw(time.monotonic())
 
 
-def _lines(console: Console, what: str, total: float, period: float) -> Callable[[float], None]:
-    started = printed = time.monotonic()
+def _lines(console: Console, what: str, period: float) -> Callable[[Callable[[float], str]], None]:
+    """Prints what is going on, and its state as a function of the time, when a line is due."""
+    printed = time.monotonic()
+    is_silent = os.environ.get("PARAPOD_PROGRESS") == "off"
 
-    def update(simulated: float) -> None:
+    def line(state: Callable[[float], str]) -> None:
         nonlocal printed
         now = time.monotonic()
-        if now - printed >= period:
+        if now - printed >= period and not is_silent:
             printed = now
-            line = f"{what}: {_pace(simulated, total, now - started)}"
-            console.print(line, markup=False, highlight=False, soft_wrap=True)
+            text = f"{what}: {state(now)}"
+            console.print(text, markup=False, highlight=False, soft_wrap=True)
 
-    return update
+    return line
 
 
 def _pace(simulated: float, total: float, elapsed: float) -> str:
@@ -116,7 +123,7 @@ def counted(
     Yields:
         The function that is told the number of runs that are done.
     """
-    started = printed = time.monotonic()
+    started = time.monotonic()
 
     def state(done: int, now: float) -> str:
         if done <= begin:
@@ -125,16 +132,8 @@ def counted(
         return f"{done} of {total}, {rate:.3g}/s, {_duration((total - done) / rate)} left"
 
     if not console.is_terminal:
-
-        def line(done: int) -> None:
-            nonlocal printed
-            now = time.monotonic()
-            if now - printed >= line_period:
-                printed = now
-                text = f"{what}: {state(done, now)}"
-                console.print(text, markup=False, highlight=False, soft_wrap=True)
-
-        yield line
+        line = _lines(console, what, line_period)
+        yield lambda done: line(lambda now: state(done, now))
         return
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 

@@ -19,7 +19,8 @@ def test_progress_is_silent_in_a_file_until_a_line_is_due():
 
 @pytest.fixture
 def clock(monkeypatch):
-    """The time that progress is told, which only goes on by being set."""
+    """The time that progress is told, which only goes on by being set; lines are wanted."""
+    monkeypatch.delenv("PARAPOD_PROGRESS")
     clock = SimpleNamespace(now=0.0, monotonic=lambda: clock.now)
     monkeypatch.setattr("parapod.sims.lab.progress.time", clock)
     return clock
@@ -33,6 +34,18 @@ def test_progress_prints_lines_to_a_file(clock):
         update(12.0)
         update(13.0)
     assert stream.getvalue() == "levelling [x]: 12.0 of 60.0 s, 2 x real time\n"
+
+
+@pytest.mark.parametrize("shown", [progress, counted])
+def test_lines_can_be_left_out_and_bars_cannot(shown, clock, monkeypatch):
+    monkeypatch.setenv("PARAPOD_PROGRESS", "off")
+    stream, terminal = io.StringIO(), io.StringIO()
+    for console in (Console(file=stream), Console(file=terminal, force_terminal=True, width=80)):
+        with shown(console, "levelling", 60) as update:
+            clock.now += 100.0
+            update(12)
+    assert stream.getvalue() == ""
+    assert "levelling" in terminal.getvalue()
 
 
 def test_progress_is_a_bar_on_a_terminal_that_ends_where_the_run_did():
