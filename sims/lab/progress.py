@@ -5,6 +5,7 @@
 
 import math
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,6 +15,8 @@ from rich.console import Console
 # Wall-clock time between two redraws of a bar and between two lines in a file [s].
 _REDRAW_PERIOD = 0.1
 _LINE_PERIOD = 5.0
+# Work of unknown length that is over sooner is not shown [s].
+_PATIENCE = 0.5
 
 
 @contextmanager
@@ -76,12 +79,11 @@ def _bar(console: Console, what: str, total: float) -> Iterator[Callable[[float]
 def _lines(console: Console, what: str, period: float) -> Callable[[Callable[[float], str]], None]:
     """Prints what is going on, and its state as a function of the time, when a line is due."""
     printed = time.monotonic()
-    is_silent = os.environ.get("PARAPOD_PROGRESS") == "off"
 
     def line(state: Callable[[float], str]) -> None:
         nonlocal printed
         now = time.monotonic()
-        if now - printed >= period and not is_silent:
+        if now - printed >= period and os.environ.get("PARAPOD_PROGRESS") != "off":
             printed = now
             text = f"{what}: {state(now)}"
             console.print(text, markup=False, highlight=False, soft_wrap=True)
@@ -150,3 +152,47 @@ def counted(
             bar.update(task, completed=done, state=state(done, time.monotonic()))
 
         yield update
+
+
+@contextmanager
+def waiting(
+    console: Console, what: str, patience: float = _PATIENCE, line_period: float = _LINE_PERIOD
+) -> Iterator[None]:
+    """Show that work of unknown length goes on.
+
+    A thread shows it, so that the work need not report anything. A terminal gets a spinner that
+    is gone afterwards, a file or pipe a line from time to time.
+
+    Args:
+        console: console to show it on.
+        what: name of the work, in a word or two.
+        patience: wall-clock time before anything is shown on a terminal [s].
+        line_period: wall-clock time between two lines in a file or pipe [s].
+    """
+    if console.quiet:
+        yield
+        return
+    ended = threading.Event()
+
+    def spin() -> None:
+        if ended.wait(patience):
+            return
+        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        columns = SpinnerColumn(), TextColumn("{task.description}", markup=False)
+        with Progress(*columns, TimeElapsedColumn(), console=console, transient=True) as spinner:
+            spinner.add_task(what, total=None)
+            ended.wait()
+
+    def tell() -> None:
+        started, line = time.monotonic(), _lines(console, what, line_period)
+        while not ended.wait(line_period):
+            line(lambda now: _duration(now - started))
+
+    thread = threading.Thread(target=spin if console.is_terminal else tell, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
