@@ -66,7 +66,7 @@ lint: setup
 types: setup
 	@mkdir -p build/types/parapod
 	@for room in systems diagrams urdf sims; do ln -sfn ../../../$$room build/types/parapod/$$room; done
-	@ln -sfn ../../../sims/public/__init__.py build/types/parapod/__init__.py
+	@ln -sfn ../../../__init__.py build/types/parapod/__init__.py
 	MYPYPATH=build/types:. $(BIN)/mypy -p parapod -p benchmarks
 
 # Once, and not by each process of the tests while the others do it too.

@@ -2,6 +2,8 @@ import os
 
 # One thread each: the linear algebra of a test is small, and waits for its turn on other cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# What programs print must not depend on how long they take.
+os.environ["PARAPOD_PROGRESS"] = "off"
 
 import gc
 import importlib
@@ -164,7 +166,7 @@ def finished(tmp_path_factory):
         scenario = load_scenario(experiment.schema, entry.default_scenario, None, overrides)
         log = folder / f"{name}.npz" if hasattr(experiment, "logged") else None
         graphviz = folder / f"{name}.dot" if hasattr(experiment, "loop") else None
-        # As wide as a terminal, but none: progress is told in lines.
+        # As wide as a terminal, but none: progress is no bar.
         console = Console(file=io.StringIO(), width=100)
         began = time.monotonic()
         result = experiment.execute(

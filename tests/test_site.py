@@ -62,6 +62,23 @@ def test_classes_of_arguments_are_described_and_drakes_words_are_left_out(refere
         assert f"### {name}\n" in text, name
 
 
+def test_every_system_shows_the_arguments_that_it_takes(reference):
+    pages = dict(reference.systems())
+    text = "\n".join(pages.values())
+    assert "**kwargs" not in text
+    actuators = pages["systems/actuators.md"]
+    pi = actuators[actuators.index("```python\nPiController(") :]
+    assert re.findall(r"^    (.*),$", pi.partition("\n)")[0], re.MULTILINE) == [
+        "params: PiControllerParams = PiControllerParams(...)",
+        "channels: int = 4",
+        "period: float = 0.01",
+    ]
+    for name in ("LinearActuatorParams", "PiControllerParams"):
+        assert f"\n### {name}\n" in actuators
+    assert "* `gain_scale`: factor (n or scalar) of the nominal motor constants" in actuators
+    assert "* `converter`" not in text
+
+
 def test_a_symbol_has_inputs_left_and_outputs_right(reference):
     (page,) = (text for name, text in reference.systems() if name == "systems/actuators.md")
     symbol = re.search(r'<div class="block-symbol">.*name">PiController<.*', page)[0]

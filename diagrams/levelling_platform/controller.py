@@ -165,6 +165,7 @@ def _wire(builder: DiagramBuilder, chain: PostureChain) -> None:
         posture = chain.loop.get_output_port()
     for source, system, port in (
         (chain.attitude, ground, "attitude"),
+        (chain.estimator.GetOutputPort("error"), ground, "attitude_error"),
         (ground.GetOutputPort("ground"), reference, "ground"),
         (ground.GetOutputPort("ground"), feedforward, "ground"),
         (ground.GetOutputPort("ground"), passive, "ground"),

@@ -257,7 +257,7 @@ class JobScenario(Schema):
         initial_extension_mm: extension of legs 1 to 3 on feet [mm]; leg 4 is lowered until its
             foot touches, which on a plane makes it equal.
         estimate_at: time at which the ground is estimated and the levelling begins [s]; until then
-            the attitude filter settles.
+            the attitude filter settles, and later if that takes longer.
         height_mm: height of the level posture above the ground's plane [mm]; 477 is the middle of
             what the stroke allows.
         settled_after: time at which the level posture is taken [s]; errors count from here on.

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import redirect_stdout, suppress
 from itertools import groupby
 from types import ModuleType
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin
 
 from pydrake.common.cpp_template import TemplateClass
 from pydrake.systems.framework import Diagram, LeafSystem
@@ -117,8 +117,8 @@ def _package(kind: type) -> str:
 
 def _settings(kind: type) -> Iterator[type]:
     """Dataclasses of parapod's systems that a constructor takes, and those that these take."""
-    for hint in get_type_hints(kind.__init__).values():
-        for one in (hint, *get_args(hint)):
+    for argument in inspect.signature(kind).parameters.values():
+        for one in (argument.annotation, *get_args(argument.annotation)):
             is_ours = inspect.isclass(one) and one.__module__.startswith("parapod.systems.")
             if is_ours and dataclasses.is_dataclass(one):
                 yield one
@@ -136,8 +136,10 @@ def _described(kind: type) -> str:
 
 def _made(kind: type) -> tuple[str, ...]:
     """Module, constructor and docstrings of a class; not those that it inherits from Drake's."""
-    made = inspect.cleandoc(getattr(vars(kind).get("__init__"), "__doc__", None) or "")
-    _, *given = inspect.signature(kind.__init__).parameters.values()
+    # Scalar-convertible systems are made by `_construct`.
+    maker = vars(kind).get("_construct", vars(kind).get("__init__"))
+    made = inspect.cleandoc(getattr(maker, "__doc__", None) or "")
+    given = inspect.signature(kind).parameters.values()
     parameters = "".join(f"\n    {_parameter(one)}," for one in given)
     return (
         f"`parapod.{kind.__module__.removeprefix('parapod.')}`",

@@ -27,6 +27,7 @@ from rich.console import Console
 
 from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.files import check_log, write_experiment_log, write_page
+from parapod.sims.lab.progress import waiting
 from parapod.sims.lab.results import Metric, Result
 from parapod.systems.core.errors import OutputError, ScenarioError
 from parapod.systems.core.schema import check as check_scenario
@@ -197,7 +198,8 @@ class Experiment[S, D]:
         self._check_options(options)
         if options.log is not None and settings.backend != "hardware":
             check_log(options.log)
-        self.check(scenario)
+        with waiting(options.console, f"{self.name}: planning"):
+            self.check(scenario)
         self._before(scenario, options)
         data = self.run(scenario, Bench(self.name, scenario, options))
         self._after(scenario, options)

@@ -14,6 +14,7 @@ from parapod.sims.lab.bench import LOOK_PERIOD, in_real_time
 from parapod.sims.lab.desk import Desk
 from parapod.sims.lab.experiment import LoopExperiment, RunOptions
 from parapod.sims.lab.panel import Readout
+from parapod.sims.lab.progress import waiting
 from parapod.systems.core.errors import OutputError, ParapodError
 from parapod.systems.core.quoting import quoted
 
@@ -50,7 +51,8 @@ def operate(
     if type(experiment).operated is LoopExperiment.operated:
         raise OutputError(f"'{experiment.name}' has nothing that a person operates", None)
     _check_host(host)
-    experiment.check(scenario)
+    with waiting(options.console, f"{experiment.name}: planning"):
+        experiment.check(scenario)
     if scenario.backend == "hardware":
         from parapod.diagrams.drivers.driver import refuse_without_emulator
 

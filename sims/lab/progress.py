@@ -1,6 +1,11 @@
-"""Progress of long work: a bar in a terminal, a line from time to time elsewhere."""
+"""Progress of long work: a bar in a terminal, a line from time to time elsewhere.
+
+`PARAPOD_PROGRESS=off` leaves out the lines, for who compares what programs print.
+"""
 
 import math
+import os
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,6 +15,8 @@ from rich.console import Console
 # Wall-clock time between two redraws of a bar and between two lines in a file [s].
 _REDRAW_PERIOD = 0.1
 _LINE_PERIOD = 5.0
+# Work of unknown length that is over sooner is not shown [s].
+_PATIENCE = 0.5
 
 
 @contextmanager
@@ -31,7 +38,8 @@ def progress(
         with _bar(console, what, total_seconds) as update:
             yield update
     else:
-        yield _lines(console, what, total_seconds, line_period)
+        started, line = time.monotonic(), _lines(console, what, line_period)
+        yield lambda simulated: line(lambda now: _pace(simulated, total_seconds, now - started))
 
 
 @contextmanager
@@ -68,18 +76,19 @@ def _bar(console: Console, what: str, total: float) -> Iterator[Callable[[float]
             draw(time.monotonic())
 
 
-def _lines(console: Console, what: str, total: float, period: float) -> Callable[[float], None]:
-    started = printed = time.monotonic()
+def _lines(console: Console, what: str, period: float) -> Callable[[Callable[[float], str]], None]:
+    """Prints what is going on, and its state as a function of the time, when a line is due."""
+    printed = time.monotonic()
 
-    def update(simulated: float) -> None:
+    def line(state: Callable[[float], str]) -> None:
         nonlocal printed
         now = time.monotonic()
-        if now - printed >= period:
+        if now - printed >= period and os.environ.get("PARAPOD_PROGRESS") != "off":
             printed = now
-            line = f"{what}: {_pace(simulated, total, now - started)}"
-            console.print(line, markup=False, highlight=False, soft_wrap=True)
+            text = f"{what}: {state(now)}"
+            console.print(text, markup=False, highlight=False, soft_wrap=True)
 
-    return update
+    return line
 
 
 def _pace(simulated: float, total: float, elapsed: float) -> str:
@@ -116,7 +125,7 @@ def counted(
     Yields:
         The function that is told the number of runs that are done.
     """
-    started = printed = time.monotonic()
+    started = time.monotonic()
 
     def state(done: int, now: float) -> str:
         if done <= begin:
@@ -125,16 +134,8 @@ def counted(
         return f"{done} of {total}, {rate:.3g}/s, {_duration((total - done) / rate)} left"
 
     if not console.is_terminal:
-
-        def line(done: int) -> None:
-            nonlocal printed
-            now = time.monotonic()
-            if now - printed >= line_period:
-                printed = now
-                text = f"{what}: {state(done, now)}"
-                console.print(text, markup=False, highlight=False, soft_wrap=True)
-
-        yield line
+        line = _lines(console, what, line_period)
+        yield lambda done: line(lambda now: state(done, now))
         return
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
@@ -151,3 +152,47 @@ def counted(
             bar.update(task, completed=done, state=state(done, time.monotonic()))
 
         yield update
+
+
+@contextmanager
+def waiting(
+    console: Console, what: str, patience: float = _PATIENCE, line_period: float = _LINE_PERIOD
+) -> Iterator[None]:
+    """Show that work of unknown length goes on.
+
+    A thread shows it, so that the work need not report anything. A terminal gets a spinner that
+    is gone afterwards, a file or pipe a line from time to time.
+
+    Args:
+        console: console to show it on.
+        what: name of the work, in a word or two.
+        patience: wall-clock time before anything is shown on a terminal [s].
+        line_period: wall-clock time between two lines in a file or pipe [s].
+    """
+    if console.quiet:
+        yield
+        return
+    ended = threading.Event()
+
+    def spin() -> None:
+        if ended.wait(patience):
+            return
+        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        columns = SpinnerColumn(), TextColumn("{task.description}", markup=False)
+        with Progress(*columns, TimeElapsedColumn(), console=console, transient=True) as spinner:
+            spinner.add_task(what, total=None)
+            ended.wait()
+
+    def tell() -> None:
+        started, line = time.monotonic(), _lines(console, what, line_period)
+        while not ended.wait(line_period):
+            line(lambda now: _duration(now - started))
+
+    thread = threading.Thread(target=spin if console.is_terminal else tell, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()

@@ -83,9 +83,16 @@ class Level(LevellingExperiment[Run]):
         yield realtime_metric(run)
 
     def note(self, scenario: LevellingScenario, run: Run) -> Iterator[str]:
-        """The source of the posture, and waypoints that were shrunk."""
+        """The source of the posture, a late estimate, and waypoints that were shrunk."""
         if "truth.posture" not in run:
             yield AS_MEASURED
+        known = run.time[run["ground_valid"][:, 0] > 0.5]
+        if not known.size:
+            yield "the ground was not estimated: the attitude did not settle"
+            return
+        # The estimate is seen a period after its trigger.
+        if (late := known[0] - scenario.job.estimate_at) > 1.5 * scenario.control.period:
+            yield f"the ground was estimated {late:.2f} s late: the attitude had not settled"
         if (scale := _scale(run)) < 1.0:
             left = _stroke_left(scenario, run)
             yield f"waypoints scaled to {100.0 * scale:.0f} %: {left}"

@@ -25,7 +25,7 @@ from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.reference import describe_range
 from parapod.systems.levelling_platform.sliders import Controls, OperatorControls
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
-from parapod.systems.levelling_platform.supervisor import Phase, Refusal
+from parapod.systems.levelling_platform.supervisor import Phase, Refusal, SupervisorParams
 
 _HEIGHT = 0.16  # of capital letters [m]
 _PLACE = np.array([-2.0, 1.1, 1.75])  # lower left corner of the text, beside the arm [m]
@@ -44,6 +44,7 @@ _REFUSED = {
     Refusal.POSTURE: "the legs do not reach that posture",
     Refusal.NO_GROUND: "a leg found no ground within its stroke",
     Refusal.CAUSE: "the fault's cause is not gone",
+    Refusal.UNSETTLED: "the attitude does not settle, so that the ground is not known",
 }
 
 
@@ -175,6 +176,12 @@ class OperationWatch:
             )
         if code == Refusal.CAUSE:
             raise RefusedRequest("no reset: the fault's cause is not gone", phase)
+        if code == Refusal.UNSETTLED:
+            limit = SupervisorParams().estimate_limit
+            raise RefusedRequest(
+                f"the ground could not be estimated: the attitude has not settled in {limit:g} s",
+                phase,
+            )
         margin, params = self._margin, StabilityMonitorParams()
         if not np.isfinite(margin):
             turn, swing = np.degrees(params.reach)

@@ -16,6 +16,7 @@ from parapod.sims.real_machine.real_time import ended_by_signals
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import quoted
 from parapod.systems.hardware.clock import monotonic, sleep
+from parapod.systems.hardware.device import NotFitted
 from parapod.systems.hardware.io import DeviceThread
 from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
@@ -74,11 +75,11 @@ def check_part(
         may_move: asked before devices are opened, once it is clear that `move` can be made.
 
     Returns:
-        What was measured, with bounds; nothing if it may not move.
+        What was measured, with bounds; nothing if it may not move, or measures nothing.
 
     Raises:
-        ScenarioError: a part that there is not, or that cannot be moved so, or whose devices are
-            those of an emulator that does not run.
+        ScenarioError: a part that there is not, that is not fitted, or that cannot be moved so,
+            or whose devices are those of an emulator that does not run.
         DeviceError: a device is not there, is another one, or fails.
     """
     drivers: list[Driver] = scenario.hardware.drivers
@@ -86,6 +87,16 @@ def check_part(
     parts = make_parts(drivers, machine.inputs, machine.measured, scenario.control.period)
     if part not in parts.threads:
         raise ScenarioError(f"part {quoted(part)} is not one of {', '.join(parts.threads)}")
+    fitted = [
+        name
+        for name, each in parts.threads.items()
+        if not all(isinstance(thread.device, NotFitted) for thread in each)
+    ]
+    if part not in fitted:
+        raise ScenarioError(
+            f"part {quoted(part)} is not fitted, so that there is nothing to check; fitted: "
+            f"{', '.join(fitted) or 'none'}"
+        )
     threads = parts.threads[part]
     checked = None if move is None else _checked(machine, part, move, threads)
     metrics: list[Metric] = []

@@ -187,7 +187,7 @@ def LinearActuator_(T: Any) -> Any:
         Positions never leave the end stops.
         """
 
-        def _construct(
+        def _construct(  # noqa: D417 (`for_floats` hides the converter)
             self,
             params: LinearActuatorParams = LinearActuatorParams(),
             channels: int = 4,
@@ -206,7 +206,6 @@ def LinearActuator_(T: Any) -> Any:
                     rest [m]; None for the middle of the stroke.
                 gain_scale: factor (n or scalar) of the nominal motor constants in a default
                     context [-].
-                converter: Drake's, for scalar conversion.
             """
             LeafSystem_[T].__init__(self, converter)
             self.set_name("linear_actuator")

@@ -128,6 +128,7 @@ class Refusal(IntEnum):
     POSTURE = 3  # out of reach; detail: the leg that misses most, 1..4
     NO_GROUND = 4  # a leg found none; detail: the leg, 1..4
     CAUSE = 5  # no reset while a fault's cause is there; detail: the phase
+    UNSETTLED = 6  # the attitude does not come to rest, or there is none; detail: the phase
 
 
 _RESTS = 1e-9  # what rounding leaves of the rates of a reference at rest [rad/s, m/s]
@@ -153,6 +154,8 @@ class SupervisorParams:
         standstill: largest velocity of a wheel that stands [rad/s].
         settle_time: time for which wheels must stand, and switches stay closed [s].
         estimate_time: at rest on wheels and feet before the ground is estimated [s].
+        estimate_limit: longest time for which the ground's estimate may be waited for until that
+            is refused [s]; five time constants of the attitude's estimator.
         approach: rate over distance with which a leg comes to its goal [1/s].
         touched: largest distance of a leg from where it touched the ground [m]; at the foot six
             times that.
@@ -168,6 +171,7 @@ class SupervisorParams:
     standstill: float = 0.02
     settle_time: float = 0.5
     estimate_time: float = 3.0
+    estimate_limit: float = 10.0
     approach: float = 4.0
     touched: float = 3.0e-5
     arrived: float = 2.0e-4
@@ -315,6 +319,8 @@ class Decision:
         if self._elapsed(_QUIET) < 3.0 * self._operation.period:
             return False
         if not self._read("ground_valid")[0] > 0.5:
+            if self._elapsed(_QUIET) >= self._params.estimate_limit:
+                self._refuse(Refusal.UNSETTLED, Phase.ESTIMATE)
             return False
         leg = self._missing_leg(self._signals["posture_request"])
         if leg:
@@ -511,7 +517,8 @@ class Supervisor(LeafSystem):
     To find the ground each leg goes down until its own switch closes, and then back to where it
     did: the wheels carry meanwhile, and uneven ground is met foot by foot. What does not fit is
     refused and the platform stays where it is: a command outside its phase, a ground that cannot
-    be levelled, a posture out of reach. To leave, the platform first lowers itself parallel to
+    be levelled or is not known because the platform does not come to rest, a posture out of
+    reach. To leave, the platform first lowers itself parallel to
     the ground as far as the stroke goes, and then raises its legs. After a fault it stands by
     until it is told to stop, which raises the legs; while it stands by, and in transport at
     rest, single legs can be jogged.

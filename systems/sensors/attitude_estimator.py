@@ -13,7 +13,7 @@ _DEGREE = math.radians(1.0)
 # Value of the state's sample count once the averaging is over.
 _RUNNING = -1.0
 # Layout of the discrete state.
-_BIAS, _COUNT, _CALM = slice(6, 9), 9, 10
+_BIAS, _COUNT, _CALM, _MEAN, _OFF = slice(6, 9), 9, 10, slice(11, 14), 14
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,9 @@ class AttitudeEstimatorParams:
             three times what postures are taken with).
         calm_time: time for which samples have to be calm until the attitude is trusted again [s]
             (design choice: twice the time constant, in which the filter forgets).
+        mean_time: time constant over which the angle between accelerometer and estimated vertical
+            is averaged to tell how far off the attitude is [s] (design choice: the ADIS16448's
+            noise then leaves .01 deg).
     """
 
     time_constant: float = 2.0
@@ -57,6 +60,7 @@ class AttitudeEstimatorParams:
     misfit: float = 0.05
     fast: float = 5.0 * _DEGREE
     calm_time: float = 4.0
+    mean_time: float = 0.5
 
 
 class AttitudeEstimator(LeafSystem):
@@ -69,6 +73,7 @@ class AttitudeEstimator(LeafSystem):
     | out `attitude` | 2 | rad | roll, pitch of R = R_y(pitch) R_x(roll) |
     | out `gyro_bias` | 3 | rad/s | estimated bias; its part about the vertical by averaging only |
     | out `trusted` | 1 | - | 1, or 0 where vibration or fast motion may mislead the attitude |
+    | out `error` | 1 | rad | how far off the attitude may be, beside the accelerometer's bias |
 
     The filter carries v, the world's vertical in the body's axes, (-sin pitch, cos pitch sin
     roll, cos pitch cos roll): dv/dt = v x (gyro - bias + k_P e), dbias/dt = -k_I e, with e =
@@ -78,8 +83,14 @@ class AttitudeEstimator(LeafSystem):
     averaged (gain 1/k); motion ends that early. Until the first update the attitude is that
     of the present accelerometer reading, so the output never jumps from zero.
 
+    Error: a filter that has settled differs from the accelerometer by noise alone. The mean of e,
+    which is that difference, tells how far it still has to go; the largest such angle is
+    remembered for as long as the filter takes to forget it, as a filter that swings back passes
+    through zero.
+
     State: discrete, v (3), last good gyro sample (3), gyro bias (3), number of samples averaged
-    (1), -1 once the averaging is over, for how long samples have been calm (1).
+    (1), -1 once the averaging is over, for how long samples have been calm (1), mean of e (3),
+    error (1).
 
     Parameters (Context): time constant (1) [s], at least two periods.
 
@@ -102,7 +113,7 @@ class AttitudeEstimator(LeafSystem):
             BasicVector(np.array([params.time_constant]))
         )
         state = self.DeclareDiscreteState(
-            np.array([0.0, 0.0, 1.0, *[0.0] * 6, 0.0, params.calm_time])
+            np.array([0.0, 0.0, 1.0, *[0.0] * 6, 0.0, params.calm_time, *[0.0] * 4])
         )
         ticket = self.discrete_state_ticket(state)
         self.DeclareVectorOutputPort(
@@ -120,6 +131,7 @@ class AttitudeEstimator(LeafSystem):
             self._calc_trusted,
             prerequisites_of_calc={ticket},
         )
+        self.DeclareVectorOutputPort("error", 1, self._calc_error, prerequisites_of_calc={ticket})
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_filter)
         self._start_samples = max(1, round(params.start_time / period))
 
@@ -140,9 +152,13 @@ class AttitudeEstimator(LeafSystem):
         calm = context.get_discrete_state_vector()[_CALM]
         output.SetFromVector(np.array([float(calm >= self.params.calm_time - 1e-9)]))
 
+    def _calc_error(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.array([context.get_discrete_state_vector()[_OFF]]))
+
     def _update_filter(self, context: Context, discrete_state: DiscreteValues) -> None:
         state = elements(context.get_discrete_state_vector())
-        up, last, bias, (count, calm) = state[:3], state[3:6], state[_BIAS], state[_COUNT:]
+        up, last, bias, mean = state[:3], state[3:6], state[_BIAS], state[_MEAN]
+        count, calm, off = state[_COUNT], state[_CALM], state[_OFF]
         gyro = read(self._gyro, context)
         accel = read(self._accel, context)
         if not _is_within(gyro, self.params.rate_limit):
@@ -150,14 +166,26 @@ class AttitudeEstimator(LeafSystem):
         norm = math.hypot(*accel)
         if count > 0.0 and not _is_close(gyro, bias, self.params.rest_rate):
             count = _RUNNING
+        tau = context.get_numeric_parameter(self._time_constant)[0]
+        if count and self._weight(norm) > 0.0:
+            off = self._moved_error(mean, off, _cross(accel, up), norm, tau)
         if count == _RUNNING:
             is_calm = self._is_calm(up, bias, gyro, accel, norm)
             calm = min(calm + self.period, self.params.calm_time) if is_calm else 0.0
-            tau = context.get_numeric_parameter(self._time_constant)[0]
             self._correct(up, bias, last, gyro, accel, norm, tau)
         elif count > 0.0 or self._may_start(norm):
             count = self._average(up, bias, gyro, accel, norm, count)
-        discrete_state.set_value(np.array([*up, *gyro, *bias, count, calm]))
+        discrete_state.set_value(np.array([*up, *gyro, *bias, count, calm, *mean, off]))
+
+    def _moved_error(
+        self, mean: list[float], off: float, across: list[float], norm: float, tau: float
+    ) -> float:
+        """Moves the mean of e, in place, toward a sample; returns the next error."""
+        gain = self.period / (self.params.mean_time + self.period)
+        for i in range(3):
+            mean[i] += gain * (across[i] / norm - mean[i])
+        forgotten = off * tau / (tau + self.period)
+        return max(forgotten, math.hypot(*mean))
 
     def _average(
         self,
@@ -245,9 +273,7 @@ class AttitudeEstimator(LeafSystem):
         """Whether a sample is one of a body at rest or in a slow motion; False for NaN."""
         if not abs(norm - self.params.gravity) <= self.params.disturbance:
             return False
-        v_x, v_y, v_z = up
-        a_x, a_y, a_z = accel
-        across = math.hypot(a_y * v_z - a_z * v_y, a_z * v_x - a_x * v_z, a_x * v_y - a_y * v_x)
+        across = math.hypot(*_cross(accel, up))
         return across <= self.params.misfit * norm and _is_close(gyro, bias, self.params.fast)
 
     def _may_start(self, norm: float) -> bool:
@@ -262,6 +288,11 @@ class AttitudeEstimator(LeafSystem):
                 bias[i] = limit
             elif bias[i] < -limit:
                 bias[i] = -limit
+
+
+def _cross(a: list[float], b: list[float]) -> list[float]:
+    (a_x, a_y, a_z), (b_x, b_y, b_z) = a, b
+    return [a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x]
 
 
 def _is_within(vector: list[float], limit: float) -> bool:

@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.drivers.epos2 import Epos2TorqueAxes
 from parapod.diagrams.terrain_simulator.controller import make_controller
-from parapod.diagrams.terrain_simulator.guard import BenchGuard
+from parapod.diagrams.terrain_simulator.guard import BenchGuard, BenchLimits
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.terrain_simulator.plants import slider_params
 from parapod.diagrams.terrain_simulator.scenario import (
@@ -235,6 +235,24 @@ def test_the_guard_of_the_real_bench_names_what_is_wrong(name, changed):
         values = {k: v.copy() for k, v in (GOOD | (changed if number > 50 else {})).items()}
         trip = trip or guard.check(now, values)
     assert (trip.name if trip else "") == name
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("velocity", [-1.0, 0.0, 1.0])
+@pytest.mark.parametrize(("share", "name"), [(0.9, ""), (1.1, "following_error")])
+def test_a_slider_may_be_behind_by_a_fixed_way_and_by_its_own_speed(share, name, velocity, side):
+    """At rest the 5 mm alone count: 40 ms of delay are no way for a slider that is stuck."""
+    limits = BenchLimits()
+    behind = share * (limits.following + limits.delay * abs(velocity))
+    values = GOOD | {
+        "sliders.position_command": GOOD["sliders.position"] + (0.0, side * behind, 0.0),
+        "sliders.velocity": np.array((0.0, velocity, 0.0)),
+    }
+    guard, trip = BenchGuard(TerrainBenchScenario(), limits), None
+    for number in range(300):
+        trip = trip or guard.check(0.001 * number, {k: v.copy() for k, v in values.items()})
+    assert (trip.name if trip else "") == name
+    assert not trip or trip.sign == "slider 2 is off its way"
 
 
 @pytest.mark.parametrize(("leg", "walks"), [(True, True), (True, False), (False, True)])

@@ -107,6 +107,7 @@ NAMED = {
     POSTURE: "posture_command posture_request",
     around((0.0, 0.0, 0.477, 0.0, 0.0, 0.0), *(0.02, 0.02, 0.003) * 2): "posture_desired_state",
     around(0.0, 0.02): "attitude",
+    around(1e-3, 1e-3): "attitude_error",
     around(0.0, 0.01): "ground ground_estimated gyro leg_rate position_measured position_node",
     around(0.0, 5e-4): "foot_offsets foot_offsets_estimated",
     around((0.0, 0.0, 9.81), 0.1): "accel specific_force",

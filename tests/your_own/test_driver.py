@@ -15,6 +15,7 @@ from parapod.diagrams.drivers.driver import PartPorts
 from parapod.diagrams.drivers.external import load_drivers
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.sims.cli.main import main
 from parapod.sims.lab.discovery import find_entry
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
@@ -80,6 +81,16 @@ def test_the_driver_that_is_shown_works(my_arm):
         while len(arm.lines) < 3 and time.monotonic() < end:
             time.sleep(0.01)
     assert arm.lines == [b"?", b"P 5.73", b"P 30.00"]
+
+
+@pytest.mark.flaky(reruns=2)  # the other end of its line may be late
+def test_the_check_that_is_shown_says_that_the_arm_answers_and_shows_nothing(my_arm, capsys):
+    port = f"hardware.drivers.0.port={Arm(b'ARM1').port}"
+    assert main(["check", "arm", "--scenario", "lab.yaml", "--set", port]) == 0
+    said = capsys.readouterr().out
+    assert "arm on /dev/pts/" in said
+    assert said.endswith("arm measures nothing: that its devices answer is all that was checked\n")
+    assert "bounds held" not in said
 
 
 def test_the_driver_that_is_shown_refuses_what_is_no_arm(my_arm):

@@ -2,6 +2,7 @@
 
 import base64
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,11 +11,14 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.guard import Tripped
+from parapod.diagrams.levelling_platform import controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.sims.lab.files import read_log
 from parapod.sims.levelling_platform.deploy import Deploy, DeployScenario
-from parapod.sims.levelling_platform.operation import OperationWatch, PhaseLabel
+from parapod.sims.levelling_platform.operation import OperationWatch, PhaseLabel, read_operation
+from parapod.systems.core.errors import RefusedRequest
 from parapod.systems.core.scenario_file import load_scenario
+from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
 from parapod.systems.levelling_platform.supervisor import Phase, SupervisorParams
 
 # As little as is an operation: hardly any way there and back, and work without pauses.
@@ -121,6 +125,25 @@ def test_the_log_says_which_fault_was_injected_and_when(faulty, tmp_path):
     assert units["fault.legs.extension.extra_age"] == "s"
     assert units["legs.stop"] == PLATFORM.unit("legs.stop")
     assert set(units) == set(log.signals)
+
+
+def test_an_attitude_that_does_not_settle_ends_the_job_and_is_named(monkeypatch):
+    never = partial(GroundEstimator, settled=-1.0)
+    monkeypatch.setattr(controller, "GroundEstimator", never)
+    scenario = load_scenario(DeployScenario, overrides=("backend=kinematic", *BRIEF))
+    loop = Deploy("deploy").loop(scenario, log=())
+    watch = OperationWatch(loop, len(scenario.steps()), None)
+    simulator = Simulator(loop)
+    simulator.set_monitor(watch.look)
+    simulator.AdvanceTo(60.0)
+    assert simulator.get_context().get_time() < 40.0
+    words = r"the ground could not be estimated: the attitude has not settled in 10 s"
+    with pytest.raises(RefusedRequest, match=words):
+        watch.raise_refusal(simulator.get_context())
+    shown = read_operation(loop, simulator.get_context())
+    assert (
+        "refused: the attitude does not settle, so that the ground is not known" in shown.remarks
+    )
 
 
 # Label

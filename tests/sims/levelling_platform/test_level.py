@@ -61,6 +61,18 @@ def test_the_accelerometer_s_bias_tilts_the_platform_by_as_much(execute):
     assert result["roll_error_deg"] == pytest.approx(tilt, rel=0.05)
 
 
+def test_an_estimate_of_the_ground_that_is_late_or_does_not_come_is_told(execute):
+    # A gyro's bias of 3 deg/s is not believed, and keeps the attitude away from gravity.
+    result = execute("level", *BRIEF, "sensors.gyro_bias_deg_s=3")
+    assert result.notes == ("the ground was not estimated: the attitude did not settle",)
+    shift = "faults=[{at: 1, duration: 0.2, target: imu.gyro, kind: wrong, scale: 1, value: 0.01}]"
+    result = execute("level", *BRIEF, shift)
+    (note,) = result.notes
+    words = r"the ground was estimated (.*) s late: the attitude had not settled"
+    assert 0.1 < float(re.fullmatch(words, note)[1]) < 2.0
+    assert result["ground_roll_error_deg"] < 0.1
+
+
 @pytest.fixture(scope="module")
 def steep(execute):
     """steep(roll, pitch): result of a job on that ground, with fewer postures than usual."""

@@ -75,6 +75,8 @@ def test_a_trigger_that_is_not_above_a_half_takes_no_estimate(estimation, trigge
         ("extension", (0.4, 0.4, 0.35, 0.4)),
         ("attitude", (math.nan, 0.0)),
         ("attitude", (0.0, math.inf)),
+        ("attitude_error", 1.1e-3),
+        ("attitude_error", math.nan),
     ],
 )
 def test_a_bad_sample_leaves_the_last_estimate_but_not_valid_until_a_good_one(
@@ -87,7 +89,7 @@ def test_a_bad_sample_leaves_the_last_estimate_but_not_valid_until_a_good_one(
     estimator.tick(2, trigger=1.0, **{name: bad})
     np.testing.assert_array_equal(estimator["ground"], before)
     assert estimator["valid"] == 0.0
-    estimator.tick(extension=EXTENSION, attitude=(0.05, 0.05))
+    estimator.tick(extension=EXTENSION, attitude=(0.05, 0.05), attitude_error=0.9e-3)
     assert_estimated(estimator, EXTENSION, (0.05, 0.05))
 
 

@@ -224,6 +224,16 @@ def test_a_posture_is_taken_when_the_estimate_has_come_and_it_fits(operate):
     assert operation.refusal == NOTHING_REFUSED
 
 
+def test_an_estimate_that_does_not_come_is_refused_and_taken_when_it_comes_after_all(operate):
+    operation = operate(ground_valid=0.0).to(Phase.ESTIMATE).wait(PARAMS.estimate_time)
+    assert operation.wait(PARAMS.estimate_limit - 2.0 * PERIOD).refusal == NOTHING_REFUSED
+    assert operation.wait(3.0 * PERIOD).refusal == (Refusal.UNSETTLED, float(Phase.ESTIMATE))
+    assert operation.phase is Phase.ESTIMATE
+    assert operation["posture_control"] == 0.0
+    assert operation.tick(ground_valid=1.0).phase is Phase.POSTURE
+    assert operation.refusal == NOTHING_REFUSED
+
+
 @pytest.mark.parametrize(
     ("ground", "offsets"),
     [

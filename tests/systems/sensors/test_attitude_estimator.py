@@ -308,3 +308,41 @@ def test_with_the_sensor_model_the_output_starts_at_the_tilt_and_settles():
     own = estimator.GetMyContextFromRoot(context)
     found = estimator.GetOutputPort("gyro_bias").Eval(own)
     np.testing.assert_allclose(found, gyro_bias, rtol=0, atol=0.05 * DEGREE)
+
+
+@pytest.mark.parametrize(("tilt", "bias"), [(2.0, 0.0), (0.0, 0.4), (2.0, 0.4), (1.0, -0.4)])
+def test_an_attitude_that_counts_as_settled_stays_so(settled, tilt, bias):
+    """A jump of the tilt that the gyro has not seen [deg], and of the gyro's bias [deg/s]."""
+    gyro, accel = (bias * DEGREE, 0.0, 0.0), vertical(tilt * DEGREE, 0.0)
+    told, true = [], []
+    for _ in range(3000):
+        attitude = settled.step(gyro, accel)
+        told.append(settled["error"][0])
+        true.append(abs(attitude[0] - tilt * DEGREE))
+    told, true = np.array(told), np.array(true)
+    # The mean has seen the jump after three of its time constants. The filter then swings back
+    # through zero, and must not be taken for settled there.
+    seen = round(3.0 * PARAMS.mean_time / 0.01)
+    first = seen + int(np.argmax(told[seen:] < 1e-3))
+    assert true[seen:first].max() > 1e-3
+    assert told[first:].max() < 1e-3
+    assert true[first:].max() < 1e-3
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_alone_tells_an_error_that_counts_as_settled(start, seed):
+    rng, estimator, told = np.random.default_rng(seed), start(), []
+    for _ in range(2000):
+        noise = rng.normal(size=(2, 3))
+        estimator.step(GYRO_NOISE * noise[0], LEVEL + ACCEL_NOISE * noise[1])
+        told.append(estimator["error"][0])
+    assert 1e-5 < max(told[100:]) < 1e-3
+
+
+def test_samples_that_correct_nothing_leave_the_error_that_is_told(settled):
+    settled.step(accel=vertical(2.0 * DEGREE, 0.0), count=20)
+    told = settled["error"][0]
+    assert told > 1e-3
+    for bad in (NAN, (0.0, 0.0, 0.5 * GRAVITY)):
+        settled.step(accel=bad, count=10)
+        assert settled["error"][0] == told
