@@ -17,9 +17,9 @@ from parapod.systems.hardware.addresses import (
     emulator_lock,
     resolved,
 )
-from parapod.systems.hardware.clock import CLOCK, EmulatedClock, following
 
 if TYPE_CHECKING:
+    from parapod.systems.hardware.clock import EmulatedClock
     from parapod.systems.hardware.device import Device
     from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
@@ -111,7 +111,7 @@ def emulated(address: str, key: str) -> str:
 
 
 @contextmanager
-def time_of(drivers: Sequence[Driver], experiment: str) -> Iterator[EmulatedClock | None]:
+def time_of(drivers: Sequence[Driver], experiment: str) -> Iterator["EmulatedClock | None"]:
     """Go by the time of the drivers' devices: the emulator's, where it keeps one.
 
     Args:
@@ -124,6 +124,8 @@ def time_of(drivers: Sequence[Driver], experiment: str) -> Iterator[EmulatedCloc
         ScenarioError: see `refuse_without_emulator`; or real devices beside emulated ones whose
             time is not the computer's.
     """
+    from parapod.systems.hardware.clock import CLOCK, following
+
     refuse_without_emulator(drivers, experiment)
     own = [driver for driver in drivers if not driver.is_timeless]
     real = [driver for driver in own if not driver.is_emulated]
