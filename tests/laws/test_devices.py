@@ -28,6 +28,7 @@ from parapod.systems.core.schema import Range, fields_of
 from parapod.systems.hardware.adis16448.iiod import is_available
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.emulation.harness import SUPPLY, Harness, Misbehaviour
+from parapod.systems.hardware.exclusive import lock_path
 
 SILENT, CORRUPT, UNPLUGGED = DeviceFault.SILENT, DeviceFault.CORRUPT, DeviceFault.UNPLUGGED
 MACHINES = list_machines()  # which define drivers of their own
@@ -584,6 +585,30 @@ def test_what_no_two_programs_may_open_follows_from_the_address(place, name):
     assert place in Rig(name).device().place
     (real,) = ROWS[name].real.values()
     assert real in Rig(name, **ROWS[name].real).device().place
+
+
+@pytest.mark.parametrize("name", [name for name in EMULATED if name != "Adis16448IioImu"])
+def test_one_address_by_two_names_has_one_lock(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tty").touch()
+    (tmp_path / "adapter").symlink_to("tty")
+    names = {
+        "channel": ("adapter", f"{tmp_path}/adapter", f"{tmp_path}/tty@115200"),
+        "port": ("adapter", f"{tmp_path}/adapter", f"{tmp_path}/tty"),
+        "address": ("0.0", "/dev/spidev0.0"),
+        "target": ("localhost:31763", "127.0.0.1:31763", "[::1]:31763"),
+    }
+    (key,) = ROWS[name].real
+    made = [Rig(name, **{key: address}).device() for address in names[key]]
+    assert len({lock_path(device.place) for device in made}) == 1
+
+
+def test_network_interface_is_no_file_of_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = Rig("Epos2Axes", interface="socketcan", channel="can0").device().place
+    (tmp_path / "can0").touch()
+    after = Rig("Epos2Axes", interface="socketcan", channel="can0").device().place
+    assert lock_path(before) == lock_path(after) == lock_path("can0")
 
 
 # Settings

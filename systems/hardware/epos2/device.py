@@ -116,7 +116,7 @@ class Epos2Device(IncrementalDevice):
         self._settings, self._timing, self._clock = settings, timing, clock
         self._is_synchronous, self._directions = is_synchronous, settings.directions
         self._switches = SwitchBoard(settings.switches)
-        self.name, self.place = settings.name, settings.address
+        self.name, self.place = settings.name, settings.place
         within = f"{settings.heartbeat_timeout + stopping_time(settings, timing):.2g} s"
         self.watchdog = f"without this computer's heartbeats the drives stop within {within}"
         axes = len(settings.node_ids)

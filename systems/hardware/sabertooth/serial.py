@@ -88,7 +88,7 @@ class SabertoothSerial(Device):
             ValueError: settings that do not fit together.
         """
         self._settings, self._clock = settings, clock
-        self.name, self.place = f"Sabertooth on {settings.path}", settings.path
+        self.name, self.place = f"Sabertooth on {settings.path}", settings.place
         within = f"{settings.serial_timeout:g} s"
         self.watchdog = f"without packets the motor drivers stop the motors within {within}"
         self._motors = settings.motors[:actuators]
