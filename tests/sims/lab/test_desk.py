@@ -48,12 +48,12 @@ def until(condition, timeout=5.0):
 
 
 def state(desk):
-    with urllib.request.urlopen(f"{desk.web_url()}/state", timeout=5.0) as answer:
+    with urllib.request.urlopen(desk.web_url().replace("/?", "/state?"), timeout=5.0) as answer:
         return json.loads(answer.read())
 
 
 def send(desk, **body):
-    data, headers = json.dumps(body).encode(), {"Origin": desk.web_url()}
+    data, headers = json.dumps(body).encode(), {"Origin": desk.web_url().partition("/?")[0]}
     request = urllib.request.Request(desk.web_url(), data, headers)
     urllib.request.urlopen(request, timeout=5.0).close()
 
