@@ -70,12 +70,14 @@ class Readout:
         rows: its quantities.
         remarks: faults and refusals, a sentence each.
         is_alarming: whether the state is one that a person should look at.
+        idle: names of sliders and buttons that do nothing in this state; they look so.
     """
 
     state: str = ""
     rows: Sequence[Row] = ()
     remarks: Sequence[str] = ()
     is_alarming: bool = False
+    idle: Sequence[str] = ()
 
 
 @dataclass
