@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="localhost",
         metavar="ADDRESS",
         help="serve the page at this address of the computer, to whoever has the token in the "
-        "page's address; default: to this computer alone",
+        "page's address; default: to this computer alone, with a token too",
     )
     parser.add_argument(
         "--log", type=Path, metavar="FILE", help="of hardware: write all signals, as MCAP"

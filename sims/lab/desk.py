@@ -118,6 +118,11 @@ class Desk:
         drawn = {name: np.asarray(value).tolist() for name, value in (signals or {}).items()}
         self._tell({"readout": asdict(readout), "signals": drawn})
 
+    @property
+    def controls(self) -> tuple[str, ...]:
+        """Names of all sliders and buttons."""
+        return (*self._sliders, *self._clicks, *sorted(self._holds))
+
     # Panel's names.
 
     def AddSlider(

@@ -70,7 +70,8 @@ def operate(
             try:
                 _run(experiment, scenario, loop, desk, options)
             except ParapodError as error:
-                desk.show(Readout("ended", remarks=(str(error),), is_alarming=True))
+                said = (str(error),)
+                desk.show(Readout("ended", remarks=said, is_alarming=True, idle=desk.controls))
                 time.sleep(_LAST_WORDS)
                 raise
 
@@ -87,7 +88,7 @@ def _check_host(host: str) -> None:
 def _wait_for_page(desk: Desk, options: RunOptions) -> None:
     text = f"open {desk.web_url()} to begin"
     options.console.print(text, markup=False, highlight=False, soft_wrap=True)
-    desk.show(Readout("the machine begins"))
+    desk.show(Readout("the machine begins", idle=[n for n in desk.controls if n != END]))
     opened = time.monotonic()
     while time.monotonic() < opened + _OPENED:
         if desk.silence() > _SILENCE:

@@ -5,6 +5,7 @@ and serves what stands beside it; in Python its sliders and buttons have Meshcat
 that a system reads either.
 """
 
+import hmac
 import json
 import math
 import secrets
@@ -14,7 +15,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from http import HTTPStatus
-from http.cookies import SimpleCookie
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
@@ -35,7 +35,9 @@ _LEASE = 1.0
 # A button that is held says so ten times a second [s].
 _HELD = 0.25
 _LOCAL = "localhost"
-_COOKIE = "parapod"
+# Without it nothing is shown or obeyed: other users of this computer reach its pages too. One for
+# all pages of a program, so that an open one finds the next run.
+_TOKEN = secrets.token_urlsafe(16)
 
 
 @dataclass(frozen=True)
@@ -68,12 +70,14 @@ class Readout:
         rows: its quantities.
         remarks: faults and refusals, a sentence each.
         is_alarming: whether the state is one that a person should look at.
+        idle: names of sliders and buttons that do nothing in this state; they look so.
     """
 
     state: str = ""
     rows: Sequence[Row] = ()
     remarks: Sequence[str] = ()
     is_alarming: bool = False
+    idle: Sequence[str] = ()
 
 
 @dataclass
@@ -110,6 +114,9 @@ class Panel:
     Sliders and buttons are added, read and deleted as those of `Meshcat`; there are buttons
     besides that count while they are held. All methods may be called from any thread.
 
+    Whoever asks needs the token that `web_url` ends with, also on this computer, which others may
+    use at the same time.
+
     One page operates: the first that is opened, until it is closed or another one takes over;
     further ones only look. `silence` tells for how long nothing has been heard of it.
 
@@ -124,15 +131,14 @@ class Panel:
         Args:
             meshcat: the scene that is framed.
             title: title of the page.
-            host: address at which it is served. Other computers reach any but "localhost"; who
-                asks then needs the token that `web_url` ends with.
+            host: address at which it is served. Other computers reach any but "localhost".
 
         Raises:
             OSError: no port is free, or there is no such address here.
         """
         self.meshcat, self.title = meshcat, title
         self._run = secrets.token_hex(8)
-        self._host, self._token = host, "" if host == _LOCAL else secrets.token_urlsafe(16)
+        self._host = host
         self._lock = threading.Lock()
         self._sliders: dict[str, _Slider] = {}
         self._buttons: dict[str, int] = {}
@@ -149,12 +155,10 @@ class Panel:
         return f"<panel '{self.title}' at {self.web_url()}>"
 
     def web_url(self) -> str:
-        """The address of the page."""
+        """The address of the page, with its token."""
         port = self._server.server_address[1]
-        if not self._token:
-            return f"http://{_LOCAL}:{port}"
         name = socket.gethostname() if self._host == "0.0.0.0" else self._host
-        return f"http://{name}:{port}/?token={self._token}"
+        return f"http://{name}:{port}/?token={_TOKEN}"
 
     def close(self) -> None:
         """Ends the service; open pages then say that the run has ended."""
@@ -414,14 +418,14 @@ def _serve(panel: Panel) -> ThreadingHTTPServer:
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers browsers on this computer, and pages of this panel alone."""
+    """Answers who has the token, and obeys pages of this panel alone."""
 
     shown: Panel
 
     def do_GET(self) -> None:
         asked = urlsplit(self.path)
         query = parse_qs(asked.query)
-        if not self._is_admitted(query.get("token", [""])[0]):
+        if not self._is_admitted():
             self._answer(HTTPStatus.FORBIDDEN)
         elif asked.path == "/":
             self._answer(HTTPStatus.OK, "text/html; charset=utf-8", self.shown._page)
@@ -454,18 +458,18 @@ class _Handler(BaseHTTPRequestHandler):
             is_done = self.shown._obey(request)
             self._answer(HTTPStatus.NO_CONTENT if is_done else HTTPStatus.BAD_REQUEST)
 
-    def _is_admitted(self, token: str = "") -> bool:
-        """Whether who asks has the token, or is on this computer where there is none.
+    def _is_admitted(self) -> bool:
+        """Whether who asks has the token.
 
-        Without one the page must be asked for by this computer's name, not by a stranger's.
+        A page of this computer alone must also be asked for by its name, not by a stranger's.
+        The token is in the address: a browser would show a cookie to all servers of this computer.
         """
-        expected = self.shown._token
-        if not expected:
+        if self.shown._host == _LOCAL:
             host = urlsplit(f"//{self.headers.get('Host', '')}").hostname
-            return host in (_LOCAL, "127.0.0.1")
-        cookie = SimpleCookie(self.headers.get("Cookie", "")).get(_COOKIE)
-        shown = token or (cookie.value if cookie else "")
-        return secrets.compare_digest(shown.encode(), expected.encode())
+            if host not in (_LOCAL, "127.0.0.1"):
+                return False
+        (shown,) = parse_qs(urlsplit(self.path).query).get("token", [""])[:1]
+        return hmac.compare_digest(shown.encode(), _TOKEN.encode())
 
     def _is_own_page(self) -> bool:
         """Whether what a browser sends is from the panel's page, not from another one."""
@@ -481,9 +485,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(body)))
             self.send_header("Cache-Control", "no-store")
-            if self.shown._token and status is HTTPStatus.OK:
-                cookie = f"{_COOKIE}={self.shown._token}; HttpOnly; SameSite=Strict"
-                self.send_header("Set-Cookie", cookie)
+            self.send_header("Referrer-Policy", "no-referrer")
             self.end_headers()
             self.wfile.write(body)
         except ConnectionError:

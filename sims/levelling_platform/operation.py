@@ -25,7 +25,13 @@ from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.reference import describe_range
 from parapod.systems.levelling_platform.sliders import Controls, OperatorControls
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
-from parapod.systems.levelling_platform.supervisor import Phase, Refusal, SupervisorParams
+from parapod.systems.levelling_platform.supervisor import (
+    TRANSITIONS,
+    Event,
+    Phase,
+    Refusal,
+    SupervisorParams,
+)
 
 _HEIGHT = 0.16  # of capital letters [m]
 _PLACE = np.array([-2.0, 1.1, 1.75])  # lower left corner of the text, beside the arm [m]
@@ -37,6 +43,16 @@ _JUDGED = 0.1
 _ADVICE = {
     Phase.FAULT: "nothing moves: 'Reset' once the cause is gone",
     Phase.STANDBY: "stands by: 'Stop' raises the legs, and 'leg' buttons move one while held",
+}
+# Phases in which a control does something; all others always do. So does "Stop" to a person.
+_OBEYED = {
+    **{
+        name: {transition.source for transition in TRANSITIONS if transition.event is event}
+        for name, event in (("Go", Event.GO), ("Reset", Event.RESET))
+    },
+    **{name: {Phase.TRANSPORT} for name, *_ in OperatorControls.HELD_DRIVE},
+    **{name: {Phase.TRANSPORT, Phase.STANDBY} for name, *_ in OperatorControls.HELD_JOG},
+    **{name: {Phase.HOLD} for name, *_ in OperatorControls.ARM},
 }
 _REFUSED = {
     Refusal.COMMAND: "that has no place in this phase",
@@ -266,7 +282,8 @@ def read_operation(loop: ClosedLoop[Any], root_context: Context) -> Readout:
     margin = 1e3 * float(read("stability_margin")[0])
     least = 1e3 * StabilityMonitorParams().margin
     rows = list(shown.rows) if phase in (Phase.POSTURE, Phase.HOLD) else [shown.rows[-1]]
-    rows.append(Row("margin", least, margin if np.isfinite(margin) else None, None, "mm", 0))
+    if np.isfinite(margin):  # on its wheels it has none
+        rows.append(Row("margin", least, margin, None, "mm", 0))
     findings = read("findings")
     found = [rule for rule in RULES if findings[rule.finding] > 0.5]
     remarks = [f"{rule.finding.name.lower()}: {rule.sign}" for rule in found]
@@ -277,4 +294,6 @@ def read_operation(loop: ClosedLoop[Any], root_context: Context) -> Readout:
         remarks.append(f"refused: {_REFUSED[code]}")
     if read("arm_refused")[0] > 0.5 and phase is Phase.HOLD:
         remarks.append("refused: the arm's move would leave too small a margin")
-    return Readout(phase.name.lower(), rows, remarks, bool(found) or phase is Phase.FAULT)
+    is_alarming = bool(found) or phase is Phase.FAULT
+    idle = [name for name, phases in _OBEYED.items() if phase not in phases]
+    return Readout(phase.name.lower(), rows, remarks, is_alarming, idle)

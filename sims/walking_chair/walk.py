@@ -455,7 +455,7 @@ def _read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
     if is_held > 0.5:
         return Readout("waits: the passenger would tip it over", rows, (), True)
     if read("done")[0] > 0.5:
-        return Readout("has arrived", rows)
+        return Readout("has arrived", rows, idle=(ChairControls.WALK,))
     if any(halt()[0] > 0.5 for halt in loop.readings(root_context, ("halt",)).values()):
         return Readout(f"stands; walks while '{ChairControls.WALK}' is held", rows)
     return Readout("walks", rows)

@@ -56,7 +56,7 @@ def make_emulator_directory() -> Path:
 
 def emulator_lock() -> str:
     """Name of the place that a running emulator keeps, see `only_program`."""
-    return f"emulator in {emulator_directory()}"
+    return f"emulator in {os.path.realpath(emulator_directory())}"
 
 
 def resolved(address: str) -> str:

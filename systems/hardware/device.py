@@ -5,7 +5,7 @@ A library that only one part needs is imported when its device is configured, se
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from enum import IntEnum
 from types import TracebackType
@@ -76,6 +76,8 @@ class Device(ABC):
         place: what no two programs may command, see `only_program`; "": nothing.
         measures: the signals that `read` returns, and their sizes.
         commands: the signals that `write` takes, and their sizes.
+        fail_safe: those of the commands that are switches; 1 is the safe side of each (stopped,
+            braked, closed), and so is whatever is near neither 0 nor 1, see `switched`.
     """
 
     name: str
@@ -84,6 +86,7 @@ class Device(ABC):
     remarks: Sequence[str] = ()
     measures: Mapping[str, int] = {}
     commands: Mapping[str, int] = {}
+    fail_safe: Collection[str] = ()
 
     @abstractmethod
     def configure(self) -> None:
@@ -111,6 +114,8 @@ class Device(ABC):
 
     def write(self, commands: Signals) -> None:  # noqa: B027
         """Puts commands, in SI units, to the outputs; what is not finite is neutral.
+
+        Of a switch, see `fail_safe`, whatever is near neither 0 nor 1 is the safe side.
 
         Raises:
             DeviceError: they did not arrive.

@@ -16,14 +16,15 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.hardware.places import normal_form
 
 # Where programs of all users find each other's locks.
 _SHARED = Path("/run/lock")
 # How long [s] and how often one waits for a program that only looks whether there is a lock.
 _LOOK, _LOOKS = 5e-3, 10
 _FLAGS = os.O_NOFOLLOW | os.O_CLOEXEC
-# Of this program: file and number of users of each place.
-_held: dict[str, tuple[int, int]] = {}
+# Of this program: file and number of users of each place, by its lock.
+_held: dict[Path, tuple[int, int]] = {}
 _guard = threading.Lock()
 
 
@@ -36,7 +37,8 @@ def only_program(place: str) -> Iterator[None]:
     """Keeps other programs of this computer from a place; within this one it is shared.
 
     Args:
-        place: address of a device or of its bus, as this computer names it; "": nothing is kept.
+        place: address of a device or of its bus, by any of its names, see `normal_form`; "":
+            nothing is kept.
 
     Raises:
         InUse: another program keeps it.
@@ -44,19 +46,20 @@ def only_program(place: str) -> Iterator[None]:
     if not place:
         yield
         return
+    path = lock_path(place)  # now: a link may lead elsewhere in the end
     with _guard:
-        file, users = _held.get(place, (-1, 0))
-        _held[place] = (file if users else _locked(lock_path(place)), users + 1)
+        file, users = _held.get(path, (-1, 0))
+        _held[path] = (file if users else _locked(path), users + 1)
     try:
         yield
     finally:
         with _guard:
-            file, users = _held.pop(place)
+            file, users = _held.pop(path)
             if users > 1:
-                _held[place] = (file, users - 1)
+                _held[path] = (file, users - 1)
             else:
                 with suppress(OSError):  # another user's file stays
-                    lock_path(place).unlink()
+                    path.unlink()
                 os.close(file)
 
 
@@ -76,9 +79,9 @@ def is_kept(place: str) -> bool:
 
 
 def lock_path(place: str) -> Path:
-    """The file that is locked for a place; there while somebody keeps it."""
+    """The file that is locked for a place, whatever its name; there while somebody keeps it."""
     folder = _SHARED if os.access(_SHARED, os.W_OK) else Path(tempfile.gettempdir())
-    return folder / f"parapod-{hashlib.sha256(place.encode()).hexdigest()[:16]}"
+    return folder / f"parapod-{hashlib.sha256(normal_form(place).encode()).hexdigest()[:16]}"
 
 
 def _locked(path: Path) -> int:

@@ -28,6 +28,7 @@ from parapod.systems.core.schema import Range, fields_of
 from parapod.systems.hardware.adis16448.iiod import is_available
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.emulation.harness import SUPPLY, Harness, Misbehaviour
+from parapod.systems.hardware.exclusive import lock_path
 
 SILENT, CORRUPT, UNPLUGGED = DeviceFault.SILENT, DeviceFault.CORRUPT, DeviceFault.UNPLUGGED
 MACHINES = list_machines()  # which define drivers of their own
@@ -301,6 +302,24 @@ EMULATED = [name for name in ROWS if name != "NotFittedPart"]
 PROGRAMS = [name for name in EMULATED if not ROWS[name].like]
 DRIVING = [name for name in PROGRAMS if ROWS[name].order]
 MEASURING = [name for name in EMULATED if ROWS[name].truth]
+# Units of commands that are switches, and units of commands, with and without their part.
+SWITCHING = {"-", "0/1"}
+UNITS = {
+    name: port.unit
+    for machine in MACHINES
+    for port in machine.inputs
+    for name in (port.name, port.name.partition(".")[2])
+}
+# Numbers that no controller means by a switch's 0 or 1.
+SENSELESS = (math.nan, math.inf, -math.inf, 1e300, -1e300, 2.0, -1.0)
+# Largest magnitude that may reach the machine, whatever is commanded.
+LARGEST = {
+    "voltage": lambda driver: driver.supply_voltage,
+    "velocity_command": lambda driver: driver.max_velocity,
+    "force_command": lambda driver: driver.max_force,
+    "torque_command": lambda driver: driver.max_force,
+    "position_command": lambda driver: max(driver.strokes[1]),
+}
 OBEYING = [name for name in DRIVING if "stop" not in ROWS[name].order or len(ROWS[name].order) > 1]
 FAULTS = [(name, kind) for name in PROGRAMS for kind in ROWS[name].faults]
 REMEMBERING = [name for name in PROGRAMS if ROWS[name].memory]
@@ -532,7 +551,7 @@ def test_scenario_loads_settings_and_neither_devices_nor_emulators_nor_libraries
         "\n"
     )[:2]
     modules = {name.removeprefix("parapod.systems.hardware.") for name in ours.split()}
-    allowed = {"addresses", "soft_limits", "epos2.switches"}  # of settings
+    allowed = {"addresses", "soft_limits", "switching", "epos2.switches"}  # of settings
     packages = {name.partition(".")[0] for name in modules if name.endswith(".settings")}
     assert len(packages) == 4
     assert {m for m in modules if not m.endswith(".settings")} <= allowed | packages
@@ -566,6 +585,30 @@ def test_what_no_two_programs_may_open_follows_from_the_address(place, name):
     assert place in Rig(name).device().place
     (real,) = ROWS[name].real.values()
     assert real in Rig(name, **ROWS[name].real).device().place
+
+
+@pytest.mark.parametrize("name", [name for name in EMULATED if name != "Adis16448IioImu"])
+def test_one_address_by_two_names_has_one_lock(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tty").touch()
+    (tmp_path / "adapter").symlink_to("tty")
+    names = {
+        "channel": ("adapter", f"{tmp_path}/adapter", f"{tmp_path}/tty@115200"),
+        "port": ("adapter", f"{tmp_path}/adapter", f"{tmp_path}/tty"),
+        "address": ("0.0", "/dev/spidev0.0"),
+        "target": ("localhost:31763", "127.0.0.1:31763", "[::1]:31763"),
+    }
+    (key,) = ROWS[name].real
+    made = [Rig(name, **{key: address}).device() for address in names[key]]
+    assert len({lock_path(device.place) for device in made}) == 1
+
+
+def test_network_interface_is_no_file_of_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = Rig("Epos2Axes", interface="socketcan", channel="can0").device().place
+    (tmp_path / "can0").touch()
+    after = Rig("Epos2Axes", interface="socketcan", channel="can0").device().place
+    assert lock_path(before) == lock_path(after) == lock_path("can0")
 
 
 # Settings
@@ -736,6 +779,71 @@ def test_command_that_is_not_finite_is_neutral(rig, device, bad):
         return list(rig.wire(signal)) == near
 
     until(arrived)
+
+
+@each(OBEYING)
+@pytest.mark.parametrize("bad", [1e300, -1e300])
+def test_absurd_command_is_limited(rig, device, bad):
+    activated(device)
+    rig.moves(device)
+    (signal,) = LARGEST.keys() & rig.row.order
+    order = rig.row.order | {signal: (bad,) * rig.row.commands[signal]}
+    largest = LARGEST[signal](rig.driver) * (1.0 + 1e-3)  # whole counts, rpm or mA
+    for _ in range(20):
+        until(lambda: device.read() is not None and device.write(order) is None)
+        assert all(abs(value) <= largest for value in rig.wire(signal))
+        time.sleep(2e-3)
+
+
+@each(DRIVING)
+def test_switches_are_declared_with_their_safe_side(rig, device):
+    switches = {signal for signal in device.commands if UNITS[signal] in SWITCHING}
+    assert set(device.fail_safe) == switches
+    assert switches
+
+
+@each(DRIVING)
+@pytest.mark.parametrize("bad", SENSELESS)
+def test_switch_that_is_commanded_neither_0_nor_1_goes_to_its_safe_side(rig, device, bad):
+    released = rig.row.order | {s: (0.0,) * rig.row.commands[s] for s in device.fail_safe}
+    activated(device)
+    for signal in device.fail_safe:
+
+        def wires(order):
+            device.read()
+            device.write(order)
+            return {name: rig.wire(name) for name in rig.row.rest}
+
+        def runs():
+            now = wires(released)
+            return all(now[name] != rest for name, rest in rig.row.rest.items())
+
+        # Of another lock or clamp nothing is wrong, so it stays open.
+        safe = {s: rest for s, rest in rig.row.rest.items() if s == signal or "." not in s}
+        until(runs)
+        broken = released | {signal: (bad,) * rig.row.commands[signal]}
+        until(lambda broken=broken, safe=safe: safe.items() <= wires(broken).items())
+
+
+@each(DRIVING)
+@pytest.mark.parametrize("bad", SENSELESS)
+def test_switch_on_its_safe_side_stays_there_while_it_is_commanded_neither_0_nor_1(
+    rig, device, bad
+):
+    kept = rig.row.order | {s: (1.0,) * rig.row.commands[s] for s in device.fail_safe}
+    broken = rig.row.order | {s: (bad,) * rig.row.commands[s] for s in device.fail_safe}
+    activated(device)
+
+    def is_at_rest():
+        device.read()
+        device.write(kept)
+        return rig.is_at_rest()
+
+    until(is_at_rest)
+    for _ in range(20):
+        until(lambda: device.read() is not None and device.write(broken) is None)
+        assert rig.is_at_rest()
+        time.sleep(2e-3)
 
 
 @each(DRIVING)

@@ -54,8 +54,9 @@ class SpiSettings(_Sensor, Schema):
 
     @property
     def place(self) -> str:
-        """The address, an emulator's resolved."""
-        return resolved(self.address)
+        """See `Device`: the bus's file, or an emulator's socket, its address resolved."""
+        address = resolved(self.address)
+        return address if address.startswith(("/", "unix:")) else f"/dev/spidev{address}"
 
     @property
     def clock(self) -> float:

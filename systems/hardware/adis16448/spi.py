@@ -280,7 +280,7 @@ def _open_bus(settings: SpiSettings) -> SpiBus:
         return SpiSocketClient(address.removeprefix(_SOCKET), 0.5 * settings.timeout)
     bus = need("spidev").SpiDev()
     try:
-        bus.open_path(address if address.startswith("/") else f"/dev/spidev{address}")
+        bus.open_path(address)
         # The clock idles high and the second edge counts (data sheet).
         bus.mode = 0b11
         bus.bits_per_word = 8

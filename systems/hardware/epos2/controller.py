@@ -129,6 +129,8 @@ class Epos2Controller:
         # Bits of its digital outputs that are not ours to switch; None: nothing is known of them.
         self._other_outputs: int | None = None
         self.name = f"node {node_id}" + (f" ({axis})" if axis else "")
+        # Whether a quick stop of ours may still be the reason why it stops.
+        self._was_stopped = False
         # What its newest fault is; None while it has none, or nothing is known about it.
         self._code: int | None = None
 
@@ -277,7 +279,7 @@ class Epos2Controller:
             Set value with which it stays where it is: zero velocity or current, or its position
             [counts].
         """
-        setting = self._rest()
+        setting, self._was_stopped = self._rest(), False
         state = self._state()
         try:
             steps = steps_to_operation(state or DriveState.NOT_READY_TO_SWITCH_ON)
@@ -307,6 +309,7 @@ class Epos2Controller:
             setting: velocity [rpm], position [counts] or current [mA] of the motor; a position
                 counts only with a controlword that lets the drive run, before which it arrives.
         """
+        self._was_stopped = self._was_stopped or word is Controlword.QUICK_STOP
         pdo = self._mode.command
         if self._mode is objects.POSITION_MODE:
             if word is Controlword.ENABLE_OPERATION:
@@ -399,7 +402,15 @@ class Epos2Controller:
             return
         if wanted.has_power and not is_energised(sample.state):
             raise self._error(f"has lost its power, it is in {sample.state or 'no known state'}")
-        if wanted.is_running and sample.state is DriveState.QUICK_STOP_ACTIVE:
+        if not wanted.is_running:
+            return
+        if sample.state is not DriveState.QUICK_STOP_ACTIVE:
+            self._was_stopped = False
+        elif self._was_stopped:
+            raise self._error(
+                "stays in a quick stop of this program, and has not obeyed its release"
+            )
+        else:
             raise self._error(f"stops, which this program did not ask for: {self._stopper()}")
 
     def _stopper(self) -> str:

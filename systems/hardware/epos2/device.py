@@ -23,6 +23,7 @@ from parapod.systems.hardware.epos2.settings import Control, Epos2Settings
 from parapod.systems.hardware.epos2.switches import SwitchBoard, check_switches
 from parapod.systems.hardware.position_memory import IncrementalDevice
 from parapod.systems.hardware.soft_limits import check_order
+from parapod.systems.hardware.switching import switched
 
 # How long a drive may take to leave a quick stop that was ours [s].
 _OBEYING = 0.05
@@ -42,8 +43,8 @@ class Epos2Device(IncrementalDevice):
     | measure `current` | n | A | of the motors, positive where they push; if it is asked for |
     | measure `emergency_stop` | 1 | 0/1 | 1: pressed, or its wire is broken; with `stop_node` |
     | measure `<part>.closed` | k | 0/1 | 1: the contact of a lock or clamp says closed |
-    | command `brake` | 1 | - | above 0.5: stop and hold |
-    | command `<part>.command` | k | - | of locks or clamps; above 0.5: closed |
+    | command `brake` | 1 | - | 0: released; all else: stop and hold |
+    | command `<part>.command` | k | - | of locks or clamps; 0: open, 1: closed |
 
     What else is commanded, a mode of operation says: `Epos2`, `Epos2Positions` and `Epos2Forces`,
     whose axes nothing holds.
@@ -56,14 +57,15 @@ class Epos2Device(IncrementalDevice):
 
     **Switches.** Locks and clamps are closed by springs and opened by power. `configure` closes
     all, once no axis has power. From `activate` to `deactivate` each is as it is commanded, also
-    while axes are braked; a command that is not finite leaves it as it is. While the emergency
-    stop or a failure keeps the axes stopped none is opened. `neutral` neither opens nor closes
-    any: one that closes while something moves breaks. The end stops the axes first and then
-    closes all. A contact without voltage says "not closed", also one with a broken wire.
+    while axes are braked. While the emergency stop or a failure keeps the axes stopped none is
+    opened. One that closes while something moves breaks. So `neutral` neither opens nor closes
+    any; a command that is near neither 0 nor 1, such as NaN, brakes all axes, and closes its
+    switch once they stand; and the end stops the axes first and then closes all. A contact
+    without voltage says "not closed", also one with a broken wire.
 
     **Emergency stop.** A contact of it, closed while it is not pressed, is at a digital input of
     `stop_node`, whose status frame carries it. While it is open all drives have a quick stop,
-    whatever is commanded. After its release they keep it until a `brake` above 0.5 has been
+    whatever is commanded. After its release they keep it until a `brake` of 1 has been
     commanded, or `activate` called: nothing moves on by itself. Drives that then stop by
     themselves, or lose their motors' supply, are no error while it is pressed: readings go on.
     Without power none is an error for want of its supply. `activate` refuses a pressed one.
@@ -114,7 +116,7 @@ class Epos2Device(IncrementalDevice):
         self._settings, self._timing, self._clock = settings, timing, clock
         self._is_synchronous, self._directions = is_synchronous, settings.directions
         self._switches = SwitchBoard(settings.switches)
-        self.name, self.place = settings.name, settings.address
+        self.name, self.place = settings.name, settings.place
         within = f"{settings.heartbeat_timeout + stopping_time(settings, timing):.2g} s"
         self.watchdog = f"without this computer's heartbeats the drives stop within {within}"
         axes = len(settings.node_ids)
@@ -127,10 +129,13 @@ class Epos2Device(IncrementalDevice):
         self.measures |= self._switches.measures
         self.command_signal = settings.command_signal
         self.commands = {self.command_signal: axes, "brake": 1} | self._switches.commands
+        self.fail_safe = ("brake", *self._switches.commands)
         self._bus: CanopenBus | None = None
         self._controllers: list[Epos2Controller] = []
         self._is_active = self._is_braked = self._is_referenced = False
         self._may_have_power = False
+        # Whether all axes stood at the newest reading.
+        self._stands = False
         # Whether the emergency stop is pressed, and whether it or a failure keeps the axes braked.
         self._is_pressed = self._is_stopped = False
         self._beaten = self._measured = -math.inf
@@ -266,12 +271,13 @@ class Epos2Device(IncrementalDevice):
         Raises:
             DeviceError: the bus is gone.
         """
-        self._is_braked = commands["brake"][0] > 0.5
-        if self._is_braked and not self._is_pressed:
+        brake = switched(*commands["brake"])
+        self._is_braked = brake is not False or not self._switches.is_clear(commands)
+        if brake and not self._is_pressed:
             self._is_stopped = False
         self._command(commands[self.command_signal])
         if self._is_active:
-            self._switches.obey(commands, may_open=not self._is_stopped)
+            self._switches.obey(commands, not self._is_stopped, self._stands_by_now)
             self._switch()
 
     def neutral(self) -> None:
@@ -370,11 +376,17 @@ class Epos2Device(IncrementalDevice):
 
     def _counted(self, samples: Sequence[Sample]) -> list[float]:
         """Positions of the axes, with their reference if there is one."""
+        self._stands = all(abs(sample.rpm) <= STANDSTILL for sample in samples)
         pairs = zip(samples, self._counts, strict=True)
         counts = [unwrapped(sample.counts, previous) for sample, previous in pairs]
         self._counts = [*counts]
         axes = zip(counts, self._directions, self._offset, strict=True)
         return [offset + sign * self._settings.position(count) for count, sign, offset in axes]
+
+    @property
+    def _stands_by_now(self) -> bool:
+        """Whether a reading since the newest controlword has told that all axes stand."""
+        return self._stands and self._measured > self._worded
 
     def _is_running(self, now: float) -> bool:
         """Whether the drives have been told to run for so long that they should have obeyed."""

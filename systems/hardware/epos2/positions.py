@@ -7,7 +7,7 @@ from parapod.systems.core.elementwise import clamp
 from parapod.systems.hardware.canopen import wrapped
 from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.ds402 import Controlword
-from parapod.systems.hardware.epos2.controller import STANDSTILL, Sample, Timing
+from parapod.systems.hardware.epos2.controller import Timing
 from parapod.systems.hardware.epos2.device import Epos2Device, unwrapped
 from parapod.systems.hardware.epos2.settings import Epos2Settings
 
@@ -54,8 +54,6 @@ class Epos2Positions(Epos2Device):
         self._wanted: Sequence[float] | None = None
         # Set values [counts], and when they were sent.
         self._set, self._moved = [0] * len(settings.node_ids), -math.inf
-        # Whether all axes stood at the newest reading.
-        self._stands = False
 
     def seek_reference(self) -> None:
         """See `Epos2Device`."""
@@ -65,10 +63,6 @@ class Epos2Positions(Epos2Device):
     @property
     def _has_limits(self) -> bool:
         return self._strokes is not None
-
-    def _counted(self, samples: Sequence[Sample]) -> list[float]:
-        self._stands = all(abs(sample.rpm) <= STANDSTILL for sample in samples)
-        return super()._counted(samples)
 
     def _want(self, wanted: Sequence[float] | None) -> None:
         self._wanted = wanted
@@ -88,7 +82,7 @@ class Epos2Positions(Epos2Device):
     def _may_run(self) -> bool:
         if self._word is Controlword.ENABLE_OPERATION:
             return True
-        return self._stands and self._is_fresh and self._measured > self._worded
+        return self._stands_by_now and self._is_fresh
 
     def _run(self) -> None:
         now = self._clock()

@@ -4,6 +4,7 @@ An axis turns or is pushed: the unit of its SI properties is rad or m.
 """
 
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -180,6 +181,13 @@ class Epos2Settings(Schema):
     def address(self) -> str:
         """Place of the interface, an emulator's address resolved."""
         return resolved(self.channel)
+
+    @property
+    def place(self) -> str:
+        """See `Device`: the adapter's port, wherever this program was started, or the bus."""
+        if self.interface != "slcan" or "://" in self.address:
+            return self.address
+        return os.path.abspath(self.address.partition("@")[0])  # python-can's port@speed
 
     @property
     def bus_options(self) -> dict[str, Any]:

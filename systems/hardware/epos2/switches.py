@@ -4,9 +4,10 @@ Each has an output that opens it against a spring, and an input with a contact t
 it is closed. So whatever is without power is closed, and a broken wire reads "not closed".
 """
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
+
+from parapod.systems.hardware.switching import switched
 
 # Numbers of a limb's outputs with its locks, and of its contact of the emergency stop.
 _LOCKS, _CLAMP, _STOP = (1, 2, 3, 4), 1, 5
@@ -148,7 +149,8 @@ def check_switches(
 class SwitchBoard:
     """Commands and contacts of all switches of a device.
 
-    A switch is closed until it is commanded open. A command that is not finite leaves it as it is.
+    A switch is closed until it is commanded open. A command that is near neither 0 nor 1 opens
+    none, and closes one as soon as that breaks nothing.
 
     Attributes:
         measures: signals that show which are closed, and their sizes.
@@ -170,22 +172,32 @@ class SwitchBoard:
         """From now on all are closed."""
         self._open.clear()
 
-    def obey(self, commands: Mapping[str, Sequence[float]], may_open: bool) -> None:
+    def is_clear(self, commands: Mapping[str, Sequence[float]]) -> bool:
+        """Whether commands say of each switch, if they say anything, that it is closed or open.
+
+        Args:
+            commands: as those of `obey`.
+        """
+        given = (commands.get(each.command, ()) for each in self._groups)
+        return all(switched(wanted) is not None for values in given for wanted in values)
+
+    def obey(self, commands: Mapping[str, Sequence[float]], may_open: bool, stands: bool) -> None:
         """Takes commands.
 
         Args:
-            commands: signals; above 0.5: closed; the switches of one that is missing stay.
+            commands: signals; 1: closed, 0: open; the switches of one that is missing stay.
             may_open: whether one that is closed may be opened.
+            stands: whether nothing moves, so that closing one that nobody has commanded closed
+                breaks nothing.
         """
         for each in self._groups:
             if each.command not in commands:
                 continue
             for switch, wanted in zip(each.switches, commands[each.command], strict=True):
-                if not math.isfinite(wanted):
-                    continue
-                if wanted > 0.5:
+                is_closed = switched(wanted)
+                if is_closed or (is_closed is None and stands):
                     self._open.discard(switch)
-                elif may_open:
+                elif is_closed is False and may_open:
                     self._open.add(switch)
 
     def outputs_on(self, node: int) -> set[int]:

@@ -10,6 +10,7 @@ from parapod.systems.hardware.ni.session import CONFIGURE_TIMEOUT, WatchdogExpir
 from parapod.systems.hardware.ni.settings import NiDaqSettings, expand_channels
 from parapod.systems.hardware.ni.tasks import OUTPUT_MAX, OUTPUT_MIN, NiTasks
 from parapod.systems.hardware.position_memory import IncrementalDevice
+from parapod.systems.hardware.switching import switched
 
 # The counters have 32 bits (X Series User Manual, "Counters").
 _COUNTS = 2**32
@@ -18,7 +19,7 @@ _COUNTS = 2**32
 # Sabertooth 2x25 in analog mode (its manual, "Mode 1: analog input").
 _NEUTRAL, _SPAN = 2.5, 2.5
 
-# A flag is set above this; NaN counts as set.
+# A digital input is on above this.
 _SET = 0.5
 
 # Shares of the watchdog's timeout after which it is reset: by a write, when the loop's work is
@@ -59,7 +60,7 @@ class NiDaq(IncrementalDevice):
     no `emergency_stop` without `stop_input`. A reading at which it is pressed opens the relay and
     makes the outputs neutral, whatever is commanded, even if nothing is. This is latched, lest a
     program that hangs drives on when the button is released: the relay stays open, and
-    `emergency_stop` 1, until a command with a stop above 0.5 (not NaN) comes while the button is
+    `emergency_stop` 1, until a command with a stop of 1 (not NaN) comes while the button is
     released, or the device is deactivated and activated again.
 
     **Hold.** The outputs are timed by software: the card holds the last voltage when this program
@@ -76,7 +77,7 @@ class NiDaq(IncrementalDevice):
     card takes them over, even from a client that lives; that one then gets errors. Two programs
     must not drive one machine.
 
-    Bad input: a voltage that is not finite is neutral; a stop that is NaN is one.
+    Bad input: a voltage that is not finite is neutral; a stop that is near neither 0 nor 1 is one.
     """
 
     position_signal = "extension"
@@ -106,6 +107,7 @@ class NiDaq(IncrementalDevice):
         }
         motors = {"voltage": self._size} if drives_motors else {}
         self.commands: Mapping[str, int] = {**motors, "stop": 1}
+        self.fail_safe = ("stop",)
         self._tasks: NiTasks | None = None
         self._is_active = self._is_pressed = self._is_latched = False
         self._last: tuple[list[int], list[float]] | None = None
@@ -216,15 +218,15 @@ class NiDaq(IncrementalDevice):
         voltage = commands["voltage"] if self._drives_motors else (0.0,) * self._size
         if len(voltage) != self._size:
             raise ValueError(f"voltage has {self._size} elements, not {len(voltage)}")
-        (stop,) = commands["stop"]
-        is_driven = self._is_active and stop <= _SET and not self._is_latched
+        stop = switched(*commands["stop"])
+        is_driven = self._is_active and stop is False and not self._is_latched
         if is_driven:
             self._set_relay(tasks, True)
         if is_driven and self._relay:
             tasks.write_outputs([self._output(value) for value in voltage])
         else:
             self._cut(tasks)
-        if self._is_active and stop > _SET:
+        if self._is_active and stop:
             self._acknowledge(tasks)
         if self._is_active:
             self._reset_watchdog(tasks, _RESET_BY_WRITE)

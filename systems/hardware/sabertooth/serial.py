@@ -24,12 +24,11 @@ from parapod.systems.hardware.sabertooth.protocol import (
     timeout_packet,
 )
 from parapod.systems.hardware.sabertooth.settings import BAUDS, SabertoothSettings
+from parapod.systems.hardware.switching import switched
 
 # Longest time between two packets to a motor, if `write` is called that often, and between two
 # settings of a driver's serial timeout [s].
 _REFRESH_INTERVAL, _ARMING_INTERVAL = 0.05, 1.0
-# A flag is set above this; NaN counts as set.
-_SET = 0.5
 # A driver restarts after a change of its baud rate, for some 200 ms according to the maker's
 # library for Arduino [s].
 _RESTART = 0.5
@@ -68,7 +67,7 @@ class SabertoothSerial(Device):
     stop of all motors does not wait for that; the port then has twice as much to send at most. A
     packet that noise destroys is made good by the next one.
 
-    Bad input: a voltage that is not finite is neutral; a stop that is NaN is one.
+    Bad input: a voltage that is not finite is neutral; a stop that is near neither 0 nor 1 is one.
 
     A port that was unplugged needs `configure` again.
     """
@@ -90,13 +89,14 @@ class SabertoothSerial(Device):
             ValueError: settings that do not fit together.
         """
         self._settings, self._clock = settings, clock
-        self.name, self.place = f"Sabertooth on {settings.path}", settings.path
+        self.name, self.place = f"Sabertooth on {settings.path}", settings.place
         within = f"{settings.serial_timeout:g} s"
         self.watchdog = f"without packets the motor drivers stop the motors within {within}"
         self._motors = settings.motors[:actuators]
         self._size = len(self._motors)
         _check(settings, self._size)
         self.commands = {"voltage": self._size, "stop": 1}
+        self.fail_safe = ("stop",)
         self._port: Any = None
         self._is_active = False
         self._forget()
@@ -138,8 +138,7 @@ class SabertoothSerial(Device):
         voltage = commands["voltage"]
         if len(voltage) != self._size:
             raise ValueError(f"voltage has {self._size} elements, not {len(voltage)}")
-        (stop,) = commands["stop"]
-        if self._is_active and stop <= _SET:
+        if self._is_active and switched(*commands["stop"]) is False:
             self._send([power(value, self._settings.supply_voltage) for value in voltage])
         else:
             self.neutral()

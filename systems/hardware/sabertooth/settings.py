@@ -1,5 +1,6 @@
 """Settings of Sabertooth motor drivers that share a serial line."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -45,6 +46,11 @@ class SabertoothSettings(Schema):
     def path(self) -> str:
         """Path of the port, an emulator's address resolved."""
         return resolved(self.port)
+
+    @property
+    def place(self) -> str:
+        """See `Device`: the port, wherever this program was started."""
+        return os.path.abspath(self.path)
 
     @property
     def motors(self) -> list[tuple[int, int]]:

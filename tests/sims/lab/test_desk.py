@@ -48,12 +48,12 @@ def until(condition, timeout=5.0):
 
 
 def state(desk):
-    with urllib.request.urlopen(f"{desk.web_url()}/state", timeout=5.0) as answer:
+    with urllib.request.urlopen(desk.web_url().replace("/?", "/state?"), timeout=5.0) as answer:
         return json.loads(answer.read())
 
 
 def send(desk, **body):
-    data, headers = json.dumps(body).encode(), {"Origin": desk.web_url()}
+    data, headers = json.dumps(body).encode(), {"Origin": desk.web_url().partition("/?")[0]}
     request = urllib.request.Request(desk.web_url(), data, headers)
     urllib.request.urlopen(request, timeout=5.0).close()
 
@@ -70,6 +70,7 @@ def test_it_shows_controls_and_hears_of_them(desk):
     ]
     assert shown["buttons"] == ["Go"]
     assert desk.GetSliderNames() == ["height [mm]"]
+    assert desk.controls == ("height [mm]", "Go", "ahead")
     assert desk.GetSliderValue("height [mm]") == 477.0
     assert (desk.GetButtonClicks("Go"), desk.IsHeld("ahead")) == (0, False)
     send(desk, slider="height [mm]", value=450.0)
@@ -111,12 +112,13 @@ def test_nothing_is_held_any_more_as_soon_as_the_process_has_ended(desk):
 
 def test_it_shows_the_newest_numbers_and_draws_the_machine(desk):
     rows = (Row("roll", 1.0, 1.5, float("nan"), "deg", 1),)
-    desk.show(Readout("moving", rows, ("a remark",), True), SIGNALS)
+    desk.show(Readout("moving", rows, ("a remark",), True, ("Go",)), SIGNALS)
     until(lambda: state(desk)["state"] == "moving")
     shown = state(desk)
     assert shown["rows"][0]["measured"] == 1.5
     assert shown["rows"][0]["true"] is None
     assert shown["remarks"] == ["a remark"]
+    assert shown["idle"] == ["Go"]
 
 
 def test_a_page_that_falls_silent_is_silence(desk):

@@ -1,9 +1,12 @@
 """The page beside a Meshcat scene: its controls, its numbers, and whom it obeys."""
 
 import json
+import subprocess
+import sys
 import time
 import urllib.error
 import urllib.request
+from urllib.parse import urlsplit
 
 import pytest
 from pydrake.geometry import Meshcat
@@ -23,10 +26,16 @@ def panel(meshcat):
     panel.close()
 
 
+def admitted(panel, path="/"):
+    """Address of a path with the token."""
+    page, token = panel.web_url().split("/?")
+    return f"{page}{path}{'&' if '?' in path else '?'}{token}"
+
+
 def ask(panel, path="/", body=None, **headers):
     """Status and content of an answer."""
     data = None if body is None else json.dumps(body).encode()
-    request = urllib.request.Request(panel.web_url() + path, data, headers)
+    request = urllib.request.Request(admitted(panel, path), data, headers)
     try:
         with urllib.request.urlopen(request, timeout=5.0) as answer:
             return answer.status, answer.read()
@@ -40,7 +49,7 @@ def state(panel):
 
 def send(panel, body):
     """Status of what the panel's own page sends."""
-    return ask(panel, "/", body, Origin=panel.web_url())[0]
+    return ask(panel, "/", body, Origin=panel.web_url().partition("/?")[0])[0]
 
 
 def test_the_page_frames_the_scene_under_its_title(panel, meshcat):
@@ -141,7 +150,7 @@ def test_pages_of_others_move_nothing(panel, headers):
 
 
 def test_a_stranger_s_name_for_this_computer_is_refused(panel):
-    port = panel.web_url().rsplit(":", 1)[1]
+    port = urlsplit(panel.web_url()).port
     for path, body in (("/", None), ("/state", None), ("/", {"button": "Go"})):
         host = f"rebound.example:{port}"
         assert ask(panel, path, body, Host=host, Origin=f"http://{host}")[0] == 403
@@ -241,13 +250,16 @@ def test_silence_is_that_of_the_page_that_operates(panel):
     assert json.loads(ask(panel, "/state?page=second")[1])["operates"]
 
 
-# Other computers
+# Who has the token
 
 
-def test_who_asks_at_another_address_needs_the_token(meshcat):
-    panel = Panel(meshcat, "one", host="127.0.0.1")
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1"])
+def test_without_the_token_nothing_is_shown_or_obeyed(meshcat, host):
+    panel = Panel(meshcat, "one", host=host)
     try:
         panel.AddButton("Go")
+        panel.AddSlider("roll", -2.0, 2.0, 0.1, 0.5)
+        panel.AddHold("ahead")
         url, token = panel.web_url().split("/?token=")
         assert len(token) > 16
 
@@ -256,22 +268,40 @@ def test_who_asks_at_another_address_needs_the_token(meshcat):
             request = urllib.request.Request(url + path, data, headers)
             try:
                 with urllib.request.urlopen(request, timeout=5.0) as answer:
-                    return answer.status, answer.headers["Set-Cookie"]
+                    assert answer.headers["Set-Cookie"] is None
+                    return answer.status
             except urllib.error.HTTPError as error:
-                return error.code, None
+                return error.code
 
-        go = {"button": "Go"}
-        for path in ("/", "/state", "/beat", "/?token=", "/?token=wrong"):
-            assert asked(path) == (403, None)
-        assert asked("/", go, Origin=url)[0] == 403
-        status, cookie = asked(f"/?token={token}")
-        assert status == 200
-        assert "HttpOnly" in cookie
-        assert "SameSite=Strict" in cookie
-        own = {"Cookie": cookie.partition(";")[0], "Origin": url}
-        assert asked("/state", **own)[0] == 200
-        assert asked("/", go, **own)[0] == 204
-        assert asked("/", go, **own | {"Origin": "http://elsewhere"})[0] == 403
+        commands = (
+            {"button": "Go"},
+            {"slider": "roll", "value": 1.0},
+            {"hold": "ahead", "on": True, "number": 1},
+            {"take_over": True},
+        )
+        for query in ("", "?token=", "?token=wrong", f"?token={token[:-1]}", f"?token={token}x"):
+            for path in ("/", "/state", "/beat", "/samples", "/plotly.js", "/elsewhere"):
+                assert asked(path + query) == 403
+            for body in commands:
+                assert asked(f"/{query}", body, Origin=url) == 403
+                cookie = f"parapod={token}; token={token}"
+                assert asked(f"/{query}", body, Origin=url, Cookie=cookie) == 403
+        assert panel.silence() == float("inf")
+        assert (panel.GetButtonClicks("Go"), panel.IsHeld("ahead")) == (0, False)
+        assert panel.GetSliderValue("roll") == pytest.approx(0.5)
+        assert asked(f"/state?page=a&token={token}") == 200
+        for body in commands:
+            asked(f"/?token={token}", {"page": "a"} | body, Origin="http://elsewhere")
+        assert panel.GetButtonClicks("Go") == 0
+        for body in commands:
+            assert asked(f"/?token={token}", {"page": "a"} | body, Origin=url) == 204
         assert panel.GetButtonClicks("Go") == 1
     finally:
         panel.close()
+
+
+def test_another_program_has_another_token(meshcat, panel):
+    run = "from parapod.sims.lab import panel; print(panel._TOKEN)"
+    other = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, check=True)
+    assert other.stdout.strip() not in panel.web_url()
+    assert len(other.stdout.strip()) > 16

@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -152,7 +153,7 @@ def test_the_page_is_given_the_chart_and_what_draws_it(panel, chart):
 
 def test_a_stranger_s_name_for_this_computer_is_told_no_sample(panel, chart):
     panel.plot(chart)
-    port = panel.web_url().rsplit(":", 1)[1]
+    port = urlsplit(panel.web_url()).port
     for path in ("/samples", "/plotly.js"):
         assert ask(panel, path, Host=f"rebound.example:{port}")[0] == 403
 

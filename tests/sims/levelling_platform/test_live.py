@@ -388,14 +388,19 @@ def test_a_person_operates_the_platform(panel, page):
     with live.operator.shown():
         hold(panel, "ahead")
         live.advance(1.0)
-        assert panel._state()["state"] == "transport"
+        shown = panel._state()
+        assert shown["state"] == "transport"
+        assert [row["label"] for row in shown["rows"]] == ["time"]  # on wheels there is no margin
+        assert set(shown["idle"]) == {"Reset", "arm [deg]", "turntable [deg]"}
         assert live.signal(live.loop.station, "wheels.velocity").mean() > 0.5
         hold(panel, "ahead", on=False)
         live.advance(1.0)
         panel._obey({"button": "Go"})
         until(Phase.HOLD)
         live.advance(0.2)
-        rows = {row["label"]: row for row in panel._state()["rows"]}
+        shown = panel._state()
+        rows = {row["label"]: row for row in shown["rows"]}
+        assert {*panel.GetHoldNames(), "Go", "Reset"} == set(shown["idle"])
         assert rows["height"]["true"] == pytest.approx(470.0, abs=2.0)
         assert rows["margin"]["measured"] > rows["margin"]["asked"]
         panel.SetSliderValue("arm [deg]", 90.0)

@@ -1,5 +1,6 @@
 """The emergency stop at a digital input, the motors' supply that it cuts, and drives that drop."""
 
+import math
 import time
 
 import pytest
@@ -180,6 +181,20 @@ def test_nothing_moves_on_by_itself_after_the_release(rig):
         rig.drives.read()
         time.sleep(5e-3)
     assert set(rig.nodes.states) == STOPPED
+    rig.drives.write(HOLD)
+    rig.drives.write(RUN)
+    rig.wait(lambda: min(rig.command) > 1.9)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 2.0])
+def test_a_brake_that_is_neither_0_nor_1_acknowledges_no_emergency_stop(rig, bad):
+    press(rig)
+    shows(rig, True)
+    press(rig, False)
+    shows(rig, False)
+    rig.drives.write(RUN | {"brake": (bad,)})
+    rig.drives.write(RUN)
+    assert rig.drives._is_stopped
     rig.drives.write(HOLD)
     rig.drives.write(RUN)
     rig.wait(lambda: min(rig.command) > 1.9)

@@ -60,6 +60,26 @@ def test_a_quick_stop_of_ours_is_none_of_somebody_else_s(rig):
     rig.wait(lambda: min(rig.command) > 1.9)
 
 
+def test_a_drive_that_misses_the_release_of_a_stop_of_ours_asks_for_no_button(rig):
+    rig.drives.write(RUN | {"brake": (1.0,)})
+    rig.wait(lambda: set(rig.nodes.states) == {DriveState.QUICK_STOP_ACTIVE})
+    deafen(rig, 4)
+    rig.drives.write(RUN)
+    said = []
+
+    def is_refused():
+        try:
+            rig.drives.read()
+        except DeviceError as error:
+            said.append(error.words)
+        return said
+
+    rig.wait(is_refused)
+    assert said[0] == (
+        "node 4 stays in a quick stop of this program, and has not obeyed its release"
+    )
+
+
 def test_a_brake_is_one_above_a_half(rig):
     rig.drives.write(RUN | {"brake": (0.5,)})
     time.sleep(0.05)

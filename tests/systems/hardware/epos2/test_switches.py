@@ -94,20 +94,36 @@ def test_a_start_closes_what_a_killed_program_has_left_open(make_legs, monkeypat
     assert all(each == {DriveState.SWITCH_ON_DISABLED} for each in states)
 
 
-@pytest.mark.parametrize(("wanted", "is_closed"), [(0.5, 0.0), (0.51, 1.0), (-1.0, 0.0)])
+@pytest.mark.parametrize(("wanted", "is_closed"), [(0.5, 0.0), (0.51, 1.0), (-0.5, 0.0)])
 def test_a_switch_is_closed_by_a_command_above_a_half(legs, wanted, is_closed):
     switch(legs, LOOSE)
     legs.cycle(START, locks=(wanted,) * LOCKS, clamps=LOOSE[1])
     legs.rig.wait_alone(lambda: legs.wire("locks.command") == (is_closed,) * LOCKS)
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_a_command_that_is_not_finite_leaves_a_switch_as_it_is(bad):
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, -1.0, 2.0])
+def test_a_command_that_is_neither_0_nor_1_opens_nothing_and_closes_what_stands(bad):
     group = SwitchGroup("locks", "lock", (Switch(1, 1, 1), Switch(1, 2, 2)))
     board = SwitchBoard([group])
-    board.obey({"locks.command": (0.0, 1.0)}, may_open=True)
-    board.obey({"locks.command": (bad, bad)}, may_open=True)
+    board.obey({"locks.command": (0.0, 1.0)}, may_open=True, stands=False)
+    board.obey({"locks.command": (bad, bad)}, may_open=True, stands=False)
     assert board.outputs_on(1) == {1}
+    board.obey({"locks.command": (bad, bad)}, may_open=True, stands=True)
+    assert board.outputs_on(1) == set()
+
+
+def test_legs_whose_locks_are_commanded_nonsense_stop_before_these_close(legs):
+    switch(legs, LOOSE)
+    legs.harness.set("legs.velocity", [0.05] * len(legs.node_ids))
+    broken = {"locks": (math.nan, *LOOSE[0][1:]), "clamps": LOOSE[1]}
+    legs.cycle_until(lambda: legs.states == STOPPED, START, **broken)
+    legs.cycle(START, **broken)
+    flush(legs)
+    assert wires(legs) == LOOSE
+    legs.harness.set("legs.velocity", [0.0] * len(legs.node_ids))
+    closed = (1.0, *LOOSE[0][1:]), LOOSE[1]
+    legs.cycle_until(lambda: wires(legs) == closed, START, **broken)
+    assert legs.states == STOPPED
 
 
 def test_locks_and_clamps_are_switched_while_the_axes_are_braked(legs):

@@ -1,3 +1,6 @@
+import os
+import subprocess
+import sys
 import time
 
 import grpc
@@ -101,3 +104,39 @@ def test_calls_that_hang_leave_threads_to_those_after_them(misbehaviour, server)
         assert create(request, timeout=1.0).task.name
     # None of those that were given up was carried out.
     assert len(server.card.tasks) == 1
+
+
+# Reads the card behind a target until its server is gone.
+CLIENT = """
+import sys
+from parapod.systems.hardware.device import DeviceError
+from parapod.systems.hardware.ni.card import NiDaq
+from parapod.systems.hardware.ni.settings import NiDaqSettings
+card = NiDaq(NiDaqSettings(target=sys.argv[1], timeout_ms=10_000.0, extension_file=""))
+card.configure()
+print("reads", flush=True)
+try:
+    while True:
+        card.read()
+except DeviceError as error:
+    print(error.fault.name)
+card.close()
+"""
+
+
+def test_end_of_a_server_is_told_by_the_device_alone(server, misbehaviour):
+    quiet = {name: value for name, value in os.environ.items() if name != "GRPC_VERBOSITY"}
+    pipe = subprocess.PIPE
+    run = [sys.executable, "-c", CLIENT, server.target]
+    with subprocess.Popen(run, stdout=pipe, stderr=pipe, text=True, env=quiet) as client:
+        assert client.stdout.readline() == "reads\n"
+        misbehaviour.begin("unplugged", time.monotonic())
+        assert client.communicate() == ("UNPLUGGED\n", "")
+
+
+@pytest.mark.parametrize(("given", "kept"), [({}, "ERROR"), ({"GRPC_VERBOSITY": "INFO"}, "INFO")])
+def test_what_grpc_tells_a_terminal_is_somebody_s_own_will(given, kept):
+    program = "import os, parapod.systems.hardware.ni; print(os.environ['GRPC_VERBOSITY'])"
+    quiet = {name: value for name, value in os.environ.items() if name != "GRPC_VERBOSITY"}
+    run = [sys.executable, "-c", program]
+    assert subprocess.check_output(run, text=True, env=quiet | given) == f"{kept}\n"
