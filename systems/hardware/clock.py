@@ -8,7 +8,9 @@ Everything that belongs to a machine (periods, ages, watchdogs, heartbeats) goes
 `sleep` and `wait`. Waits for answers are limited by an `answer_time`, of the computer's clock.
 """
 
+import math
 import mmap
+import os
 import threading
 import time
 from collections.abc import Iterator
@@ -20,14 +22,18 @@ CLOCK = "clock"
 
 # Cells of the file: an even count while the rest is whole; the computer's time and the emulated
 # one at an instant; the rate; emulated time minus that of calendars; how much was waited for
-# physics and for controllers. Holds follow: their end, and when the computer's clock overrules it.
+# physics and for controllers. Holds follow: their end, when the computer's clock overrules it, and
+# the process.
 _COUNT, _REAL, _EMULATED, _RATE, _CALENDAR, _PHYSICS, _CONTROLLERS, _FIRST = range(8)
 _HOLDS = 16
-_SIZE = 8 * (_FIRST + 2 * _HOLDS)
+_WIDTH = 3  # cells of a hold
+_SIZE = 8 * (_FIRST + _WIDTH * _HOLDS)
 # The shortest sleep while the emulated time may stand still [s].
 _LOOK = 5e-4
 # Pause after a look at cells that are being written [s].
 _COLLISION = 5e-5
+# A process for which so much has been waited is asked whether it lives [s].
+_SUSPICIOUS = 0.02
 # A thread that sleeps may wake so much later [s].
 _WAKING = 2e-3
 # Emulated devices are programs that wait for a processor: answers may take so much longer [-].
@@ -61,7 +67,8 @@ class _SharedHold(Hold):
 
     def __init__(self, cells: "memoryview[float]", index: int, patience: float):
         self._cells, self._patience = cells, patience
-        self._at = _FIRST + 2 * index
+        self._at = _FIRST + _WIDTH * index
+        cells[self._at + 2] = float(os.getpid())
 
     def until(self, at: float) -> None:
         """See `Hold`."""
@@ -110,7 +117,7 @@ class EmulatedClock:
         if rate is not None:
             now = time.monotonic()
             for k in range(_HOLDS):
-                self._cells[_FIRST + 2 * k] = float("inf")
+                self._cells[_FIRST + _WIDTH * k] = math.inf
             self._cells[_CALENDAR] = time.time() - now
             self._set(now, now, rate)
         self.rate = self._cells[_RATE]
@@ -144,7 +151,7 @@ class EmulatedClock:
     def release(self) -> None:
         """Lets go of all holds but the physics': the controller that had them has ended."""
         for k in range(1, _HOLDS):
-            self._cells[_FIRST + 2 * k] = float("inf")
+            self._cells[_FIRST + _WIDTH * k] = math.inf
 
     def keeper(self, patience: float) -> Hold:
         """The hold of the calling thread of the program that keeps the clock.
@@ -179,9 +186,11 @@ class EmulatedClock:
         free = shown = cells[_EMULATED] + cells[_RATE] * (real - cells[_REAL])
         holder = -1
         for k in range(_HOLDS):
-            end = cells[_FIRST + 2 * k]
-            if end < shown and real < cells[_FIRST + 2 * k + 1]:
+            end = cells[_FIRST + _WIDTH * k]
+            if end < shown and real < cells[_FIRST + _WIDTH * k + 1]:
                 shown, holder = end, k
+        if free - shown > _SUSPICIOUS and not _lives(int(cells[_FIRST + _WIDTH * holder + 2])):
+            self._cells[_FIRST + _WIDTH * holder] = math.inf
         return max(shown, cells[_EMULATED]), free, holder
 
 
@@ -281,6 +290,18 @@ def hold(patience: float) -> Hold:
     """The hold of the calling thread, see `EmulatedClock.hold`; its own sleep does not wait."""
     _thread.hold = Hold() if _clock is None else _clock.hold(patience)
     return _thread.hold
+
+
+def _lives(process: int) -> bool:
+    """Whether a process has not ended; those that are stopped live."""
+    try:
+        os.kill(process, 0)
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except ProcessLookupError:
+        return False
+    except OSError:  # another user's, or elsewhere than on Linux
+        return True
+    return state not in "ZX"
 
 
 class _Thread(threading.local):

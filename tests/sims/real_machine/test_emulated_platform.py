@@ -263,7 +263,7 @@ def run_with(here, capsys, in_time):
         capsys.readouterr()
         with here.disturbed(kind, *parts) as instants, here.looked_at() as seen:
             code = main([*brief(end), *arguments])
-            ended = time.monotonic()
+            ended = here.now()
         lines = capsys.readouterr().err.splitlines()
         errors = [line for line in lines if line.startswith("parapod: error: ")]
         in_time(float(ended <= instants[0]), 1, f"runs that ended before: {errors}")
@@ -398,7 +398,7 @@ def test_an_emergency_stop_ends_the_job_also_if_it_was_pressed_for_a_moment(
     def press():
         if here.until(lambda: here.has_power, 30.0):
             time.sleep(1.0)
-            pressed.append(time.monotonic())
+            pressed.append(here.now())
             here.misbehave("emergency_stop", "pressed")
             if released_after is not None:
                 time.sleep(released_after)
@@ -408,7 +408,7 @@ def test_an_emergency_stop_ends_the_job_also_if_it_was_pressed_for_a_moment(
     hand.start()
     try:
         code = main(brief())
-        ended, said = time.monotonic(), capsys.readouterr().err
+        ended, said = here.now(), capsys.readouterr().err
         assert code == 2
         assert here.is_neutral
         # Where programs wait for the computer, devices seem silent before.

@@ -196,7 +196,7 @@ def test_emulated_machines_find_their_references(of, emulate_on_wheels, emulate_
     said = program.communicate(timeout=60)[1]
     assert program.returncode == 2
     assert "find them with `parapod home`" in said
-    emulator.run_well("home", "--of", of, "--yes", attempts=1)
+    emulator.run_well("home", "--of", of, "--yes")
     told = json.loads(emulator.memory.path.read_text())
     assert told["reference"].startswith("homed, again within 0.0")
     signal = emulator.remembered[0]

@@ -62,21 +62,21 @@ def job(estimate_at=0.5):
 
 
 @pytest.fixture(scope="module")
-def analog(emulate):
+def analog(emulate_by_the_clock):
     """A machine whose legs are driven by analog outputs."""
-    return emulate()
+    return emulate_by_the_clock()
 
 
 @pytest.fixture(scope="module")
-def holding(emulate):
+def holding(emulate_by_the_clock):
     """The first one with a card that has no watchdog."""
-    return emulate(HOLDING)
+    return emulate_by_the_clock(HOLDING)
 
 
 @pytest.fixture(scope="module")
-def serial(emulate):
+def serial(emulate_by_the_clock):
     """A machine whose legs are driven over a serial line."""
-    return emulate(SERIAL)
+    return emulate_by_the_clock(SERIAL)
 
 
 @pytest.fixture
