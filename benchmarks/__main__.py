@@ -2,6 +2,7 @@
 `python -m benchmarks faults [--help]`: the fault matrix by itself, with options.
 `python -m benchmarks loop [EXPERIMENT [KEY=VALUE ..]]`: where the time of a loop's tick goes.
 `python -m benchmarks engines [--help]`: Drake and MuJoCo, speed against accuracy.
+`python -m benchmarks jobs [--help]`: how many jobs on emulated devices end well.
 `python -m benchmarks mutants [--help]`: how many single changes of the code the tests notice.
 
 Measures and prints: the groups that are named, or all but the day's run. With `--strict` a missed
@@ -22,6 +23,7 @@ from benchmarks import (
     engines,
     faults,
     hardware,
+    jobs,
     kinematics,
     loop,
     mutants,
@@ -43,6 +45,8 @@ _DEFAULT = tuple(name for name in _GROUPS if name != "day")
 def main(arguments: list[str]) -> int:
     if arguments[:1] == ["engines"]:
         return engines.main(arguments[1:])
+    if arguments[:1] == ["jobs"]:
+        return jobs.main(arguments[1:])
     if arguments[:1] == ["mutants"]:
         return mutants.main(arguments[1:])
     if arguments[:1] == ["faults"]:

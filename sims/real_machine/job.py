@@ -155,7 +155,7 @@ def run_on_hardware(
         loop.reset(root)
         simulator.Initialize()
         rehearse(loop, root)
-        guarded = _guarded(loop, root)
+        guarded = end_by_guard(loop, root)
 
         def on_tick(context: Context) -> None:
             # First, so that a log shows the tick that has ended the job.
@@ -186,10 +186,15 @@ def _unprivileged(timing: Timing) -> str:
     return "".join(f"; {outcome.told}" for outcome in timing.refused)
 
 
-def _guarded(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None]:
-    """Ends the job when the machine's guard does, and has no file remember wrong positions.
+def end_by_guard(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None]:
+    """A check, at a time [s], that ends the job when the machine's guard does.
 
-    Before the first command that is not idle nothing has moved, and the positions stay known.
+    No file remembers positions of parts that the guard distrusts. Before the first command that is
+    not idle nothing has moved, and they stay known.
+
+    Args:
+        loop: the loop.
+        root: its context, initialized.
     """
     if loop.machine.guard is None:
         return lambda now: None

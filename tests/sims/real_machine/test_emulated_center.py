@@ -6,9 +6,6 @@ import pytest
 for library in ("canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)
 
-# Where programs may not have a priority, others delay heartbeats by more than a drive bears.
-PATIENT = "hardware.drivers.0.heartbeat_timeout_ms=500"
-
 
 @pytest.fixture(scope="module")
 def center(emulate_center):
@@ -17,7 +14,7 @@ def center(emulate_center):
 
 @pytest.fixture
 def walk(center):
-    return ("run", "center-walk", "--backend", "hardware", *center.options[1:], PATIENT)
+    return ("run", "center-walk", "--backend", "hardware", *center.options[1:])
 
 
 def test_a_tripod_walks_on_emulated_devices_one_loose_foot_at_a_time(center, walk):

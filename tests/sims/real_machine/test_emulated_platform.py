@@ -390,8 +390,9 @@ def test_after_a_run_with_devices_that_lie_the_machine_is_neutral(run_with, here
 
 @pytest.mark.parametrize("released_after", [pytest.param(None, marks=SLOW), 0.02])
 def test_an_emergency_stop_ends_the_job_also_if_it_was_pressed_for_a_moment(
-    here, capsys, in_time, released_after
+    here, capsys, in_time, tmp_path, released_after
 ):
+    log = tmp_path / "stopped.mcap"
     before = here.wires.get("legs.extension")
     pressed, words = [], "emergency_stop: the emergency stop is pressed, or its wire is broken"
 
@@ -407,7 +408,7 @@ def test_an_emergency_stop_ends_the_job_also_if_it_was_pressed_for_a_moment(
     hand = threading.Thread(target=press)
     hand.start()
     try:
-        code = main(brief())
+        code = main([*brief(), "--log", str(log)])
         ended, said = here.now(), capsys.readouterr().err
         assert code == 2
         assert here.is_neutral
@@ -416,6 +417,10 @@ def test_an_emergency_stop_ends_the_job_also_if_it_was_pressed_for_a_moment(
             in_time(1.0, 1.0, f"runs that ended before the stop: {said}")
         took = ended - pressed[0]
         assert words in said.splitlines()[-1]
+        # The tick that has ended the job is the last one of its log.
+        button = read_log(log).signals["legs.emergency_stop"][:, 0]
+        assert button[-1] == 1.0
+        assert not button[:-1].any()
     finally:
         hand.join()
         here.misbehave("emergency_stop", "released")

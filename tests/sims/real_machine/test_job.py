@@ -1,18 +1,24 @@
 """What is said and watched in a run on the real machine."""
 
 import io
+import math
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from rich.console import Console
 
+from parapod.diagrams.devices import Parts
+from parapod.diagrams.guard import Trip, Tripped
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.station import Station
-from parapod.sims.real_machine.job import DeviceWatch, show_timing
+from parapod.sims.real_machine.job import DeviceWatch, end_by_guard, show_timing
 from parapod.sims.real_machine.privileges import Outcome
 from parapod.sims.real_machine.real_time import Timing
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.io import DeviceThread, Sample
+from parapod.systems.hardware.position_memory import IncrementalDevice
 
 
 def said(timing):
@@ -75,3 +81,80 @@ def test_a_device_that_is_wrong_for_too_long_ends_the_run_and_is_named_once():
         watch.check(10.21)
     assert str(caught.value) == f"{device.name}: the fuse is blown"
     assert caught.value.fault is DeviceFault.FAILED
+
+
+class Encoders(IncrementalDevice):
+    """Encoders whose device remembers that they are distrusted."""
+
+    name, measures, commands, position_signal = "encoders", {"position": 1}, {}, "position"
+    _open = _energise = _release = is_referenced = _set_reference = close = None
+
+    def __init__(self):
+        self.is_distrusted = False
+
+    def distrust(self):
+        self.is_distrusted = True
+
+
+@pytest.fixture
+def guarded():
+    """guarded(rate, brake): encoders after a tick whose guard trips, at these commands."""
+    inputs = (SimpleNamespace(name="legs.rate", idle=0.0), SimpleNamespace(name="b", idle=1.0))
+
+    def tick(rate, brake):
+        values = {"legs.rate": np.array([0.0, rate]), "b": np.array([brake])}
+        device, trip = Encoders(), Trip("legs_stale", "old", ("legs",))
+        guard = SimpleNamespace(signals=frozenset(), check=lambda now, values: trip)
+        parts = Parts({"legs": [DeviceThread(device)]})
+        parts.threads["legs"][0]._sample = Sample({}, 0.0, DeviceFault.NONE, "")
+        loop = SimpleNamespace(
+            machine=SimpleNamespace(guard=lambda scenario: guard, inputs=inputs),
+            station=SimpleNamespace(scenario=None, behind=SimpleNamespace(handle=parts)),
+            readings=lambda root, names: {
+                name: (lambda name=name: values[name]) for name in names
+            },
+        )
+        # What is rehearsed is not judged.
+        check = end_by_guard(loop, SimpleNamespace(Clone=lambda: None))
+        with pytest.raises(Tripped, match="legs_stale"):
+            check(0.0)
+        return device
+
+    return tick
+
+
+def test_a_job_that_ends_before_its_first_command_keeps_its_positions(guarded):
+    assert not guarded(0.0, 1.0).is_distrusted
+
+
+@pytest.mark.parametrize(("rate", "brake"), [(0.1, 1.0), (0.0, 0.0), (math.nan, 1.0)])
+def test_a_job_that_has_commanded_something_trusts_no_positions_of_a_distrusted_part(
+    guarded, rate, brake
+):
+    assert guarded(rate, brake).is_distrusted
+
+
+class SlowThread(DeviceThread):
+    """Measures anew when it has been looked at some times."""
+
+    looks, first, fault = 0, 5, DeviceFault.NONE
+
+    @property
+    def sample(self):
+        self.looks += 1
+        stamp = -math.inf if self.looks < self.first else math.inf
+        return Sample({}, stamp, self.fault, "the fuse is blown")
+
+
+def test_a_loop_begins_with_measurements_that_were_begun_after_it_was_prepared():
+    thread = SlowThread(Encoders())
+    Parts({"legs": [thread]}).await_measurements(3600.0)
+    assert thread.looks >= thread.first
+
+
+def test_devices_with_a_fault_and_those_that_never_measure_keep_no_loop_waiting():
+    broken, silent = SlowThread(Encoders()), SlowThread(Encoders())
+    broken.fault, broken.first, silent.first = DeviceFault.SILENT, math.inf, math.inf
+    Parts({"legs": [broken]}).await_measurements(3600.0)
+    Parts({"legs": [silent]}).await_measurements(0.01)
+    assert silent.looks < silent.first
