@@ -161,6 +161,10 @@ class Emulator:
         """The time of the emulated devices [s]."""
         return time.monotonic() if self.clock is None else self.clock.now()
 
+    def until_time(self, at, over=None):
+        """Waits until it is so late for the emulated devices, or until something is over."""
+        assert self.until(lambda: self.now() >= at or (over and over.is_set()), 120.0)
+
     def calendar_time(self):
         """The time that logs of the emulated devices have [s]."""
         return time.time() if self.clock is None else self.clock.calendar + self.clock.now()
@@ -233,7 +237,7 @@ class Emulator:
 
         def disturb():
             if self.until(lambda: self.has_power or over.is_set(), 30.0):
-                over.wait(after)
+                self.until_time(self.now() + after, over)
                 instants.append(self.now())
                 for part in parts:
                     self.misbehave(part, kind)

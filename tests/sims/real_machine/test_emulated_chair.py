@@ -57,9 +57,9 @@ class Stepped(NamedTuple):
 
 @pytest.fixture(scope="module")
 def stepped(chair):
-    """The least disturbed of a few steps."""
+    """The less disturbed of two steps."""
     best = None
-    for k in range(4):
+    for k in range(2):
         log, metrics = chair.directory / f"{k}.mcap", chair.directory / f"{k}.json"
         said = chair.run_well(*STEP, PATIENT, "--log", log, "--json", metrics)
         share = share_in_time(said)
@@ -259,7 +259,7 @@ def test_all_drives_stand_soon_after_the_controller_is_killed(here, in_time, cap
     at, until = here.calendar_time(), here.now() + 0.7
     program.send_signal(signal.SIGKILL)
     program.communicate()
-    assert here.until(lambda: here.now() > until, 30.0)
+    here.until_time(until)
     stamps, command, brake, lengths = here.logged(
         "legs.velocity_command", "legs.brake", "truth.position"
     )

@@ -398,11 +398,11 @@ def test_an_emergency_stop_ends_the_job_also_if_it_was_pressed_for_a_moment(
 
     def press():
         if here.until(lambda: here.has_power, 30.0):
-            time.sleep(1.0)
+            here.until_time(here.now() + 1.0)
             pressed.append(here.now())
             here.misbehave("emergency_stop", "pressed")
             if released_after is not None:
-                time.sleep(released_after)
+                here.until_time(here.now() + released_after)
                 here.misbehave("emergency_stop", "released")
 
     hand = threading.Thread(target=press)
