@@ -111,7 +111,8 @@ class Emulated:
 @contextmanager
 def emulated(machine: Machine[Any], *options: str, experiment: str = "") -> Iterator[Emulated]:
     """The emulated machine, in a folder of its own, while it lasts."""
-    with own_emulator(experiment or machine.experiment, *options) as emulator:
+    # In the computer's own time, by which benchmarks judge.
+    with own_emulator(experiment or machine.experiment, "--rate=1", *options) as emulator:
         yield Emulated(machine, emulator)
 
 

@@ -241,7 +241,7 @@ def _emulated_turn(
         path = Path(folder, "machine.yaml")
         path.write_text(dump_scenario(replace(scenario, backend=simulated)))
         # It refuses the drivers of other devices: none is opened here before it runs.
-        with own_emulator(experiment, f"--scenario={path}"):
+        with own_emulator(experiment, f"--scenario={path}", "--rate=1"):  # by this clock
             loop = ClosedLoop(machine, scenario, log=())  # its devices' addresses are in there
             try:
                 run_on_hardware(
