@@ -106,6 +106,8 @@ def emulated_devices(
     processes: list[tuple[SpawnProcess, Connection]] = []
     try:
         for driver in drivers:
+            if driver.is_timeless:  # and so nothing to emulate
+                continue
             ours, theirs = context.Pipe()
             name = f"{type(driver).__name__} ({driver.part})"
             process = context.Process(
@@ -288,6 +290,7 @@ class EmulatedMachine:
         """
         inputs = [(spec.name, self._port(spec)) for spec in self.machine.inputs]
 
+        fixed: dict[str, tuple[float, ...]] = {}
         between = self._station.behind.between_steps
 
         def exchange(root: Context) -> None:
@@ -301,7 +304,11 @@ class EmulatedMachine:
                 asked = self.harness.get(name)
                 if name in self.machine.drives:
                     asked = self._driven(asked)
-                port.FixValue(root, [cut[name]] * len(asked) if name in cut else asked)
+                taken = (cut[name],) * len(asked) if name in cut else tuple(asked)
+                # A value that is fixed anew has all that depends on it calculated anew.
+                if taken != fixed.get(name):
+                    port.FixValue(root, taken)
+                    fixed[name] = taken
             # After the commands: the forces of contacts, which some outputs tell, depend on them,
             # and so they are solved for once, for this and for the plant's next step.
             self._show()
