@@ -36,6 +36,9 @@ class Trip:
 class Guard(Protocol):
     """Judge of what a machine measures and is commanded.
 
+    One that watches the age of measurements may have `allow_age` as `SignGuard` has it: real jobs
+    then raise its limit on a slow computer.
+
     Attributes:
         signals: names of the signals that it looks at; a loop need not have all of them.
     """
@@ -83,15 +86,12 @@ class UsualLimits(Protocol):
 
     Attributes:
         fastest: speed of a leg [m/s].
-        oldest: largest age of the measurements [s].
         persists: time for which a sign must last, but for a jump [s].
     """
 
     # fmt: off
     @property
     def fastest(self) -> float: ...  # noqa: D102
-    @property
-    def oldest(self) -> float: ...  # noqa: D102
     @property
     def persists(self) -> float: ...  # noqa: D102
     # fmt: on
@@ -106,16 +106,23 @@ class SignGuard(ABC):
 
     part: ClassVar[str] = "legs"
 
-    def __init__(self, period: float):
+    def __init__(self, period: float, oldest: float):
         """Begins to watch.
 
         Args:
             period: period of the loop [s].
+            oldest: usual largest age of the measurements [s].
         """
         self._period, self._ticks = period, Ticks(period)
+        self._usual_age = self._oldest = oldest
         self._position: NDArray[Any] | None = None
         self._stamp = 0.0  # when that was measured [s]
         self._since: dict[str, float] = {}
+
+    def allow_age(self, seconds: float) -> float:
+        """Lets measurements be older than usual, if that is more; returns the usual limit [s]."""
+        self._oldest = max(seconds, self._usual_age)
+        return self._usual_age
 
     def check(self, now: float, values: Mapping[str, NDArray[Any]]) -> Trip | None:
         """See `Guard`."""
@@ -171,7 +178,7 @@ class SignGuard(ABC):
         self, values: Mapping[str, NDArray[Any]], limits: UsualLimits
     ) -> Iterator[tuple[str, Sign]]:
         """Sign of data that is old; after those that say more."""
-        if AGE in values and not values[AGE][0] <= limits.oldest:
+        if AGE in values and not values[AGE][0] <= self._oldest:
             yield f"{self.part}_stale", Sign("measurements that are old", limits.persists)
 
 

@@ -1,9 +1,13 @@
 """Search of axes with incremental encoders for their reference, step by step.
 
 A search is a generator: it yields what the axes are commanded, and is sent what is measured, once
-a period. It knows no clock and no device, so whatever has axes can be led by it.
+a period or later. It knows no clock and no device, so whatever has axes can be led by it: with the
+measurements of each part comes `<part>.stamp`, the time at which they were begun, and those of the
+part that is led were begun after what was yielded before had been written to its devices. That
+time stands still while whoever leads the axes has them stand for a reason of his own.
 """
 
+import math
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -15,7 +19,7 @@ from numpy.typing import NDArray
 from parapod.systems.core.errors import ParapodError
 
 type Values = Mapping[str, Sequence[float]]
-"""Signals of the machine by the names of their ports."""
+"""Signals of the machine by the names of their ports, and a `stamp` for each part."""
 type Motion[T] = Generator[float, Values, T]
 """Search of one axis: yields its command."""
 type Procedure[T] = Generator[Sequence[float], Values, T]
@@ -50,6 +54,29 @@ class HomingError(ParapodError):
     """An axis has not found its reference, or what it found cannot be."""
 
 
+def stamp_of(signal: str, values: Values) -> float:
+    """Time at which a signal's part was measured [s]."""
+    return float(values[f"{signal.partition('.')[0]}.stamp"][0])
+
+
+class Stopwatch:
+    """Time from one measurement of a part to the next: none where there is no new one."""
+
+    def __init__(self, signal: str):
+        """Begins with the first measurement that comes.
+
+        Args:
+            signal: any of the part.
+        """
+        self._signal, self._stamp = signal, math.nan
+
+    def lap(self, values: Values) -> float:
+        """Time since the measurement before [s]."""
+        before, self._stamp = self._stamp, stamp_of(self._signal, values)
+        passed = self._stamp - before
+        return passed if passed > 0.0 else 0.0
+
+
 class Sign(Protocol):
     """Tells from measurements that an axis is at its end; made anew for each motion."""
 
@@ -80,7 +107,6 @@ class ByStandstill:
     def __init__(
         self,
         index: int,
-        period: float,
         velocity: str,
         current: str,
         pushing: float,
@@ -91,24 +117,24 @@ class ByStandstill:
 
         Args:
             index: index of the axis.
-            period: of the measurements [s].
             velocity: signal of the velocities [m/s].
             current: signal of the motors' currents [A].
             pushing: current above which a motor pushes [A].
             lasting: how long it must stand [s].
             share: share of the commanded velocity below which it stands [-].
         """
-        self._index, self._ticks = index, max(1, round(lasting / period))
+        self._index, self._lasting = index, lasting
         self._velocity, self._current, self._pushing = velocity, current, pushing
-        self._share, self._standing = share, 0
+        self._share, self._standing, self._watch = share, 0.0, Stopwatch(velocity)
 
     def __call__(self, values: Values, command: float) -> bool:
         """See `Sign`."""
         velocity, current = (values[name][self._index] for name in (self._velocity, self._current))
         stands = command != 0.0 and abs(velocity) < self._share * abs(command)
         pushes = abs(current) >= self._pushing and current * command > 0.0
-        self._standing = self._standing + 1 if stands and pushes else 0
-        return self._standing >= self._ticks
+        passed = self._watch.lap(values)
+        self._standing = self._standing + passed if stands and pushes else 0.0
+        return self._standing >= self._lasting
 
 
 @dataclass(frozen=True)
@@ -201,6 +227,37 @@ class Homing:
     checking: str = ""
 
 
+class _Way:
+    """Way of an axis under one command, from the first measurement that answers it.
+
+    What an axis that turns round does before that is the command's before.
+
+    Attributes:
+        here: newest position [m].
+        before: the one before it [m].
+        length: way since the first answer [m].
+        elapsed: time since then [s].
+        standing: time for which it has not moved by now [s].
+    """
+
+    def __init__(self, axis: "_Axis", values: Values):
+        """Begins with what was measured before the command."""
+        self._axis, self._watch = axis, Stopwatch(axis.signal)
+        self.here = self.before = axis.at(values)
+        self._begun: float | None = None
+        self.length = self.elapsed = self.standing = 0.0
+
+    def go(self, values: Values) -> None:
+        """Takes a measurement that answers the command."""
+        self.before, self.here = self.here, self._axis.at(values)
+        passed = self._watch.lap(values)
+        if self._begun is None:
+            self._begun = self.here
+        self.length, self.elapsed = self.here - self._begun, self.elapsed + passed
+        moves = abs(self.here - self.before) >= _STANDING
+        self.standing = 0.0 if moves else self.standing + passed
+
+
 @dataclass
 class _Axis:
     """One axis on its way, and what it is told."""
@@ -236,58 +293,53 @@ class _Axis:
 
     def approach(self, command: float, longest: float) -> Motion[float]:
         """Goes towards the end until its sign comes; the position, between two measurements."""
-        sign, values = self._sign(), (yield 0.0)
-        begun = before = self.at(values)
-        elapsed = standing = 0.0
+        sign, way = self._sign(), _Way(self, (yield 0.0))
         while True:
             values = yield command
-            here, elapsed = self.at(values), elapsed + self.period
-            asked = self.homing.gain * command
+            way.go(values)
             if sign(values, command):
-                return 0.5 * (before + here)
-            if abs(here - begun) > longest:
+                return 0.5 * (way.before + way.here)
+            if abs(way.length) > longest:
                 raise HomingError(
                     f"{self.name}: no end within {1e3 * longest:.0f} mm; is its switch connected?"
                 )
-            standing = standing + self.period if abs(here - before) < _STANDING else 0.0
-            if standing > _GRACE:
+            if way.standing > _GRACE:
                 raise HomingError(
                     f"{self.name} stands, but its end has not shown: switch, encoder, drive or "
                     "supply"
                 )
-            self._check_way(here - begun, asked * elapsed, elapsed, sign)
-            before = here
+            self._check_way(way, command, sign)
 
     def _leave(self) -> Motion[None]:
         """Goes away from the end until its sign has gone, and a little further."""
         command = -self.homing.fast
-        values = yield 0.0
-        begun, gone, elapsed = self.at(values), None, 0.0
-        while gone is None or abs(self.at(values) - gone) < _AWAY:
+        way, gone = _Way(self, (yield 0.0)), None
+        while gone is None or abs(way.here - gone) < _AWAY:
             values = yield command
-            way, elapsed = self.at(values) - begun, elapsed + self.period
-            self._check_way(way, self.homing.gain * command * elapsed, elapsed, None)
+            way.go(values)
+            self._check_way(way, command, None)
             if gone is None and not self._sign()(values, self.homing.fast):
-                gone = self.at(values)
-            if gone is None and abs(way) > _LONGEST_AWAY:
+                gone = way.here
+            if gone is None and abs(way.length) > _LONGEST_AWAY:
                 raise HomingError(
-                    f"{self.name}: the sign of its end stays for {1e3 * abs(way):.0f} mm; is its "
-                    "switch stuck?"
+                    f"{self.name}: the sign of its end stays for {1e3 * abs(way.length):.0f} mm; "
+                    "is its switch stuck?"
                 )
         yield from self._wait(_SETTLING)
 
-    def _check_way(self, way: float, asked: float, elapsed: float, sign: Sign | None) -> None:
+    def _check_way(self, way: _Way, command: float, sign: Sign | None) -> None:
         """Refuses an axis that does not go where it is commanded."""
-        if way * asked < 0.0 and abs(way) > _STILL:
+        asked = self.homing.gain * command * way.elapsed
+        if way.length * asked < 0.0 and abs(way.length) > _STILL:
             raise HomingError(
                 f"{self.name} moves against its command: motor or encoder is swapped"
             )
         # One that waits for a standstill may stand.
-        if isinstance(sign, ByStandstill) and elapsed > _GRACE:
+        if isinstance(sign, ByStandstill) and way.elapsed > _GRACE:
             return
-        if elapsed > _GRACE and abs(way) < _SHARE * abs(asked):
+        if way.elapsed > _GRACE and abs(way.length) < _SHARE * abs(asked):
             raise HomingError(
-                f"{self.name} has moved {1e3 * abs(way):.1f} mm and should have moved "
+                f"{self.name} has moved {1e3 * abs(way.length):.1f} mm and should have moved "
                 f"{1e3 * abs(asked):.1f} mm: encoder, drive or supply"
             )
 
@@ -407,19 +459,18 @@ def _listed(indices: Sequence[int]) -> str:
     return ", ".join(str(i + 1) for i in indices)
 
 
-def lead(homing: Homing, signal: str, goal: Sequence[float], period: float) -> Procedure[Values]:
+def lead(homing: Homing, signal: str, goal: Sequence[float]) -> Procedure[Values]:
     """Leads axes with a reference to positions, each for itself; returns the last measurements.
 
     Args:
         homing: gain is taken; commands are between its `slow` and its `fast`.
         signal: name of the measured port.
         goal: (n) positions [m].
-        period: time between two measurements [s].
 
     Raises:
         HomingError: an axis comes no nearer for a second.
     """
-    values = yield [0.0] * homing.size
+    values, watch = (yield [0.0] * homing.size), Stopwatch(signal)
     largest, nearest = abs(homing.fast), np.full(homing.size, np.inf)
     waited = np.zeros(homing.size)
     while True:
@@ -429,7 +480,7 @@ def lead(homing: Homing, signal: str, goal: Sequence[float], period: float) -> P
             return (yield [0.0] * homing.size)
         nearer = ~far | (np.abs(left) < nearest - _PROGRESS)
         nearest = np.where(nearer, np.abs(left), nearest)
-        waited = np.where(nearer, 0.0, waited + period)
+        waited = np.where(nearer, 0.0, waited + watch.lap(values))
         i = int(np.argmax(waited))
         if waited[i] > _PATIENCE:
             raise HomingError(

@@ -62,6 +62,10 @@ class PlatformGuard:
             port = self._detector.get_input_port(i)
             port.FixValue(self._context, np.zeros(port.size()))
 
+    def allow_age(self, seconds: float) -> float:
+        """See `FaultDetector`."""
+        return self._detector.allow_age(self._context, seconds)
+
     def check(self, now: float, values: Mapping[str, NDArray[Any]]) -> Trip | None:
         """See `Guard`."""
         is_supervised = _FINDINGS in values

@@ -13,6 +13,7 @@ from parapod.diagrams.homing import (
     HomingError,
     Procedure,
     Sign,
+    Stopwatch,
     Tell,
     Values,
     lead,
@@ -82,6 +83,8 @@ def raise_feet(homing: Homing, driver: Any, period: float, tell: Tell) -> Proced
         return
     tell("feet touch the ground: all legs come up together")
     begun, elapsed, free = np.array(values[_EXTENSION]), 0.0, np.inf
+    watch = Stopwatch(_EXTENSION)
+    watch.lap(values)
     while True:
         going = np.array(values[_LIMITS])[_EXTENDED] < 0.5
         if not going.any():
@@ -109,7 +112,7 @@ def raise_feet(homing: Homing, driver: Any, period: float, tell: Tell) -> Proced
             return
         ahead = (way - way[last]) / _WAITS
         values = yield (going * homing.slow * np.clip(1.0 - ahead, 0.0, 1.0)).tolist()
-        elapsed += period
+        elapsed += watch.lap(values)
 
 
 class Tilting:
@@ -123,9 +126,9 @@ class Tilting:
         """Knows nothing yet.
 
         Args:
-            period: time between two measurements [s].
+            period: period of the loop [s].
         """
-        self._share, self._left = period / _SMOOTHED, round(_AVERAGED / period)
+        self._watch, self._left = Stopwatch(_ACCEL), _AVERAGED - period
         self._force = np.zeros(3)
         self._begun: NDArray[np.float64] | None = None
 
@@ -138,9 +141,10 @@ class Tilting:
         force = np.array(values[_ACCEL])
         if not self._force.any():
             self._force = force
-        self._force = self._force + self._share * (force - self._force)
-        self._left -= 1
-        if self._left > 0:
+        passed = self._watch.lap(values)
+        self._force = self._force + passed / _SMOOTHED * (force - self._force)
+        self._left -= passed
+        if self._left > 1e-9:
             return
         down = self._force / np.linalg.norm(self._force)
         if self._begun is None:
@@ -170,12 +174,12 @@ def check_on_floor(homing: Homing, driver: Any, period: float) -> Procedure[list
     """
     expected = _floor()
     rolling = yield from _inclination(period)
-    touched = yield from _lower(homing, period, float(expected.min()) - _DEEPEST)
+    touched = yield from _lower(homing, float(expected.min()) - _DEEPEST)
     lifting = (touched - _RISE).tolist()
-    standing = yield from lead(homing, _EXTENSION, lifting, period)
+    standing = yield from lead(homing, _EXTENSION, lifting)
     stood = np.array(standing[_EXTENSION])
     lifted = yield from _inclination(period)
-    yield from lead(homing, _EXTENSION, [_UP] * LEG_COUNT, period)
+    yield from lead(homing, _EXTENSION, [_UP] * LEG_COUNT)
     posture = forward_kinematics(MODEL_GEOMETRY, stood, np.zeros(2))
     tilt = np.degrees(lifted - rolling - posture[:2])
     plane = unevenness(MODEL_GEOMETRY, touched)
@@ -212,10 +216,11 @@ def _floor() -> NDArray[np.float64]:
     return inverse_kinematics(whole, posture, np.zeros(2))
 
 
-def _lower(homing: Homing, period: float, deepest: float) -> Procedure[NDArray[np.float64]]:
+def _lower(homing: Homing, deepest: float) -> Procedure[NDArray[np.float64]]:
     """Lowers all legs until each foot touches; extensions at first contact (4) [m]."""
     values = yield [0.0] * LEG_COUNT
-    touched, elapsed = np.full(LEG_COUNT, np.nan), 0.0
+    touched, elapsed, watch = np.full(LEG_COUNT, np.nan), 0.0, Stopwatch(_EXTENSION)
+    watch.lap(values)
     longest = _SLOWEST * (max(values[_EXTENSION]) - deepest) / (_GAIN * _LOWERING)
     while np.isnan(touched).any():
         here = np.array(values[_EXTENSION])
@@ -231,7 +236,7 @@ def _lower(homing: Homing, period: float, deepest: float) -> Procedure[NDArray[n
             i = int(np.argmax(np.isnan(touched)))
             raise HomingError(f"leg {i + 1} does not come down: encoder, drive or supply")
         values = yield np.where(np.isnan(touched), -_LOWERING, 0.0).tolist()
-        elapsed += period
+        elapsed += watch.lap(values)
     return touched
 
 

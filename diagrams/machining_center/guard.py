@@ -51,7 +51,7 @@ class CenterGuard(SignGuard):
             scenario: its `control.period`, `legs` and their speeds are taken.
             limits: what is normal.
         """
-        super().__init__(scenario.control.period)
+        super().__init__(scenario.control.period, limits.oldest)
         self._limits, legs = limits, scenario.legs
         self._most = limits.share * legs.max_force_N / legs.force_per_current_N_A
 

@@ -70,7 +70,7 @@ class BenchGuard(SignGuard):
             scenario: its `control.period`, bench and `sliders` are taken.
             limits: what is normal.
         """
-        super().__init__(scenario.control.period)
+        super().__init__(scenario.control.period, limits.oldest)
         self._limits, sliders = limits, scenario.sliders
         self._geometry = scenario.geometry
         self._most = sliders.max_force_N / sliders.force_per_current_N_A

@@ -31,6 +31,7 @@ from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.position_servo import PositionServo
 from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
+from parapod.systems.core.switching import switched
 from parapod.systems.core.vectors import Array
 from parapod.systems.sensors.noise import NoiseSource
 from parapod.systems.terrain_simulator.belt import BeltSurface
@@ -165,7 +166,7 @@ def add_bodies(
         """Holds the slide while it is braked: a joint is locked by what does not step."""
         context = plant.GetMyMutableContextFromRoot(root_context)
         signal: Any = is_braked.EvalBasicVector(brake.GetMyContextFromRoot(root_context))
-        asked = signal[0] > 0.5
+        asked = switched(signal[0]) is not False
         if asked != slide.is_locked(context):
             (slide.Lock if asked else slide.Unlock)(context)
 

@@ -86,7 +86,7 @@ class ChairGuard(SignGuard):
             scenario: its `control.period` is that of the loop.
             limits: what is normal.
         """
-        super().__init__(scenario.control.period)
+        super().__init__(scenario.control.period, limits.oldest)
         self._limits = limits
         # Mean distances from the way, and mean sizes of these [m].
         self._off, self._size = np.zeros(len(BRANCHES)), np.zeros(len(BRANCHES))

@@ -29,7 +29,7 @@ _STROKE_BOUND = 1e-3  # [m]
 
 def _sign(driver: Any, index: int, period: float) -> Sign:
     pushing = _PUSHING * driver.homing_current_a
-    return ByStandstill(index, period, _VELOCITY, _CURRENT, pushing)
+    return ByStandstill(index, _VELOCITY, _CURRENT, pushing)
 
 
 def _positions(driver: Any) -> list[float]:
@@ -44,7 +44,7 @@ def check_strokes(homing: Homing, driver: Any, period: float) -> Procedure[list[
     the drawing says; so are screw, gear and encoder's counts.
     """
     ends = yield from find_far_ends(homing, driver, "legs", period)
-    yield from lead(homing, _POSITION, (_RETRACTED + _OFF).tolist(), period)
+    yield from lead(homing, _POSITION, (_RETRACTED + _OFF).tolist())
     error = ends - _EXTENDED
     worst = int(np.argmax(np.abs(error)))
     return [

@@ -1,5 +1,6 @@
 """Homing of one part of a real machine: its axes find their reference, which is then checked."""
 
+import math
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from typing import Any
@@ -31,6 +32,8 @@ from parapod.systems.hardware.position_memory import IncrementalDevice
 
 # Axes stand while measurements are older [s], and the homing ends when they stay so for [s].
 _OLDEST, _PATIENCE = 0.1, 1.0
+# Pause between two looks for a measurement that answers a command [s].
+_LOOK = 1e-3
 
 
 def home_part(
@@ -130,20 +133,35 @@ def _stop(thread: DeviceThread) -> None:
 class _Hands:
     """Leads the axes of a part once a period."""
 
-    def __init__(self, homing: Homing, part: str, parts: Parts, period: float):
+    def __init__(
+        self,
+        homing: Homing,
+        part: str,
+        parts: Parts,
+        period: float,
+        clock: Callable[[], float] = monotonic,
+        sleep: Callable[[float], None] = sleep,
+    ):
         """Takes the devices.
 
         Args:
             homing: names of the commands.
             part: part that is led.
             parts: it, and others that are measured.
-            period: time between two measurements [s].
+            period: shortest time between two measurements [s].
+            clock: that of the devices [s].
+            sleep: waits for a time of that clock [s].
         """
         self._homing, self._part, self._parts, self._period = homing, part, parts, period
+        self._clock, self._sleep = clock, sleep
         self._watch = DeviceWatch(parts.all_threads)
+        # When axes were made to stand because measurements were old; and how long they have been.
+        self._stands_since, self._stood = math.inf, 0.0
 
     def carry_out[T](self, procedure: Procedure[T]) -> T:
         """Does what a procedure says until it is over; axes are commanded nothing then.
+
+        The procedure is sent measurements that were begun after its command had been written.
 
         Raises:
             HomingError: see the procedure; or measurements are old, or the emergency stop is
@@ -151,14 +169,13 @@ class _Hands:
             DeviceError: a device fails.
         """
         try:
-            commands, due = next(procedure), monotonic()
+            commands, due = next(procedure), self._clock()
             while True:
                 self._post(commands)
-                due = max(due + self._period, monotonic())
-                sleep(max(0.0, due - monotonic()))
-                self._watch.check(monotonic())
-                if self._age() > _OLDEST:
-                    self._await_news()
+                due = max(due + self._period, self._clock())
+                self._sleep(max(0.0, due - self._clock()))
+                self._watch.check(self._clock())
+                self._await_answer(commands)
                 try:
                     commands = procedure.send(self.measured())
                 except StopIteration as over:
@@ -179,9 +196,11 @@ class _Hands:
         """
         values: dict[str, Sequence[float]] = {}
         for part, threads in self._parts.threads.items():
-            for thread in threads:
-                measured = thread.sample.values.items()
-                values |= {f"{part}.{name}": value for name, value in measured}
+            samples = [thread.sample for thread in threads if thread.device.measures]
+            for sample in samples:
+                values |= {f"{part}.{name}": value for name, value in sample.values.items()}
+            stamp = min((sample.stamp for sample in samples), default=math.nan)
+            values[f"{part}.stamp"] = (min(stamp, self._stands_since) - self._stood,)
         if values.get(f"{self._part}.emergency_stop", (0.0,))[0] > 0.5:
             raise HomingError("the emergency stop is pressed")
         return values
@@ -189,20 +208,45 @@ class _Hands:
     def _age(self) -> float:
         """Age of the oldest measurements [s]."""
         stamps = [t.sample.stamp for t in self._parts.all_threads if t.device.measures]
-        return monotonic() - min(stamps)
+        return self._clock() - min(stamps)
 
-    def _await_news(self) -> None:
-        """Has the axes stand until there are new measurements."""
-        deadline = monotonic() + _PATIENCE
-        while self._age() > _OLDEST:
-            if monotonic() > deadline:
+    def _has_answer(self) -> bool:
+        """Whether the part was measured after what it is commanded had been written."""
+        threads = self._parts.threads[self._part]
+        return all(t.sample.stamp >= self._obeys_since for t in threads if t.device.measures)
+
+    @property
+    def _obeys_since(self) -> float:
+        """Time since which all devices of the part have what they are commanded [s]."""
+        return max(thread.obeys_since for thread in self._parts.threads[self._part])
+
+    def _await_answer(self, commands: Sequence[float]) -> None:
+        """Waits for measurements that answer commands; the axes stand while any are old."""
+        again, deadline, goes = self._clock(), self._clock() + _PATIENCE, True
+        while (is_old := self._age() > _OLDEST) or not self._has_answer():
+            now = self._clock()
+            if now > deadline:
                 raise HomingError(f"{self._part}: no measurements for {_PATIENCE:g} s")
-            self._watch.check(monotonic())
-            self._post([0.0] * self._homing.size)
-            sleep(self._period)
+            self._watch.check(now)
+            if is_old and goes:
+                self._note_going()
+                self._stands_since = min(self._stands_since, now)
+                commands, again, goes = [0.0] * self._homing.size, now, False
+            if now >= again:  # a device that hears nothing stops by itself
+                self._post(commands)
+                again = now + self._period
+            self._sleep(_LOOK)
+        if goes:
+            self._note_going()
+
+    def _note_going(self) -> None:
+        """Counts how long the axes were made to stand, if they go again."""
+        if self._stands_since < math.inf and self._obeys_since < math.inf:
+            self._stood += max(0.0, self._obeys_since - self._stands_since)
+            self._stands_since = math.inf
 
     def _post(self, commands: Sequence[float]) -> None:
-        homing, now = self._homing, monotonic()
+        homing, now = self._homing, self._clock()
         for thread in self._parts.threads[self._part]:
             asked = {
                 name: commands if name == homing.command else [homing.rest.get(name, 0.0)] * size

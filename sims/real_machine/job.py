@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -14,11 +15,12 @@ from rich.console import Console
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.devices import Parts
 from parapod.diagrams.drivers.driver import time_of
-from parapod.diagrams.guard import Tripped
+from parapod.diagrams.guard import Guard, Tripped
 from parapod.diagrams.station import Station
 from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.lab.live_log import LiveLog
 from parapod.sims.lab.progress import progress
+from parapod.sims.real_machine.age_limit import ages_of, allow_old_measurements
 from parapod.sims.real_machine.real_time import (
     USUAL,
     DeadlineError,
@@ -142,9 +144,12 @@ def run_on_hardware(
         # devices' threads, which send them, inherit the priority.
         outcomes = stack.enter_context(undisturbed(asked))
 
+        def say(text: str) -> None:
+            options.console.print(text, markup=False, highlight=False, soft_wrap=True)
+
         def say_news() -> None:
             for text in parts.news():
-                options.console.print(text, markup=False, highlight=False, soft_wrap=True)
+                say(text)
 
         stack.callback(say_news)  # also of devices that are refused
         stack.enter_context(station.active())
@@ -155,7 +160,10 @@ def run_on_hardware(
         loop.reset(root)
         simulator.Initialize()
         rehearse(loop, root)
-        guarded = end_by_guard(loop, root)
+        guard = loop.machine.guard and loop.machine.guard(station.scenario)
+        look = partial(ages_of, parts.all_threads, station.scenario.control.period)
+        allow_old_measurements(loop, root, guard, look, say)
+        guarded = end_by_guard(loop, root, guard)
 
         def on_tick(context: Context) -> None:
             # First, so that a log shows the tick that has ended the job.
@@ -186,7 +194,9 @@ def _unprivileged(timing: Timing) -> str:
     return "".join(f"; {outcome.told}" for outcome in timing.refused)
 
 
-def end_by_guard(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None]:
+def end_by_guard(
+    loop: ClosedLoop[Any], root: Context, guard: Guard | None
+) -> Callable[[float], None]:
     """A check, at a time [s], that ends the job when the machine's guard does.
 
     No file remembers positions of parts that the guard distrusts. Before the first command that is
@@ -195,13 +205,14 @@ def end_by_guard(loop: ClosedLoop[Any], root: Context) -> Callable[[float], None
     Args:
         loop: the loop.
         root: its context, initialized.
+        guard: the guard; None for a machine without one.
     """
-    if loop.machine.guard is None:
+    if guard is None or loop.machine.guard is None:
         return lambda now: None
     idle = {spec.name: spec.idle for spec in loop.machine.inputs}
     commands = loop.readings(root, frozenset(idle))
     has_acted = False
-    guard, parts = loop.machine.guard(loop.station.scenario), loop.station.behind.handle
+    parts = loop.station.behind.handle
     signals = loop.readings(root, guard.signals)
     # What runs for the first time is slow: another guard does it, on a copy, and is forgotten.
     first = loop.readings(root.Clone(), guard.signals)

@@ -15,7 +15,7 @@ from pydrake.systems.framework import (  # type: ignore[attr-defined]
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from parapod.systems.core.elementwise import Elementwise, exp, log
-from parapod.systems.core.ports import elements, is_on, read
+from parapod.systems.core.ports import elements, is_safe, read
 from parapod.systems.core.templates import for_floats
 
 
@@ -183,7 +183,7 @@ def LinearActuator_(T: Any) -> Any:
         Parameters (Context): motor constants K_m (n) [N/V], see `set_gain_scale`.
 
         Bad input: a NaN voltage counts as zero volts; a load that is not finite, or beyond 1e12
-        N, counts as no load.
+        N, counts as no load. A stop that is near neither 0 nor 1 cuts the supply.
         Positions never leave the end stops.
         """
 
@@ -272,7 +272,7 @@ def LinearActuator_(T: Any) -> Any:
             velocities = elements(context.get_discrete_state(1))
             gains = elements(context.get_numeric_parameter(self._gains))
             voltages = read(self._voltage, context)
-            if self._stop.HasValue(context) and is_on(self._stop, context):
+            if self._stop.HasValue(context) and is_safe(self._stop, context):
                 voltages = [0.0] * self.channels
             loaded = self._load.HasValue(context)
             loads = read(self._load, context) if loaded else [0.0] * self.channels

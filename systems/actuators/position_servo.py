@@ -65,7 +65,8 @@ class PositionServo(Diagram):
 
     State: that of `VelocityServo`.
 
-    Bad input: a command that is not finite is not followed; the drives come to rest.
+    Bad input: a command that is not finite is not followed; the drives come to rest. A brake that
+    is near neither 0 nor 1 brakes.
 
     Args:
         params: parameters of each drive.

@@ -22,7 +22,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from parapod.systems.core.ports import elements, is_on, read
+from parapod.systems.core.ports import elements, is_safe, read
 from parapod.systems.sensors.encoder import Encoder
 
 
@@ -70,7 +70,7 @@ class ServoGoal(LeafSystem):
     Parameters (Context): gains (n) [-] and offsets (n) [m/s or rad/s], see `set_imperfection`.
 
     Bad input: a command that is not finite counts as zero; of a state that is not finite, the
-    goal is not either.
+    goal is not either. A brake that is near neither 0 nor 1 brakes.
 
     Args:
         params: parameters of each drive.
@@ -118,7 +118,7 @@ class ServoGoal(LeafSystem):
             vector.SetFromVector(_each(value, self._channels))
 
     def _calc_goal(self, context: Context, output: BasicVector) -> None:
-        braked, n = is_on(self._brake, context), self._channels
+        braked, n = is_safe(self._brake, context), self._channels
         state = read(self._state, context)
         position, velocity = state[:n], state[n:]
         if braked and not any(velocity):
@@ -177,7 +177,8 @@ class VelocityServo(Diagram):
 
     State: of the lag and of the hold.
 
-    Bad input: a command that is not finite counts as zero.
+    Bad input: a command that is not finite counts as zero; a brake that is near neither 0 nor 1
+    brakes.
     """
 
     def __init__(

@@ -26,6 +26,8 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from parapod.systems.core.switching import switched
+
 # Takes the numbers of a vector one by one: up to this size that is faster than making a view.
 _SHORT = 12
 _PICK = {size: itemgetter(*range(size)) for size in range(2, _SHORT + 1)}
@@ -54,6 +56,15 @@ def is_on(port: InputPort, context: Context) -> bool:
     """Whether the first number at an input port is above 0.5; NaN is off."""
     signal: Any = port.EvalBasicVector(context)
     return bool(signal[0] > 0.5)
+
+
+def is_safe(port: InputPort, context: Context) -> bool:
+    """Whether the first number at an input port has a switch on its safe side, 1.
+
+    That is whatever is not near 0, NaN included, see `switched`.
+    """
+    signal: Any = port.EvalBasicVector(context)
+    return switched(signal[0]) is not False
 
 
 def elements(vector: Any) -> list[Any]:

@@ -30,8 +30,8 @@ _WIDTH = 3  # cells of a hold
 _SIZE = 8 * (_FIRST + _WIDTH * _HOLDS)
 # The shortest sleep while the emulated time may stand still [s].
 _LOOK = 5e-4
-# Pause after a look at cells that are being written [s], and how often they are looked at: a keeper
-# that was killed in the middle never finishes.
+# Pause after a look at cells that are being written [s], and number of looks: a keeper that was
+# killed in the middle never finishes.
 _COLLISION, _COLLISIONS = 5e-5, 2000
 # A process for which so much has been waited is asked whether it lives [s].
 _SUSPICIOUS = 0.02

@@ -97,6 +97,7 @@ class DeviceThread:
         self._sample = self._no_sample()
         self._command: _Command | None = None
         self._written: _Command | None = None
+        self._obeys_since = -math.inf
         self._is_neutral = True
         self._write_words: tuple[DeviceFault, str] | None = None
         self._write_ages: deque[float] = deque(maxlen=_KEPT)
@@ -130,6 +131,17 @@ class DeviceThread:
         """
         return list(self._write_ages)
 
+    @property
+    def obeys_since(self) -> float:
+        """Time since which the device has what it is commanded now [s].
+
+        Infinite while that has not been written; minus infinity before the first command.
+        """
+        is_silent = self._is_neutral and self._command is not None
+        if is_silent or not _are_same(self._command, self._written):
+            return math.inf
+        return self._obeys_since
+
     def taken(self) -> None:
         """A loop takes the sample now, and will again in a period."""
         lead, now = min(self._reading_time + _MARGIN, _LARGEST_LEAD * self.period), self._clock()
@@ -158,6 +170,7 @@ class DeviceThread:
         self._has_sample.clear()
         self._sample = self._no_sample()
         self._command = self._written = self._write_words = None
+        self._obeys_since = -math.inf
         self._is_neutral = True
         self.device.activate()
         name = f"io {self.device.name}"
@@ -234,14 +247,18 @@ class DeviceThread:
         self._reading_time += _LEARNING * (_IN_TIME if longer else _IN_TIME - 1.0)
 
     def _write(self, command: _Command) -> None:
+        if self._is_neutral or not _are_same(command, self._written):
+            self._obeys_since = math.inf
         # Before the write: one that fails half way may have moved something already.
         self._written, self._is_neutral = command, False
         try:
             self.device.write(command.signals)
         except Exception as error:
             self._write_words = _described(self.device, error)
+            self._obeys_since = math.inf
             return
         self._write_words = None
+        self._obeys_since = min(self._obeys_since, self._clock())
         self._write_ages.append(self._clock() - command.measured)
 
     def _fall_silent(self) -> None:
@@ -255,6 +272,14 @@ class DeviceThread:
         except Exception as error:
             words = f"{words}, and {_described(self.device, error)[1]}"
         self._write_words = DeviceFault.NO_COMMAND, words
+
+
+def _are_same(one: _Command | None, other: _Command | None) -> bool:
+    """Whether two commands ask a device for the same."""
+    if one is None or other is None or one is other:
+        return one is other
+    asked, had = one.signals, other.signals
+    return asked.keys() == had.keys() and all(tuple(asked[n]) == tuple(had[n]) for n in asked)
 
 
 def _described(device: Device, error: Exception) -> tuple[DeviceFault, str]:

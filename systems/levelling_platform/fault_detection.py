@@ -11,7 +11,7 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.core.ports import elements, read, read_or_zeros
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
@@ -228,7 +228,7 @@ class FaultDetectorParams:
         shortest: least extension that can be [m]; the end stop at .380 m less a tolerance.
         longest: largest extension that can be [m], .460 m.
         fastest: speed of an actuator [m/s]; 12 V make .12 m/s, gains are off by up to 15 %.
-        oldest: largest age of legs and inertial sensor [s].
+        oldest: largest age of legs and inertial sensor in a default context [s].
         gain: K of the actuators [(m/s)/V].
         gain_error: share by which it may be off [-].
         friction: largest voltage that friction and load take [V].
@@ -293,6 +293,8 @@ class FaultDetector(LeafSystem):
     State: discrete, findings (18), severity (1), how long each sign has lasted (18) [s], and a
     memory (16); updated every period.
 
+    Parameters (Context): largest age of legs and inertial sensor (1) [s], see `allow_age`.
+
     Bad input: is what it looks for.
     """
 
@@ -326,9 +328,22 @@ class FaultDetector(LeafSystem):
         self._severity: Any = self.DeclareDiscreteState(1)
         self._lasted: Any = self.DeclareDiscreteState(_COUNT)
         self._memory: Any = self.DeclareDiscreteState(_MEMORY)
+        self._oldest: Any = self.DeclareNumericParameter(BasicVector(np.array([params.oldest])))
         self.DeclareStateOutputPort("findings", self._findings)
         self.DeclareStateOutputPort("severity", self._severity)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+
+    def allow_age(self, context: Context, seconds: float) -> float:
+        """Lets measurements be older than usual, if that is more; returns the usual limit [s]."""
+        limit = max(seconds, self.params.oldest)
+        context.get_mutable_numeric_parameter(self._oldest).SetFromVector(np.array([limit]))
+        return self.params.oldest
+
+    def oldest(self, context: Context) -> float:
+        """Largest age of legs and inertial sensor [s]."""
+        vector: Any = context.get_numeric_parameter(self._oldest)
+        limit: float = vector[0]
+        return limit
 
     def forget(self, context: Context) -> None:
         """Compares the next measurements with none before: for a loop that has left ticks out."""
@@ -363,6 +378,7 @@ class _Look:
     def __init__(self, detector: FaultDetector, context: Context, memory: list[float]):
         self._detector, self._context = detector, context
         self._params, self._memory = detector.params, memory
+        self._oldest = detector.oldest(context)
         self._extension = self._read("extension")
         self._limits = self._read("limits")
         self._attitude = self._read("attitude")
@@ -422,7 +438,7 @@ class _Look:
             moved = zip(self._extension, self._memory[_EXTENSION], strict=True)
             if not all(abs(now - before) <= most for now, before in moved):
                 signs.add(Finding.ENCODER_JUMP)
-        if not self._read("age")[0] <= params.oldest:
+        if not self._read("age")[0] <= self._oldest:
             signs.add(Finding.LEGS_STALE)
         return signs
 
@@ -482,7 +498,7 @@ class _Look:
             along = sum(a * v for a, v in zip(accel, vertical, strict=True)) / force
             if not along >= math.cos(params.vertical):
                 signs.add(Finding.ACCEL_MISMATCH)
-        if not self._read("age")[1] <= params.oldest:
+        if not self._read("age")[1] <= self._oldest:
             signs.add(Finding.IMU_STALE)
         return signs
 

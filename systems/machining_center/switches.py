@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from parapod.systems.core.ports import read_array
+from parapod.systems.core.switching import are_safe
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.panel import FOOT_HEIGHT, Panel
 from parapod.systems.machining_center.posture import LOCKS_OF_LIMB
@@ -34,7 +35,7 @@ class Switches(LeafSystem):
     State: discrete; which locks (4n) and clamps (n) are closed, and for how long they have been
     asked to be other than they are (5n) [s]; updated every period.
 
-    Bad input: a command that is no number is no command: what it is about stays.
+    Bad input: what is commanded neither open nor closed is to be closed, as by the devices.
 
     Args:
         geometry: the centre.
@@ -84,8 +85,7 @@ class Switches(LeafSystem):
 
     def _commanded(self, context: Context) -> NDArray[np.bool_]:
         asked = np.concatenate([read_array(p, context) for p in (self._locks, self._clamps)])
-        closed = context.get_discrete_state(0).value() > 0.5
-        return np.where(np.isfinite(asked), asked > 0.5, closed)
+        return are_safe(asked)
 
     def set_closed(
         self, context: Context, locks: NDArray[np.bool_], clamps: NDArray[np.bool_]

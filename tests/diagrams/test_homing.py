@@ -95,12 +95,17 @@ class Branches:
         }
 
 
-def carried_out(procedure, plant):
-    commands = next(procedure)
+def carried_out(procedure, plant, steps=1):
+    """Leads a plant that makes some steps from one measurement to the next."""
+    commands, now = next(procedure), 1000.0
     for _ in range(LONGEST):
-        plant.step(commands)
+        for _ in range(steps):
+            plant.step(commands)
+        now += steps * PERIOD
+        measured = plant.values()
+        stamps = {f"{name.partition('.')[0]}.stamp": (now,) for name in measured}
         try:
-            commands = procedure.send(plant.values())
+            commands = procedure.send(measured | stamps)
         except StopIteration as over:
             return over.value
     raise AssertionError("it takes too long")
@@ -120,6 +125,24 @@ def test_legs_find_their_switches_wherever_they_begin(start):
     assert np.abs(error).max() < 5e-5
     assert found.spread.max() < 5e-5
     assert legs.reached.max() < 0.46, "an end stop was reached"
+
+
+def test_a_slow_computer_accuses_nobody():
+    legs = Legs()
+    search = find_ends(platform.LEGS, NI, "legs", PERIOD, legs.told.append)
+    found = carried_out(search, legs, 3)
+    shown = legs.values()["legs.extension"]
+    error = np.array(platform.LEGS.positions(NI)) + shown - found.edge - legs.true
+    assert np.abs(error).max() < 1.5e-4
+
+
+def test_the_same_measurement_again_is_no_time_in_which_an_axis_stands():
+    legs = Legs()
+    procedure = find_ends(platform.LEGS, NI, "legs", PERIOD, legs.told.append)
+    next(procedure)
+    values = legs.values() | {"legs.stamp": (5.0,), "imu.stamp": (5.0,)}
+    for _ in range(1000):
+        assert any(procedure.send(values)) or legs.told
 
 
 def test_one_leg_moves_at_a_time_and_none_with_more_than_little_force():
@@ -232,11 +255,13 @@ def _break(legs, what):
         ("swapped switches", "the switch of legs 3 has answered while legs 2"),
     ],
 )
-def test_what_is_broken_or_swapped_is_refused_and_named(what, words):
+@pytest.mark.parametrize("steps", [1, 3])  # of 10 ms from one measurement to the next
+def test_what_is_broken_or_swapped_is_refused_and_named(what, words, steps):
     legs = Legs()
     _break(legs, what)
+    search = find_ends(platform.LEGS, NI, "legs", PERIOD, legs.told.append)
     with pytest.raises(HomingError, match=words):
-        homed(legs, platform.LEGS, NI)
+        carried_out(search, legs, steps)
 
 
 def test_ends_that_are_found_at_several_places_are_none():
@@ -304,7 +329,7 @@ def test_an_axis_that_comes_no_nearer_is_named():
     legs = Legs(offset=np.zeros(LEG_COUNT))
     legs.frozen[3] = 0.44
     with pytest.raises(HomingError, match=r"legs 4 does not come nearer .* 10\.0 mm away"):
-        carried_out(lead(platform.LEGS, "legs.extension", [0.45] * 4, PERIOD), legs)
+        carried_out(lead(platform.LEGS, "legs.extension", [0.45] * 4), legs)
 
 
 def test_branches_find_their_ends_all_at_once_and_stand_off_them_in_the_end():

@@ -15,7 +15,7 @@ from pydrake.common.value import Value
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FrameIndex
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import LeafSystem, PortDataType
+from pydrake.systems.framework import EventStatus, LeafSystem, PortDataType
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 
 from parapod.diagrams.closed_loop import ClosedLoop
@@ -79,6 +79,51 @@ def test_a_closed_loop_records_every_port_with_its_unit(machine, backend):
     for name, samples in recording.signals.items():
         assert recording.units[name].strip()
         assert samples.shape == (recording.time.size, loop.ports[name].size())
+
+
+def switches_of(machine):
+    """Commands of switches, of which 1 is the safe side."""
+    return [port for port in machine.inputs if port.unit in ("-", "0/1")]
+
+
+def moved(station, switch, command):
+    """What a station shows while its drives move and a switch is commanded something."""
+    simulator = Simulator(station)
+    root = simulator.get_mutable_context()
+    station.reset(root)
+    if station.behind.between_steps is not None:
+        simulator.set_monitor(
+            lambda root: station.behind.between_steps(root) or EventStatus.DidNothing()
+        )
+    for port in station.machine.inputs:
+        station.GetInputPort(port.name).FixValue(root, np.full(port.size, port.idle))
+    begun = {name: port.Eval(root) for name, port in outputs_of(station).items()}
+    for port in station.machine.inputs:
+        # From where it is, slowly.
+        here = begun.get(f"{port.part}.position", np.zeros(port.size))
+        value = here + 1e-4 if port.name.endswith("position_command") else np.full(port.size, 0.05)
+        if port in switches_of(station.machine):
+            value = np.zeros(port.size)
+        if port.name == switch.name:
+            value = np.full(port.size, command)
+        station.GetInputPort(port.name).FixValue(root, value)
+    simulator.AdvanceTo(0.2)
+    return {name: port.Eval(root) for name, port in outputs_of(station).items()}
+
+
+@each_machine
+def test_a_switch_that_is_commanded_neither_0_nor_1_is_simulated_on_its_safe_side(machine):
+    """As devices take it."""
+    without_effect = {port.name for port in switches_of(machine)}
+    for backend in machine.plants:
+        station = Station(machine, machine.scenario(backend=backend))
+        for switch in switches_of(machine):
+            off, safe = moved(station, switch, 0.0), moved(station, switch, 1.0)
+            if differing(off, safe):
+                without_effect.discard(switch.name)
+            for bad in (np.nan, -1.0, 1e300):
+                assert differing(moved(station, switch, bad), safe) == [], (switch.name, bad)
+    assert not without_effect
 
 
 @each_simulated

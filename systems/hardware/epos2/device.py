@@ -5,6 +5,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 
+from parapod.systems.core.switching import switched
 from parapod.systems.hardware.canopen import HEARTBEAT_BASE, CanopenBus, wrapped
 from parapod.systems.hardware.clock import answer_time, monotonic, sleep
 from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
@@ -23,7 +24,6 @@ from parapod.systems.hardware.epos2.settings import Control, Epos2Settings
 from parapod.systems.hardware.epos2.switches import SwitchBoard, check_switches
 from parapod.systems.hardware.position_memory import IncrementalDevice
 from parapod.systems.hardware.soft_limits import check_order
-from parapod.systems.hardware.switching import switched
 
 # How long a drive may take to leave a quick stop that was ours [s].
 _OBEYING = 0.05

@@ -7,7 +7,7 @@ it is closed. So whatever is without power is closed, and a broken wire reads "n
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from parapod.systems.hardware.switching import switched
+from parapod.systems.core.switching import switched
 
 # Numbers of a limb's outputs with its locks, and of its contact of the emergency stop.
 _LOCKS, _CLAMP, _STOP = (1, 2, 3, 4), 1, 5

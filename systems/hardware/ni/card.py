@@ -4,13 +4,13 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
+from parapod.systems.core.switching import switched
 from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
 from parapod.systems.hardware.ni.session import CONFIGURE_TIMEOUT, WatchdogExpired, begun
 from parapod.systems.hardware.ni.settings import NiDaqSettings, expand_channels
 from parapod.systems.hardware.ni.tasks import OUTPUT_MAX, OUTPUT_MIN, NiTasks
 from parapod.systems.hardware.position_memory import IncrementalDevice
-from parapod.systems.hardware.switching import switched
 
 # The counters have 32 bits (X Series User Manual, "Counters").
 _COUNTS = 2**32

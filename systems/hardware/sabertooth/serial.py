@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
 from parapod.systems.core.extras import need
+from parapod.systems.core.switching import switched
 from parapod.systems.hardware.clock import answer_time, monotonic, sleep
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
 from parapod.systems.hardware.sabertooth.protocol import (
@@ -24,7 +25,6 @@ from parapod.systems.hardware.sabertooth.protocol import (
     timeout_packet,
 )
 from parapod.systems.hardware.sabertooth.settings import BAUDS, SabertoothSettings
-from parapod.systems.hardware.switching import switched
 
 # Longest time between two packets to a motor, if `write` is called that often, and between two
 # settings of a driver's serial timeout [s].

@@ -1,22 +1,41 @@
 """Homing of a part: from a device without a reference to a file that knows one."""
 
+import itertools
 import json
+import math
 import time
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from parapod.diagrams.devices import Parts
 from parapod.diagrams.drivers.driver import Driver, PartPorts
 from parapod.diagrams.hardware_scenario import HardwareScenario
-from parapod.diagrams.homing import BySwitch, Check, Homing, HomingError
+from parapod.diagrams.homing import BySwitch, Check, Homing, HomingError, find_ends
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.real_machine.homing import home_part
+from parapod.sims.real_machine.homing import _Hands, home_part
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.device import DeviceError, DeviceFault, NotFitted
+from parapod.systems.hardware.io import Sample
 from parapod.systems.hardware.position_memory import IncrementalDevice, PositionMemory
 
 END, START = 0.010, (0.009, 0.0085, 0.0092, 0.009)
+HOMING = Homing(
+    command="voltage",
+    measures="extension",
+    gain=0.02,
+    fast=1.0,
+    slow=0.25,
+    longest=0.05,
+    sign=lambda driver, i, period: BySwitch("legs.limits", i),
+    positions=lambda driver: [0.46] * 4,
+    size=4,
+    in_turn=False,
+    rest={"stop": 0.0},
+)
 PARTS = sorted({port.part for port in (*PLATFORM.inputs, *PLATFORM.measured)})
 
 
@@ -113,20 +132,7 @@ def rig(tmp_path, monkeypatch):
     def make(bound=1e3):
         drivers = [_FakeDriver(part, str(path)) for part in PARTS]
         scenario = LevellingScenario(backend="hardware", hardware=HardwareScenario(drivers))
-        homing = Homing(
-            command="voltage",
-            measures="extension",
-            gain=0.02,
-            fast=1.0,
-            slow=0.25,
-            longest=0.05,
-            sign=lambda driver, i, period: BySwitch("legs.limits", i),
-            positions=lambda driver: [0.46] * 4,
-            size=4,
-            in_turn=False,
-            checks=_check(bound),
-            rest={"stop": 0.0},
-        )
+        homing = replace(HOMING, checks=_check(bound))
         machine = replace(PLATFORM, homings={"legs": homing})
         driver = drivers[PARTS.index("legs")]
         driver.make(_ports())
@@ -174,6 +180,93 @@ def test_whatever_ends_it_leaves_no_power_and_a_file_that_knows_nothing(rig, wha
     assert json.loads(path.read_text()) == {"extension_m": None}
     assert not legs.has_power
     assert legs.volts == (0.0,) * 4
+
+
+COARSE = replace(HOMING, spread=1e-3)  # measured late, ends are found less exactly
+
+
+class LateLegs:
+    """Legs and the thread of their device, which is late, by a clock of their own."""
+
+    error = None
+
+    def __init__(self, late, sign=1.0):
+        self.now, self.late, self.sign = 1000.0, late, sign
+        self.true, self.then, self.volts = np.array(START), self.now, np.zeros(4)
+        self.device = SimpleNamespace(
+            name="late legs", measures={"extension": 4, "limits": 12}, commands={"voltage": 4}
+        )
+        self.sample = Sample({}, self.now, DeviceFault.NONE, "")
+        self.posted, self.obeys_since = (0.0,) * 4, self.now
+        self.reading, self.free_at = None, self.now
+        self.sleep(0.2)
+
+    def hands(self):
+        return _Hands(COARSE, "legs", Parts({"legs": [self]}), 0.01, self.clock, self.sleep)
+
+    def search(self):
+        return find_ends(COARSE, None, "legs", 0.01, lambda line: None)
+
+    def clock(self):
+        return self.now
+
+    def post(self, signals, measured):
+        if tuple(signals["voltage"]) != self.posted:
+            self.posted, self.obeys_since = tuple(signals["voltage"]), math.inf
+
+    def sleep(self, seconds):
+        for _ in range(max(1, round(1e3 * seconds))):
+            self.now += 1e-3
+            self.true = self.true + 1e-3 * self.sign * 0.02 * self.volts
+            if self.now >= self.free_at:
+                self._serve()
+
+    def _serve(self):
+        """A reading ends, the newest command is written, and the next reading begins."""
+        self.sample = self.reading or self.sample
+        self.volts = np.array(self.posted)
+        self.obeys_since = min(self.obeys_since, self.now)
+        limits = [float(x >= END) for x in self.true] + [0.0] * 8
+        values = {"extension": tuple(self.true), "limits": limits}
+        self.reading = Sample(values, self.now, DeviceFault.NONE, "")
+        self.free_at = self.now + self.late()
+
+
+def _at_times():
+    """Late in every third reading."""
+    readings = itertools.count()
+    return lambda: 0.095 if next(readings) % 3 == 0 else 0.005
+
+
+def _anything():
+    random = np.random.default_rng(1)
+    return lambda: random.uniform(1e-3, 0.1)
+
+
+# How long readings take [s].
+LATE = {
+    "usual": lambda: lambda: 0.01,
+    "slow": lambda: lambda: 0.03,
+    "slower": lambda: lambda: 0.048,
+    "at times": _at_times,
+    "anything": _anything,
+}
+
+
+@pytest.mark.parametrize("late", LATE.values(), ids=LATE)
+def test_late_measurements_accuse_nobody(late):
+    legs = LateLegs(late())
+    found = legs.hands().carry_out(legs.search())
+    # The end lies between two measurements, at the slow command.
+    assert found.edge == pytest.approx([END] * 4, abs=0.1 * 0.02 * 0.25)
+
+
+@pytest.mark.parametrize("late", LATE.values(), ids=LATE)
+def test_swapped_motors_are_found_however_late_measurements_are(late):
+    legs = LateLegs(late(), sign=-1.0)
+    with pytest.raises(HomingError, match="legs 1 moves against its command"):
+        legs.hands().carry_out(legs.search())
+    assert np.abs(legs.true - START).max() < 0.008
 
 
 def test_a_part_that_cannot_be_homed_is_named_with_those_that_can():

@@ -115,7 +115,7 @@ def guarded():
             },
         )
         # What is rehearsed is not judged.
-        check = end_by_guard(loop, SimpleNamespace(Clone=lambda: None))
+        check = end_by_guard(loop, SimpleNamespace(Clone=lambda: None), guard)
         with pytest.raises(Tripped, match="legs_stale"):
             check(0.0)
         return device

@@ -308,7 +308,12 @@ def state_of(actuator, context):
     return [actuator.GetOutputPort(n).Eval(context).tolist() for n in ("extension", "velocity")]
 
 
-@pytest.mark.parametrize("stop", [0.0, 0.5, math.nan])
+@pytest.mark.parametrize("stop", [math.nan, math.inf, -math.inf, -1.0, 1e300])
+def test_a_stop_that_is_neither_on_nor_off_cuts_the_supply(fix, stop):
+    assert state_of(*stopped(fix, stop)[:2]) == state_of(*stopped(fix, 1.0)[:2])
+
+
+@pytest.mark.parametrize("stop", [0.0, 0.5])
 def test_a_stop_that_is_not_above_a_half_and_one_that_is_not_connected_change_nothing(fix, stop):
     without = state_of(*stopped(fix, None)[:2])
     assert state_of(*stopped(fix, stop)[:2]) == without

@@ -207,11 +207,12 @@ def test_command_that_is_not_finite_counts_as_zero(fix, bad):
     assert state_of(drive, context)[1][1] == pytest.approx(2.0, rel=1e-6)
 
 
-def test_brake_that_is_nan_does_not_brake(fix):
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, -1.0, 1e300])
+def test_brake_that_is_neither_on_nor_off_brakes(fix, bad):
     drive = make_drive(channels=1)
-    simulator, context = start(drive, fix, 2.0, brake=math.nan)
+    simulator, context = start(drive, fix, 2.0, brake=bad)
     simulator.AdvanceTo(1.0)
-    assert state_of(drive, context)[1][0] > 1.9
+    assert state_of(drive, context)[1][0] == 0.0
 
 
 def test_a_finer_step_of_the_lag_changes_nothing_but_when_commands_arrive(fix):

@@ -1,3 +1,4 @@
+import math
 import threading
 import time
 
@@ -130,6 +131,39 @@ def test_the_age_at_the_write_is_that_of_the_measurement(running, until):
     thread.post(COMMAND, time.monotonic())
     assert until(lambda: len(thread.write_ages) == 2)
     assert thread.write_ages[1] < thread.write_ages[0]
+
+
+def test_a_device_obeys_since_what_it_is_commanded_was_written_first(fake, failure):
+    now, device = 1.0, fake()
+    thread = DeviceThread(device, clock=lambda: now)
+
+    def post(velocity):
+        thread.post({"velocity": (velocity, 0.0), "brake": (0.0,)}, now)
+
+    def written(at):
+        nonlocal now
+        now = at
+        thread._write(thread._command)
+        return thread.obeys_since
+
+    assert thread.obeys_since == -math.inf
+    post(1.0)
+    assert thread.obeys_since == math.inf
+    assert written(2.0) == 2.0
+    post(1.0)  # the same again
+    assert thread.obeys_since == written(3.0) == 2.0
+    post(-1.0)
+    assert thread.obeys_since == math.inf
+    assert written(4.0) == 4.0
+    thread._fall_silent()
+    assert thread.obeys_since == math.inf
+    post(-1.0)
+    assert written(5.0) == 5.0
+    post(2.0)
+    device.error = failure
+    assert written(6.0) == math.inf
+    device.error = None
+    assert written(7.0) == 7.0
 
 
 def test_outputs_become_neutral_when_commands_cease(running, until, judge):

@@ -115,6 +115,17 @@ def test_noise_and_flicker_of_a_machine_at_rest_are_no_fault(watch, phase):
     assert detector.severity == Severity.NONE
 
 
+@pytest.mark.parametrize(("allowed", "limit"), [(0.02, 0.05), (0.08, 0.08)])
+def test_data_may_be_as_old_as_usual_or_as_is_allowed(watch, allowed, limit):
+    def found(age):
+        detector = watch()
+        assert detector.system.allow_age(detector.context, allowed) == 0.05
+        return detector.wait(0.3, age=age).findings
+
+    assert found(np.full(4, 0.99 * limit)) == set()
+    assert found(np.full(4, 1.01 * limit)) == {Finding.LEGS_STALE, Finding.IMU_STALE}
+
+
 def test_a_whole_operation_at_rest_goes_through_its_phases_without_a_finding(watch):
     """Extensions between phases are those of legs that have moved as their voltages said."""
     detector = watch(Phase.TRANSPORT)

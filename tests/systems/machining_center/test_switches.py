@@ -83,12 +83,13 @@ def test_each_lock_and_clamp_has_a_delay_of_its_own(switches):
     assert np.array_equal(machine["clamps_closed"], UNCLAMPED)
 
 
-def test_commands_that_are_no_numbers_change_nothing(switches):
-    machine = switches().tick(2, locks_command=LOCKED, clamps_command=UNCLAMPED)
-    for bad in (np.nan, np.inf, -np.inf):
-        machine.tick(5, locks_command=np.full(12, bad), clamps_command=np.full(3, bad))
-        assert np.array_equal(machine["locks_closed"], LOCKED)
-        assert np.array_equal(machine["clamps_closed"], UNCLAMPED)
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, -1.0, 1e300])
+def test_what_is_commanded_neither_open_nor_closed_closes(switches, bad):
+    machine = switches().tick(2, locks_command=np.zeros(12), clamps_command=UNCLAMPED)
+    assert not machine["locks_closed"].any()
+    machine.tick(5, locks_command=np.full(12, bad), clamps_command=np.full(3, bad))
+    assert machine["locks_closed"].all()
+    assert np.array_equal(machine["clamps_closed"], CLAMPED)
 
 
 @pytest.mark.parametrize(
