@@ -47,7 +47,8 @@ class Phase:
     @property
     def repeats(self):
         """What failed, each with the command that repeats it alone."""
-        failed = [name for name, (outcome, _) in (self.tests or {}).items() if outcome == "failed"]
+        outcomes = sorted((self.tests or {}).items())
+        failed = [name for name, (outcome, _) in outcomes if outcome == "failed"]
         slow = " -m slow" if self.name == "slow" else ""
         found = [(name, f".venv/bin/pytest{slow} {shlex.quote(name)}") for name in failed]
         if not found and self.code:

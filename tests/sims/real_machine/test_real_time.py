@@ -240,6 +240,15 @@ def test_a_signal_that_is_ignored_under_nohup_ends_nothing():
         signal.signal(signal.SIGHUP, before)
 
 
+@pytest.fixture
+def interruptible():
+    """Ctrl-C raises KeyboardInterrupt, also where the tests run in the background of a shell."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_a_signal_in_the_middle_of_a_tick_ends_the_loop_after_it(name):
     """Raised in a conversion to C++ it would become a TypeError about another argument."""
@@ -288,6 +297,7 @@ def test_a_signal_ends_a_tick_that_hangs_already():
         RealTimeLoop(simulator, 0.001, tick, is_strict=False).run(1.0)
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_a_signal_in_the_last_tick_is_not_lost():
     simulator = Simulator(ConstantVectorSource([1.0]))
     simulator.Initialize()
