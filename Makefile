@@ -19,15 +19,15 @@ comma := ,
 BESIDE := $(shell chrt --fifo 1 true 2>/dev/null && echo yes)
 # pytest's answer where there is none of the tests that are asked for.
 NONE := [ $$? = 5 ]
-# Phases of `make test`: what can run beside each other does, on all cores; what is judged by the
-# clock then runs alone, or beside whole experiments where real-time programs may keep these away.
-PHASES := lint together,types clocked$(if $(BESIDE),$(comma)whole-runs)
+# What can run beside each other does, on all cores; what is judged by the clock then runs alone, or
+# beside whole experiments where real-time programs may keep these away.
+LAST := clocked$(if $(BESIDE),$(comma)whole-runs)
 
 # The newest interpreter that is new enough; PYTHON=/path/to/python overrides it.
 PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3; do \
   if $$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' >/dev/null 2>&1; then command -v $$p; break; fi; done)
 
-.PHONY: setup demo check test test-all lint types together clocked whole-runs slow bench docs wheel clean
+.PHONY: setup demo check test tests test-all test-hard lint types together clocked whole-runs slow bench docs wheel clean
 .DEFAULT_GOAL := setup
 
 setup: $(VENV)/.installed
@@ -56,11 +56,20 @@ check: lint types
 
 # All phases, whatever one of them finds, and one summary.
 test: setup
-	$(BIN)/python tests/run.py $(PHASES)
+	$(BIN)/python tests/run.py $(or $(PHASES),lint together$(comma)types $(LAST))
 
 # With the tests that are left out of the everyday ones.
 test-all: setup
-	$(BIN)/python tests/run.py $(PHASES) slow
+	$(BIN)/python tests/run.py lint together$(comma)types $(LAST) slow
+
+# The tests alone.
+tests: setup
+	$(BIN)/python tests/run.py together $(LAST)
+
+# Under conditions of other computers: CONDITIONS="busy user", see tests/hard.py; not for every day.
+test-hard: export ARGS := $(ARGS)
+test-hard: setup
+	$(BIN)/python tests/hard.py $(CONDITIONS)
 
 lint: setup
 	@$(BIN)/ruff check .; checked=$$?; $(BIN)/ruff format --check . && exit $$checked

@@ -1,4 +1,4 @@
-"""One thing that fails keeps no other from being run, and the summary tells how to repeat it."""
+"""`make test` and `make test-hard` in a small tree: what runs, and what the last lines say."""
 
 import os
 import re
@@ -44,7 +44,8 @@ def run(tmp_path):
     """run(*settings, **files): exit code and lines of `make test` in a tree with some tests."""
     shutil.copy(ROOT / "Makefile", tmp_path)
     (tmp_path / "tests").mkdir()
-    shutil.copy(ROOT / "tests" / "run.py", tmp_path / "tests")
+    for name in ("run.py", "hard.py"):
+        shutil.copy(ROOT / "tests" / name, tmp_path / "tests")
     (tmp_path / "pyproject.toml").write_text(
         "[tool.pytest.ini_options]\nmarkers = ['real_time', 'slow', 'whole_run']\n"
         "addopts = ['--import-mode=importlib', '-q', '-m', 'not slow']\ntestpaths = ['tests']\n"
@@ -57,10 +58,10 @@ def run(tmp_path):
     ours = ("MAKE", "MFLAGS", "PYTEST", "ARGS")
     environment = {key: value for key, value in os.environ.items() if not key.startswith(ours)}
 
-    def make(*settings, phases="lint together,clocked", **files):
+    def make(*settings, phases="lint together,clocked", target="test", **files):
         for name, text in files.items():
             (tmp_path / "tests" / f"test_{name}.py").write_text(text)
-        command = ["make", "test", f"PHASES={phases}", "REAL_TIME=tests", "BESIDE=", *settings]
+        command = ["make", target, f"PHASES={phases}", "REAL_TIME=tests", "BESIDE=", *settings]
         done = subprocess.run(
             command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
         )
@@ -114,3 +115,36 @@ def test_arguments_select_tests_and_phases_without_any_are_no_failure(run):
     code, lines = run(settings, phases="together clocked", first=FIRST, last=LAST)
     assert code == 0, lines
     assert lines[-1].startswith("1 passed; ")
+
+
+ORDERED = """
+import os
+
+def test_order():
+    assert "random" not in os.environ.get("PYTEST_ADDOPTS", "")
+"""
+
+
+def test_each_condition_has_its_row_and_what_failed_is_named(run, tmp_path):
+    settings = "CONDITIONS=background random-1", "ARGS=tests/test_order.py"
+    code, lines = run(*settings, target="test-hard", order=ORDERED)
+    assert code != 0
+    rows = {line.split()[0]: line.split()[1:] for line in lines[-4:-2]}
+    assert rows["background"][:3] == ["0", "1", "0"]
+    assert rows["background"][-1] == "ok"
+    assert rows["random-1"][:3] == ["1", "0", "0"]
+    assert rows["random-1"][-1] == "FAILED"
+    assert lines[-2:] == [
+        "FAILED random-1: see build/hard/random-1.txt",
+        "  tests/test_order.py::test_order",
+    ]
+    assert "1 failed in" in (tmp_path / "build" / "hard" / "random-1.txt").read_text()
+
+
+def test_a_condition_that_is_not_permitted_is_skipped_with_its_reason(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path / "none"))  # without taskset
+    command = [sys.executable, str(ROOT / "tests" / "hard.py"), "one-core"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    name, reason = done.stdout.splitlines()[-1].split(maxsplit=1)
+    assert (name, reason) == ("one-core", "skipped: there is no taskset")
