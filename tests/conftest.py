@@ -378,7 +378,7 @@ class Judge:
         self._ended, self.late = threading.Event(), 0.0
         self._thread = threading.Thread(target=self._watch)
         self._thread.start()
-        self._began = time.monotonic()
+        self._began, self._worked = time.monotonic(), time.thread_time()
         return self
 
     def _watch(self):
@@ -389,6 +389,7 @@ class Judge:
 
     def __exit__(self, *_):
         self.took = time.monotonic() - self._began
+        self.worked = time.thread_time() - self._worked
         self._ended.set()
         self._thread.join()
 
@@ -397,6 +398,10 @@ class Judge:
         if self.took > limit and self.took - self.late <= limit:
             pytest.skip(f"took {self.took:.3f} s; the machine was late by {self.late:.3f} s")
         assert self.took <= limit
+
+    def check_work(self, limit):
+        """Proves that this thread computed no longer [s], whatever others did meanwhile."""
+        assert self.worked <= limit
 
     def check_at_least(self, value, least):
         """Proves that a value is large enough, or skips where the machine was often late."""
