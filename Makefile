@@ -1,10 +1,12 @@
-# make setup | demo | check | test | test-all | bench | docs | wheel | clean
+# make setup | demo | check | test | test-all | test-hard | bench | docs | wheel | clean
 SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
 # Compiled once for all the programs that tests start, whatever the environment says.
 # Fewer calls of the C library for the small blocks of memory of which Drake asks many.
-PYTEST := env -u PYTHONDONTWRITEBYTECODE GLIBC_TUNABLES=glibc.malloc.tcache_count=200 PYTHONPYCACHEPREFIX=$(CURDIR)/build/pycache $(BIN)/pytest
+PYTEST := env -u PYTHONDONTWRITEBYTECODE GLIBC_TUNABLES=glibc.malloc.tcache_count=200 PYTHONPYCACHEPREFIX="$(CURDIR)/build/pycache" $(BIN)/pytest
+# For the summary of tests/run.py; xunit1 names files. A file that cannot be imported is one failure.
+REPORT = --continue-on-collection-errors -o junit_family=xunit1 --junitxml=build/tests/$@.xml
 # Where tests are judged by the clock; tests/conftest.py marks them.
 REAL_TIME := tests/diagrams/test_hardware_station.py tests/sims/real_machine
 # Where tests need whole runs of experiments; tests/conftest.py shares these.
@@ -12,16 +14,20 @@ WHOLE_RUNS := tests/laws/test_chapters.py tests/laws/test_experiments.py tests/s
 # More processes than there are cores: tests of devices wait for them.
 TOGETHER := $(PYTEST) -n $(shell expr $$(getconf _NPROCESSORS_ONLN) + 2)
 ARGS ?=
+comma := ,
 # Whether real-time programs may keep other programs away.
 BESIDE := $(shell chrt --fifo 1 true 2>/dev/null && echo yes)
 # pytest's answer where there is none of the tests that are asked for.
 NONE := [ $$? = 5 ]
+# What can run beside each other does, on all cores; what is judged by the clock then runs alone, or
+# beside whole experiments where real-time programs may keep these away.
+LAST := clocked$(if $(BESIDE),$(comma)whole-runs)
 
 # The newest interpreter that is new enough; PYTHON=/path/to/python overrides it.
 PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3; do \
   if $$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' >/dev/null 2>&1; then command -v $$p; break; fi; done)
 
-.PHONY: setup demo check test test-all lint types together clocked whole-runs bench docs wheel clean
+.PHONY: setup demo check test tests test-all test-hard lint types together clocked whole-runs slow bench docs wheel clean
 .DEFAULT_GOAL := setup
 
 setup: $(VENV)/.installed
@@ -48,19 +54,25 @@ check: lint types
 	$(TOGETHER) -m "not real_time and not slow and not whole_run" tests/laws tests/systems \
 	  --ignore tests/laws/test_devices.py --ignore tests/systems/hardware
 
-# What can run beside each other does, on all cores; what is judged by the clock then runs alone, or
-# beside whole experiments where real-time programs may keep these away.
-test: lint
-	$(MAKE) --no-print-directory --jobs=2 types together
-	$(MAKE) --no-print-directory --jobs=2 --output-sync=target clocked $(if $(BESIDE),whole-runs)
+# All phases, whatever one of them finds, and one summary.
+test: setup
+	$(BIN)/python tests/run.py $(or $(PHASES),lint together$(comma)types $(LAST))
 
 # With the tests that are left out of the everyday ones.
-test-all: test
-	$(PYTEST) -m slow $(ARGS)
+test-all: setup
+	$(BIN)/python tests/run.py lint together$(comma)types $(LAST) slow
+
+# The tests alone.
+tests: setup
+	$(BIN)/python tests/run.py together $(LAST)
+
+# Under conditions of other computers: CONDITIONS="busy user", see tests/hard.py; not for every day.
+test-hard: export ARGS := $(ARGS)
+test-hard: setup
+	$(BIN)/python tests/hard.py $(CONDITIONS)
 
 lint: setup
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .; checked=$$?; $(BIN)/ruff format --check . && exit $$checked
 
 # The folders are mapped to the package parapod by setuptools; mypy sees them through links.
 types: setup
@@ -69,20 +81,22 @@ types: setup
 	@ln -sfn ../../../__init__.py build/types/parapod/__init__.py
 	MYPYPATH=build/types:. $(BIN)/mypy -p parapod -p benchmarks
 
-# Once, and not by each process of the tests while the others do it too.
+# Once, and not by each process of the tests while the others do it too; these tell what fails.
 build/compiled: $(VENV)/.installed
 	@mkdir -p build
-	@$(PYTEST) --collect-only --quiet > $@.part || { cat $@.part; exit 1; }
-	@mv $@.part $@
+	@$(PYTEST) --collect-only --quiet > $@.part && mv $@.part $@ || true
 
 together: build/compiled
-	$(TOGETHER) -m "not real_time and not slow $(if $(BESIDE),and not whole_run)" $(ARGS) || $(NONE)
+	$(TOGETHER) $(REPORT) -m "not real_time and not slow $(if $(BESIDE),and not whole_run)" $(ARGS) || $(NONE)
 
 clocked: setup
-	$(PYTEST) -m "real_time and not slow" $(or $(ARGS),$(REAL_TIME)) || $(NONE)
+	$(PYTEST) $(REPORT) -m "real_time and not slow" $(or $(ARGS),$(REAL_TIME)) || $(NONE)
 
 whole-runs: setup
-	nice -n 19 $(PYTEST) -n 2 -m "whole_run and not slow" $(or $(ARGS),$(WHOLE_RUNS)) || $(NONE)
+	nice -n 19 $(PYTEST) -n 2 $(REPORT) -m "whole_run and not slow" $(or $(ARGS),$(WHOLE_RUNS)) || $(NONE)
+
+slow: setup
+	$(PYTEST) $(REPORT) -m slow $(ARGS) || $(NONE)
 
 bench: setup
 	$(BIN)/python -m benchmarks $(ARGS)

@@ -25,10 +25,6 @@ from rich.console import Console
 
 # Where programs beside each other are judged by the clock.
 REAL_TIME = ("diagrams/test_hardware_station.py", "sims/real_machine")
-# Where devices are waited for, beside other tests.
-WAITING = ("laws/test_devices.py", "systems/hardware")
-
-
 # Where tests share whole runs of experiments, which one process a machine therefore makes; and
 # where alone the Makefile seeks them.
 SHARED_RUNS = (
@@ -41,11 +37,7 @@ SHARED_RUNS = (
 )
 
 
-def _node_ids(names):
-    return tuple(f"tests/{name}{'::' if name.endswith('.py') else '/'}" for name in names)
-
-
-_REAL_TIME, _CLOCKED = _node_ids(REAL_TIME), _node_ids((*REAL_TIME, *WAITING))
+_REAL_TIME = tuple(f"tests/{name}{'::' if name.endswith('.py') else '/'}" for name in REAL_TIME)
 # Machines beside the platform, by what the names of their tests hold.
 OTHERS = {"the chair": "chair", "the centres": "center|centres", "the bench": "bench-|terrain"}
 
@@ -65,9 +57,6 @@ def pytest_itemcollected(item):
     # Names are compared as texts: paths of seven thousand tests would take half a second.
     if item.nodeid.startswith(_REAL_TIME):
         item.add_marker(pytest.mark.real_time)
-    if item.nodeid.startswith(_CLOCKED):
-        # A computer that stands still for a moment is no fault of the program; twice is enough.
-        item.add_marker(pytest.mark.flaky(reruns=2))
     if {"execute", "finished"} & set(item.fixturenames):
         if not item.nodeid.startswith(SHARED_RUNS):
             raise pytest.UsageError(f"{item.nodeid}: whole runs are sought in SHARED_RUNS only")
@@ -389,7 +378,7 @@ class Judge:
         self._ended, self.late = threading.Event(), 0.0
         self._thread = threading.Thread(target=self._watch)
         self._thread.start()
-        self._began = time.monotonic()
+        self._began, self._worked = time.monotonic(), time.thread_time()
         return self
 
     def _watch(self):
@@ -400,6 +389,7 @@ class Judge:
 
     def __exit__(self, *_):
         self.took = time.monotonic() - self._began
+        self.worked = time.thread_time() - self._worked
         self._ended.set()
         self._thread.join()
 
@@ -408,6 +398,10 @@ class Judge:
         if self.took > limit and self.took - self.late <= limit:
             pytest.skip(f"took {self.took:.3f} s; the machine was late by {self.late:.3f} s")
         assert self.took <= limit
+
+    def check_work(self, limit):
+        """Proves that this thread computed no longer [s], whatever others did meanwhile."""
+        assert self.worked <= limit
 
     def check_at_least(self, value, least):
         """Proves that a value is large enough, or skips where the machine was often late."""

@@ -40,7 +40,7 @@ def desk(shared):
     shared.DeleteHold("ahead", strict=False)
 
 
-def until(condition, timeout=5.0):
+def until(condition, timeout=60.0):
     end = time.monotonic() + timeout
     while not condition():
         assert time.monotonic() < end
@@ -48,14 +48,14 @@ def until(condition, timeout=5.0):
 
 
 def state(desk):
-    with urllib.request.urlopen(desk.web_url().replace("/?", "/state?"), timeout=5.0) as answer:
+    with urllib.request.urlopen(desk.web_url().replace("/?", "/state?"), timeout=60.0) as answer:
         return json.loads(answer.read())
 
 
 def send(desk, **body):
     data, headers = json.dumps(body).encode(), {"Origin": desk.web_url().partition("/?")[0]}
     request = urllib.request.Request(desk.web_url(), data, headers)
-    urllib.request.urlopen(request, timeout=5.0).close()
+    urllib.request.urlopen(request, timeout=60.0).close()
 
 
 def test_it_shows_controls_and_hears_of_them(desk):
@@ -92,9 +92,8 @@ def test_what_the_operator_did_while_nobody_asked_is_over(desk):
     send(desk, hold="ahead", on=True, number=1)
     time.sleep(2.5)  # in which more is said than a pipe holds
     state(desk)
-    time.sleep(0.05)
+    until(lambda: desk.silence() < 0.3)
     assert not desk.IsHeld("ahead")
-    assert desk.silence() < 0.3
 
 
 def test_nothing_is_held_any_more_as_soon_as_the_process_has_ended(desk):
@@ -121,15 +120,14 @@ def test_it_shows_the_newest_numbers_and_draws_the_machine(desk):
     assert shown["idle"] == ["Go"]
 
 
-def test_a_page_that_falls_silent_is_silence(desk):
-    state(desk)
-    until(lambda: desk.silence() < 0.1)
-    begun = time.monotonic()
-    until(lambda: desk.silence() > 0.35)
-    assert time.monotonic() - begun < 0.45
+def test_a_page_that_falls_silent_is_silence(desk, judge):
+    with judge() as judged:
+        state(desk)
+        until(lambda: desk.silence() > 0.35)
+    judged.check(0.55)
 
 
-def test_it_never_waits_for_its_process_and_a_process_that_stands_still_is_silence():
+def test_it_never_waits_for_its_process_and_a_process_that_stands_still_is_silence(judge):
     with Desk("deploy", DeployScenario(), "a title") as desk:
         desk.AddHold("ahead")
         until(lambda: state(desk)["holds"])
@@ -137,24 +135,22 @@ def test_it_never_waits_for_its_process_and_a_process_that_stands_still_is_silen
         until(lambda: desk.IsHeld("ahead"))
         os.kill(desk.process, signal.SIGSTOP)
         try:
-            begun, longest = time.monotonic(), 0.0
-            for k in range(3000):
-                started = time.monotonic()
-                desk.show(Readout(f"{k}", remarks=("x" * 200,)), SIGNALS)
-                desk.GetSliderNames()
-                longest = max(longest, time.monotonic() - started)
-            assert len(desk._out) < 1 << 18
-            until(lambda: desk.silence() > 0.3)
-            assert time.monotonic() - begun < 2.0
+            with judge() as judged:
+                for k in range(3000):
+                    desk.show(Readout(f"{k}", remarks=("x" * 200,)), SIGNALS)
+                    desk.GetSliderNames()
+                assert len(desk._out) < 1 << 18
+                until(lambda: desk.silence() > 0.3)
             assert not desk.IsHeld("ahead")
         finally:
             os.kill(desk.process, signal.SIGCONT)
         until(lambda: state(desk)["state"].isdecimal())
         os.kill(desk.process, signal.SIGKILL)
-        until(lambda: desk.silence() > 0.4, 1.0)
+        until(lambda: desk.silence() > 0.4)
         desk.show(Readout("nobody sees this"))
         desk.AddButton("Go")
         assert desk.GetButtonClicks("Go") == 0
+    judged.check(2.0)
 
 
 def test_a_page_that_cannot_begin_says_why():

@@ -37,7 +37,7 @@ def ask(panel, path="/", body=None, **headers):
     data = None if body is None else json.dumps(body).encode()
     request = urllib.request.Request(admitted(panel, path), data, headers)
     try:
-        with urllib.request.urlopen(request, timeout=5.0) as answer:
+        with urllib.request.urlopen(request, timeout=60.0) as answer:
             return answer.status, answer.read()
     except urllib.error.HTTPError as error:
         return error.code, b""
@@ -206,14 +206,14 @@ def test_a_button_is_held_while_its_page_says_so(panel):
     assert send(panel, {"hold": "ahead", "on": True, "number": 8}) == 400
 
 
-def test_a_button_is_let_go_when_nothing_more_is_heard(panel):
+def test_a_button_is_let_go_when_nothing_more_is_heard(panel, judge):
     panel.AddHold("ahead")
-    send(panel, {"hold": "ahead", "on": True, "number": 1})
-    begun = time.monotonic()
-    while panel.IsHeld("ahead"):
-        assert time.monotonic() < begun + 0.4
-        time.sleep(0.01)
-    assert time.monotonic() > begun + 0.1
+    with judge() as judged:
+        send(panel, {"hold": "ahead", "on": True, "number": 1})
+        while panel.IsHeld("ahead"):
+            time.sleep(0.01)
+    assert judged.took > 0.1
+    judged.check(0.45)
 
 
 # Who operates
@@ -235,18 +235,22 @@ def test_one_page_operates_until_another_takes_over(panel):
     assert panel.GetButtonClicks("Go") == 1
 
 
-def test_silence_is_that_of_the_page_that_operates(panel):
+def test_silence_is_that_of_the_page_that_operates(panel, judge):
     assert panel.silence() == float("inf")
-    assert ask(panel, "/beat?page=first")[0] == 204
-    assert panel.silence() < 0.1
     begun = time.monotonic()
-    while time.monotonic() < begun + 0.3:
-        ask(panel, "/beat?page=second")  # one that only looks
-        time.sleep(0.02)
-    assert 0.25 < panel.silence() < 1.0
+    assert ask(panel, "/beat?page=first")[0] == 204
+    assert panel.silence() <= time.monotonic() - begun
+    with judge() as judged:
+        while time.monotonic() < begun + 0.3:
+            ask(panel, "/beat?page=second")  # one that only looks
+            time.sleep(0.02)
+        silence = panel.silence()
+    assert silence <= time.monotonic() - begun
+    judged.check_at_least(silence, 0.25)
     time.sleep(0.8)
+    begun = time.monotonic()
     ask(panel, "/beat?page=second")  # the first one has been closed
-    assert panel.silence() < 0.1
+    assert panel.silence() <= time.monotonic() - begun
     assert json.loads(ask(panel, "/state?page=second")[1])["operates"]
 
 
@@ -267,7 +271,7 @@ def test_without_the_token_nothing_is_shown_or_obeyed(meshcat, host):
             data = None if body is None else json.dumps(body).encode()
             request = urllib.request.Request(url + path, data, headers)
             try:
-                with urllib.request.urlopen(request, timeout=5.0) as answer:
+                with urllib.request.urlopen(request, timeout=60.0) as answer:
                     assert answer.headers["Set-Cookie"] is None
                     return answer.status
             except urllib.error.HTTPError as error:

@@ -464,7 +464,7 @@ def test_an_emulator_that_one_device_refuses_says_so_in_one_line():
     # Of its own, because the other devices' processes would write to the program's stderr.
     command = (sys.executable, "-m", "parapod.sims", "emulate", "level", "--backend", "kinematic")
     refused = ("--set", "hardware.drivers.0.target=localhost:1")
-    done = subprocess.run((*command, *refused), capture_output=True, text=True, timeout=60)
+    done = subprocess.run((*command, *refused), capture_output=True, text=True, timeout=300)
     assert done.returncode == 2
     assert done.stderr == (
         "parapod: error: !NiDaqLegs.target = localhost:1 is not an address of the emulator, "

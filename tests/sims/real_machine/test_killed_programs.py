@@ -130,7 +130,7 @@ def test_a_controller_that_is_asked_to_end_leaves_the_machine_neutral(
     program = levelling(machine, "--log", path)
     at, began = time.time(), time.monotonic()
     program.send_signal(getattr(signal, name))
-    _, said = program.communicate(timeout=20)
+    _, said = program.communicate(timeout=120)
     took = time.monotonic() - began
     assert program.returncode == 130, said
     assert said.splitlines()[-1] == "parapod: interrupted"
@@ -277,7 +277,7 @@ def test_a_controller_whose_machine_is_gone_ends_and_names_a_device(machine, in_
     time.sleep(0.5)
     os.killpg(machine.process.pid, signal.SIGKILL)
     began = time.monotonic()
-    _, said = controller.communicate(timeout=20)
+    _, said = controller.communicate(timeout=120)
     took = time.monotonic() - began
     assert controller.returncode == 2, said
     assert re.match(r"parapod: error: (PXIe-6363|ADIS16448|EPOS2) ", said.splitlines()[-1]), said

@@ -47,8 +47,8 @@ def operate(machine):
         page.close()
         if program.poll() is None:
             program.send_signal(signal.SIGINT)
-            program.communicate(timeout=30.0)
-    assert machine.until(lambda: machine.is_neutral, 5.0)
+            program.communicate(timeout=120)
+    assert machine.until(lambda: machine.is_neutral, 60.0)
 
 
 def voltages(machine):
@@ -61,7 +61,7 @@ def within(machine, in_time):
 
     def wait(condition, limit, what):
         begun = time.monotonic()
-        assert machine.until(condition, 5.0), what
+        assert machine.until(condition, 60.0), what
         in_time(time.monotonic() - begun, limit, what)
 
     return wait
@@ -79,7 +79,7 @@ def test_an_operator_drives_lowers_stops_and_goes_on(machine, operate, within, t
     log = tmp_path / "operated.mcap"
     program, page = operate("--log", str(log))
     page.held = "ahead"
-    assert machine.until(lambda: machine.wires.get("wheels.velocity_command")[0] > 1.0, 5.0)
+    assert machine.until(lambda: machine.wires.get("wheels.velocity_command")[0] > 1.0, 60.0)
     page.held = ""
     within(lambda: not any(machine.wires.get("wheels.velocity_command")), 0.6, "let go")
     page.click("Go")
@@ -89,7 +89,7 @@ def test_an_operator_drives_lowers_stops_and_goes_on(machine, operate, within, t
     # The emergency stop.
     machine.misbehave("emergency_stop", "pressed")
     within(lambda: not machine.has_power and not voltages(machine).any(), 0.2, "cut")
-    page.wait("fault", 2.0)
+    page.wait("fault")
     assert any(text.startswith("emergency_stop: ") for text in page.state()["remarks"])
     page.click("Reset")  # in vain
     time.sleep(0.5)
@@ -100,7 +100,7 @@ def test_an_operator_drives_lowers_stops_and_goes_on(machine, operate, within, t
     assert not machine.has_power
     assert not voltages(machine).any()
     page.click("Reset")
-    page.wait("standby", 2.0)
+    page.wait("standby")
     assert still(machine, 0.3)
     page.held = "leg 2 down"
     before = np.array(machine.wires.get("legs.extension"))
@@ -110,7 +110,7 @@ def test_an_operator_drives_lowers_stops_and_goes_on(machine, operate, within, t
     assert moved[1] < -5e-4
     assert np.abs(np.delete(moved, 1)).max() < 1e-4
     page.click("Stop")
-    page.wait("retract", 2.0)
+    page.wait("retract")
     time.sleep(0.5)
     assert voltages(machine).max() > 0.1
     # The page is closed while legs move.
@@ -119,15 +119,15 @@ def test_an_operator_drives_lowers_stops_and_goes_on(machine, operate, within, t
     time.sleep(0.3)
     assert still(machine, 0.3)
     page.is_open.set()
-    page.wait("fault", 2.0)
+    page.wait("fault")
     page.click("End")
-    _, said = program.communicate(timeout=30.0)
+    _, said = program.communicate(timeout=120)
     assert program.returncode == 0, said
     assert log.stat().st_size > 100_000
 
 
 @pytest.mark.slow
-def test_a_machine_whose_page_dies_holds_and_then_ends(machine, operate, within):
+def test_a_machine_whose_page_dies_holds_and_then_ends(machine, operate, within, in_time):
     program, page = operate()
     page.click("Go")
     page.wait("lower")
@@ -139,10 +139,10 @@ def test_a_machine_whose_page_dies_holds_and_then_ends(machine, operate, within)
     begun = time.monotonic()
     os.kill(desk, signal.SIGKILL)
     within(lambda: still(machine, 0.05), 0.55, "page killed")
-    _, said = program.communicate(timeout=30.0)
+    _, said = program.communicate(timeout=120)
     assert program.returncode == 2
     assert "the operator's page is gone" in said
-    assert time.monotonic() - begun < 10.0
+    in_time(time.monotonic() - begun, 10.0, "end after the page was killed [s]")
 
 
 def command_of(pid):
@@ -158,7 +158,7 @@ def test_the_whole_operation_is_carried_out_on_devices(machine, tmp_path):
     metrics = json.loads(found.read_text())
     assert metrics["steps_left"] == metrics["findings"] == 0.0
     assert metrics["roll_error_deg"] < 0.2
-    assert machine.until(lambda: machine.is_neutral, 5.0)
+    assert machine.until(lambda: machine.is_neutral, 60.0)
 
 
 @pytest.mark.slow
@@ -174,9 +174,9 @@ def test_a_fault_in_the_operation_is_named_and_ends_it(machine, part, kind, word
     program = machine.parapod("run", "deploy", "--backend=hardware")
     assert machine.until(lambda: voltages(machine).min() > 0.1, 40.0)
     machine.misbehave(part, kind)
-    _, said = program.communicate(timeout=60.0)
+    _, said = program.communicate(timeout=120)
     machine.misbehave(part, "released" if part == "emergency_stop" else "well")
     machine.measure_legs()
     assert program.returncode == 2
     assert re.search(words, said.splitlines()[-1]), said
-    assert machine.until(lambda: machine.is_neutral, 5.0)
+    assert machine.until(lambda: machine.is_neutral, 60.0)

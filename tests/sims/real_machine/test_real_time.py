@@ -164,15 +164,16 @@ def test_physics_that_is_too_late_leaves_out_what_it_cannot_make_up_for():
     assert timing.missed == 5
 
 
-def test_the_real_clock_is_kept_to():
+def test_the_real_clock_is_kept_to(judge):
     simulator = Simulator(ConstantVectorSource([0.0]))
     simulator.Initialize()
     loop = RealTimeLoop(simulator, PERIOD, is_strict=False)
-    began = time.monotonic()
-    loop.run(0.3)
-    assert 0.28 <= time.monotonic() - began < 2.0
+    with judge() as judged:
+        loop.run(0.3)
+    assert judged.took >= 0.28
     assert simulator.get_context().get_time() == pytest.approx(0.295)
     assert loop.timing.ticks + loop.timing.missed >= 30
+    judged.check(2.0)
 
 
 def test_period_error_is_what_two_late_ticks_differ_by():
@@ -240,6 +241,15 @@ def test_a_signal_that_is_ignored_under_nohup_ends_nothing():
         signal.signal(signal.SIGHUP, before)
 
 
+@pytest.fixture
+def interruptible():
+    """Ctrl-C raises KeyboardInterrupt, also where the tests run in the background of a shell."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_a_signal_in_the_middle_of_a_tick_ends_the_loop_after_it(name):
     """Raised in a conversion to C++ it would become a TypeError about another argument."""
@@ -288,6 +298,7 @@ def test_a_signal_ends_a_tick_that_hangs_already():
         RealTimeLoop(simulator, 0.001, tick, is_strict=False).run(1.0)
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_a_signal_in_the_last_tick_is_not_lost():
     simulator = Simulator(ConstantVectorSource([1.0]))
     simulator.Initialize()
@@ -327,7 +338,7 @@ def test_an_emulator_ends_with_the_program_that_began_it(tmp_path, in_time):
         parent.kill()
         parent.wait()
         began = time.monotonic()
-        while (directory / WIRES).exists() and time.monotonic() < began + 10.0:
+        while (directory / WIRES).exists() and time.monotonic() < began + 60.0:
             time.sleep(0.01)
         # In peace: it has taken its wires with it.
         assert not (directory / WIRES).exists()

@@ -95,7 +95,7 @@ def failure():
 def until():
     """Waits for something to become so; says whether it did."""
 
-    def wait(condition, timeout=5.0):
+    def wait(condition, timeout=60.0):
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             if condition():
@@ -197,7 +197,7 @@ class Rig:
 
     def wait(self, condition, call=None):
         """Waits for a condition, and goes on reading meanwhile as an owner does, or calls."""
-        deadline = time.monotonic() + 5.0
+        deadline = time.monotonic() + 60.0
         while not condition():
             assert time.monotonic() < deadline, (self.command, self.nodes.states)
             (call or self.drives.read)()

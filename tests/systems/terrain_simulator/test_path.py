@@ -464,7 +464,7 @@ def test_paths_are_accepted_or_refused_with_a_speed_that_is_accepted(judge):
         duration = 10.0 / path.gait.frequency
         with judge() as judged:
             error = refusal(path)
-        judged.check(1.0)
+        judged.check_work(1.0)
         if error is None:
             accepted += 1
         else:
@@ -492,7 +492,7 @@ def test_a_check_is_cheap(judge):
     check_path(PEDAL, path)
     with judge() as judged:
         check_path(PEDAL, path)
-    judged.check(0.05)
+    judged.check_work(0.05)
 
 
 @pytest.mark.parametrize(

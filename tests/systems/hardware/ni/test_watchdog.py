@@ -42,14 +42,14 @@ def left_alone(server, card, until):
     def leave():
         drive(card)
         assert server.wiring.is_relay_closed
-        assert until(lambda: not server.wiring.is_relay_closed, 2.0 * TIMEOUT)
+        assert until(lambda: not server.wiring.is_relay_closed)
 
     return leave
 
 
 def expired(card):
     """Reads and commands until the device has noticed; what it says."""
-    deadline = time.monotonic() + 2.0
+    deadline = time.monotonic() + 60.0
     while time.monotonic() < deadline:
         card.read()
         try:
@@ -62,27 +62,32 @@ def expired(card):
 # What the card does
 
 
-def test_relay_opens_when_nothing_reaches_the_card(card, server, harness, until):
-    drive(card)
-    reset = time.monotonic()
-    assert until(lambda: not server.wiring.is_relay_closed, 2.0 * TIMEOUT)
-    # Between the reset and now; the emulated card looks every 2 ms.
-    assert time.monotonic() - reset > TIMEOUT - 0.1
+def test_relay_opens_when_nothing_reaches_the_card(card, server, harness, until, judge):
+    with judge() as judged:
+        drive(card)
+        assert until(lambda: not server.wiring.is_relay_closed)
+    # The emulated card looks every 2 ms.
+    assert judged.took > TIMEOUT - 0.1
     assert harness.get("legs.voltage") == (0.0,) * 4
     assert harness.get("legs.stop") == (1.0,)
     # X Series cards have it for digital lines only.
     assert server.wiring.outputs != (2.5,) * 4
+    judged.check(2.0 * TIMEOUT)
 
 
 @pytest.mark.parametrize("calls", [("read",), ("write",), ("read", "write")])
-def test_reads_and_writes_keep_it_from_expiring(card, server, calls):
-    drive(card)
-    end = time.monotonic() + 3.0 * TIMEOUT
-    while time.monotonic() < end:
-        for call in calls:
-            card.read() if call == "read" else drive(card)
-        time.sleep(0.01)
-        assert server.wiring.is_relay_closed
+def test_reads_and_writes_keep_it_from_expiring(card, server, calls, judge):
+    with judge() as judged:
+        drive(card)
+        end, is_closed = time.monotonic() + 3.0 * TIMEOUT, True
+        while time.monotonic() < end and is_closed:
+            for call in calls:
+                card.read() if call == "read" else drive(card)
+            time.sleep(0.01)
+            is_closed = server.wiring.is_relay_closed
+    if not is_closed and judged.late > 0.5 * TIMEOUT:
+        pytest.skip(f"the machine was late by {judged.late:.3f} s")
+    assert is_closed
 
 
 def test_loop_resets_it_at_most_once_a_cycle_and_asks_nothing_else(card, server):
@@ -192,7 +197,7 @@ def test_device_that_cannot_stop_the_machine_leaves_it_to_the_card(
     card.close()
     assert card.watchdog == WORDS
     misbehaviour.end()
-    assert until(lambda: not server.wiring.is_relay_closed, 2.0 * TIMEOUT)
+    assert until(lambda: not server.wiring.is_relay_closed)
 
 
 def test_watchdog_is_left_armed_if_only_the_relay_was_not_reached(
@@ -206,7 +211,7 @@ def test_watchdog_is_left_armed_if_only_the_relay_was_not_reached(
     monkeypatch.setattr(card._tasks, "write_relay", refuse)
     card.close()
     assert server.wiring.is_relay_closed
-    assert until(lambda: not server.wiring.is_relay_closed, 2.0 * TIMEOUT)
+    assert until(lambda: not server.wiring.is_relay_closed)
 
 
 # The next program
@@ -224,7 +229,7 @@ def dead(server):
 @pytest.mark.parametrize("watchdog_ms", [1e3 * TIMEOUT, 0.0])
 def test_next_program_clears_what_has_expired_with_a_word(server, until, watchdog_ms):
     dead(server)
-    assert until(lambda: not server.wiring.is_relay_closed, 2.0 * TIMEOUT)
+    assert until(lambda: not server.wiring.is_relay_closed)
     with device(server, watchdog_ms=watchdog_ms) as card:
         assert "the watchdog of an earlier program had opened the relay" in card.remarks[0]
         card.activate()
@@ -237,7 +242,7 @@ def test_next_program_clears_what_has_expired_with_a_word(server, until, watchdo
 def test_expiration_is_cleared_whose_task_is_gone(server, until):
     # As of a program without a server, whose tasks end with it.
     dead(server)
-    assert until(lambda: not server.wiring.is_relay_closed, 2.0 * TIMEOUT)
+    assert until(lambda: not server.wiring.is_relay_closed)
     for name in server.card.tasks:
         del server.card._tasks[name]
     with device(server) as card:
