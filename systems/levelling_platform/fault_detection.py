@@ -334,7 +334,10 @@ class FaultDetector(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def allow_age(self, context: Context, seconds: float) -> float:
-        """Lets measurements be older than usual, if that is more; returns the usual limit [s]."""
+        """Lets measurements be older than usual, if that is more; returns the usual limit [s].
+
+        Legs may then jump, and be off what their voltages say, by the way that they go meanwhile.
+        """
         limit = max(seconds, self.params.oldest)
         context.get_mutable_numeric_parameter(self._oldest).SetFromVector(np.array([limit]))
         return self.params.oldest
@@ -379,6 +382,8 @@ class _Look:
         self._detector, self._context = detector, context
         self._params, self._memory = detector.params, memory
         self._oldest = detector.oldest(context)
+        # For so much longer than usual legs may be shown where they were [s].
+        self._late = self._oldest - detector.params.oldest
         self._extension = self._read("extension")
         self._limits = self._read("limits")
         self._attitude = self._read("attitude")
@@ -434,7 +439,7 @@ class _Look:
         if not all(params.shortest <= d <= params.longest for d in self._extension):
             signs.add(Finding.ENCODER_INVALID)
         elif self._memory[_SEEN]:
-            most = params.fastest * self._detector.period
+            most = params.fastest * (self._detector.period + self._late)
             moved = zip(self._extension, self._memory[_EXTENSION], strict=True)
             if not all(abs(now - before) <= most for now, before in moved):
                 signs.add(Finding.ENCODER_JUMP)
@@ -453,7 +458,8 @@ class _Look:
             rate = (self._extension[i] - memory[_EXTENSION][i]) / period
             beyond = rate - fast if rate > fast else min(0.0, rate - slow)
             residual[i] += period * (beyond - residual[i] / params.memory)
-            wrong += abs(residual[i]) > params.response
+            behind = self._late * max(-slow, fast)
+            wrong += abs(residual[i]) > params.response + behind
         memory[_RESIDUAL] = residual
         if wrong >= 3:
             return {Finding.SUPPLY, Finding.LEG_RESPONSE}

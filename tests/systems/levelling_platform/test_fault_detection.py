@@ -126,6 +126,22 @@ def test_data_may_be_as_old_as_usual_or_as_is_allowed(watch, allowed, limit):
     assert found(np.full(4, 1.01 * limit)) == {Finding.LEGS_STALE, Finding.IMU_STALE}
 
 
+@pytest.mark.parametrize("allowed", [0.05, 0.08])
+def test_legs_that_are_shown_late_are_compared_with_where_they_may_be(watch, allowed):
+    detector = watch(Phase.RETRACT)
+    detector.system.allow_age(detector.context, allowed)
+    begun, volts = healthy(Phase.RETRACT)["extension"], np.full(4, 3.0)
+    late = np.r_[np.zeros(20), 1.0, 2.0, 3.0, np.zeros(5)]  # ticks
+    for k, ticks in enumerate(late):
+        way = 0.01 * K * volts * max(0.0, k - ticks)
+        detector.tick(extension=begun + way, voltage=volts)
+    is_accused = {Finding.LEG_RESPONSE, Finding.SUPPLY} <= detector.findings
+    assert is_accused == (allowed == 0.05)
+    for _ in range(200):  # encoders that are stuck now
+        detector.tick()
+    assert Finding.LEG_RESPONSE in detector.findings
+
+
 def test_a_whole_operation_at_rest_goes_through_its_phases_without_a_finding(watch):
     """Extensions between phases are those of legs that have moved as their voltages said."""
     detector = watch(Phase.TRANSPORT)
