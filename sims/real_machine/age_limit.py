@@ -14,7 +14,7 @@ from parapod.systems.hardware.clock import hold, monotonic, sleep
 from parapod.systems.hardware.io import STALE_AFTER, DeviceThread
 
 # How long it is looked at ages, and how much of that threads need until they read in time [s].
-_LOOKED, _SETTLING = 0.5, 0.1
+LOOKED, _SETTLING = 0.5, 0.1
 # How much older measurements may become within a job [-]; limits are multiples of a time [s].
 _MARGIN, _GRID = 2.0, 0.01
 # An emulated time waits for looks that are so late [periods], and not longer than that of the
@@ -51,7 +51,7 @@ def ages_of(
     held, oldest, late = hold(_HELD_FOR), 0.0, 0.0
     begun = due = clock()
     try:
-        while due < begun + _LOOKED:
+        while due < begun + LOOKED:
             due = max(due + period, clock())
             held.until(due + _SLACK * period)
             sleep(max(0.0, due - clock()))

@@ -21,6 +21,7 @@ from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.machining_center.machine import MACHINING_CENTER
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.walking_chair.machine import CHAIR
+from parapod.sims.real_machine.age_limit import LOOKED
 from parapod.systems.hardware.clock import CLOCK, EmulatedClock
 from parapod.systems.hardware.emulation.harness import SharedHarness
 from parapod.systems.hardware.position_memory import PositionMemory
@@ -229,7 +230,7 @@ class Emulator:
 
     @contextmanager
     def disturbed(self, kind, *parts, after=1.0):
-        """Makes devices misbehave once they have had power for a while.
+        """Makes devices misbehave once a job has driven them for a while.
 
         Yields the instants: when they begin to, and when the machine is neutral since.
         """
@@ -237,7 +238,7 @@ class Emulator:
 
         def disturb():
             if self.until(lambda: self.has_power or over.is_set(), 30.0):
-                self.until_time(self.now() + after, over)
+                self.until_time(self.now() + LOOKED + after, over)
                 instants.append(self.now())
                 for part in parts:
                     self.misbehave(part, kind)
