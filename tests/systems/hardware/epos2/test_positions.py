@@ -371,10 +371,11 @@ def test_a_leg_that_does_not_follow_gives_up_and_the_others_stop(make_legs):
 
 
 def test_while_a_node_is_silent_no_set_value_moves(make_legs):
-    legs = make_legs(timeout=0.02)
+    legs = make_legs()
     legs.activate()
     for _ in range(3):
         legs.cycle(START + 0.05)
+    legs.drives._timing = legs.drives._timing._replace(timeout=0.02)  # of readings from here on
     legs.nodes.disconnect(3)
     for _ in range(15):
         legs.tick()
