@@ -551,7 +551,7 @@ def test_scenario_loads_settings_and_neither_devices_nor_emulators_nor_libraries
         "\n"
     )[:2]
     modules = {name.removeprefix("parapod.systems.hardware.") for name in ours.split()}
-    allowed = {"addresses", "clock", "soft_limits", "epos2.switches"}  # of settings
+    allowed = {"addresses", "soft_limits", "epos2.switches"}  # of settings
     packages = {name.partition(".")[0] for name in modules if name.endswith(".settings")}
     assert len(packages) == 4
     assert {m for m in modules if not m.endswith(".settings")} <= allowed | packages

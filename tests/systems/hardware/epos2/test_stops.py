@@ -74,7 +74,7 @@ def test_a_drive_that_misses_the_release_of_a_stop_of_ours_asks_for_no_button(ri
             said.append(error.words)
         return said
 
-    rig.wait(is_refused)
+    rig.wait_alone(is_refused)
     assert said[0] == (
         "node 4 stays in a quick stop of this program, and has not obeyed its release"
     )
