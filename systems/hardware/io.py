@@ -35,7 +35,7 @@ _LEARNING = 2e-4
 _KEPT = 30_000
 # An emulated time waits for readings that are so late, and not longer than that of the computer's
 # clock [periods, s].
-_HELD, _HELD_FOR = 2.5, 1.0
+_HELD, _HELD_FOR = 0.5, 5.0
 # How long a thread may take to end once it is asked to; a device's calls are shorter [s].
 _JOIN_TIMEOUT = 2.0
 
