@@ -240,7 +240,7 @@ def test_a_part_that_is_not_fitted_has_its_ports_and_shows_zeros():
 
 def python(code, *arguments, **options):
     """Runs a program of its own; returns what it prints."""
-    # -B: what has been compiled before, and by whom, is no matter of theirs.
+    # -B: they write no bytecode, whatever has been compiled before.
     command = [sys.executable, "-B", "-c", textwrap.dedent(code), *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, **options)
     assert done.returncode == 0, done.stderr
