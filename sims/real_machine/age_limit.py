@@ -17,9 +17,8 @@ from parapod.systems.hardware.io import STALE_AFTER, DeviceThread
 LOOKED, _SETTLING = 0.5, 0.1
 # How much older measurements may become within a job [-]; limits are multiples of a time [s].
 _MARGIN, _GRID = 2.0, 0.01
-# An emulated time waits for looks that are so late [periods], and not longer than that of the
-# computer's clock [s].
-_SLACK, _HELD_FOR = 0.5, 10.0
+# An emulated time waits for looks that are so late [periods].
+_SLACK = 0.1
 
 
 class Ages(NamedTuple):
@@ -48,7 +47,7 @@ def ages_of(
         clock: that of the threads [s].
         sleep: waits for a time of that clock [s].
     """
-    held, oldest, late = hold(_HELD_FOR), 0.0, 0.0
+    held, oldest, late = hold(), 0.0, 0.0
     begun = due = clock()
     try:
         while due < begun + LOOKED:

@@ -71,9 +71,8 @@ _PATIENCE = 0.2
 _SWITCH_PERIOD = 0.01
 # Physics that are so late are no longer what a controller takes them for [s].
 _TOO_LATE = 0.05
-# An emulated time waits for physics that are so late, and not longer than that of the computer's
-# clock [s].
-_SLACK, _HELD_FOR = 3e-3, 10.0
+# An emulated time waits for physics that are so late [s].
+_SLACK = 3e-3
 # Rates at which emulated time may run [-], and what is tried to choose one: some times a piece of
 # the physics [s], which is to take this share of a processor [-], where there are two.
 _RATES = (1.0, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01)
@@ -296,6 +295,8 @@ class EmulatedMachine:
         def exchange(root: Context) -> None:
             self.lost = loop.timing.missed * self.period
             self.late = loop.timing.late[-1] if loop.timing.late else 0.0
+            if self.clock is not None:
+                self.clock.is_well = not any(one.kind for one in self.misbehaviours.values())
             if between is not None:
                 between(root)
             is_cut = self._is_pressed or self.circuits[SUPPLY].is_broken
@@ -319,7 +320,7 @@ class EmulatedMachine:
             *(self._simulator, self.period, exchange),
             is_strict=False,
             patience=_PATIENCE,
-            hold=None if self.clock is None else self.clock.keeper(_HELD_FOR),
+            hold=None if self.clock is None else self.clock.keeper(),
             slack=_SLACK,
         )
         loop.run(duration)

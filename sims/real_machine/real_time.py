@@ -36,9 +36,8 @@ _HOPELESS = 0.1
 # This share of missed deadlines within a second is a computer that is too slow [-].
 _TOLERATED_SHARE = 0.5
 _WINDOW = 1.0  # [s]
-# An emulated time waits for ticks that are so late [periods], and not longer than that of the
-# computer's clock [s].
-_SLACK, _HELD_FOR = 0.5, 10.0
+# An emulated time waits for ticks that begin, or take, so much longer [periods].
+_LATE, _SLOW = 0.1, 0.5
 # Part of a period between two ticks that make up for lost time [-].
 _HURRIED = 0.8
 # What a thread may compute while others wait for the interpreter [s]; Python's own is 5 ms.
@@ -153,10 +152,12 @@ class RealTimeLoop:
             patience: how late ticks may be that are made up for, a quarter faster than the clock,
                 and not left out [s]: for physics, whose time does not stop.
             hold: with which an emulated time waits for the ticks; None for a new one.
-            slack: how late ticks may be before it waits for them [s]; None: half a period.
+            slack: how late ticks may begin, and how long they may take, before it waits for them
+                [s]; None: a tenth and a half of a period.
         """
         self._simulator, self._on_tick, self._patience = simulator, on_tick, patience
-        self._slack = _SLACK * period if slack is None else slack
+        self._slack = _LATE * period if slack is None else slack
+        self._longest = _SLOW * period if slack is None else slack
         self._is_strict, self._clock, self._sleep, self._hold = is_strict, clock, sleep, hold
         self.timing = Timing(period, kept)
         self._window = max(10, round(_WINDOW / period))
@@ -176,7 +177,7 @@ class RealTimeLoop:
         begun = clock.waited if clock is not None else (0.0, 0.0)
         try:
             with signals_between_ticks() as interrupted:
-                self._run(until, interrupted, self._hold or hold(_HELD_FOR))
+                self._run(until, interrupted, self._hold or hold())
         finally:
             if clock is not None:
                 physics, controllers = clock.waited
@@ -202,6 +203,7 @@ class RealTimeLoop:
             self._wait(max(due, earliest))
             interrupted()
             started = self._clock()
+            held.until(started + self._longest)
             if self._is_strict and started - due > _HOPELESS:
                 late = 1e3 * (started - due)
                 raise DeadlineError(f"a tick would have begun {late:.0f} ms late")

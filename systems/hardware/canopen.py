@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from parapod.systems.core.extras import need
-from parapod.systems.hardware.clock import answer_time
+from parapod.systems.hardware.clock import answer_time, search_time
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 
 # Identifiers of frames; those of a node have its id added.
@@ -323,7 +323,7 @@ class CanopenBus:
         """Ids of the nodes that are on the bus."""
         with suppress(DeviceError):
             self._network.scanner.search()
-            time.sleep(answer_time(_SEARCH_TIME))
+            time.sleep(search_time(_SEARCH_TIME))
         return sorted(self._network.scanner.nodes)
 
     def _receive(self) -> None:

@@ -5,7 +5,8 @@ share another one (`EmulatedClock`), which runs at a rate and waits for programs
 the path to the hardware can be walked on any computer, however slow or busy it is.
 
 Everything that belongs to a machine (periods, ages, watchdogs, heartbeats) goes by `monotonic`,
-`sleep` and `wait`. Waits for answers are limited by an `answer_time`, of the computer's clock.
+`sleep` and `wait`. Waits for answers are limited by an `answer_time`, of the computer's clock: a
+device that is emulated and well answers, however late it is on a busy computer.
 """
 
 import math
@@ -16,15 +17,16 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from weakref import WeakValueDictionary
 
 # Name of the clock's file, beside the emulator's wires; there while an emulator keeps one.
 CLOCK = "clock"
 
 # Cells of the file: an even count while the rest is whole; the computer's time and the emulated
 # one at an instant; the rate; emulated time minus that of calendars; how much was waited for
-# physics and for controllers. Holds follow: their end, when the computer's clock overrules it, and
-# the process.
-_COUNT, _REAL, _EMULATED, _RATE, _CALENDAR, _PHYSICS, _CONTROLLERS, _FIRST = range(8)
+# physics and for controllers; whether a device misbehaves. Holds follow: their end, when the
+# computer's clock overrules it, and the process.
+_COUNT, _REAL, _EMULATED, _RATE, _CALENDAR, _PHYSICS, _CONTROLLERS, _UNWELL, _FIRST = range(9)
 _HOLDS = 16
 _WIDTH = 3  # cells of a hold
 _SIZE = 8 * (_FIRST + _WIDTH * _HOLDS)
@@ -37,8 +39,13 @@ _COLLISION, _COLLISIONS = 5e-5, 2000
 _SUSPICIOUS = 0.02
 # A thread that sleeps may wake so much later [s].
 _WAKING = 2e-3
-# Emulated devices are programs that wait for a processor: answers may take so much longer [-].
-_LENIENCE = 10.0
+# Longest wait for a program that is late, of the computer's clock [s]; a program that waits for a
+# processor for so long does not run.
+PATIENCE = 10.0
+# Emulated devices are programs that wait for a processor: answers may take so much longer [-], and
+# while all devices are well this share of the patience, so that an answer that does not come is
+# told of while time still stands [-].
+_LENIENCE, _ANSWERING = 10.0, 0.8
 
 
 class Hold:
@@ -114,7 +121,8 @@ class EmulatedClock:
         with open(path, "r+b") as file:
             self._memory = mmap.mmap(file.fileno(), _SIZE)
         self._cells = memoryview(self._memory).cast("d")
-        self._lock, self._last, self._next = threading.Lock(), 0.0, 1
+        self._lock, self._last = threading.Lock(), 0.0
+        self._holds: WeakValueDictionary[int, _SharedHold] = WeakValueDictionary()
         if rate is not None:
             now = time.monotonic()
             for k in range(_HOLDS):
@@ -139,28 +147,40 @@ class EmulatedClock:
         self._last = now
         return now
 
-    def hold(self, patience: float) -> Hold:
-        """A new hold of this program's; there are some, and every program but one may have them.
+    @property
+    def is_well(self) -> bool:
+        """Whether all emulated devices behave, and therefore answer sooner or later."""
+        return self._cells[_UNWELL] == 0.0
+
+    @is_well.setter
+    def is_well(self, is_well: bool) -> None:
+        self._cells[_UNWELL] = 0.0 if is_well else 1.0
+
+    def hold(self, patience: float = PATIENCE) -> Hold:
+        """A new hold of this program's; every program but the keeper's may have some.
 
         Args:
             patience: time of the computer's clock for which everybody waits at most [s].
         """
         with self._lock:
-            index, self._next = self._next, self._next % (_HOLDS - 1) + 1
-        return _SharedHold(self._cells, index, patience)
+            free = [k for k in range(1, _HOLDS) if k not in self._holds]
+            if not free:
+                return Hold()
+            self._holds[free[0]] = made = _SharedHold(self._cells, free[0], patience)
+        return made
 
     def release(self) -> None:
         """Lets go of all holds but the physics': the controller that had them has ended."""
         for k in range(1, _HOLDS):
             self._cells[_FIRST + _WIDTH * k] = math.inf
 
-    def keeper(self, patience: float) -> Hold:
+    def keeper(self, patience: float = PATIENCE) -> Hold:
         """The hold of the calling thread of the program that keeps the clock.
 
         Args:
             patience: see `hold` [s].
         """
-        _thread.hold = _Keeper(self, patience)
+        _thread.hold, _thread.clock = _Keeper(self, patience), self
         return _thread.hold
 
     def _advance(self) -> None:
@@ -270,6 +290,8 @@ def wait(event: threading.Event, seconds: float) -> bool:
     """
     if _clock is None:
         return event.wait(seconds)
+    if seconds <= 0.0:  # its own hold stays where it is
+        return event.is_set()
     until = _slept_until(seconds)
     while (left := until - _clock.now()) > 0.0:
         if event.wait(computer_time(left)):
@@ -279,6 +301,14 @@ def wait(event: threading.Event, seconds: float) -> bool:
 
 def answer_time(seconds: float) -> float:
     """Time of the computer's clock for an answer that is due within a time of the device's [s]."""
+    if _clock is None:
+        return seconds
+    lenient = search_time(seconds)
+    return max(lenient, _ANSWERING * PATIENCE) if _clock.is_well else lenient
+
+
+def search_time(seconds: float) -> float:
+    """Time of the computer's clock for devices that may be there, to answer within theirs [s]."""
     return seconds if _clock is None else _LENIENCE * seconds / _clock.rate
 
 
@@ -287,10 +317,22 @@ def computer_time(seconds: float) -> float:
     return seconds if _clock is None else max(seconds / _clock.rate, _LOOK)
 
 
-def hold(patience: float) -> Hold:
+def hold(patience: float = PATIENCE) -> Hold:
     """The hold of the calling thread, see `EmulatedClock.hold`; its own sleep does not wait."""
-    _thread.hold = Hold() if _clock is None else _clock.hold(patience)
+    if _thread.clock is not _clock:
+        _thread.hold, _thread.clock = Hold() if _clock is None else _clock.hold(patience), _clock
     return _thread.hold
+
+
+@contextmanager
+def standing_still() -> Iterator[None]:
+    """Keeps an emulated time from going on while the calling thread works, but for its sleep."""
+    held = hold()
+    held.until(monotonic())
+    try:
+        yield
+    finally:
+        held.until(math.inf)
 
 
 def _lives(process: int) -> bool:
@@ -307,6 +349,7 @@ def _lives(process: int) -> bool:
 
 class _Thread(threading.local):
     hold = Hold()
+    clock: EmulatedClock | None = None
 
 
 _thread = _Thread()

@@ -13,6 +13,7 @@ from typing import Self
 
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.quoting import printable
+from parapod.systems.hardware.clock import standing_still
 from parapod.systems.hardware.exclusive import InUse, only_program
 
 type Signals = Mapping[str, Sequence[float]]
@@ -153,7 +154,8 @@ class Device(ABC):
             except (InUse, OSError) as error:
                 raise DeviceError(self.name, str(error)) from error
             stack.callback(self.close)
-            self.configure()
+            with standing_still():
+                self.configure()
             self._program = stack.pop_all()
         return self
 
@@ -163,7 +165,8 @@ class Device(ABC):
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self._program.close()
+        with standing_still():
+            self._program.close()
 
 
 class NotFitted(Device):

@@ -17,7 +17,14 @@ from pydrake.systems.framework import Context, InputPort, LeafSystem, State
 
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.ports import read
-from parapod.systems.hardware.clock import Hold, hold, monotonic, wait
+from parapod.systems.hardware.clock import (
+    Hold,
+    answer_time,
+    hold,
+    monotonic,
+    standing_still,
+    wait,
+)
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
 
 _LOG = logging.getLogger(__name__)
@@ -31,11 +38,12 @@ _MARGIN = 5e-4
 _LARGEST_LEAD = 0.7
 # By how much the estimate of what a reading takes, once it is due, follows each one [s].
 _LEARNING = 2e-4
+_ROUNDING = 1e-6  # [s]
 # How many of the newest ages are kept: some minutes.
 _KEPT = 30_000
-# An emulated time waits for readings that are so late, and not longer than that of the computer's
-# clock [periods, s].
-_HELD, _HELD_FOR = 0.5, 5.0
+# An emulated time waits for commands that have not been written after so much of a period, and for
+# readings that no loop has asked for [-].
+_HELD = 0.2
 # How long a thread may take to end once it is asked to; a device's calls are shorter [s].
 _JOIN_TIMEOUT = 2.0
 
@@ -101,10 +109,11 @@ class DeviceThread:
         self._is_neutral = True
         self._write_words: tuple[DeviceFault, str] | None = None
         self._write_ages: deque[float] = deque(maxlen=_KEPT)
-        self._due, self._reading_time = clock(), 0.0
+        self._due, self._reading_time, self._taken_at = clock(), 0.0, -math.inf
         self._wake, self._stopping = threading.Event(), threading.Event()
-        self._has_sample = threading.Event()
-        self._hold = Hold()
+        self._has_sample, self._is_reading = threading.Event(), False
+        # How long the next reading may take until an emulated time waits for it, and its end [s].
+        self._allowed, self._reading_at, self._hold = _HELD * period, math.inf, Hold()
         self._thread: threading.Thread | None = None
 
     @property
@@ -144,10 +153,14 @@ class DeviceThread:
 
     def taken(self) -> None:
         """A loop takes the sample now, and will again in a period."""
-        lead, now = min(self._reading_time + _MARGIN, _LARGEST_LEAD * self.period), self._clock()
+        now = self._clock()
+        # A loop that is late by less than half a period keeps to its schedule.
+        scheduled = self._taken_at + self.period
+        self._taken_at = scheduled if 0.0 <= now - scheduled < 0.5 * self.period else now
         if self._due > now:  # a reading that is late already must not be put off for ever
-            self._due = now + self.period - lead
-            self._wait_for_reading()
+            self._due, self._allowed = self._before_taken, self._lead - _MARGIN
+            if not self._is_reading:  # the hold is its own until it has ended
+                self._wait_for_reading()
         self._wake.set()
 
     def post(self, commands: Signals, measured: float) -> None:
@@ -157,7 +170,11 @@ class DeviceThread:
             commands: the device's signals.
             measured: time of devices of the measurements that they were made of [s].
         """
-        self._command = _Command(commands, self._clock(), measured)
+        now = self._clock()
+        if not self.sample.fault:
+            # Before the thread can see the command: it goes on to the next reading afterwards.
+            self._hold.until(min(now + _HELD * self.period, self._reading_at))
+        self._command = _Command(commands, now, measured)
         self._wake.set()
 
     def start(self, timeout: float = 1.0) -> None:
@@ -172,11 +189,12 @@ class DeviceThread:
         self._command = self._written = self._write_words = None
         self._obeys_since = -math.inf
         self._is_neutral = True
-        self.device.activate()
+        with standing_still():
+            self.device.activate()
         name = f"io {self.device.name}"
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
-        if not self._has_sample.wait(timeout) and (error := self.error) is not None:
+        if not wait(self._has_sample, timeout) and (error := self.error) is not None:
             self.stop()
             raise error
 
@@ -186,9 +204,10 @@ class DeviceThread:
         self._wake.set()
         thread, self._thread = self._thread, None
         if thread is not None:
-            thread.join(_JOIN_TIMEOUT)
+            thread.join(answer_time(_JOIN_TIMEOUT))
         try:
-            self.device.deactivate()
+            with standing_still():
+                self.device.deactivate()
         except Exception as error:  # other devices are still to come
             return error
         return None
@@ -196,13 +215,26 @@ class DeviceThread:
     def _no_sample(self) -> Sample:
         return Sample({}, self._clock(), DeviceFault.SILENT, "no sample yet")
 
+    @property
+    def _lead(self) -> float:
+        """Time before the loop takes samples again, at which a reading is due [s]."""
+        return min(self._reading_time + _MARGIN, _LARGEST_LEAD * self.period)
+
+    @property
+    def _before_taken(self) -> float:
+        """When a reading is due to end just before the loop takes samples again [s]."""
+        return self._taken_at + self.period - self._lead
+
     def _wait_for_reading(self) -> None:
         """Has an emulated time wait for the next reading, unless the device is at fault."""
         if self._has_sample.is_set() and not self._sample.fault and self.device.measures:
-            self._hold.until(self._due + _HELD * self.period)
+            self._reading_at = self._due + self._allowed
+            self._hold.until(self._reading_at)
 
     def _run(self) -> None:
-        self._due, self._hold = self._clock(), hold(_HELD_FOR)
+        self._due, self._hold = self._clock(), hold()
+        self._reading_at = self._due + self._allowed if self.device.measures else math.inf
+        self._hold.until(self._reading_at)
         try:
             self._serve()
         finally:
@@ -213,28 +245,35 @@ class DeviceThread:
             command = self._command
             if command is not None and command is not self._written:
                 self._write(command)
+                self._hold.until(self._reading_at)
             now = self._clock()
             newest = self._command  # by now: a slow device's write may have taken longer than that
             if newest is not None and now - newest.posted > self._timeout:
                 self._fall_silent()
             if now >= self._due:
                 due, self._due = self._due, max(self._due + self.period, now)
+                self._allowed = _HELD * self.period
                 self._read(due)
             wait(self._wake, max(0.0, min(self._due - self._clock(), self._timeout)))
             self._wake.clear()
 
     def _read(self, due: float) -> None:
-        began = self._clock()
+        began, self._is_reading = self._clock(), True
         try:
             values = {name: tuple(v) for name, v in self.device.read().items()}
         except Exception as error:
             fault, words = _described(self.device, error)
             self._sample = self._sample._replace(fault=fault, words=words)
+            self._reading_at, self._is_reading = math.inf, False
             self._hold.until(math.inf)
             return
         self._sample = Sample(values, began, DeviceFault.NONE, "")
         self._learn(self._clock() - due)
         self._has_sample.set()
+        # Samples of readings that begin at the loop's tick would be a period old at each tick.
+        if self._clock() < self._before_taken < self._due:
+            self._due, self._allowed = self._before_taken, self._lead - _MARGIN
+        self._is_reading = False
         self._wait_for_reading()
 
     def _learn(self, took: float) -> None:
@@ -243,7 +282,8 @@ class DeviceThread:
             # From nothing it would take ten readings, all of them too late.
             self._reading_time = min(took, _LARGEST_LEAD * self.period)
             return
-        longer = took > self._reading_time
+        # Emulated time waits for a reading at that time, and shows no longer one.
+        longer = took > self._reading_time - _ROUNDING
         self._reading_time += _LEARNING * (_IN_TIME if longer else _IN_TIME - 1.0)
 
     def _write(self, command: _Command) -> None:

@@ -16,12 +16,13 @@ from parapod.systems.hardware.ni.settings import NiCardSettings
 # itself: a connection that others of the same process share would inherit their waiting time.
 _CONNECTION = (
     ("grpc.initial_reconnect_backoff_ms", 100),
-    ("grpc.min_reconnect_backoff_ms", 100),
     ("grpc.max_reconnect_backoff_ms", 500),
     ("grpc.use_local_subchannel_pool", 1),
     # A machine is on no other side of a proxy, whatever the environment says.
     ("grpc.enable_http_proxy", 0),
 )
+# How long a connection may take to be made [s].
+_CONNECTING = 0.1
 
 # DAQmx errors that are not a refusal; the numbers are those of nidaqmx.error_codes.
 _FAULTS = {
@@ -106,7 +107,9 @@ class NiSession(ABC):
         self._channel: BoundedChannel | None = None
         if self._target:
             grpc = need("grpc")
-            self._channel = BoundedChannel(grpc.insecure_channel(self._target, _CONNECTION))
+            longest = ("grpc.min_reconnect_backoff_ms", round(1e3 * answer_time(_CONNECTING)))
+            options = (*_CONNECTION, longest)
+            self._channel = BoundedChannel(grpc.insecure_channel(self._target, options))
 
     def begin(self, seconds: float) -> None:
         """Begins a call of the device: all that follows is over after so many seconds."""

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from parapod.systems.hardware import clock
-from parapod.systems.hardware.clock import EmulatedClock, following, going_by
+from parapod.systems.hardware.clock import PATIENCE, EmulatedClock, following, going_by
 
 
 class Computer:
@@ -143,6 +143,34 @@ def test_a_thread_is_not_kept_from_waking_by_its_own_hold(path):
             assert not clock.wait(threading.Event(), 1e-3)
 
 
+def test_time_stands_still_for_work_but_not_for_its_sleep(path):
+    shown = EmulatedClock(path, 1.0)
+    with going_by(shown):
+        with clock.standing_still():
+            before = shown.now()
+            time.sleep(0.05)
+            assert shown.now() == before
+            clock.sleep(0.02)
+            assert before + 0.02 <= shown.now() <= before + 0.03
+        while shown.now() < before + 0.05:
+            time.sleep(1e-3)
+
+
+def test_a_thread_has_one_hold_and_those_of_threads_that_have_ended_are_free_again(path):
+    shown = EmulatedClock(path, 1.0)
+    with going_by(shown):
+        own = clock.hold()
+        assert clock.hold() is own
+        own.until(at := shown.now())
+        for _ in range(40):
+            thread = threading.Thread(target=lambda: clock.hold().until(math.inf))
+            thread.start()
+            thread.join()
+        time.sleep(0.01)
+        assert shown.now() == at
+        own.until(math.inf)
+
+
 def test_a_wait_ends_with_its_event_while_time_stands_still(path):
     shown, event = EmulatedClock(path, 1.0), threading.Event()
     shown.hold(3600.0).until(shown.now())
@@ -157,6 +185,20 @@ def test_answers_have_more_time_from_emulated_devices(path, computer):
         assert clock.answer_time(0.1) >= 0.2
         assert clock.computer_time(0.1) == pytest.approx(0.2)
     assert clock.computer_time(0.1) == 0.1
+
+
+def test_devices_that_are_well_may_take_nearly_as_long_as_anything_is_waited_for(path, computer):
+    keeper, follower = EmulatedClock(path, 1.0), EmulatedClock(path)
+    with going_by(follower):
+        assert 0.5 * PATIENCE < clock.answer_time(0.05) < PATIENCE
+        assert clock.search_time(0.05) < 0.1 * PATIENCE  # there may be no device at all
+        keeper.is_well = False
+        assert clock.answer_time(0.05) == clock.search_time(0.05)
+        keeper.is_well = True
+        assert clock.answer_time(0.05) > 0.5 * PATIENCE
+        assert clock.answer_time(20.0) >= 20.0
+    keeper.is_well = False
+    assert clock.answer_time(0.05) == 0.05
 
 
 def test_logs_have_the_emulated_time_as_calendars_have_it(path, computer):

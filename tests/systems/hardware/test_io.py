@@ -4,6 +4,7 @@ import time
 
 import pytest
 
+from parapod.systems.hardware.clock import EmulatedClock, going_by, hold, monotonic, sleep
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.io import DeviceThread
 
@@ -353,3 +354,50 @@ def test_commands_that_arrive_during_a_slow_write_are_no_silence(running, fake, 
         pytest.skip(f"the machine was late by {judged.late:.3f} s")
     assert faults == {DeviceFault.NONE}
     assert "neutral" not in device.events
+
+
+def test_time_waits_for_the_writes_of_a_device_without_readings(fake, tmp_path, until):
+    device, writing, may_end = fake(), threading.Event(), threading.Event()
+    device.measures, device.read = {}, dict
+
+    def write(commands):
+        writing.set()
+        assert may_end.wait(60.0)
+
+    device.write = write
+    with going_by(EmulatedClock(tmp_path / "clock", 1.0)):
+        thread = DeviceThread(device, 0.01)
+        thread.start()
+        try:
+            thread.post(COMMAND, monotonic())
+            posted = monotonic()
+            assert writing.wait(60.0)
+            time.sleep(0.05)
+            assert monotonic() <= posted + 0.005
+            may_end.set()
+            assert until(lambda: monotonic() > posted + 0.01, 60.0)
+        finally:
+            may_end.set()
+            thread.stop()
+
+
+def test_samples_are_fresh_for_a_loop_although_readings_take_longer_than_a_period(fake, tmp_path):
+    device, period, ages = fake(), 0.01, []
+    device.stall = 3.0 * period  # of the computer's clock
+    with going_by(EmulatedClock(tmp_path / "clock", 1.0)):
+        thread = DeviceThread(device, period)
+        thread.start()
+        try:
+            held, due = hold(), monotonic()
+            for k in range(25):
+                due += period
+                held.until(due + 0.1 * period)
+                sleep(max(0.0, due - monotonic()))
+                held.until(monotonic() + 0.1 * period)
+                time.sleep(0.5 * period * (k % 2))  # a tick that is late keeps to the schedule
+                ages.append(monotonic() - thread.sample.stamp)
+                thread.taken()
+        finally:
+            hold().until(math.inf)
+            thread.stop()
+    assert max(ages[5:]) < period
