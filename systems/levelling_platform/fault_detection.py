@@ -216,8 +216,8 @@ _SEARCHING = (Phase.LOWER, Phase.TOUCHDOWN, Phase.ESTIMATE)
 # Layout of the memory.
 _EXTENSION, _VOLTAGE, _RESIDUAL = slice(0, 4), slice(4, 8), slice(8, 12)
 _ATTITUDE = slice(12, 14)  # before the first foot touched
-_OPERATOR, _SEEN = 14, 15
-_MEMORY = 16
+_OPERATOR, _SEEN, _AGE = 14, 15, 16
+_MEMORY = 17
 
 
 @dataclass(frozen=True)
@@ -291,7 +291,7 @@ class FaultDetector(LeafSystem):
     stays until the operator resets it after its cause has gone.
 
     State: discrete, findings (18), severity (1), how long each sign has lasted (18) [s], and a
-    memory (16); updated every period.
+    memory (17); updated every period.
 
     Parameters (Context): largest age of legs and inertial sensor (1) [s], see `allow_age`.
 
@@ -384,7 +384,7 @@ class _Look:
         self._oldest = detector.oldest(context)
         # For so much longer than usual legs may be shown where they were [s].
         self._late = self._oldest - detector.params.oldest
-        self._extension = self._read("extension")
+        self._extension, self._age = self._read("extension"), self._read("age")[0]
         self._limits = self._read("limits")
         self._attitude = self._read("attitude")
         number = self._read("phase")[0]
@@ -412,6 +412,7 @@ class _Look:
         memory = self._memory
         memory[_EXTENSION] = [d if math.isfinite(d) else 0.4 for d in self._extension]
         voltage = self._read("voltage")
+        memory[_AGE] = self._age if math.isfinite(self._age) else 0.0
         memory[_VOLTAGE] = [v if math.isfinite(v) else 0.0 for v in voltage]
         memory[_SEEN] = 1.0
         return memory
@@ -443,7 +444,7 @@ class _Look:
             moved = zip(self._extension, self._memory[_EXTENSION], strict=True)
             if not all(abs(now - before) <= most for now, before in moved):
                 signs.add(Finding.ENCODER_JUMP)
-        if not self._read("age")[0] <= self._oldest:
+        if not self._age <= self._oldest:
             signs.add(Finding.LEGS_STALE)
         return signs
 
@@ -452,13 +453,16 @@ class _Look:
         params, period, memory = self._params, self._detector.period, self._memory
         if not memory[_SEEN]:
             return set()
+        # Periods between the two measurements: one that is late is seen twice, and moves no leg.
+        newer = memory[_AGE] - self._age
+        passed = max(0.0, 1.0 + newer / period) if math.isfinite(newer) else 1.0
         residual, wrong = memory[_RESIDUAL], 0
         for i in range(LEG_COUNT):
-            slow, fast = self._possible(memory[_VOLTAGE][i])
+            slow, fast = (passed * rate for rate in self._possible(memory[_VOLTAGE][i]))
             rate = (self._extension[i] - memory[_EXTENSION][i]) / period
             beyond = rate - fast if rate > fast else min(0.0, rate - slow)
             residual[i] += period * (beyond - residual[i] / params.memory)
-            behind = self._late * max(-slow, fast)
+            behind = self._late * max(map(abs, self._possible(memory[_VOLTAGE][i])))
             wrong += abs(residual[i]) > params.response + behind
         memory[_RESIDUAL] = residual
         if wrong >= 3:

@@ -426,6 +426,19 @@ def test_an_encoder_that_creeps_without_voltage_is_found(legs):
     assert after <= RULES[Finding.LEG_RESPONSE].deadline
 
 
+@pytest.mark.parametrize("says_its_age", [True, False])
+def test_a_measurement_that_is_seen_twice_is_no_leg_that_stands_still(legs, says_its_age):
+    """Every second one is late: legs are shown where they were, then two periods further."""
+    volts, way = np.full(4, 0.9), np.full(4, 0.42)
+    legs.set(voltage=volts)
+    for k in range(300):
+        if not k % 2:
+            legs.set(extension=way)
+        legs.tick(age=np.full(4, 0.002 + PERIOD * (k % 2 and says_its_age)))
+        way = way + PERIOD * moves(volts[0], 0.85)
+    assert (Finding.LEG_RESPONSE in legs.findings) != says_its_age
+
+
 @pytest.mark.parametrize("dead", [(0, 2), (0, 1, 3)])
 def test_three_legs_that_stand_still_are_the_supply(legs, dead):
     drive(legs, 2.0, 1.0, lambda i, v: 0.0 if i in dead else moves(v))
