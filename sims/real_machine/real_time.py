@@ -152,12 +152,12 @@ class RealTimeLoop:
             patience: how late ticks may be that are made up for, a quarter faster than the clock,
                 and not left out [s]: for physics, whose time does not stop.
             hold: with which an emulated time waits for the ticks; None for a new one.
-            slack: how late ticks may begin, and how long they may take, before it waits for them
-                [s]; None: a tenth and a half of a period.
+            slack: how late ticks may end before it waits for them [s]; None: they may begin a
+                tenth of a period late, and then take half of one.
         """
         self._simulator, self._on_tick, self._patience = simulator, on_tick, patience
         self._slack = _LATE * period if slack is None else slack
-        self._longest = _SLOW * period if slack is None else slack
+        self._longest = _SLOW * period if slack is None else None
         self._is_strict, self._clock, self._sleep, self._hold = is_strict, clock, sleep, hold
         self.timing = Timing(period, kept)
         self._window = max(10, round(_WINDOW / period))
@@ -203,7 +203,8 @@ class RealTimeLoop:
             self._wait(max(due, earliest))
             interrupted()
             started = self._clock()
-            held.until(started + self._longest)
+            if self._longest is not None:
+                held.until(started + self._longest)
             if self._is_strict and started - due > _HOPELESS:
                 late = 1e3 * (started - due)
                 raise DeadlineError(f"a tick would have begun {late:.0f} ms late")
