@@ -222,7 +222,7 @@ class DeviceThread:
 
     @property
     def _before_taken(self) -> float:
-        """When a reading is due to end just before the loop takes samples again [s]."""
+        """Instant at which a reading is due that ends just before samples are taken again [s]."""
         return self._taken_at + self.period - self._lead
 
     def _wait_for_reading(self) -> None:
