@@ -93,7 +93,7 @@ clocked: setup
 	$(PYTEST) $(REPORT) -m "real_time and not slow" $(or $(ARGS),$(REAL_TIME)) || $(NONE)
 
 whole-runs: setup
-	nice -n 19 $(PYTEST) -n 2 $(REPORT) -m "whole_run and not slow" $(or $(ARGS),$(WHOLE_RUNS)) || $(NONE)
+	$(PYTEST) -n 2 $(REPORT) -m "whole_run and not slow" $(or $(ARGS),$(WHOLE_RUNS)) || $(NONE)
 
 slow: setup
 	$(PYTEST) $(REPORT) -m slow $(ARGS) || $(NONE)
