@@ -286,7 +286,7 @@ def _copy(name: str, is_wheel: bool = False) -> Iterator[Path]:
         }
         for program, words in programs.items():
             path = environment / "bin" / program
-            path.write_text(f'#!/bin/sh\nexec "$(dirname "$0")/python" -P {words} "$@"\n')
+            path.write_text(f'#!/bin/sh\nexec {shlex.quote(str(python))} -P {words} "$@"\n')
             path.chmod(0o755)
         (environment / ".installed").touch()
         where = "import parapod; print(parapod.__file__)"

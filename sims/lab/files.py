@@ -59,15 +59,14 @@ def check_writable(path: Path) -> None:
         pass
     except OSError as error:
         raise _cannot_write(path, error.strerror or str(error)) from None
+    if os.path.exists(target) and not os.path.isfile(target):
+        raise _cannot_write(path, "it is not a regular file")
     if not os.path.isdir(folder):
         raise _cannot_write(path, f"the folder {quoted_path(folder)} does not exist")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise _cannot_write(path, f"no permission to write in {quoted_path(folder)}")
-    if os.path.exists(target):
-        if not os.path.isfile(target):
-            raise _cannot_write(path, "it is not a regular file")
-        if not os.access(target, os.W_OK):
-            raise _cannot_write(path, "no permission to replace it")
+    if os.path.exists(target) and not os.access(target, os.W_OK):
+        raise _cannot_write(path, "no permission to replace it")
     try:
         _probe(folder)
     except OSError as error:

@@ -1,6 +1,7 @@
 """Progress of long work: a bar in a terminal, a line from time to time elsewhere.
 
-`PARAPOD_PROGRESS=off` leaves out the lines, for who compares what programs print.
+`PARAPOD_PROGRESS=off` leaves out lines and spinners, which depend on how long work takes, for who
+compares what programs print.
 """
 
 import math
@@ -83,12 +84,16 @@ def _lines(console: Console, what: str, period: float) -> Callable[[Callable[[fl
     def line(state: Callable[[float], str]) -> None:
         nonlocal printed
         now = time.monotonic()
-        if now - printed >= period and os.environ.get("PARAPOD_PROGRESS") != "off":
+        if now - printed >= period and not _is_off():
             printed = now
             text = f"{what}: {state(now)}"
             console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     return line
+
+
+def _is_off() -> bool:
+    return os.environ.get("PARAPOD_PROGRESS") == "off"
 
 
 def _pace(simulated: float, total: float, elapsed: float) -> str:
@@ -169,7 +174,7 @@ def waiting(
         patience: wall-clock time before anything is shown on a terminal [s].
         line_period: wall-clock time between two lines in a file or pipe [s].
     """
-    if console.quiet:
+    if console.quiet or _is_off():
         yield
         return
     ended = threading.Event()

@@ -2,6 +2,7 @@
 
 import io
 import threading
+import time
 from dataclasses import dataclass
 from types import SimpleNamespace
 
@@ -111,7 +112,8 @@ class Watched(io.StringIO):
         return written
 
 
-def test_work_of_unknown_length_is_shown_by_a_spinner_that_is_gone_afterwards():
+def test_work_of_unknown_length_is_shown_by_a_spinner_that_is_gone_afterwards(monkeypatch):
+    monkeypatch.delenv("PARAPOD_PROGRESS")
     stream = Watched("planning [x]")
     console = Console(file=stream, force_terminal=True, width=80)
     with waiting(console, "planning [x]", patience=0.0):
@@ -119,7 +121,15 @@ def test_work_of_unknown_length_is_shown_by_a_spinner_that_is_gone_afterwards():
     assert stream.getvalue().endswith("\x1b[2K")  # erases its line
 
 
-def test_work_that_is_over_soon_or_fails_is_not_shown():
+def test_work_of_unknown_length_is_not_shown_to_who_compares_what_is_printed():
+    stream = io.StringIO()
+    with waiting(Console(file=stream, force_terminal=True), "planning", patience=0.0):
+        time.sleep(0.01)
+    assert stream.getvalue() == ""
+
+
+def test_work_that_is_over_soon_or_fails_is_not_shown(monkeypatch):
+    monkeypatch.delenv("PARAPOD_PROGRESS")
     stream = io.StringIO()
     console = Console(file=stream, force_terminal=True, width=80)
     with pytest.raises(ZeroDivisionError), waiting(console, "planning", patience=60.0):
@@ -156,7 +166,8 @@ class Planner(Experiment):
         return None
 
 
-def test_an_experiment_that_plans_for_long_shows_it_before_it_runs():
+def test_an_experiment_that_plans_for_long_shows_it_before_it_runs(monkeypatch):
+    monkeypatch.delenv("PARAPOD_PROGRESS")
     stream = Watched("planner: planning")
     console = Console(file=stream, force_terminal=True, width=80)
     Planner(stream.told).execute(PlannerScenario(), RunOptions(console=console))

@@ -215,18 +215,22 @@ class Emulator:
     def run_well(self, *arguments):
         """What `parapod` says in a run that holds its bounds, on any computer."""
         _, said = (program := self.parapod(*arguments)).communicate(timeout=600)
-        assert program.returncode == 0, (said, self.said)
+        assert program.returncode == 0, "\n".join((said, *self.said))
         return said
 
     def driving(self, commands):
         """A program that has driven the machine for a while, with commands by port."""
         idle = {spec.name: [spec.idle] * spec.size for spec in self.machine.inputs}
         given = (self.machine.name, json.dumps(idle | commands), *self.scenario)
-        program = self.program(sys.executable, "-c", DRIVING, *given)
-        line = program.stdout.readline()
-        assert line == "driving\n", program.communicate()
-        time.sleep(0.6)
-        return program
+        end = time.monotonic() + 60.0
+        while True:  # on a busy computer devices may answer too late
+            program = self.program(sys.executable, "-c", DRIVING, *given)
+            if program.stdout.readline() == "driving\n":
+                time.sleep(0.6)
+                return program
+            _, said = program.communicate()
+            assert time.monotonic() < end, said
+            self.measure_legs()
 
     @contextmanager
     def disturbed(self, kind, *parts, after=1.0):
