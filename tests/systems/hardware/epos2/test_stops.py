@@ -91,8 +91,8 @@ def test_a_brake_is_one_above_a_half(rig):
 def test_drives_that_need_a_while_to_stop_have_it(rig):
     rig.harness.set("wheels.velocity", (0.0, 0.0, 2.0, 0.0))
     standing = threading.Timer(0.2, rig.harness.set, ("wheels.velocity", (0.0,) * 4))
-    standing.start()
     began = time.monotonic()
+    standing.start()
     rig.drives.deactivate()
     assert time.monotonic() - began >= 0.2
     assert set(rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}
