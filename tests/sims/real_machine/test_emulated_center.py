@@ -7,9 +7,12 @@ for library in ("canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def center(emulate_center):
-    return emulate_center()
+    """A tripod where its walk begins."""
+    machine = emulate_center()
+    yield machine
+    machine.end()
 
 
 @pytest.fixture
