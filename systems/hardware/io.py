@@ -111,7 +111,7 @@ class DeviceThread:
         self._write_ages: deque[float] = deque(maxlen=_KEPT)
         self._due, self._reading_time, self._taken_at = clock(), 0.0, -math.inf
         self._wake, self._stopping = threading.Event(), threading.Event()
-        self._has_sample, self._is_reading = threading.Event(), False
+        self._has_sample = threading.Event()
         # How long the next reading may take until an emulated time waits for it, and its end [s].
         self._allowed, self._reading_at, self._hold = _HELD * period, math.inf, Hold()
         self._thread: threading.Thread | None = None
@@ -159,8 +159,7 @@ class DeviceThread:
         self._taken_at = scheduled if 0.0 <= now - scheduled < 0.5 * self.period else now
         if self._due > now:  # a reading that is late already must not be put off for ever
             self._due, self._allowed = self._before_taken, self._lead - _MARGIN
-            if not self._is_reading:  # the hold is its own until it has ended
-                self._wait_for_reading()
+            self._wait_for_reading()
         self._wake.set()
 
     def post(self, commands: Signals, measured: float) -> None:
@@ -258,13 +257,13 @@ class DeviceThread:
             self._wake.clear()
 
     def _read(self, due: float) -> None:
-        began, self._is_reading = self._clock(), True
+        began = self._clock()
         try:
             values = {name: tuple(v) for name, v in self.device.read().items()}
         except Exception as error:
             fault, words = _described(self.device, error)
             self._sample = self._sample._replace(fault=fault, words=words)
-            self._reading_at, self._is_reading = math.inf, False
+            self._reading_at = math.inf
             self._hold.until(math.inf)
             return
         self._sample = Sample(values, began, DeviceFault.NONE, "")
@@ -273,7 +272,6 @@ class DeviceThread:
         # Samples of readings that begin at the loop's tick would be a period old at each tick.
         if self._clock() < self._before_taken < self._due:
             self._due, self._allowed = self._before_taken, self._lead - _MARGIN
-        self._is_reading = False
         self._wait_for_reading()
 
     def _learn(self, took: float) -> None:

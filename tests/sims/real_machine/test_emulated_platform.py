@@ -83,6 +83,15 @@ class Levelled(NamedTuple):
     left: tuple
 
 
+def test_the_clock_knows_whether_all_devices_are_well(machine):
+    """Answers of those that misbehave are not waited for as long."""
+    assert machine.until(lambda: machine.clock.is_well, 60.0)
+    machine.misbehave("imu", "off")
+    assert machine.until(lambda: not machine.clock.is_well, 60.0)
+    machine.misbehave("imu", "well")
+    assert machine.until(lambda: machine.clock.is_well, 60.0)
+
+
 @pytest.fixture(scope="module")
 def levelled(machine):
     """A whole job, by a controller in another process."""

@@ -381,20 +381,28 @@ def test_time_waits_for_the_writes_of_a_device_without_readings(fake, tmp_path, 
             thread.stop()
 
 
-def test_samples_are_fresh_for_a_loop_although_readings_take_longer_than_a_period(fake, tmp_path):
+@pytest.mark.parametrize("offset", [-2e-4, 0.0, 2e-4, 5e-3])
+@pytest.mark.parametrize("is_late", [False, True])
+def test_samples_are_fresh_for_a_loop_although_readings_take_longer_than_a_period(
+    fake, tmp_path, offset, is_late
+):
     device, period, ages = fake(), 0.01, []
     device.stall = 3.0 * period  # of the computer's clock
     with going_by(EmulatedClock(tmp_path / "clock", 1.0)):
         thread = DeviceThread(device, period)
         thread.start()
         try:
-            held, due = hold(), monotonic()
+            held = hold()
+            held.until(monotonic())
+            # Before, at or after the readings that no loop has asked for.
+            due = thread.sample.stamp + offset
+            due += period * math.ceil((monotonic() - due) / period)
             for k in range(25):
                 due += period
                 held.until(due + 0.1 * period)
                 sleep(max(0.0, due - monotonic()))
                 held.until(monotonic() + 0.1 * period)
-                time.sleep(0.5 * period * (k % 2))  # a tick that is late keeps to the schedule
+                time.sleep(0.5 * period * (is_late and k % 2))  # such ticks keep to the schedule
                 ages.append(monotonic() - thread.sample.stamp)
                 thread.taken()
         finally:
