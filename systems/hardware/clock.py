@@ -85,7 +85,7 @@ class _SharedHold(Hold):
 
     def sleeping(self, until: float) -> None:
         """See `Hold`."""
-        if self._cells[self._at] <= until:
+        if self._cells[self._at] < until:
             self.until(until + _WAKING)
 
 
@@ -276,7 +276,8 @@ def sleep(seconds: float) -> None:
     if _clock is None:
         time.sleep(seconds)
         return
-    until = _slept_until(seconds)
+    until = _clock.now() + seconds
+    _thread.hold.sleeping(until)
     while (left := until - _clock.now()) > 0.0:
         time.sleep(computer_time(left))
 
@@ -288,12 +289,20 @@ def wait(event: threading.Event, seconds: float) -> bool:
         event: the event.
         seconds: [s].
     """
+    return event.wait(seconds) if _clock is None else wait_until(event, _clock.now() + seconds)
+
+
+def wait_until(event: threading.Event, at: float) -> bool:
+    """Waits for an event until a time of devices; whether it came.
+
+    Args:
+        event: the event.
+        at: as `monotonic` shows it [s].
+    """
     if _clock is None:
-        return event.wait(seconds)
-    if seconds <= 0.0:  # its own hold stays where it is
-        return event.is_set()
-    until = _slept_until(seconds)
-    while (left := until - _clock.now()) > 0.0:
+        return event.wait(max(0.0, at - time.monotonic()))
+    _thread.hold.sleeping(at)
+    while (left := at - _clock.now()) > 0.0:
         if event.wait(computer_time(left)):
             return True
     return event.is_set()
@@ -353,11 +362,3 @@ class _Thread(threading.local):
 
 
 _thread = _Thread()
-
-
-def _slept_until(seconds: float) -> float:
-    """End of a sleep of the calling thread, to which its own hold lets the time come."""
-    assert _clock is not None
-    until = _clock.now() + seconds
-    _thread.hold.sleeping(until)
-    return until

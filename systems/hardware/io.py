@@ -24,6 +24,7 @@ from parapod.systems.hardware.clock import (
     monotonic,
     standing_still,
     wait,
+    wait_until,
 )
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
 
@@ -253,7 +254,7 @@ class DeviceThread:
                 due, self._due = self._due, max(self._due + self.period, now)
                 self._allowed = _HELD * self.period
                 self._read(due)
-            wait(self._wake, max(0.0, min(self._due - self._clock(), self._timeout)))
+            wait_until(self._wake, min(self._due, self._clock() + self._timeout))
             self._wake.clear()
 
     def _read(self, due: float) -> None:

@@ -889,14 +889,20 @@ def test_neutral_stops_what_moves(rig, device):
     if rig.row.is_held:
         signal = next(iter(rig.row.order))
 
-        def is_still():
-            before = rig.wire(signal)
-            sleep(0.05)
-            return rig.wire(signal) == before
+        def arrived():
+            """Answers come in order; the second one after all that was sent before the first."""
+            for _ in range(2):
+                reads(device)
+            return rig.wire(signal)
 
-        until(is_still)  # when all that has been sent has arrived
+        def is_still():
+            before = arrived()
+            sleep(0.05)
+            return arrived() == before
+
+        until(is_still)
         device.neutral()
-        stands = rig.wire(signal)
+        stands = arrived()
         sleep(0.05)
     until(lambda: rig.wire(signal) == stands)
 

@@ -1,6 +1,7 @@
 """Logs of programs that run, are killed, have a slow disk or none."""
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -132,7 +133,7 @@ def test_a_process_that_is_killed_is_told_at_once_and_the_program_goes_on(path, 
 
 def test_a_disk_that_becomes_full_is_told_at_once(path, told):
     # As on a full disk: the kernel lets the process write so much and no more.
-    limit = f'ulimit -f 40; exec {sys.executable} -c "$0" {path}'
+    limit = f'ulimit -f 40; exec {shlex.quote(sys.executable)} -c "$0" {shlex.quote(str(path))}'
     program = """
 import sys, time
 from pathlib import Path

@@ -7,9 +7,12 @@ for library in ("canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def bench(emulate_bench):
-    return emulate_bench()
+    """A bench where its walk begins."""
+    machine = emulate_bench()
+    yield machine
+    machine.end()
 
 
 @pytest.fixture

@@ -445,11 +445,15 @@ def test_a_study_whose_program_is_killed_is_gone_on_with(study, importable, work
     vary = [f"{key}={text}" for key, text in SLOW.items()]
     program = [sys.executable, "-m", "parapod.sims", "study", "trial", "--vary", *vary]
     options = ["--out", str(path), "--workers", "2"]
-    with subprocess.Popen([*program, *options], stderr=subprocess.DEVNULL) as process:
+    said = path.with_suffix(".txt")
+    with (
+        said.open("w") as stream,
+        subprocess.Popen([*program, *options], stderr=stream) as process,
+    ):
         until = time.monotonic() + 60.0
         while len(rows_so_far(path)) < 4:
             assert time.monotonic() < until
-            assert process.poll() is None
+            assert process.poll() is None, said.read_text()
             time.sleep(0.02)
         workers = children(process.pid)
         process.kill()

