@@ -149,7 +149,7 @@ class EmulatedClock:
 
     @property
     def is_well(self) -> bool:
-        """Whether all emulated devices behave, and therefore answer sooner or later."""
+        """True while all emulated devices behave, and so answer sooner or later."""
         return self._cells[_UNWELL] == 0.0
 
     @is_well.setter
@@ -157,7 +157,7 @@ class EmulatedClock:
         self._cells[_UNWELL] = 0.0 if is_well else 1.0
 
     def hold(self, patience: float = PATIENCE) -> Hold:
-        """A new hold of this program's; every program but the keeper's may have some.
+        """A new hold of this program's, which does nothing if too many threads have one.
 
         Args:
             patience: time of the computer's clock for which everybody waits at most [s].

@@ -39,7 +39,8 @@ _MARGIN = 5e-4
 _LARGEST_LEAD = 0.7
 # By how much the estimate of what a reading takes, once it is due, follows each one [s].
 _LEARNING = 2e-4
-_ROUNDING = 1e-6  # [s]
+# Reading times that differ by less are equal [s].
+_ROUNDING = 1e-6
 # How many of the newest ages are kept: some minutes.
 _KEPT = 30_000
 # An emulated time waits for commands that have not been written after so much of a period, and for
