@@ -83,15 +83,18 @@ _REMARK_PERIOD = 10.0
 
 @contextmanager
 def emulated_devices(
-    drivers: Sequence[Driver], path: Path, sizes: dict[str, int], parts: Sequence[str], seed: int
+    groups: Sequence[Sequence[Driver]],
+    path: Path,
+    sizes: dict[str, int],
+    parts: Sequence[str],
+    seed: int,
 ) -> Iterator[None]:
-    """While it lasts the drivers' devices are emulated.
+    """While it lasts the drivers' devices are emulated, those of a group by one process.
 
-    Each has a process: a real device does not wait for another one, and neither should these for
-    Python's interpreter lock. They end with this process, however it ends.
+    The processes end with this one, however it ends.
 
     Args:
-        drivers: whose devices are emulated.
+        groups: whose devices are emulated, by processes.
         path: path of the wires, see `SharedHarness`; there already.
         sizes: sizes of the signals on them.
         parts: whose misbehaviours they have.
@@ -104,14 +107,12 @@ def emulated_devices(
     context = multiprocessing.get_context("spawn")
     processes: list[tuple[SpawnProcess, Connection]] = []
     try:
-        for driver in drivers:
-            if driver.is_timeless:  # and so nothing to emulate
-                continue
+        for group in groups:
             ours, theirs = context.Pipe()
-            name = f"{type(driver).__name__} ({driver.part})"
+            name = ", ".join(f"{type(driver).__name__} ({driver.part})" for driver in group)
             process = context.Process(
                 target=_serve,
-                args=(driver, path, sizes, parts, seed, theirs),
+                args=(group, path, sizes, parts, seed, theirs),
                 name=name,
                 daemon=True,
             )
@@ -142,21 +143,23 @@ def _wait_for(name: str, connection: Connection) -> None:
 
 
 def _serve(
-    driver: Driver,
+    drivers: Sequence[Driver],
     path: Path,
     sizes: dict[str, int],
     parts: Sequence[str],
     seed: int,
     connection: Connection,
 ) -> None:
-    """Emulates one device until the other end of the connection is closed."""
+    """Emulates devices until the other end of the connection is closed."""
     sys.setswitchinterval(SWITCH_INTERVAL)
     take_priority()  # a real device waits for no other program
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for all; the first process ends us
     try:
         harness = SharedHarness(path, sizes, parts)
-        misbehaviour = harness.misbehaviour(driver.part, seed)
-        with following(path.with_name(CLOCK)), driver.emulate(harness, misbehaviour):
+        with following(path.with_name(CLOCK)), ExitStack() as stack:
+            for driver in drivers:
+                misbehaviour = harness.misbehaviour(driver.part, seed)
+                stack.enter_context(driver.emulate(harness, misbehaviour))
             _tell(connection, _READY)
             connection.poll(None)
     except ScenarioError as error:
@@ -266,11 +269,15 @@ class EmulatedMachine:
         Raises:
             ScenarioError: a driver has no emulator, or an address that is not the emulator's.
         """
-        drivers, seed = self._scenario.hardware.drivers, self._scenario.seed
+        drivers = [one for one in self._scenario.hardware.drivers if not one.is_timeless]
+        # A real device does not wait for another one: by the computer's clock these must not for
+        # Python's interpreter lock, and have a process each. An emulated time waits for them.
+        groups = [[driver] for driver in drivers] if self.clock is None else [drivers]
+        seed = self._scenario.seed
         try:
             with (
                 going_by(self.clock),
-                emulated_devices(drivers, self._wires, self._sizes, self._parts, seed),
+                emulated_devices(groups, self._wires, self._sizes, self._parts, seed),
             ):
                 yield
         finally:

@@ -2,6 +2,7 @@
 
 import io
 import itertools
+from contextlib import nullcontext
 from functools import partial
 
 import numpy as np
@@ -74,6 +75,22 @@ def machine(tmp_path, monkeypatch):
     machine = EmulatedMachine(PLATFORM, LevellingScenario(backend="kinematic"))
     yield machine
     machine._program.close()
+
+
+@pytest.mark.parametrize(("rate", "sizes"), [(None, [3]), (0.5, [3]), (1.0, [1, 1, 1])])
+def test_devices_share_a_process_unless_they_go_by_the_computers_clock(
+    rate, sizes, tmp_path, monkeypatch
+):
+    begun = []
+    monkeypatch.setenv("PARAPOD_EMULATOR", str(tmp_path / "e"))
+    monkeypatch.setattr(
+        emulator, "emulated_devices", lambda groups, *_: nullcontext(begun.append(groups))
+    )
+    scenario = LevellingScenario(backend="kinematic")
+    with EmulatedMachine(PLATFORM, scenario, rate).devices():
+        (groups,) = begun
+    assert [len(group) for group in groups] == sizes
+    assert [one.part for group in groups for one in group] == ["legs", "imu", "wheels"]
 
 
 def moved(machine, *disturbed):
