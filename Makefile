@@ -7,8 +7,9 @@ BIN := $(VENV)/bin
 PYTEST := env -u PYTHONDONTWRITEBYTECODE GLIBC_TUNABLES=glibc.malloc.tcache_count=200 PYTHONPYCACHEPREFIX="$(CURDIR)/build/pycache" $(BIN)/pytest
 # For the summary of tests/run.py; xunit1 names files. A file that cannot be imported is one failure.
 REPORT = --continue-on-collection-errors -o junit_family=xunit1 --junitxml=build/tests/$@.xml
-# Where tests are judged by the clock; tests/conftest.py marks them.
+# Where tests are judged by the clock; tests/conftest.py marks them, and single ones that `judge`.
 REAL_TIME := tests/diagrams/test_hardware_station.py tests/sims/real_machine
+JUDGED = $(shell grep -rlw judge tests --include='test_*.py')
 # Where tests need whole runs of experiments; tests/conftest.py shares these.
 WHOLE_RUNS := tests/laws/test_chapters.py tests/laws/test_experiments.py tests/sims/levelling_platform tests/sims/machining_center tests/sims/terrain_simulator tests/sims/walking_chair
 # More processes than there are cores: tests of devices wait for them.
@@ -90,7 +91,7 @@ together: build/compiled
 	$(TOGETHER) $(REPORT) -m "not real_time and not slow $(if $(BESIDE),and not whole_run)" $(ARGS) || $(NONE)
 
 clocked: setup
-	$(PYTEST) $(REPORT) -m "real_time and not slow" $(or $(ARGS),$(REAL_TIME)) || $(NONE)
+	$(PYTEST) $(REPORT) -m "real_time and not slow" $(or $(ARGS),$(REAL_TIME) $(JUDGED)) || $(NONE)
 
 whole-runs: setup
 	$(PYTEST) -n 2 $(REPORT) -m "whole_run and not slow" $(or $(ARGS),$(WHOLE_RUNS)) || $(NONE)

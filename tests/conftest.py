@@ -13,6 +13,7 @@ import re
 import sys
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -23,7 +24,7 @@ import pytest
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from rich.console import Console
 
-# Where programs beside each other are judged by the clock.
+# Where programs beside each other are judged by the clock; elsewhere single tests are, by `judge`.
 REAL_TIME = ("diagrams/test_hardware_station.py", "sims/real_machine")
 # Where tests share whole runs of experiments, which one process a machine therefore makes; and
 # where alone the Makefile seeks them.
@@ -55,7 +56,7 @@ def pytest_collection():
 def pytest_itemcollected(item):
     """Marks tests by what they need."""
     # Names are compared as texts: paths of seven thousand tests would take half a second.
-    if item.nodeid.startswith(_REAL_TIME):
+    if item.nodeid.startswith(_REAL_TIME) or "judge" in item.fixturenames:
         item.add_marker(pytest.mark.real_time)
     if {"execute", "finished"} & set(item.fixturenames):
         if not item.nodeid.startswith(SHARED_RUNS):
@@ -254,6 +255,23 @@ def work(tmp_path, monkeypatch):
     return folder
 
 
+@pytest.fixture
+def click_after(monkeypatch):
+    """click_after(live, button, seconds): once it has gone on for so long, in its own time."""
+
+    def prepare(live, button, seconds):
+        advance, end = live.advance, live.simulator.get_context().get_time() + seconds
+
+        def advance_and_click():
+            advance()
+            if live.simulator.get_context().get_time() >= end - 1e-9:
+                live.panel._obey({"button": button})
+
+        monkeypatch.setattr(live, "advance", advance_and_click)
+
+    return prepare
+
+
 class Bench:
     """A system alone: a test sets its inputs, steps its updates and reads its outputs.
 
@@ -369,16 +387,31 @@ def assert_gradient_agrees():
     return check
 
 
+def _waits():
+    """Time for which each thread of this program has waited for a processor [s], by its name.
+
+    Empty where the computer does not say it.
+    """
+    waits = {}
+    for path in Path("/proc/self/task").glob("*/schedstat"):
+        with suppress(OSError):  # the thread has ended
+            waits[path.parent.name] = 1e-9 * int(path.read_text().split()[1])
+    return waits
+
+
 class Judge:
-    """Measures how long something takes, and by how much the machine was late meanwhile."""
+    """Measures how long something takes, and by how much the machine was late meanwhile.
+
+    Late is a thread that wakes up later than it asked for, or waits for a processor.
+    """
 
     TICK = 5e-3
 
     def __enter__(self):
-        self._ended, self.late = threading.Event(), 0.0
+        self._ended, self.late, self._waits = threading.Event(), 0.0, _waits()
         self._thread = threading.Thread(target=self._watch)
         self._thread.start()
-        self._began, self._worked = time.monotonic(), time.thread_time()
+        self._began = time.monotonic()
         return self
 
     def _watch(self):
@@ -389,19 +422,16 @@ class Judge:
 
     def __exit__(self, *_):
         self.took = time.monotonic() - self._began
-        self.worked = time.thread_time() - self._worked
         self._ended.set()
         self._thread.join()
+        waited = (now - self._waits.get(name, 0.0) for name, now in _waits().items())
+        self.late = max(self.late, sum(waited))
 
     def check(self, limit):
         """Proves that it took no longer [s], or skips with what the machine managed."""
         if self.took > limit and self.took - self.late <= limit:
             pytest.skip(f"took {self.took:.3f} s; the machine was late by {self.late:.3f} s")
         assert self.took <= limit
-
-    def check_work(self, limit):
-        """Proves that this thread computed no longer [s], whatever others did meanwhile."""
-        assert self.worked <= limit
 
     def check_at_least(self, value, least):
         """Proves that a value is large enough, or skips where the machine was often late."""
@@ -414,6 +444,31 @@ class Judge:
 def judge():
     """`with judge() as judged: ...` and then `judged.check(limit)`: see `Judge`."""
     return Judge
+
+
+class Work:
+    """Counts the functions that the thread calls: what is cheap is so on every computer.
+
+    Attributes:
+        calls: number of calls, of Python's functions and of others.
+    """
+
+    def __enter__(self):
+        self.calls, self._before = 0, sys.getprofile()
+        sys.setprofile(self._count)
+        return self
+
+    def _count(self, frame, event, argument):
+        self.calls += event in ("call", "c_call")
+
+    def __exit__(self, *_):
+        sys.setprofile(self._before)
+
+
+@pytest.fixture
+def work_of():
+    """`with work_of() as work: ...` and then `work.calls`: see `Work`."""
+    return Work
 
 
 _SUFFIXES = {"```python": ".py", "```xml": ".urdf", "```yaml": ".yaml"}

@@ -238,12 +238,11 @@ def test_restart_begins_anew_and_end_ends_and_closes_the_page(panel, console):
     assert console.file.getvalue().startswith("Do this. 'Restart' begins anew")
 
 
-def test_the_platform_goes_on_until_a_button_is_clicked(platform, panel):
+def test_the_platform_goes_on_until_a_button_is_clicked(platform, panel, click_after):
     before = platform.simulator.get_context().get_time()
-    click = threading.Timer(0.5, lambda: panel._obey({"button": END}))
-    click.start()
+    click_after(platform, END, 0.2)
     assert platform.go_on() == END
-    assert platform.simulator.get_context().get_time() > before + 0.2
+    assert platform.simulator.get_context().get_time() == pytest.approx(before + 0.2, abs=0.05)
     assert panel.GetButtonNames() == []
 
 

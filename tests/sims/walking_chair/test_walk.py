@@ -1,6 +1,5 @@
 """The experiment `chair-walk`: a walk, its bounds, and the sliders after it."""
 
-import threading
 import time
 from unittest.mock import Mock
 
@@ -236,13 +235,12 @@ def test_live_sliders_move_the_passenger_and_the_chair_waits(panel):
     assert panel.GetSliderNames() == []
 
 
-def test_the_chair_walks_on_until_told_to_stop(panel):
+def test_the_chair_walks_on_until_told_to_stop(panel, click_after):
     scenario = scenario_with("backend=kinematic", "begin=0", "gait.way=forward")
     chair = LiveChair(scenario, panel, find_entry("chair-walk").load().read_out)
-    click = threading.Timer(0.3, lambda: panel._obey({"button": END}))
-    click.start()
+    click_after(chair, END, 0.3)
     assert chair.walk() == END
-    assert 0.0 < chair.signal(chair.loop.controller, "gait_time")[0] < 3.0
+    assert 0.2 < chair.signal(chair.loop.controller, "gait_time")[0] < 0.4
 
 
 def test_the_chair_walks_while_its_operator_holds_a_button(panel, monkeypatch):

@@ -2,7 +2,6 @@
 
 import copy
 import random
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -336,21 +335,21 @@ def bomb(levels, item):
 
 
 @pytest.mark.parametrize("item", ["[x, x, x, x, x, x, x, x, x]", "{a: x}"])
-def test_aliases_that_multiply_are_refused_at_once(message, item):
-    begin = time.perf_counter()
-    text = message(bomb(9, item))
+def test_aliases_that_multiply_are_refused_at_once(message, item, work_of):
+    with work_of() as work:
+        text = message(bomb(9, item))
+        assert message(overrides=["label=" + "[" + bomb(9, item).replace("\n", "}, {") + "]"])
     assert text == "scenario mine.yaml: aliases multiply it to more than 10000 values"
-    assert message(overrides=["label=" + "[" + bomb(9, item).replace("\n", "}, {") + "]"])
-    assert time.perf_counter() - begin < 0.5
+    assert work.calls < 60_000
 
 
-def test_merges_that_multiply_are_refused_at_once(message):
+def test_merges_that_multiply_are_refused_at_once(message, work_of):
     lines = ["_l0: &l0 {a: 1, b: 2, c: 3}"]
     for i in range(1, 9):
         lines.append(f"_l{i}: &l{i} {{<<: [{', '.join([f'*l{i - 1}'] * 9)}]}}")
-    begin = time.perf_counter()
-    assert "aliases multiply it" in message("\n".join(lines))
-    assert time.perf_counter() - begin < 0.5
+    with work_of() as work:
+        assert "aliases multiply it" in message("\n".join(lines))
+    assert work.calls < 60_000
 
 
 def test_aliases_within_reason_are_free(load):

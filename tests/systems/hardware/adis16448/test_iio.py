@@ -69,7 +69,7 @@ def device(server, **settings):
     return made(server.uri, **settings)
 
 
-def until(condition, timeout=5.0):
+def until(condition, timeout=60.0):
     """Waits for a condition; a device that fails has not fulfilled it."""
     deadline = time.monotonic() + timeout
     while True:

@@ -86,7 +86,7 @@ def begin(misbehaviour, kind):
     misbehaviour.begin(kind, time.monotonic())
 
 
-def until_it_reads(imu, timeout=5.0):
+def until_it_reads(imu, timeout=60.0):
     deadline = time.monotonic() + timeout
     while True:
         try:

@@ -167,14 +167,13 @@ while True:
 """)
     writer.stdout.readline()
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ) as memory:
-        end = time.monotonic() + 0.3
-        last = 0
-        while time.monotonic() < end:
+        begun, last = time.monotonic(), 0
+        while last < 1000 or time.monotonic() < begun + 0.3:
+            assert time.monotonic() < begun + 60.0, "nothing is written"
             for _ in range(1000):
                 (count,) = struct.unpack_from("=q", memory)  # of the first signal
                 assert count >= last
                 last = count
-    assert last > 1000
 
 
 @pytest.fixture
@@ -235,7 +234,7 @@ for line in sys.stdin:
     ours = harness.misbehaviour("imu")
     for line, kind in (("garbage", "garbage"), (UNPLUGGED, UNPLUGGED), ("well", None)):
         print(line, file=program.stdin, flush=True)
-        assert until(lambda kind=kind: ours.kind == kind, timeout=20.0)
+        assert until(lambda kind=kind: ours.kind == kind, timeout=60.0)
 
 
 def test_a_stuck_value_is_that_of_each_beginning(harness, other):

@@ -25,7 +25,7 @@ FRAMES = [
 ]
 
 
-def until(condition, timeout=5.0):
+def until(condition, timeout=60.0):
     deadline = time.monotonic() + timeout
     while not condition():
         assert time.monotonic() < deadline

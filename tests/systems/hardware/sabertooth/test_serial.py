@@ -22,7 +22,7 @@ STEP = 12.0 / 127.0
 MARGIN = 0.1
 
 
-def until(condition, timeout=5.0):
+def until(condition, timeout=60.0):
     deadline = time.monotonic() + timeout
     while not condition():
         assert time.monotonic() < deadline
@@ -77,7 +77,7 @@ def active(device):
     return device
 
 
-def drive(device, harness, wanted=WANTED, timeout=5.0, expected=None):
+def drive(device, harness, wanted=WANTED, timeout=60.0, expected=None):
     """Writes until the motors have the voltages."""
     expected = pytest.approx(wanted if expected is None else expected, abs=0.51 * STEP)
 
