@@ -148,7 +148,7 @@ def kernel(forks, tmp_path):
         client.load_connection_file()
         client.start_channels()
         try:
-            client.wait_for_ready(timeout=60)
+            client.wait_for_ready(timeout=300)
             run(client, f"%cd -q {FOLDER}")
             yield client
         finally:
@@ -166,7 +166,7 @@ def run(client, code, outputs=None, **expressions):
             outputs.setdefault(message["msg_type"], []).append(message["content"])
 
     reply = client.execute_interactive(
-        code, output_hook=note, user_expressions=expressions, timeout=120, stop_on_error=True
+        code, output_hook=note, user_expressions=expressions, timeout=600, stop_on_error=True
     )["content"]
     if reply["status"] != "ok":
         trace = re.sub(r"\x1b\[[\d;]*m", "", "\n".join(reply.get("traceback", ())))

@@ -436,7 +436,7 @@ def test_ctrl_c_in_the_live_phase_ends_with_the_job_s_exit_code():
             said += line
         time.sleep(1.0)
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
+        out, err = process.communicate(timeout=600)
     assert process.returncode == 0, err
     assert "Traceback" not in err
     assert "all bounds held" in out

@@ -168,7 +168,7 @@ def test_the_emulator_ends_with_the_measurement_however_that_ends(name):
                 children = [int(pid) for pid in file.read().split()]
         time.sleep(5.0)
         program.send_signal(getattr(signal, name))
-        program.wait(120.0)
+        program.wait(600.0)
         deadline = time.monotonic() + 60.0
         while any(map(lives, children)) and time.monotonic() < deadline:
             time.sleep(0.05)

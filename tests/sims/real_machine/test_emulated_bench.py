@@ -38,7 +38,7 @@ def test_a_slider_that_falls_silent_ends_the_walk_and_all_drives_hold(bench, wal
     bench.misbehave("sliders", "unplugged")
     holds = bench.until(lambda: bench.is_neutral, 2.0)
     stood = bench.wires.get("sliders.position")
-    said = program.communicate(timeout=120)[1]
+    said = program.communicate(timeout=600)[1]
     moved = np.abs(np.subtract(bench.wires.get("sliders.position"), stood)).max()
     bench.misbehave("sliders", "well")
     assert runs, said

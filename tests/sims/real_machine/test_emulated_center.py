@@ -48,7 +48,7 @@ def test_a_clamp_that_is_lost_while_a_limb_swings_stops_everything_where_it_stan
     center.misbehave("switches", "open")
     stops = center.until(lambda: center.wires.get("legs.brake")[0] > 0.5, 2.0)
     stood = center.wires.get("legs.position")
-    said = program.communicate(timeout=120)[1]
+    said = program.communicate(timeout=600)[1]
     moved = np.abs(np.subtract(center.wires.get("legs.position"), stood)).max()
     center.misbehave("switches", "well")
     assert is_swinging, said

@@ -45,7 +45,7 @@ def test_actuators_are_identified_within_the_bounds_and_adopted(
         *("run", "identify-actuators", "--backend", "hardware", "--json", result),
         *("--set", "steps.lowering_mm_s=6", *PATIENT),
     )
-    _, said = program.communicate(timeout=180)
+    _, said = program.communicate(timeout=600)
     if program.returncode == 2:
         skip_if_busy(said)
     assert program.returncode in (0, 1), said
@@ -61,7 +61,7 @@ def test_actuators_are_identified_within_the_bounds_and_adopted(
     assert extension == pytest.approx((0.398,) * 4, abs=3e-3)
     assert machine.is_neutral
     adopted = machine.parapod("adopt", result, "--into", lab)
-    told, _ = adopted.communicate(timeout=120)
+    told, _ = adopted.communicate(timeout=600)
     assert adopted.returncode == 0
     assert told.startswith("control.actuator_gains: [0.01, 0.01, 0.01, 0.01] (default) -> [")
     assert lab.read_text().startswith("# our machine\nseed: 0\ncontrol:\n  actuator_gains: [")
@@ -71,7 +71,7 @@ def test_a_machine_on_its_feet_is_refused_and_does_not_move(standing, skip_if_bu
     before = standing.wires.get("legs.extension")
     with standing.looked_at() as seen:
         program = standing.parapod("run", "identify-actuators", "--backend", "hardware")
-        _, said = program.communicate(timeout=120)
+        _, said = program.communicate(timeout=600)
     assert program.returncode == 2
     if "touches the ground" not in said:
         skip_if_busy(said)
@@ -125,7 +125,7 @@ def test_the_machine_is_led_through_poses_and_asks_at_the_console(
         stdout=subprocess.DEVNULL,
     )
     said, read = [], []
-    end = threading.Timer(100.0, program.kill)
+    end = threading.Timer(600.0, program.kill)
     end.start()
     for line in program.stderr:
         said.append(line)
@@ -140,7 +140,7 @@ def test_the_machine_is_led_through_poses_and_asks_at_the_console(
             program.stdin.write(" ".join(read[-1]) + "\n")
             program.stdin.flush()
     end.cancel()
-    program.wait(120.0)
+    program.wait(600.0)
     program.stdin.close()
     if len(read) < 3:
         skip_if_busy("".join(said))

@@ -411,7 +411,7 @@ def test_an_emergency_stop_ends_the_job_also_if_it_was_pressed_for_a_moment(
     pressed, words = [], "emergency_stop: the emergency stop is pressed, or its wire is broken"
 
     def press():
-        if here.until(lambda: here.has_power, 30.0):
+        if here.until(lambda: here.has_power, 300.0):
             here.until_time(here.now() + LOOKED + 1.0)
             pressed.append(here.now())
             here.misbehave("emergency_stop", "pressed")

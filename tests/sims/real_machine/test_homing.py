@@ -286,7 +286,7 @@ def test_emulated_machines_find_their_references(of, emulate_on_wheels, emulate_
     emulator = emulate_on_wheels() if of == "level" else emulate_chair()
     emulator.memory.forget()  # as a killed program leaves it
     program = emulator.parapod("run", of, "--backend", "hardware")
-    said = program.communicate(timeout=120)[1]
+    said = program.communicate(timeout=600)[1]
     assert program.returncode == 2
     assert "find them with `parapod home`" in said
     emulator.run_well("home", "--of", of, "--yes")
@@ -303,7 +303,7 @@ def test_legs_that_are_stuck_find_nothing_and_the_file_knows_nothing(emulate_on_
     emulator = emulate_on_wheels()
     emulator.misbehave("legs", "stuck")
     program = emulator.parapod("home", "--yes")
-    said = program.communicate(timeout=120)[1]
+    said = program.communicate(timeout=600)[1]
     assert program.returncode == 2
     assert "legs 1 stands, but its end has not shown" in said
     assert json.loads(emulator.memory.path.read_text()) == {"extension_m": None}

@@ -93,7 +93,7 @@ def machine(analog, monkeypatch):
 def levelling(machine, *options):
     """`parapod run level` whose legs move."""
     program = machine.parapod(*job(), *options)
-    assert machine.until(lambda: machine.has_power, 30.0), program.communicate()
+    assert machine.until(lambda: machine.has_power, 300.0), program.communicate()
     time.sleep(1.2)
     return program
 
@@ -130,7 +130,7 @@ def test_a_controller_that_is_asked_to_end_leaves_the_machine_neutral(
     program = levelling(machine, "--log", path)
     at, began = time.time(), time.monotonic()
     program.send_signal(getattr(signal, name))
-    _, said = program.communicate(timeout=120)
+    _, said = program.communicate(timeout=600)
     took = time.monotonic() - began
     assert program.returncode == 130, said
     assert said.splitlines()[-1] == "parapod: interrupted"
@@ -273,11 +273,11 @@ def test_serial_drivers_stop_the_legs_when_the_controller_is_killed(serial, in_t
 def test_a_controller_whose_machine_is_gone_ends_and_names_a_device(machine, in_time):
     without = ("--set", "hardware.drivers.0.watchdog_ms=0")
     controller = machine.parapod(*job(estimate_at=20.0), *without)
-    assert machine.until(lambda: machine.has_power, 30.0), controller.communicate()
+    assert machine.until(lambda: machine.has_power, 300.0), controller.communicate()
     time.sleep(0.5)
     os.killpg(machine.process.pid, signal.SIGKILL)
     began = time.monotonic()
-    _, said = controller.communicate(timeout=120)
+    _, said = controller.communicate(timeout=600)
     took = time.monotonic() - began
     assert controller.returncode == 2, said
     assert re.match(r"parapod: error: (PXIe-6363|ADIS16448|EPOS2) ", said.splitlines()[-1]), said

@@ -47,7 +47,7 @@ def operate(machine):
         page.close()
         if program.poll() is None:
             program.send_signal(signal.SIGINT)
-            program.communicate(timeout=120)
+            program.communicate(timeout=600)
     assert machine.until(lambda: machine.is_neutral, 60.0)
 
 
@@ -121,7 +121,7 @@ def test_an_operator_drives_lowers_stops_and_goes_on(machine, operate, within, t
     page.is_open.set()
     page.wait("fault")
     page.click("End")
-    _, said = program.communicate(timeout=120)
+    _, said = program.communicate(timeout=600)
     assert program.returncode == 0, said
     assert log.stat().st_size > 100_000
 
@@ -139,7 +139,7 @@ def test_a_machine_whose_page_dies_holds_and_then_ends(machine, operate, within,
     begun = time.monotonic()
     os.kill(desk, signal.SIGKILL)
     within(lambda: still(machine, 0.05), 0.55, "page killed")
-    _, said = program.communicate(timeout=120)
+    _, said = program.communicate(timeout=600)
     assert program.returncode == 2
     assert "the operator's page is gone" in said
     in_time(time.monotonic() - begun, 10.0, "end after the page was killed [s]")
@@ -174,7 +174,7 @@ def test_a_fault_in_the_operation_is_named_and_ends_it(machine, part, kind, word
     program = machine.parapod("run", "deploy", "--backend=hardware")
     assert machine.until(lambda: voltages(machine).min() > 0.1, 40.0)
     machine.misbehave(part, kind)
-    _, said = program.communicate(timeout=120)
+    _, said = program.communicate(timeout=600)
     machine.misbehave(part, "released" if part == "emergency_stop" else "well")
     machine.measure_legs()
     assert program.returncode == 2

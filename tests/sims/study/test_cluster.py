@@ -66,7 +66,7 @@ def test_a_cluster_one_of_whose_workers_is_killed_gives_the_rows_of_one_process(
     with ClusterCrew(address) as crew:
         crew._client.run_on_scheduler(allow_no_failure)
         lethal = carry_out(study({"kind": "lethal,good", "x": "1:2:2"}), crew=crew)
-        crew._client.wait_for_workers(2, timeout=30)
+        crew._client.wait_for_workers(2, timeout=300)
     assert all(
         text.startswith("the process that carried it out died") for text in lethal["error"][:2]
     )
