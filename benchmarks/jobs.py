@@ -105,11 +105,13 @@ def main(arguments: list[str]) -> int:
             well = sum(job.code == 0 for job in jobs)
             is_well = is_well and well == asked.jobs
             waits = [job.waited for job in jobs]
+            words = "" if well == asked.jobs else jobs[-1].words
             table.add_row(
                 *(name, f"{beside} busy", f"{well} of {asked.jobs}", f"{jobs[-1].rate:g}"),
                 f"{min(waits):.2f}..{max(waits):.2f}",
-                "" if well == asked.jobs else jobs[-1].words,
+                words,
             )
-            console.print(f"{name}, {beside} busy: {well} of {asked.jobs} ended well")
+            told = f"{name}, {beside} busy: {well} of {asked.jobs} ended well"
+            console.print(f"{told}; {words}" if words else told, markup=False)
     console.print(table)
     return 0 if is_well else 1
