@@ -43,8 +43,8 @@ _LEARNING = 2e-4
 _ROUNDING = 1e-6
 # How many of the newest ages are kept: some minutes.
 _KEPT = 30_000
-# An emulated time waits for commands that have not been written after so much of a period, and for
-# readings that no loop has asked for [-].
+# An emulated time waits for readings and commands that are not done after so much of a period [-]:
+# what is read while time goes on is newer than its stamp by as much.
 _HELD = 0.2
 # How long a thread may take to end once it is asked to; a device's calls are shorter [s].
 _JOIN_TIMEOUT = 2.0
@@ -116,6 +116,7 @@ class DeviceThread:
         self._has_sample = threading.Event()
         # How long the next reading may take until an emulated time waits for it, and its end [s].
         self._allowed, self._reading_at, self._hold = _HELD * period, math.inf, Hold()
+        self._is_reading = False
         self._thread: threading.Thread | None = None
 
     @property
@@ -160,8 +161,9 @@ class DeviceThread:
         scheduled = self._taken_at + self.period
         self._taken_at = scheduled if 0.0 <= now - scheduled < 0.5 * self.period else now
         if self._due > now:  # a reading that is late already must not be put off for ever
-            self._due, self._allowed = self._before_taken, self._lead - _MARGIN
-            self._wait_for_reading()
+            self._read_before_taken()
+            if not self._is_reading:
+                self._wait_for_reading()
         self._wake.set()
 
     def post(self, commands: Signals, measured: float) -> None:
@@ -226,6 +228,10 @@ class DeviceThread:
         """Instant at which a reading is due that ends just before samples are taken again [s]."""
         return self._taken_at + self.period - self._lead
 
+    def _read_before_taken(self) -> None:
+        self._due = self._before_taken
+        self._allowed = min(self._lead - _MARGIN, _HELD * self.period)
+
     def _wait_for_reading(self) -> None:
         """Has an emulated time wait for the next reading, unless the device is at fault."""
         if self._has_sample.is_set() and not self._sample.fault and self.device.measures:
@@ -259,13 +265,13 @@ class DeviceThread:
             self._wake.clear()
 
     def _read(self, due: float) -> None:
-        began = self._clock()
+        began, self._is_reading = self._clock(), True
         try:
             values = {name: tuple(v) for name, v in self.device.read().items()}
         except Exception as error:
             fault, words = _described(self.device, error)
             self._sample = self._sample._replace(fault=fault, words=words)
-            self._reading_at = math.inf
+            self._is_reading, self._reading_at = False, math.inf
             self._hold.until(math.inf)
             return
         self._sample = Sample(values, began, DeviceFault.NONE, "")
@@ -273,7 +279,8 @@ class DeviceThread:
         self._has_sample.set()
         # Samples of readings that begin at the loop's tick would be a period old at each tick.
         if self._clock() < self._before_taken < self._due:
-            self._due, self._allowed = self._before_taken, self._lead - _MARGIN
+            self._read_before_taken()
+        self._is_reading = False  # before the next one is waited for, by the loop or here
         self._wait_for_reading()
 
     def _learn(self, took: float) -> None:

@@ -19,8 +19,9 @@ import json, sys, time
 import dask
 from distributed import LocalCluster
 if __name__ == "__main__":
-    # Where a busy computer takes longer, no worker would be begun in place of one that has died.
-    dask.config.set({f"distributed.comm.timeouts.{name}": "600s" for name in ("connect", "tcp")})
+    # Where it takes longer until a worker has begun in place of one that has died, none does.
+    limits = ("comm.timeouts.connect", "comm.timeouts.tcp", "deploy.lost-worker-timeout")
+    dask.config.set({f"distributed.{name}": "600s" for name in limits})
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         pids = [worker.pid for worker in cluster.workers.values()]
         print(json.dumps([cluster.scheduler_address, pids]), flush=True)
