@@ -29,7 +29,7 @@ def why_not():
 REASON = why_not()
 needs_iiod = pytest.mark.skipif(REASON is not None, reason=f"iiod cannot run here: {REASON}")
 
-TIMEOUT = 0.3
+TIMEOUT = 2.0
 # What a busy computer may add to a timeout [s].
 MARGIN = 0.3
 # How much of the values the driver's rounded scales leave.

@@ -266,7 +266,9 @@ def test_next_program_is_not_stopped_by_the_watchdog_of_the_one_before(server):
 @pytest.mark.parametrize("drives_motors", [True, False])
 def test_card_without_a_watchdog_is_used_with_a_word(serve, drives_motors):
     server = serve(product="PXIe-6259")
-    settings = NiDaqSettings(target=server.target, product="PXIe-6259", extension_file="")
+    settings = NiDaqSettings(
+        target=server.target, product="PXIe-6259", extension_file="", timeout_ms=5000.0
+    )
     with NiDaq(settings, drives_motors) as card:
         assert card.watchdog == ""
         (remark,) = card.remarks
