@@ -199,7 +199,7 @@ def test_sensor_without_crc_is_refused(sensor, monkeypatch):
 
 def test_every_damaged_bit_of_a_burst_is_refused(sensor):
     bus = Damaged(sensor)
-    with device(bus) as imu:
+    with device(bus, timeout_ms=5000.0) as imu:
         # The first word came before the command, and DIAG_STAT the CRC does not cover.
         for word in range(2, BURST_WORDS + 1):
             for bit in range(16):

@@ -416,10 +416,11 @@ def test_measurements_that_are_old_push_nothing(axes):
 
 
 def test_while_a_node_is_silent_no_axis_is_pushed(make):
-    axes = make(timeout=0.02, sdo_timeout=0.05)
+    axes = make()
     axes.cycle(100.0, 100.0)
     axes.arrives(100.0, 100.0)
     axes.rig.nodes.disconnect(2)
+    axes.drives._timing = axes.drives._timing._replace(timeout=0.02)  # of readings from here on
     for _ in range(7):
         axes.clock.now += 0.01
         assert fault_of(axes.drives.read).fault is DeviceFault.SILENT

@@ -294,10 +294,11 @@ def test_an_end_closes_all_once_the_axes_stand(legs, end):
 
 
 def test_an_end_closes_what_it_can_when_a_node_is_silent(make_legs):
-    legs = make_legs(timeout=0.02, sdo_timeout=0.02)
+    legs = make_legs()
     legs.activate()
     switch(legs, LOOSE)
     legs.nodes.disconnect(1)
+    legs.drives._bus._nodes[1].sdo.RESPONSE_TIMEOUT = 0.02  # of this one alone, which says nothing
     with pytest.raises(DeviceError, match="node 1 does not answer"):
         legs.drives.deactivate()
     left = LOOSE[0][:4] + (1.0,) * 4, (1.0,) * 2
