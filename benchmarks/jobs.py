@@ -111,7 +111,7 @@ def main(arguments: list[str]) -> int:
                 f"{min(waits):.2f}..{max(waits):.2f}",
                 words,
             )
-            told = f"{name}, {beside} busy: {well} of {asked.jobs} ended well"
-            console.print(f"{told}; {words}" if words else told, markup=False)
+            said = f"{name}, {beside} busy: {well} of {asked.jobs} ended well"
+            console.print(*filter(None, (said, words)), sep="; ", markup=False)
     console.print(table)
     return 0 if is_well else 1

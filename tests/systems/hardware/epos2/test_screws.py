@@ -377,7 +377,6 @@ def test_eleven_screws_stop_by_the_reading_that_tells_that_one_drive_drops(make_
 
 
 def test_a_cycle_sends_one_request_for_all_nodes_and_one_command_to_each(screws):
-    """Twelve commands are what a bus of 1 Mbit/s has time for in a period."""
     screws.activate()
     send, sent = screws.drives._bus.send, Counter()
 
