@@ -75,11 +75,12 @@ test-hard: setup
 lint: setup
 	@$(BIN)/ruff check .; checked=$$?; $(BIN)/ruff format --check . && exit $$checked
 
-# The folders are mapped to the package parapod by setuptools; mypy sees them through links.
+# The folders are mapped to the package parapod by setuptools; these tools see them through links.
 types: setup
 	@mkdir -p build/types/parapod
 	@for room in systems diagrams urdf sims; do ln -sfn ../../../$$room build/types/parapod/$$room; done
 	@ln -sfn ../../../__init__.py build/types/parapod/__init__.py
+	PYTHONPATH=build/types $(BIN)/lint-imports --no-logo --cache-dir build/imports
 	MYPYPATH=build/types:. $(BIN)/mypy -p parapod -p benchmarks
 
 # Once, and not by each process of the tests while the others do it too; these tell what fails.

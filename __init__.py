@@ -29,23 +29,20 @@ if TYPE_CHECKING:
     from parapod.diagrams.alone import Alone
     from parapod.diagrams.block_diagram import BlockDiagram, draw
     from parapod.diagrams.closed_loop import ClosedLoop
-    from parapod.diagrams.faults import FaultScenario, Span
+    from parapod.diagrams.faults import FaultScenario
     from parapod.diagrams.homing import Homing
     from parapod.diagrams.machine import (
         ControlScenario,
-        In,
-        Inner,
         Machine,
         MachineScenario,
-        Out,
         SelfTest,
-        Truth,
         find_machine,
     )
+    from parapod.diagrams.ports import Behind, In, Inner, Out, Span, Truth
     from parapod.diagrams.recording import Recording
-    from parapod.diagrams.station import Behind, Station
+    from parapod.diagrams.station import Station
     from parapod.diagrams.wiring import add, connect, named_source
-    from parapod.sims.lab.api import (
+    from parapod.sims.api import (
         closed_loop,
         experiments,
         run,
@@ -53,10 +50,12 @@ if TYPE_CHECKING:
         study,
         viewer,
     )
-    from parapod.sims.lab.experiment import Experiment, LogDrawing, LoopExperiment, RunOptions
-    from parapod.sims.lab.figures import Figure
-    from parapod.sims.lab.results import Metric, Result
+    from parapod.sims.lab.experiment import Experiment, LoopExperiment
     from parapod.sims.lab.scene import Scene
+    from parapod.sims.output.drawn import LogDrawing
+    from parapod.sims.output.figures import Figure
+    from parapod.sims.output.options import RunOptions
+    from parapod.sims.output.results import Metric, Result
     from parapod.sims.real_machine.own_emulator import own_emulator
     from parapod.sims.study.result import StudyResult, read_study
     from parapod.systems.core.errors import ParapodError, ScenarioError, UnreachablePosture
@@ -67,26 +66,25 @@ _HOMES = {
     "diagrams.alone": ("Alone",),
     "diagrams.block_diagram": ("BlockDiagram", "draw"),
     "diagrams.closed_loop": ("ClosedLoop",),
-    "diagrams.faults": ("FaultScenario", "Span"),
+    "diagrams.faults": ("FaultScenario",),
     "diagrams.homing": ("Homing",),
     "diagrams.machine": (
         "ControlScenario",
-        "In",
-        "Inner",
         "Machine",
         "MachineScenario",
-        "Out",
         "SelfTest",
-        "Truth",
         "find_machine",
     ),
+    "diagrams.ports": ("Behind", "In", "Inner", "Out", "Span", "Truth"),
     "diagrams.recording": ("Recording",),
-    "diagrams.station": ("Behind", "Station"),
+    "diagrams.station": ("Station",),
     "diagrams.wiring": ("add", "connect", "named_source"),
-    "sims.lab.api": ("closed_loop", "experiments", "run", "scenario", "study", "viewer"),
-    "sims.lab.experiment": ("Experiment", "LogDrawing", "LoopExperiment", "RunOptions"),
-    "sims.lab.figures": ("Figure",),
-    "sims.lab.results": ("Metric", "Result"),
+    "sims.api": ("closed_loop", "experiments", "run", "scenario", "study", "viewer"),
+    "sims.output.drawn": ("LogDrawing",),
+    "sims.lab.experiment": ("Experiment", "LoopExperiment"),
+    "sims.output.figures": ("Figure",),
+    "sims.output.results": ("Metric", "Result"),
+    "sims.output.options": ("RunOptions",),
     "sims.lab.scene": ("Scene",),
     "sims.real_machine.own_emulator": ("own_emulator",),
     "sims.study.result": ("StudyResult", "read_study"),

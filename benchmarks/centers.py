@@ -14,8 +14,6 @@ import parapod
 from benchmarks.factor import rate
 from benchmarks.report import Measurement
 from benchmarks.yardstick import DRAKE, NUMPY, PYTHON, clock, seconds
-from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.lab.progress import counted
 from parapod.sims.machining_center.machining import CenterMachining
 from parapod.sims.machining_center.walk import CenterWalk
 from parapod.sims.machining_center.workspace import (
@@ -23,6 +21,8 @@ from parapod.sims.machining_center.workspace import (
     CenterWorkspace,
     CenterWorkspaceScenario,
 )
+from parapod.sims.output.options import RunOptions
+from parapod.sims.output.progress import counted
 from parapod.systems.machining_center.kinematics import (
     CenterGeometry,
     LockSet,

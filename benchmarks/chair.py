@@ -8,7 +8,7 @@ from benchmarks.yardstick import DRAKE, PYTHON
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario
-from parapod.sims.lab.experiment import RunOptions
+from parapod.sims.output.options import RunOptions
 from parapod.sims.walking_chair.walk import ChairWalk
 
 _CASES = (

@@ -23,12 +23,13 @@ from benchmarks.emulated import emulated
 from benchmarks.report import Measurement
 from benchmarks.wake_ups import WakeUps, wake_ups
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.devices import Parts
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario, WaypointScenario
 from parapod.diagrams.machine import Machine
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario
-from parapod.sims.lab.experiment import RunOptions
+from parapod.sims.output.options import RunOptions
 from parapod.sims.real_machine.job import run_on_hardware
 from parapod.sims.real_machine.real_time import Timing
 from parapod.systems.core.errors import ParapodError
@@ -133,7 +134,7 @@ def driven(
             at = time.monotonic()
     ages = {
         part: [age for thread in threads for age in thread.write_ages]
-        for part, threads in loop.station.behind.handle.threads.items()
+        for part, threads in loop.station.behind.handle_as(Parts).threads.items()
         if any(thread.device.measures and thread.write_ages for thread in threads)
     }
     timing, since = timings[0]

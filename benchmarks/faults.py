@@ -152,7 +152,7 @@ def _full_disk(place: Place) -> Row:
     running, work, cell = place.get(), place.work, "log, disk full"
     log = running.machine.folder / "full.mcap"
     with running.working("--log", str(log)) as program:
-        writer = program.companion("parapod.sims.lab.live_log")
+        writer = program.companion("parapod.sims.output.logs.live")
         size = log.stat().st_size + _ROOM
         try:
             resource.prlimit(writer, resource.RLIMIT_FSIZE, (size, size))

@@ -15,7 +15,7 @@ from benchmarks.report import Measurement
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.lab.experiment import RunOptions
+from parapod.sims.output.options import RunOptions
 from parapod.sims.real_machine.job import run_on_hardware
 from parapod.sims.real_machine.punctuality import bench_real_time
 from parapod.sims.real_machine.real_time import DeadlineError, Timing

@@ -26,7 +26,7 @@ from benchmarks.machines import (
 )
 from benchmarks.matrix import Row
 from benchmarks.page import Page
-from parapod.sims.lab.files import read_log
+from parapod.sims.output.logs.files import read_log
 from parapod.systems.core.errors import OutputError
 
 # Time after which a moving machine's program is killed, at random [s].
@@ -143,7 +143,7 @@ def _controller(place: Place, running: Running, log: Path) -> Kill:
 
 def _logger(place: Place, running: Running, log: Path) -> Kill:
     with running.working("--log", str(log)) as program:
-        writer = program.companion("parapod.sims.lab.live_log")
+        writer = program.companion("parapod.sims.output.logs.live")
         _wait_at_random(program)
         os.kill(writer, signal.SIGKILL)
         after = until(lambda: bool(program.word("cannot write")), 5.0)

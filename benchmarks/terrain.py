@@ -11,7 +11,8 @@ from benchmarks.report import Measurement
 from benchmarks.yardstick import DRAKE, PYTHON
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
-from parapod.sims.lab.experiment import Experiment, RunOptions
+from parapod.sims.lab.experiment import Experiment
+from parapod.sims.output.options import RunOptions
 from parapod.sims.terrain_simulator.course import BenchCourse
 from parapod.sims.terrain_simulator.leg import BenchLeg
 from parapod.sims.terrain_simulator.walk import BenchWalking

@@ -1,25 +1,21 @@
 """Devices behind the ports of a station: checked against the machine's table, opened, wired."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort, OutputPort
 from pydrake.systems.primitives import Multiplexer
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts
-from parapod.diagrams.station import Behind
+from parapod.diagrams.ports import Behind, Port
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.quoting import quoted
 from parapod.systems.hardware.clock import monotonic, sleep
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.io import DeviceThread, PartReader, PartWriter
-
-if TYPE_CHECKING:
-    from parapod.diagrams.machine import Machine, Port
-
 
 # How long devices are asked to become neutral, and the pause in between [s].
 _CONFIRMING, _PAUSE = 2.0, 0.05
@@ -171,33 +167,43 @@ def _ask_again(unconfirmed: dict[DeviceThread, Exception]) -> None:
         sleep(_PAUSE)
 
 
-def add_devices(builder: DiagramBuilder, machine: "Machine[Any]", scenario: Any) -> Behind:
-    """Adds the devices of a scenario's drivers; nothing is opened yet.
+def add_devices(
+    builder: DiagramBuilder,
+    drivers: Sequence[Driver],
+    inputs: Sequence[Port],
+    outputs: Sequence[Port],
+    told: Sequence[str],
+    period: float,
+) -> Behind:
+    """Adds the devices of drivers; nothing is opened yet.
 
     Args:
         builder: builder of the station.
-        machine: the machine.
-        scenario: its `hardware.drivers` and `control.period` are taken.
+        drivers: drivers of the scenario.
+        inputs: inputs of the station; each must be driven.
+        outputs: outputs of the station but `status.*`; each that has no default must be measured,
+            once.
+        told: parts of `status.age` and `status.fault`, in order.
+        period: period of the loop [s].
 
     Raises:
         ScenarioError: drivers that do not make this machine.
     """
-    period = scenario.control.period
-    parts = make_parts(scenario.hardware.drivers, machine.inputs, machine.measured, period)
-    inputs, outputs = _add_parts(builder, parts, machine, period)
+    parts = make_parts(drivers, inputs, outputs, period)
+    driven, measured = _add_parts(builder, parts, {port.name for port in outputs}, period)
     for name in ("age", "fault"):
-        each = add(builder, Multiplexer(len(machine.parts)), f"status_{name}")
-        for i, part in enumerate(machine.parts):
+        each = add(builder, Multiplexer(len(told)), f"status_{name}")
+        for i, part in enumerate(told):
             port = parts.readers[parts.behind(part)].GetOutputPort(name)
             connect(builder, port, each.get_input_port(i))
-        outputs[f"status.{name}"] = each.get_output_port(0)
-    return Behind(inputs, outputs, parts.reset, parts.active, handle=parts)
+        measured[f"status.{name}"] = each.get_output_port(0)
+    return Behind(driven, measured, parts.reset, parts.active, handle=parts)
 
 
 def make_parts(
     drivers: Sequence[Driver],
-    inputs: "Sequence[Port]",
-    outputs: "Sequence[Port]",
+    inputs: Sequence[Port],
+    outputs: Sequence[Port],
     period: float,
 ) -> Parts:
     """Makes the devices of drivers and checks that they are the station's.
@@ -243,13 +249,13 @@ def _ports(part: str, signals: Mapping[str, int]) -> dict[str, int]:
     return {name if "." in name else f"{part}.{name}": size for name, size in signals.items()}
 
 
-def _signals(specs: "Sequence[Port]", part: str) -> dict[str, int]:
+def _signals(specs: Sequence[Port], part: str) -> dict[str, int]:
     """Names, within their part, and sizes of the ports of one part."""
     names = ((spec.name.partition("."), spec.size) for spec in specs)
     return {signal: size for (owner, _, signal), size in names if owner == part}
 
 
-def _check(spec: "Port", devices: Sequence[tuple[str, Device]], what: str) -> None:
+def _check(spec: Port, devices: Sequence[tuple[str, Device]], what: str) -> None:
     """Refuses a port that no device, or more than one, stands behind."""
     owner = spec.name.partition(".")[0]
     sizes = [(part, device, _ports(part, getattr(device, what))) for part, device in devices]
@@ -277,12 +283,11 @@ def _check(spec: "Port", devices: Sequence[tuple[str, Device]], what: str) -> No
 
 
 def _add_parts(
-    builder: DiagramBuilder, parts: Parts, machine: "Machine[Any]", period: float
+    builder: DiagramBuilder, parts: Parts, shown: Set[str], period: float
 ) -> tuple[dict[str, InputPort], dict[str, OutputPort]]:
-    """Adds a reader and, where there are commands, a writer for each part."""
+    """Adds a reader, which shows these measurements, and for commands a writer, for each part."""
     inputs: dict[str, InputPort] = {}
     outputs: dict[str, OutputPort] = {}
-    shown = {spec.name for spec in machine.measured}
     for part, threads in parts.threads.items():
         reader = add(builder, PartReader(part, threads, period))
         parts.readers[part] = reader

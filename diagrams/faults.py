@@ -7,19 +7,16 @@ An injector is added where a fault is asked for, and nothing where none is.
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
+from parapod.diagrams.ports import Port, Span
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import show
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.safety.faults import LONGEST_DELAY, Fault, FaultInjector, FaultKind
-
-if TYPE_CHECKING:
-    from parapod.diagrams.machine import Port
 
 KINDS = tuple(kind.value for kind in FaultKind)
 
@@ -33,31 +30,6 @@ _VALUES: dict[str, tuple[str, tuple[float, float] | None]] = {
 
 
 @dataclass(frozen=True)
-class Span:
-    """Plausible values of a signal, and the faults that it can have.
-
-    Attributes:
-        low: smallest plausible value, of garbage; one for all elements or one for each.
-        high: largest plausible value; one for all elements or one for each.
-        wrong: factor [-] and offset (in the port's unit) of a wrong value when a fault names none.
-        off_value: value shown of a device that does not publish.
-        is_binary: whether its values are 0 and 1.
-        target: name of the signal in scenarios; "" for the port's own.
-        only_whole: whether all elements fail together.
-        ages: whether a late signal makes its part older in `status.age`.
-    """
-
-    low: float | tuple[float, ...]
-    high: float | tuple[float, ...]
-    wrong: tuple[float, float] = (1.0, 0.0)
-    off_value: float = 0.0
-    is_binary: bool = False
-    target: str = ""
-    only_whole: bool = False
-    ages: bool = False
-
-
-@dataclass(frozen=True)
 class FaultTarget:
     """A signal that can have faults.
 
@@ -66,7 +38,7 @@ class FaultTarget:
         span: its plausible values.
     """
 
-    port: "Port"
+    port: Port
     span: Span
 
     @property
@@ -75,7 +47,7 @@ class FaultTarget:
         return self.port.faults[0].target or self.port.name
 
 
-def targets_of(ports: Sequence["Port"]) -> dict[str, FaultTarget]:
+def targets_of(ports: Sequence[Port]) -> dict[str, FaultTarget]:
     """Signals of a table into which faults may be injected, by their names in scenarios."""
     return {
         span.target or port.name: FaultTarget(port, span) for port in ports for span in port.faults
@@ -206,7 +178,7 @@ class FaultPoints:
         self._wanted = {*self._faults, *injectable}
         self.injectors: dict[str, FaultInjector] = {}
 
-    def seen(self, port: OutputPort, spec: "Port") -> OutputPort:
+    def seen(self, port: OutputPort, spec: Port) -> OutputPort:
         """The port as others see it: through an injector if it can have faults.
 
         Args:
@@ -225,14 +197,14 @@ class FaultPoints:
         shown: OutputPort = injector.GetOutputPort("faulted")
         return shown
 
-    def is_missing(self, spec: "Port") -> bool:
+    def is_missing(self, spec: Port) -> bool:
         """Whether faults of a signal are wanted and it has no injector yet."""
         if not spec.faults:
             return False
         point = FaultTarget(spec, spec.faults[0]).point
         return point in self._wanted and point not in self.injectors
 
-    def aged(self) -> dict[str, "Port"]:
+    def aged(self) -> dict[str, Port]:
         """Points with an injector whose late signals make their part older, with their ports."""
         return {
             target.point: target.port

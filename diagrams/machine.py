@@ -9,19 +9,18 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, System
 
-from parapod.diagrams.faults import FaultTarget, Span, targets_of
+from parapod.diagrams.faults import FaultTarget, targets_of
 from parapod.diagrams.guard import Guard
 from parapod.diagrams.homing import Homing
-from parapod.diagrams.station import Behind
+from parapod.diagrams.ports import Behind, Out, Port
 from parapod.diagrams.twin import Twin
-from parapod.systems.core.errors import ParapodError, WiringError
+from parapod.systems.core.errors import ParapodError, ScenarioError, WiringError
 from parapod.systems.core.installed import installed
 from parapod.systems.core.schema import Schema, plain, quantity
 
@@ -29,104 +28,6 @@ _STATUS = ("status.age", "status.fault")
 
 # Smallest and largest admissible value by signal; see `Machine.limits`.
 type Limits = Mapping[str, tuple[ArrayLike | None, ArrayLike | None]]
-
-
-@dataclass(frozen=True)
-class Port:
-    """One signal of a machine.
-
-    Attributes:
-        name: `<part>.<signal>` at the station; any name elsewhere.
-        size: number of elements; 0 for a signal whose size the declaration leaves open.
-        unit: unit of all elements, or of each separated by commas; these come again, in this
-            order, where there are more elements.
-        meaning: one line.
-        direction: "in" and "out" as the station has it; "truth" for what only a simulation
-            knows; "inner" for signals of controller and commands.
-        idle: value of an input that nothing drives.
-        default: value of an output that may be missing, shown where it is; None: it must be there.
-        faults: plausible values and faults; empty where faults are not injected.
-        is_sampled: whether an input follows from the measurements of the controllers' instant at
-            once, so that it counts at that instant alone. A simulated plant samples it; for
-            devices, which take commands a moment later, the loop holds it. Other inputs are held
-            by the controller.
-        names: names of the values 0, 1, 2, ... of a signal that tells a phase.
-    """
-
-    name: str
-    size: int
-    unit: str
-    meaning: str
-    direction: Literal["in", "out", "truth", "inner"]
-    idle: float = 0.0
-    default: float | None = None
-    faults: tuple[Span, ...] = ()
-    is_sampled: bool = False
-    names: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        for what in ("name", "unit", "meaning"):
-            if not getattr(self, what).strip():
-                raise WiringError(f"port {self.name!r} of size {self.size} has no {what}")
-
-    @property
-    def part(self) -> str:
-        """Part that the signal belongs to: the name before the dot."""
-        return self.name.partition(".")[0]
-
-    @property
-    def limits(self) -> tuple[float, float] | None:
-        """Smallest and largest plausible value, where it has some that hold for all elements."""
-        for span in self.faults:
-            ends = span.low, span.high
-            if not span.is_binary and not any(isinstance(end, tuple) for end in ends):
-                return float(np.min(span.low)), float(np.max(span.high))
-        return None
-
-
-def In(
-    name: str,
-    size: int,
-    unit: str,
-    meaning: str,
-    *,
-    idle: float = 0.0,
-    faults: Sequence[Span] = (),
-    is_sampled: bool = False,
-) -> Port:
-    """Command to the machine, an input of its station."""
-    return Port(name, size, unit, meaning, "in", idle, None, tuple(faults), is_sampled)
-
-
-def Out(
-    name: str,
-    size: int,
-    unit: str,
-    meaning: str,
-    *,
-    default: float | None = None,
-    faults: Sequence[Span] = (),
-) -> Port:
-    """Measurement, an output of the station."""
-    return Port(name, size, unit, meaning, "out", default=default, faults=tuple(faults))
-
-
-def Truth(name: str, size: int, unit: str, meaning: str) -> Port:
-    """Output `truth.<name>` of a simulated station; controllers cannot see it."""
-    return Port(f"truth.{name}", size, unit, meaning, "truth")
-
-
-def Inner(
-    name: str,
-    unit: str,
-    meaning: str,
-    *,
-    size: int = 0,
-    faults: Sequence[Span] = (),
-    names: Sequence[str] = (),
-) -> Port:
-    """Signal of the controller or of a source of commands, named for logs and faults."""
-    return Port(name, size, unit, meaning, "inner", faults=tuple(faults), names=tuple(names))
 
 
 @dataclass(frozen=True)
@@ -338,6 +239,34 @@ class Machine[S]:
         if hasattr(self.scenario, "hardware") or "hardware" in _fields(self.scenario):
             more = (*more, "hardware")
         return (*self.plants, *more)
+
+    def behind(self, builder: DiagramBuilder, scenario: S, meshcat: Meshcat | None) -> Behind:
+        """Adds the backend of a scenario.
+
+        Args:
+            builder: builder of the station.
+            scenario: its `backend` decides; devices are taken from its `hardware.drivers`.
+            meshcat: draws a simulated machine there; None for no drawing.
+
+        Raises:
+            ScenarioError: unknown backend, or drivers that do not make this machine.
+        """
+        settings: Any = scenario
+        backend = settings.backend
+        if backend not in self.backends:
+            known = ", ".join(self.backends)
+            raise ScenarioError(f"backend {backend!r} is not one of {known}", "backend")
+        if backend in self.plants:
+            return self.plants[backend](builder, scenario, meshcat)
+        if backend == "mock":
+            assert self.mock is not None
+            return self.mock(builder, scenario, meshcat)
+        from parapod.diagrams.devices import add_devices
+
+        period = settings.control.period
+        return add_devices(
+            builder, settings.hardware.drivers, self.inputs, self.measured, self.parts, period
+        )
 
     def unit(self, name: str) -> str:
         """Unit of a signal, by the name of its port.

@@ -1,9 +1,8 @@
 """A machine seen through its ports, whatever stands behind them."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -11,45 +10,14 @@ from pydrake.systems.framework import (
     Context,
     Diagram,
     DiagramBuilder,
-    InputPort,
-    OutputPort,
     System,
 )
 from pydrake.systems.primitives import ConstantVectorSource
 
+from parapod.diagrams.machine import Machine
+from parapod.diagrams.ports import Behind, Port
 from parapod.diagrams.wiring import add, inputs_of, outputs_of
-from parapod.systems.core.errors import ScenarioError, WiringError
-
-if TYPE_CHECKING:
-    from parapod.diagrams.machine import Machine, Port
-
-
-def _nothing(root_context: Context, scenario: Any) -> None:
-    """The default context is the beginning already."""
-
-
-@dataclass(frozen=True)
-class Behind:
-    """Part of a station behind its ports: a simulated plant, a mock or devices.
-
-    Attributes:
-        inputs: ports that take the commands, by the names of the machine's table.
-        outputs: ports that give the measurements and, where simulated, `truth.*`; those that have
-            a default may be left out.
-        reset: puts it at the beginning of a scenario, in a root context at its defaults, which
-            are the beginning of the scenario that it was built from.
-        active: entered while the machine is to obey; simulated ones always do.
-        between_steps: does what Drake lets no system do while it steps, such as locking a joint;
-            to be called with the root context after each step of a simulation; None: nothing.
-        handle: anything that experiments need to reach beside the ports.
-    """
-
-    inputs: Mapping[str, InputPort]
-    outputs: Mapping[str, OutputPort]
-    reset: Callable[[Context, Any], None] = _nothing
-    active: Callable[[], AbstractContextManager[object]] = field(default=nullcontext)
-    between_steps: Callable[[Context], None] | None = None
-    handle: Any = None
+from parapod.systems.core.errors import WiringError
 
 
 class Station[S](Diagram):
@@ -64,7 +32,7 @@ class Station[S](Diagram):
         behind: systems behind the ports.
     """
 
-    def __init__(self, machine: "Machine[S]", scenario: S, meshcat: Meshcat | None = None):
+    def __init__(self, machine: Machine[S], scenario: S, meshcat: Meshcat | None = None):
         """Builds the station of a scenario's backend.
 
         Args:
@@ -79,7 +47,7 @@ class Station[S](Diagram):
         super().__init__()
         self.machine, self.scenario = machine.of(scenario), scenario
         builder = DiagramBuilder()
-        self.behind = _add_behind(builder, self.machine, scenario, meshcat)
+        self.behind = self.machine.behind(builder, scenario, meshcat)
         _export(builder, self.machine, self.behind)
         builder.BuildInto(self)
         self.set_name("station")
@@ -107,24 +75,7 @@ class Station[S](Diagram):
             yield
 
 
-def _add_behind(
-    builder: DiagramBuilder, machine: "Machine[Any]", scenario: Any, meshcat: Meshcat | None
-) -> Behind:
-    backend = scenario.backend
-    if backend not in machine.backends:
-        known = ", ".join(machine.backends)
-        raise ScenarioError(f"backend {backend!r} is not one of {known}", "backend")
-    if backend in machine.plants:
-        return machine.plants[backend](builder, scenario, meshcat)
-    if backend == "mock":
-        assert machine.mock is not None
-        return machine.mock(builder, scenario, meshcat)
-    from parapod.diagrams.devices import add_devices
-
-    return add_devices(builder, machine, scenario)
-
-
-def _export(builder: DiagramBuilder, machine: "Machine[Any]", behind: Behind) -> None:
+def _export(builder: DiagramBuilder, machine: Machine[Any], behind: Behind) -> None:
     """Exports the ports by the machine's table.
 
     Raises:
@@ -147,8 +98,8 @@ def _export(builder: DiagramBuilder, machine: "Machine[Any]", behind: Behind) ->
 
 
 def _compare(
-    machine: "Machine[Any]",
-    declared: "tuple[Port, ...]",
+    machine: Machine[Any],
+    declared: tuple[Port, ...],
     found: Mapping[str, Any],
     kind: str,
 ) -> None:
@@ -170,7 +121,7 @@ def _compare(
 
 
 def check_ports(
-    machine: "Machine[Any]", plant: System, controller: System, sources: Iterable[System]
+    machine: Machine[Any], plant: System, controller: System, sources: Iterable[System]
 ) -> None:
     """Refuses a system that cannot take the place of a machine's station.
 

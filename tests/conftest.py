@@ -139,8 +139,8 @@ class Finished:
 def finished(tmp_path_factory):
     """finished(part): a part of the report with its quick overrides, run once for all tests."""
     from parapod.sims.lab.discovery import find_entry
-    from parapod.sims.lab.experiment import RunOptions
-    from parapod.sims.lab.files import read_log
+    from parapod.sims.output.logs.files import read_log
+    from parapod.sims.output.options import RunOptions
     from parapod.sims.report.run import list_chapters
     from parapod.systems.core.scenario_file import load_scenario
 
@@ -198,7 +198,7 @@ def finished_chapter(finished):
 def execute():
     """execute(name, *overrides, **options): result of an experiment; options of `RunOptions`."""
     from parapod.sims.lab.discovery import find_entry
-    from parapod.sims.lab.experiment import RunOptions
+    from parapod.sims.output.options import RunOptions
     from parapod.systems.core.scenario_file import load_scenario
 
     def run(name, *overrides, **options):

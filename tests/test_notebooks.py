@@ -77,7 +77,7 @@ IMPORTED = (
     "ipykernel.kernelapp",
     "matplotlib.pyplot",
     "matplotlib.backends.backend_svg",
-    "parapod.sims.lab.api",
+    "parapod.sims.api",
     "pydrake.multibody.plant",
     "pydrake.systems.primitives",
 )

@@ -20,7 +20,7 @@ from parapod.diagrams.levelling_platform.plants import (
 )
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.mujoco import draw, make_plant
-from parapod.diagrams.station import Behind
+from parapod.diagrams.ports import Behind
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.model import PlatformModel

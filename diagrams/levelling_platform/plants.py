@@ -31,7 +31,7 @@ from parapod.diagrams.levelling_platform.model import (
 from parapod.diagrams.levelling_platform.ports import PARTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.multibody import add_discrete_plant
-from parapod.diagrams.station import Behind
+from parapod.diagrams.ports import Behind
 from parapod.diagrams.wiring import add, connect, split_states
 from parapod.systems.actuators.linear_actuator import LinearActuator
 from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams

@@ -2,8 +2,7 @@
 
 import math
 
-from parapod.diagrams.faults import Span
-from parapod.diagrams.machine import In, Inner, Out, Truth
+from parapod.diagrams.ports import In, Inner, Out, Span, Truth
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.levelling_platform.supervisor import Phase
 from parapod.systems.sensors.imu import ImuParams

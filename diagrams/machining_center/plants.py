@@ -20,8 +20,8 @@ from parapod.diagrams.machining_center.model import add_center
 from parapod.diagrams.machining_center.ports import PARTS
 from parapod.diagrams.machining_center.scenario import CenterScenario, Plan
 from parapod.diagrams.multibody import add_discrete_plant, drive_joints
+from parapod.diagrams.ports import Behind
 from parapod.diagrams.simulated import add_status, ports_of_drives
-from parapod.diagrams.station import Behind
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.position_servo import PositionServo
 from parapod.systems.actuators.velocity_servo import VelocityServoParams

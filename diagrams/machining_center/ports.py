@@ -1,6 +1,6 @@
 """Signals of the machining centres: the ports of their station, their controller, their job."""
 
-from parapod.diagrams.machine import In, Inner, Out, Port, Truth
+from parapod.diagrams.ports import In, Inner, Out, Port, Truth
 from parapod.systems.machining_center.posture import LOCKS_OF_LIMB
 from parapod.systems.machining_center.sequence import Phase
 

@@ -1,6 +1,5 @@
 """The walking chair's leg as the leg under test; loaded only where a scenario asks for it."""
 
-import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -16,26 +15,15 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from parapod.diagrams.multibody import add_adapted_model
 from parapod.diagrams.terrain_simulator.leg import AddedLeg
-from parapod.diagrams.terrain_simulator.scenario import (
-    ChairLegScenario,
-    GaitScenario,
-    HipScenario,
-    LegScenario,
-    PlaceScenario,
-    TerrainBenchScenario,
-)
-from parapod.diagrams.terrain_simulator.terrains import Slope
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.chair_leg import (
     ChairLegController,
     ChairLegModel,
-    ChairLegMount,
     ChairScrewParams,
 )
 from parapod.systems.terrain_simulator.walk import BenchWalk
-from parapod.systems.walking_chair.geometry import LEG_COUNT
-from parapod.systems.walking_chair.masses import ChairMasses, Passenger
+from parapod.systems.walking_chair.masses import ChairMasses
 from parapod.systems.walking_chair.model import leg_joints
 from parapod.urdf import configure_parser
 
@@ -46,8 +34,6 @@ _TURNING = tuple(
 )
 # Share of rotor's mass by damping [-] that the controller's period may come to.
 _LONGEST = 0.5
-# Way that is left until the foot would stand flat [mm].
-_MARGIN = 5.0
 
 
 @dataclass(frozen=True)
@@ -65,18 +51,6 @@ class ChairLeg:
 
     model: ChairLegModel = field(default_factory=ChairLegModel)
     screws: ChairScrewParams = field(default_factory=ChairScrewParams)
-
-    @classmethod
-    def of(cls, scenario: ChairLegScenario) -> "ChairLeg":
-        """The leg of a scenario."""
-        mount = ChairLegMount(
-            scenario.turned,
-            math.radians(scenario.lean_deg),
-            1e-3 * scenario.ahead_mm,
-            1e-3 * scenario.height_mm,
-        )
-        screws = ChairScrewParams(1e6 * scenario.stiffness_N_um, 1e3 * scenario.damping_Ns_mm)
-        return cls(ChairLegModel(mount, max_velocity=1e-3 * scenario.max_velocity_mm_s), screws)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -159,44 +133,6 @@ class ChairLeg:
     def check(self, walk: BenchWalk, period: float) -> None:
         """See `ChairLegModel.check`."""
         self.model.check(walk)
-
-
-def chair_leg_scenario(slope_deg: float = 0.0) -> TerrainBenchScenario:
-    """A slow walk of the chair's leg on the pedal, with a quarter of chair and passenger on it.
-
-    Steps of 80 mm at 0.06 m/s, little slower than screws of 80 mm/s let it. The leg is a front leg
-    of the chair, a rear one uphill. Its foot treads ahead of where it would be flat, or behind it,
-    and so on the edge of E_2 and E_3: on the corner E_1 alone all load would be the UP branch's,
-    and the 520 N of a walk on two legs by turns are more than it bears. So are the loads of a
-    front leg uphill, and of a rear one downhill.
-
-    Args:
-        slope_deg: slope of the ground, positive uphill [deg].
-    """
-    mass = (ChairMasses().total + Passenger().mass) / LEG_COUNT
-    gait = GaitScenario(
-        speed_m_s=0.06,
-        frequency_Hz=0.75,
-        duty=0.6,
-        ramp=0.3,
-        strides=2,
-        run_up=0,
-        clearance_mm=8.0,
-        load="even",
-    )
-    stance = 1e3 * gait.duty * gait.speed_m_s / gait.frequency_Hz
-    flat = 0.5 * stance + _MARGIN
-    is_rear = slope_deg > 0.0
-    chair = ChairLegScenario(is_rear, slope_deg, flat if is_rear else -flat)
-    scenario = TerrainBenchScenario(
-        gait=gait,
-        place=PlaceScenario(hip_mm=chair.height_mm),
-        leg=LegScenario(kind="walking_chair", chair=chair),
-        hip=HipScenario(mass_kg=mass),
-    )
-    if slope_deg:
-        scenario.terrain = Slope(slope_deg)
-    return scenario
 
 
 def _without_gains(robot: ElementTree.Element) -> None:

@@ -22,8 +22,8 @@ from pydrake.systems.primitives import (
 
 from parapod.diagrams.drawing import draw, publish, remove_visuals
 from parapod.diagrams.multibody import add_discrete_plant
+from parapod.diagrams.ports import Behind
 from parapod.diagrams.simulated import add_status, ports_of_drives
-from parapod.diagrams.station import Behind
 from parapod.diagrams.terrain_simulator.leg import LegUnderTest
 from parapod.diagrams.terrain_simulator.model import LegOnSlide, add_bench, add_leg_on_slide
 from parapod.diagrams.terrain_simulator.ports import PARTS
@@ -393,7 +393,7 @@ def add_kinematics(
     shown = add(builder, MatrixGain(scenario.cells.noise_N * np.eye(_SOURCES)), "cells")
     connect(builder, noise.get_output_port(), shown.get_input_port())
     behind = _add_led(builder, scenario, servo, shown.get_output_port(), meshcat)
-    simulation = replace(behind.handle, noise=noise)
+    simulation = replace(behind.handle_as(Simulation), noise=noise)
     return replace(behind, reset=simulation.reset, handle=simulation)
 
 

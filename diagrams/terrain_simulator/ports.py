@@ -1,6 +1,6 @@
 """Signals of the terrain simulator: the ports of its station, its controller, its terrain."""
 
-from parapod.diagrams.machine import In, Inner, Out, Port, Truth
+from parapod.diagrams.ports import In, Inner, Out, Port, Truth
 
 # Parts whose devices `status.*` tells about.
 PARTS = ("sliders", "hip", "belt", "cells", "leg")

@@ -183,6 +183,27 @@ class ChairLegScenario(Schema):
     stiffness_N_um: float = quantity(1.0, 0.01, 10.0)  # noqa: N815
     damping_Ns_mm: float = quantity(20.0, 0.01, 100.0)  # noqa: N815
 
+    @property
+    def leg(self) -> LegUnderTest:
+        """The leg; the walking chair is imported only here."""
+        from parapod.diagrams.terrain_simulator.chair_leg import ChairLeg
+        from parapod.systems.terrain_simulator.chair_leg import (
+            ChairLegModel,
+            ChairLegMount,
+            ChairScrewParams,
+        )
+
+        mount = ChairLegMount(
+            self.turned,
+            math.radians(self.lean_deg),
+            1e-3 * self.ahead_mm,
+            1e-3 * self.height_mm,
+        )
+        return ChairLeg(
+            ChairLegModel(mount, max_velocity=1e-3 * self.max_velocity_mm_s),
+            ChairScrewParams(1e6 * self.stiffness_N_um, 1e3 * self.damping_Ns_mm),
+        )
+
 
 @dataclass
 class LegScenario(Schema):
@@ -237,16 +258,12 @@ class LegScenario(Schema):
 
     @property
     def under_test(self) -> LegUnderTest:
-        """The leg; the other machine is imported only if it is the leg's.
+        """The leg.
 
         Raises:
             ScenarioError: see `add_leg`.
         """
-        if self.kind == "urdf":
-            return UrdfLeg(self.description, self.gains)
-        from parapod.diagrams.terrain_simulator.chair_leg import ChairLeg
-
-        return ChairLeg.of(self.chair)
+        return UrdfLeg(self.description, self.gains) if self.kind == "urdf" else self.chair.leg
 
     @property
     def description(self) -> LegDescription:

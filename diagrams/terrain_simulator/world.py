@@ -19,7 +19,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from parapod.diagrams.drawing import publish, remove_visuals
 from parapod.diagrams.machine import Machine
 from parapod.diagrams.multibody import add_discrete_plant
-from parapod.diagrams.station import Behind
+from parapod.diagrams.ports import Behind
 from parapod.diagrams.terrain_simulator.drawing import profile
 from parapod.diagrams.terrain_simulator.leg import foot_contact
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH

@@ -5,7 +5,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 
 from parapod.diagrams.drawing import publish
 from parapod.diagrams.mujoco import draw, make_plant
-from parapod.diagrams.station import Behind
+from parapod.diagrams.ports import Behind
 from parapod.diagrams.walking_chair.model import add_chair
 from parapod.diagrams.walking_chair.plants import Beginning, Plant, add_simulated
 from parapod.diagrams.walking_chair.scenario import ChairScenario

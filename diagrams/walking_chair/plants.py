@@ -16,8 +16,8 @@ from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from parapod.diagrams.drawing import draw, publish, remove_visuals
 from parapod.diagrams.multibody import add_discrete_plant, drive_joints
+from parapod.diagrams.ports import Behind
 from parapod.diagrams.simulated import add_status, ports_of_drives
-from parapod.diagrams.station import Behind
 from parapod.diagrams.walking_chair.model import add_chair, add_passenger
 from parapod.diagrams.walking_chair.ports import PARTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario

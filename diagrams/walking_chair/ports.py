@@ -1,6 +1,6 @@
 """Signals of the walking chair: the ports of its station, its controller, its gait."""
 
-from parapod.diagrams.machine import In, Inner, Out, Truth
+from parapod.diagrams.ports import In, Inner, Out, Truth
 
 # Parts whose devices `status.*` tells about.
 PARTS = ("legs",)

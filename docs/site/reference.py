@@ -24,8 +24,8 @@ import parapod.sims
 import parapod.systems
 from parapod.diagrams.block_diagram import class_name, draw
 from parapod.diagrams.machine import list_machines
+from parapod.sims.api import loop_of
 from parapod.sims.cli.main import COMMANDS, main
-from parapod.sims.lab.api import loop_of
 from parapod.sims.lab.discovery import Entry, find_entry, list_entries
 from parapod.systems.core import schema
 from parapod.systems.core.errors import ParapodError

@@ -38,7 +38,7 @@ def execute(arguments: argparse.Namespace) -> int:
     result = read_result(arguments.result)
     values = _values(arguments.result, result, arguments.broken_bounds)
 
-    from parapod.sims.lab.files import atomic_output
+    from parapod.sims.output.atomic import atomic_output
     from parapod.systems.core.scenario_file import parse, read_text
     from parapod.systems.core.yaml_edit import value_at, with_values
 

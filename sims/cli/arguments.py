@@ -94,7 +94,7 @@ def check_outputs(
     Raises:
         OutputError: names the file, or the two options that would write the same.
     """
-    from parapod.sims.lab.files import check_folder, check_writable
+    from parapod.sims.output.atomic import check_folder, check_writable
 
     taken: dict[str, str] = {}
     folders = folders or {}

@@ -75,7 +75,7 @@ def execute(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
     from parapod.sims.lab.discovery import find_experiment
-    from parapod.sims.lab.files import write_json
+    from parapod.sims.output.atomic import write_json
     from parapod.sims.real_machine.computer import (
         print_computer,
         this_computer,

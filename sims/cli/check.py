@@ -65,7 +65,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
     from rich.console import Console
 
-    from parapod.sims.lab.results import Result, print_table
+    from parapod.sims.output.results import Result, print_table
     from parapod.sims.real_machine.self_test import Move, check_part
 
     move, part = None, arguments.part

@@ -47,7 +47,7 @@ def execute(arguments: argparse.Namespace) -> int:
     check_outputs({"out": arguments.out})
     experiment, scenario = load(arguments)
 
-    from parapod.sims.lab.api import loop_of
+    from parapod.sims.api import loop_of
     from parapod.sims.lab.bench import write_graphviz
 
     write_graphviz(arguments.out, loop_of(experiment, scenario), arguments.depth)

@@ -41,7 +41,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
     from rich.console import Console
 
-    from parapod.sims.lab.results import Result, print_table
+    from parapod.sims.output.results import Result, print_table
     from parapod.sims.real_machine.homing import home_part
 
     part = arguments.part

@@ -48,8 +48,9 @@ def execute(arguments: argparse.Namespace) -> int:
 
     from rich.console import Console
 
-    from parapod.sims.lab.experiment import LoopExperiment, RunOptions
+    from parapod.sims.lab.experiment import LoopExperiment
     from parapod.sims.lab.operate import operate
+    from parapod.sims.output.options import RunOptions
 
     if not isinstance(experiment, LoopExperiment):
         raise UsageError(f"'{arguments.name}' has nothing that a person operates")

@@ -62,8 +62,8 @@ def execute(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         show(figure)
         return HELD
-    from parapod.sims.lab.figures import render
-    from parapod.sims.lab.files import atomic_output
+    from parapod.sims.output.atomic import atomic_output
+    from parapod.sims.output.figures import render
 
     content = render(figure, arguments.out.suffix.removeprefix("."), with_caption=True)
     with atomic_output(arguments.out) as temporary:

@@ -93,7 +93,7 @@ def execute(arguments: argparse.Namespace) -> int:
         print(f"parapod: {remark}", file=sys.stderr)
     page = make_page(replay, other, scene)
     if arguments.html is not None:
-        from parapod.sims.lab.files import atomic_output
+        from parapod.sims.output.atomic import atomic_output
 
         with atomic_output(arguments.html) as temporary:
             temporary.write_text(page, encoding="utf-8")

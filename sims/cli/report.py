@@ -50,7 +50,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
     from rich.console import Console
 
-    from parapod.sims.lab.files import atomic_output
+    from parapod.sims.output.atomic import atomic_output
     from parapod.sims.report.page import make_page
     from parapod.sims.report.run import list_chapters, run_chapter
 

@@ -17,7 +17,7 @@ from parapod.sims.cli.arguments import (
 
 if TYPE_CHECKING:
     from parapod.sims.lab.experiment import Experiment
-    from parapod.sims.lab.results import Result
+    from parapod.sims.output.results import Result
 
 HELP = "run an experiment and check its bounds"
 DESCRIPTION = "Runs an experiment, prints what it measured, and checks the bounds."
@@ -78,7 +78,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
     from rich.console import Console
 
-    from parapod.sims.lab.experiment import RunOptions
+    from parapod.sims.output.options import RunOptions
 
     options = RunOptions(
         meshcat=arguments.meshcat,
@@ -101,15 +101,15 @@ def _show(result: "Result", arguments: argparse.Namespace) -> None:
     """Writes and prints a result."""
     from rich.console import Console
 
-    from parapod.sims.lab.files import write_json
-    from parapod.sims.lab.results import print_table
+    from parapod.sims.output.atomic import write_json
+    from parapod.sims.output.results import print_table
 
     drawn: list[Path] = []
     try:
         if arguments.json is not None:
             write_json(arguments.json, result.as_json())
         if arguments.figures is not None:
-            from parapod.sims.lab.figures import write_figures
+            from parapod.sims.output.figures import write_figures
 
             drawn = write_figures(arguments.figures, result.figures)
     finally:
@@ -140,8 +140,8 @@ def _sweep(
 ) -> int:
     from rich.console import Console
 
-    from parapod.sims.lab.files import write_json
     from parapod.sims.lab.sweep import as_json, print_spread, run_seeds
+    from parapod.sims.output.atomic import write_json
 
     for option in _ALONE:
         if getattr(arguments, option):

@@ -144,8 +144,8 @@ def _show(result: "StudyResult", arguments: argparse.Namespace) -> int:
     """Prints and writes what came out; returns the exit code."""
     from rich.console import Console
 
-    from parapod.sims.lab.figures import write_figures
-    from parapod.sims.lab.files import atomic_output, write_json
+    from parapod.sims.output.atomic import atomic_output, write_json
+    from parapod.sims.output.figures import write_figures
     from parapod.sims.study.page import make_page
     from parapod.sims.study.summary import print_summary
 
@@ -156,7 +156,9 @@ def _show(result: "StudyResult", arguments: argparse.Namespace) -> int:
             written.append(arguments.json)
         if arguments.html is not None:
             with atomic_output(arguments.html) as temporary:
-                temporary.write_text(make_page(result), encoding="utf-8")
+                temporary.write_text(
+                    make_page(result.study, result.summary, result.figures), encoding="utf-8"
+                )
             written.append(arguments.html)
         if arguments.figures is not None:
             written += write_figures(arguments.figures, result.figures)

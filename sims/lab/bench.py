@@ -4,13 +4,12 @@ import gc
 import logging
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,22 +20,15 @@ from rich.console import Console
 
 from parapod.diagrams.block_diagram import BlockDiagram
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.recording import Recording
-from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.lab.files import atomic_output, write_page
-from parapod.sims.lab.panel import Panel, Readout
-from parapod.sims.lab.progress import progress
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.panel import Panel
+from parapod.sims.lab.run import Monitor, ReadOut, Run
 from parapod.sims.lab.strip_chart import StripChart
+from parapod.sims.output.atomic import atomic_output, write_page
+from parapod.sims.output.options import RunOptions
+from parapod.sims.output.progress import progress
 from parapod.systems.core.errors import MissingExtra, OutputError, ParapodError
 from parapod.systems.core.ports import value_of
 from parapod.systems.core.quoting import quoted_path
-
-if TYPE_CHECKING:
-    from parapod.sims.lab.experiment import LoopExperiment
-
-type Monitor = Callable[[Context], EventStatus]
-type ReadOut = Callable[[ClosedLoop[Any], Context], Readout]
 
 # Simulated time between two reports of progress, and between two chances for Ctrl-C [s].
 _CHUNK = 0.25
@@ -161,74 +153,6 @@ def write_graphviz(path: Path, diagram: Diagram, depth: int = 1) -> None:
         temporary.write_bytes(content)
 
 
-@dataclass(frozen=True)
-class Run(Recording):
-    """A recording, and the run that it is of.
-
-    Attributes:
-        loop: the closed loop that was built for it.
-        simulator: the simulator at the end of the run.
-        elapsed: wall-clock time of the simulation [s].
-        panel: the page on which it was shown, or None.
-        again: carries it out once more, in real time where it was shown.
-    """
-
-    loop: ClosedLoop[Any]
-    simulator: Simulator
-    elapsed: float
-    panel: Panel | None
-    again: Callable[[], float]
-
-    @property
-    def context(self) -> Context:
-        """Root context at the end of the run."""
-        return self.simulator.get_context()
-
-    @property
-    def realtime_factor(self) -> float:
-        """Simulated time by wall-clock time."""
-        return self.context.get_time() / self.elapsed
-
-
-def realtime_metric(*runs: Run) -> Metric:
-    """Metric for the speed of the slowest of some runs."""
-    factor = min(run.realtime_factor for run in runs)
-    meaning = "simulated time by wall-clock time"
-    return Metric("realtime_factor", factor, meaning=meaning, is_timing=True)
-
-
-class Loops:
-    """Closed loops that have been built, each for all scenarios of its structure."""
-
-    _MOST = 8  # loops that are kept: those of a machine's multibody plant take some 10 MB each
-
-    def __init__(self) -> None:
-        self._loops: dict[tuple[Any, ...], ClosedLoop[Any]] = {}
-
-    def of(
-        self,
-        experiment: "LoopExperiment[Any, Any]",
-        structure: str,
-        scenario: Any,
-        log: Sequence[str] | None,
-    ) -> ClosedLoop[Any]:
-        """The loop of a structure, to be reset to a scenario.
-
-        Args:
-            experiment: builds it, if it is not there.
-            structure: that of the scenario.
-            scenario: the scenario.
-            log: names of the ports to record; None for all of them.
-        """
-        key = (type(experiment), structure, log)
-        # The one that was used last comes last.
-        loop = self._loops.pop(key, None) or experiment.loop(scenario, log=log)
-        self._loops[key] = loop
-        if len(self._loops) > self._MOST:
-            del self._loops[next(iter(self._loops))]
-        return loop
-
-
 class Bench:
     """Runs what an experiment needs, as the options ask.
 
@@ -238,24 +162,39 @@ class Bench:
         console: console for progress.
     """
 
-    def __init__(self, name: str, scenario: Any, options: RunOptions):
+    def __init__(self, name: str, options: RunOptions):
         """Prepares the bench for one run of an experiment."""
         self.name, self.options, self.console = name, options, options.console
-        self._scenario = scenario
 
     def run(
         self,
-        experiment: "LoopExperiment[Any, Any]",
-        scenario: Any,
+        loop: Callable[..., ClosedLoop[Any]],
+        duration: float,
+        read_out: ReadOut,
         *,
+        title: str,
+        backend: str,
+        is_simulated: bool,
+        scene: Callable[[], Meshcat],
+        needed: Sequence[str],
+        structure: Hashable | None = None,
+        begin: Any = None,
         watched: bool = True,
         monitor: Callable[[ClosedLoop[Any], Meshcat | None], Monitor] | None = None,
     ) -> Run:
-        """Runs the closed loop of an experiment, simulated or real.
+        """Runs a closed loop, simulated or real.
 
         Args:
-            experiment: its hooks give the loop, the scene, the signals and the duration.
-            scenario: the scenario to run.
+            loop: builds it, with `meshcat` and `log` as `ClosedLoop` has them.
+            duration: end of the run [s].
+            read_out: says what the page shows.
+            title: the machine's.
+            backend: what stands behind the machine's ports.
+            is_simulated: whether the machine is.
+            scene: makes the scene around the machine.
+            needed: ports whose signals are recorded where no log is written.
+            structure: all that the loop is built from; None: it serves no other scenario.
+            begin: machine's scenario that a loop of this structure is reset to.
             watched: whether this is the run that the options show and write.
             monitor: makes the simulator's monitor, which may end the run.
 
@@ -264,56 +203,49 @@ class Bench:
             OutputError: a file cannot be written.
         """
         options = self.options if watched else RunOptions(console=self.console)
-        is_simulated = scenario.backend in experiment.machine.plants
         for name in ("meshcat", "html"):
             if getattr(options, name) and not is_simulated:
-                raise OutputError(
-                    f"--{name} shows a simulated machine; the backend is {scenario.backend}", None
-                )
-        meshcat = experiment.scene(scenario) if options.meshcat or options.html else None
-        log = experiment.needed(scenario) if options.log is None else None
-        begin = None
-        structure = (
-            None if meshcat or self.options.loops is None else experiment.structure(scenario)
-        )
-        if self.options.loops is not None and structure is not None:
-            loop = self.options.loops.of(experiment, structure, scenario, log)
-            begin = experiment.machine_scenario(scenario)
+                raise OutputError(f"--{name} shows a simulated machine; the backend is {backend}")
+        meshcat = scene() if options.meshcat or options.html else None
+        log = tuple(needed) if options.log is None else None
+        reset_to = None
+        if meshcat or self.options.loops is None or structure is None:
+            built = loop(meshcat=meshcat, log=log)
         else:
-            loop = experiment.loop(scenario, meshcat=meshcat, log=log)
+            built = self.options.loops.of((structure, log), partial(loop, log=log))
+            reset_to = begin
         if options.graphviz is not None:
-            write_graphviz(options.graphviz, loop)
-        simulator = Simulator(loop)
-        until = experiment.duration(scenario)
+            write_graphviz(options.graphviz, built)
+        simulator = Simulator(built)
 
         def again() -> float:
-            if scenario.backend == "hardware":
+            if backend == "hardware":
                 from parapod.sims.real_machine.job import run_on_hardware, show_timing
 
-                look = monitor(loop, None) if monitor is not None else None
+                look = monitor(built, None) if monitor is not None else None
                 begun = time.perf_counter()
                 timing = run_on_hardware(
-                    loop, simulator, until, options, self.name, partial(_is_ended, look)
+                    built, simulator, duration, options, self.name, partial(_is_ended, look)
                 )
-                show_timing(timing, loop.station, self.console)
+                show_timing(timing, built.station, self.console)
                 return time.perf_counter() - begun
-            loop.reset(simulator.get_mutable_context(), begin)
-            monitors = [] if loop.monitor is None else [loop.monitor]
+            built.reset(simulator.get_mutable_context(), reset_to)
+            monitors = [] if built.monitor is None else [built.monitor]
             if monitor is not None:
-                monitors.append(monitor(loop, meshcat))
+                monitors.append(monitor(built, meshcat))
             if panel is not None:
                 root, remark = simulator.get_context(), partial(_say, self.console)
-                monitors.append(shown_on(panel, experiment.read_out, loop, root, remark))
+                monitors.append(shown_on(panel, read_out, built, root, remark))
             if monitors:
                 simulator.set_monitor(_all_of(monitors))
             simulator.Initialize()
             with in_real_time(simulator) if options.meshcat else nullcontext():
-                return simulate(simulator, until, self.console, self.name)
+                return simulate(simulator, duration, self.console, self.name)
 
         panel = None
         if meshcat is not None and options.meshcat:
-            panel = Panel(meshcat, f"{self.name}: {experiment.machine.title}")
-            say_where(panel, experiment.machine.title, self.console)
+            panel = Panel(meshcat, f"{self.name}: {title}")
+            say_where(panel, title, self.console)
         page = options.html if meshcat is not None else None
         with (
             recording(meshcat, page, f"{self.name} - parapod")
@@ -321,12 +253,12 @@ class Bench:
             else nullcontext()
         ):
             elapsed = again()
-        recorded = loop.recording(simulator.get_context())
+        recorded = built.recording(simulator.get_context())
         return Run(
             recorded.time,
             recorded.signals,
             recorded.units,
-            loop,
+            built,
             simulator,
             elapsed,
             panel,

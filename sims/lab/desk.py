@@ -25,8 +25,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from parapod.sims.lab.companion import PIECE, Companion, told
 from parapod.sims.lab.panel import Panel, Readout, Row
+from parapod.sims.output.companion import PIECE, Companion, told
 from parapod.systems.core.errors import OutputError
 
 # Between two messages about what the operator does [s].

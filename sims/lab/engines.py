@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.sims.lab.bench import Bench, Run, realtime_metric
+from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import LoopExperiment
-from parapod.sims.lab.figures import COLOURS, Figure
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.run import Run, realtime_metric
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
+from parapod.sims.output.style import COLOURS
 from parapod.systems.core.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -119,8 +121,8 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
         """Runs both with the scenario's step, and again with every other one."""
         settings: Any = scenario
         runs = {
-            backend: bench.run(
-                self, with_engine(scenario, backend), watched=backend == settings.backend
+            backend: self.run_loop(
+                with_engine(scenario, backend), bench, watched=backend == settings.backend
             )
             for backend in ENGINES
         }
@@ -131,7 +133,7 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
                 run = runs[backend]
                 if not np.isclose(1e-3 * step, own):
                     again = with_engine(scenario, backend, 1e-3 * step)
-                    run = bench.run(self, again, watched=False)
+                    run = self.run_loop(again, bench, watched=False)
                 repeated[backend].append(self._all_signals(scenario, run))
         return Engines(
             runs[settings.backend],

@@ -15,79 +15,38 @@ One with a diagram of its own overrides `loop`; one without a diagram is an `Exp
 `run`. Experiments are found by the entry points `parapod.experiments`.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context
 from rich.console import Console
 
-from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.files import check_log, write_experiment_log, write_page
-from parapod.sims.lab.progress import waiting
-from parapod.sims.lab.results import Metric, Result
-from parapod.systems.core.errors import OutputError, ScenarioError
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.machine import Limits, Machine
+from parapod.sims.lab.bench import Bench, make_viewer, write_graphviz
+from parapod.sims.lab.panel import Panel, Readout, Row
+from parapod.sims.lab.run import Monitor, Run
+from parapod.sims.output.atomic import write_page
+from parapod.sims.output.drawn import DrawnLog, LogDrawing
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.logs.files import check_log, write_experiment_log
+from parapod.sims.output.logs.mcap import Message, Picture
+from parapod.sims.output.logs.scene_messages import scene_messages
+from parapod.sims.output.options import RunOptions
+from parapod.sims.output.progress import waiting
+from parapod.sims.output.results import Metric, Result
+from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError
 from parapod.systems.core.schema import check as check_scenario
-
-if TYPE_CHECKING:
-    from pydrake.geometry import Meshcat
-    from pydrake.systems.framework import Context
-
-    from parapod.diagrams.closed_loop import ClosedLoop
-    from parapod.diagrams.machine import Limits, Machine
-    from parapod.diagrams.twin import Twin
-    from parapod.sims.lab.bench import Bench, Loops, Run
-    from parapod.sims.lab.panel import Panel, Readout
 
 # Options that show or write something, and the hook that each of them needs.
 _HOOKS = {"meshcat": "scene", "html": "scene", "log": "logged", "graphviz": "loop"}
 
 type Logged = tuple[ArrayLike, Mapping[str, tuple[ArrayLike, str]]]
-
-
-@dataclass(frozen=True)
-class LogDrawing:
-    """Drawing of a log that is not of a closed loop, and its usual plots.
-
-    Attributes:
-        machine: the machine of which the log tells something; it is drawn in the scenario that
-            the experiment's `machine_scenario` makes.
-        stand_ins: by signal of the drawing, the one in the log that takes its place.
-        twin: drawing of a part of the machine; None: the machine's own.
-        plots: usual plots, as a machine declares them; none: the machine's.
-    """
-
-    machine: "Machine[Any]"
-    stand_ins: Mapping[str, str] = field(default_factory=dict)
-    twin: "type[Twin] | None" = None
-    plots: Sequence[str] = ()
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """Ways to watch and record a run; none of them changes its numbers.
-
-    Attributes:
-        meshcat: whether to show the machine in a browser.
-        live: whether to stay, with `meshcat`, after the run and let the viewer move the machine.
-        html: file for a recording that plays in a browser, or None.
-        log: file for the signals, or None.
-        graphviz: file for the diagram in Graphviz's language, or None.
-        console: console for progress and remarks.
-        loops: closed loops of earlier runs, which serve scenarios of the same structure; None:
-            each run builds its own.
-    """
-
-    meshcat: bool = False
-    live: bool = True
-    html: Path | None = None
-    log: Path | None = None
-    graphviz: Path | None = None
-    console: Console = field(default_factory=partial(Console, stderr=True))
-    loops: "Loops | None" = None
 
 
 class Experiment[S, D]:
@@ -132,7 +91,7 @@ class Experiment[S, D]:
             ScenarioError: parts that do not fit together.
         """
 
-    def run(self, scenario: S, bench: "Bench") -> D:
+    def run(self, scenario: S, bench: Bench) -> D:
         """Carries out the experiment; the same scenario gives the same data."""
         raise NotImplementedError(f"{type(self).__name__} does not define run")
 
@@ -160,7 +119,7 @@ class Experiment[S, D]:
         """Figures, drawn when they are wanted."""
         return ()
 
-    def limits(self, scenario: S) -> "Limits":
+    def limits(self, scenario: S) -> Limits:
         """Smallest and largest admissible value of signals; drawn in plots.
 
         Those of the machine that draws its log, also of signals that take the place of others.
@@ -190,8 +149,6 @@ class Experiment[S, D]:
             OutputError: a file cannot be written, or an option has nothing to show.
             ParapodError: the experiment refuses.
         """
-        from parapod.sims.lab.bench import Bench
-
         settings: Any = scenario
         check_scenario(scenario)
         self.check_backend(settings.backend)
@@ -201,11 +158,10 @@ class Experiment[S, D]:
         with waiting(options.console, f"{self.name}: planning"):
             self.check(scenario)
         self._before(scenario, options)
-        data = self.run(scenario, Bench(self.name, scenario, options))
+        data = self.run(scenario, Bench(self.name, options))
         self._after(scenario, options)
         if options.log is not None and settings.backend != "hardware":
-            time, signals = self.logged(scenario, data)  # type: ignore[attr-defined]
-            write_experiment_log(options.log, self.name, scenario, time, signals)
+            self.write_log(options.log, scenario, *self.logged(scenario, data))  # type: ignore[attr-defined]
         return Result(
             self.name,
             settings.backend,
@@ -219,11 +175,48 @@ class Experiment[S, D]:
             self.identified(scenario, data),
         )
 
+    def write_log(
+        self,
+        path: Path,
+        scenario: S,
+        time: ArrayLike,
+        signals: Mapping[str, tuple[ArrayLike, str]],
+    ) -> None:
+        """Writes a log of the experiment; its machine is drawn in one for Foxglove.
+
+        Args:
+            path: the file; its suffix says the format.
+            scenario: the scenario.
+            time: (n) [s].
+            signals: by port, the samples (n, ...) and their unit.
+
+        Raises:
+            OutputError: the file cannot be written, or its suffix says no format.
+            MissingExtra: for an MCAP log, mcap is not installed.
+        """
+        draw = partial(self._draw_log, scenario)
+        write_experiment_log(path, self.name, scenario, time, signals, draw)
+
+    def _draw_log(
+        self, scenario: S, shapes: Mapping[str, tuple[int, ...]], pictures: Sequence[Picture]
+    ) -> Iterator[Message]:
+        """Draws the machine.
+
+        Raises:
+            ParapodError: why it is not drawn.
+        """
+        machine: Machine[Any] | None = getattr(self, "machine", None)
+        if self.drawing is not None:
+            machine = self.drawing.machine
+        if machine is None:
+            raise ParapodError(f"the signals of '{self.name}' are not the motion of a machine")
+        settings = self.machine_scenario(scenario)
+        drawn = DrawnLog.of(machine.of(settings), settings, self.drawing, shapes)
+        return scene_messages(drawn, pictures)
+
     def _before(self, scenario: S, options: RunOptions) -> None:
         """Writes the diagram, before a run is spent on a file that cannot be written."""
         if options.graphviz is not None:
-            from parapod.sims.lab.bench import write_graphviz
-
             write_graphviz(options.graphviz, self.loop(scenario))  # type: ignore[attr-defined]
 
     def _after(self, scenario: S, options: RunOptions) -> None:
@@ -270,7 +263,7 @@ class LoopExperiment[S, D](Experiment[S, D]):
             left out where the machine is not simulated.
     """
 
-    machine: ClassVar["Machine[Any]"]
+    machine: ClassVar[Machine[Any]]
     signals: ClassVar[Sequence[str]] = ()
 
     def __init_subclass__(cls) -> None:
@@ -285,10 +278,8 @@ class LoopExperiment[S, D](Experiment[S, D]):
         """End of the run [s]."""
         raise NotImplementedError(f"{type(self).__name__} does not define duration")
 
-    def loop(self, scenario: S, **options: Any) -> "ClosedLoop[Any]":
+    def loop(self, scenario: S, **options: Any) -> ClosedLoop[Any]:
         """Builds the closed loop; options as those of `ClosedLoop`."""
-        from parapod.diagrams.closed_loop import ClosedLoop
-
         return ClosedLoop(self.machine, scenario, **options)
 
     def structure(self, scenario: S) -> str | None:
@@ -300,7 +291,7 @@ class LoopExperiment[S, D](Experiment[S, D]):
             return None
         return self.machine.structure(self.machine_scenario(scenario))
 
-    def operated(self, scenario: S, controls: Any) -> "ClosedLoop[Any] | None":
+    def operated(self, scenario: S, controls: Any) -> ClosedLoop[Any] | None:
         """Builds the loop that a person operates, or None.
 
         Args:
@@ -310,28 +301,61 @@ class LoopExperiment[S, D](Experiment[S, D]):
         """
         return None
 
-    def scene(self, scenario: S) -> "Meshcat":
+    def scene(self, scenario: S) -> Meshcat:
         """Makes the scene around the machine for the browser."""
-        from parapod.sims.lab.bench import make_viewer
-
         return make_viewer(camera=(3.0, 3.0, 1.5), target=(0.0, 0.0, 0.5))
 
-    def read_out(self, loop: "ClosedLoop[Any]", root_context: "Context") -> "Readout":
+    def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
         """Numbers beside the scene while the loop runs."""
-        from parapod.sims.lab.panel import Readout, Row
-
         return Readout(rows=(Row("time", measured=root_context.get_time(), unit="s"),))
 
     def live(
-        self, scenario: S, panel: "Panel", run: "Run", console: Console
+        self, scenario: S, panel: Panel, run: Run, console: Console
     ) -> Callable[[], None] | None:
         """Work that lets the viewer move the machine after the run, or None."""
         return None
 
-    def run(self, scenario: S, bench: "Bench") -> D:
+    def run(self, scenario: S, bench: Bench) -> D:
         """Runs the closed loop, watched and recorded as the options ask."""
-        data: Any = bench.run(self, scenario)
+        data: Any = self.run_loop(scenario, bench)
         return data
+
+    def run_loop(
+        self,
+        scenario: S,
+        bench: Bench,
+        *,
+        watched: bool = True,
+        monitor: Callable[[ClosedLoop[Any], Meshcat | None], Monitor] | None = None,
+    ) -> Run:
+        """Runs the closed loop of a scenario once.
+
+        Args:
+            scenario: the scenario.
+            bench: runs it.
+            watched: whether this is the run that the options show and write.
+            monitor: makes the simulator's monitor, which may end the run.
+
+        Raises:
+            ScenarioError: a scenario whose parts do not fit together.
+            OutputError: a file cannot be written.
+        """
+        settings: Any = scenario
+        structure = None if bench.options.loops is None else self.structure(scenario)
+        return bench.run(
+            partial(self.loop, scenario),
+            self.duration(scenario),
+            self.read_out,
+            title=self.machine.title,
+            backend=settings.backend,
+            is_simulated=settings.backend in self.machine.plants,
+            scene=partial(self.scene, scenario),
+            needed=self.needed(scenario),
+            structure=None if structure is None else (type(self), structure),
+            begin=None if structure is None else self.machine_scenario(scenario),
+            watched=watched,
+            monitor=monitor,
+        )
 
     def _before(self, scenario: S, options: RunOptions) -> None:
         """The bench draws the loop that it runs."""
@@ -339,12 +363,12 @@ class LoopExperiment[S, D](Experiment[S, D]):
     def _after(self, scenario: S, options: RunOptions) -> None:
         """The bench records the scene of the run."""
 
-    def limits(self, scenario: S) -> "Limits":
+    def limits(self, scenario: S) -> Limits:
         """Those that the machine declares."""
         of_machine = self.machine_scenario(scenario)
         return self.machine.of(of_machine).all_limits(of_machine)
 
-    def watched(self, data: D) -> "Run":
+    def watched(self, data: D) -> Run:
         """The run that the options show and write."""
         found: Any = getattr(data, "run", data)
         return found

@@ -7,8 +7,8 @@ from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
-from parapod.sims.lab.figures import Figure, render
-from parapod.sims.lab.results import Result, amount, as_words
+from parapod.sims.output.figures import Figure, render
+from parapod.sims.output.results import Result, amount, as_words
 from parapod.systems.core.scenario_file import dump_scenario
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydrake.geometry import Meshcat
 
-from parapod.sims.lab.files import write_page
+from parapod.sims.output.atomic import write_page
 
 
 @dataclass(frozen=True)

@@ -3,22 +3,21 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from parapod.diagrams.drivers.external import load_installed_drivers
+from parapod.diagrams.machine import Limits, Machine
 from parapod.sims.lab.discovery import find_experiment
-from parapod.sims.lab.stored_log import WALL_CLOCKS
-from parapod.sims.lab.thinning import Floats
+from parapod.sims.lab.experiment import Experiment
+from parapod.sims.output.drawn import DrawnLog, LogDrawing
+from parapod.sims.output.logs.mcap import Message, Picture
+from parapod.sims.output.logs.scene_messages import scene_messages
+from parapod.sims.output.logs.stored import WALL_CLOCKS
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.quoting import printable
 from parapod.systems.core.scenario_file import parse, read_scenario
-
-if TYPE_CHECKING:
-    from parapod.diagrams.machine import Limits, Machine
-    from parapod.diagrams.twin import Tracker, Twin
-    from parapod.sims.lab.experiment import Experiment, LogDrawing
 
 
 @dataclass
@@ -32,16 +31,18 @@ class Subject:
         experiment: the experiment; None where the log names none that is installed.
         scenario: its scenario, or the machine's; None where it is not admissible here.
         machine: the machine in that scenario, or None.
-        undrawn: reason for which the machine is not drawn; empty where it is.
+        drawn: how the machine is drawn; None: it is not.
+        undrawn: reason for that.
         remarks: sentences on what differs from what a log of this parapod has.
     """
 
     label: str
     shapes: Mapping[str, tuple[int, ...]]
     metadata: Mapping[str, Any]
-    experiment: "Experiment[Any, Any] | None" = None
+    experiment: Experiment[Any, Any] | None = None
     scenario: Any = None
-    machine: "Machine[Any] | None" = None
+    machine: Machine[Any] | None = None
+    drawn: DrawnLog | None = None
     undrawn: str = ""
     remarks: list[str] = field(default_factory=list)
 
@@ -67,14 +68,14 @@ class Subject:
         except ParapodError as error:
             made.undrawn = str(error)
         if not is_drawn:
-            made.undrawn = "nobody has asked for it"
+            made.drawn, made.undrawn = None, "nobody has asked for it"
         elif made.undrawn:
             made.give_up(made.undrawn)
         return made
 
     def give_up(self, reason: str) -> None:
         """Has the machine not drawn, for a reason that is told."""
-        self.undrawn = reason
+        self.drawn, self.undrawn = None, reason
         self.remarks.append(f"{self.label}: the machine is not drawn: {reason}")
 
     @property
@@ -86,22 +87,6 @@ class Subject:
     def title(self) -> str:
         """Experiment and machine."""
         return f"{self.name}: {self.machine.title}" if self.machine is not None else self.name
-
-    @property
-    def drawn_by(self) -> dict[str, str]:
-        """By signal of the drawing, the one in the log that tells it."""
-        if self.undrawn or self.twin is None:
-            return {}
-        there, names = self.shapes, sorted(self.twin.signals)
-        told = {name: name if name in there else self._stand_ins.get(name, "") for name in names}
-        return {name: source for name, source in told.items() if source in there}
-
-    @property
-    def twin(self) -> "type[Twin] | None":
-        """Drawing of the machine, or of the part of it that the log tells about."""
-        if self.machine is None:
-            return None
-        return (self._drawing and self._drawing.twin) or self.machine.twin
 
     @property
     def plots(self) -> Sequence[str]:
@@ -116,13 +101,8 @@ class Subject:
         return () if self.machine is None else self.machine.plots
 
     @property
-    def _drawing(self) -> "LogDrawing | None":
+    def _drawing(self) -> LogDrawing | None:
         return None if self.experiment is None else self.experiment.drawing
-
-    @property
-    def _stand_ins(self) -> Mapping[str, str]:
-        own = {} if self._drawing is None else self._drawing.stand_ins
-        return {**(self.twin.stand_ins if self.twin is not None else {}), **own}
 
     @property
     def phase(self) -> tuple[str, tuple[str, ...]] | None:
@@ -134,7 +114,7 @@ class Subject:
         return None
 
     @property
-    def limits(self) -> "Limits":
+    def limits(self) -> Limits:
         """Smallest and largest admissible value of signals."""
         if self.experiment is None or not isinstance(self.scenario, self.experiment.schema):
             return {}
@@ -156,21 +136,6 @@ class Subject:
         began = self.metadata.get("wall_time", 0.0)
         if began > WALL_CLOCKS:
             yield np.datetime64(int(began), "s").item().strftime("%Y-%m-%d %H:%M:%S UTC")
-
-    def values(self, row: Mapping[str, Floats]) -> dict[str, Floats]:
-        """Samples of the log, and what is tracked, by the names that the drawing has for them."""
-        tracked = self.twin.tracked & row.keys() if self.twin is not None else ()
-        samples = {name: row[source] for name, source in self.drawn_by.items()}
-        return samples | {name: row[name] for name in tracked}
-
-    def tracker(self) -> "Tracker | None":
-        """Tracker of the drawing, which takes the log's samples by their names; or None."""
-        if self.undrawn or self.twin is None:
-            return None
-        track = self.twin.tracker(self.machine_scenario())
-        if track is None:
-            return None
-        return lambda time, samples: track(time, self.values(samples))
 
     def machine_scenario(self) -> Any:
         """The machine's part of the scenario."""
@@ -200,18 +165,10 @@ class Subject:
         self.machine = machine
         self.scenario = self._read_scenario(machine)
         self.machine = machine.of(self.machine_scenario())
-        if self.twin is None:
-            self.undrawn = f"{machine.title} has no drawing"
-            return
-        missing = self.twin.needed - self.drawn_by.keys()
-        if missing:
-            self.undrawn = f"the log has no {', '.join(sorted(missing))}"
-        for name in set(self.drawn_by.values()) & set(self.machine.table):
-            size, declared = int(np.prod(self.shapes[name])), self.machine.table[name].size
-            if declared and size != declared:
-                self.undrawn = f"its {name} has {size} elements, {machine.title}'s {declared}"
+        settings = self.machine_scenario()
+        self.drawn = DrawnLog.of(self.machine, settings, self._drawing, self.shapes)
 
-    def _read_scenario(self, machine: "Machine[Any]") -> Any:
+    def _read_scenario(self, machine: Machine[Any]) -> Any:
         """The scenario; of hardware's drivers, which need not be known here, nothing is needed.
 
         Raises:
@@ -231,3 +188,24 @@ class Subject:
             if machine.scenario is self.experiment.schema:
                 raise
             return read_scenario(machine.scenario, data, source)
+
+
+def draw_log(
+    metadata: Mapping[str, Any],
+    shapes: Mapping[str, tuple[int, ...]],
+    pictures: Sequence[Picture],
+) -> Iterator[Message]:
+    """Draws the machine of a log into it.
+
+    Args:
+        metadata: data about the run.
+        shapes: shape of one sample of each signal, by port name.
+        pictures: stamp [ns], time [s] and samples of the signals.
+
+    Raises:
+        ParapodError: the machine cannot be drawn.
+    """
+    subject = Subject.of("log", shapes, metadata)
+    if subject.drawn is None:
+        raise ParapodError(subject.undrawn)
+    return scene_messages(subject.drawn, pictures)

@@ -13,10 +13,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from parapod.sims.lab.experiment import Experiment, RunOptions
-from parapod.sims.lab.progress import counted
-from parapod.sims.lab.results import Metric, Result, plain_number
+from parapod.sims.lab.experiment import Experiment
 from parapod.sims.lab.work import LocalCrew, WorkerDied, carry_out
+from parapod.sims.output.options import RunOptions
+from parapod.sims.output.progress import counted
+from parapod.sims.output.results import Metric, Result, plain_number
 
 type _Middle = Callable[[Sequence[float]], float]
 

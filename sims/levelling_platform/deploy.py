@@ -36,11 +36,10 @@ from parapod.diagrams.levelling_platform.scenario import (
     SensorScenario,
     emulated_hardware,
 )
-from parapod.sims.lab.bench import Bench, Monitor, Run, realtime_metric, stay_live
+from parapod.sims.lab.bench import Bench, stay_live
 from parapod.sims.lab.experiment import LoopExperiment
-from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.panel import Panel, Readout
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.run import Monitor, Run, realtime_metric
 from parapod.sims.levelling_platform.levelling import (
     AXES,
     error_metrics,
@@ -54,6 +53,8 @@ from parapod.sims.levelling_platform.operation import (
     operated_platform,
     read_operation,
 )
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.fault_detection import Finding
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
@@ -283,7 +284,7 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
             watches.append(OperationWatch(loop, steps, label, ends_at_fault=is_real))
             return watches[-1].look
 
-        run = bench.run(self, scenario, monitor=monitor)
+        run = self.run_loop(scenario, bench, monitor=monitor)
         return Operation(run, watches[-1].steps_left(run.context), watches[-1])
 
     def measure(self, scenario: DeployScenario, data: Operation) -> Iterator[Metric]:

@@ -22,8 +22,6 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.scenario import GroundScenario, PlatformFault
 from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment
-from parapod.sims.lab.progress import counted
-from parapod.sims.lab.results import Metric, plain_number
 from parapod.sims.lab.work import LocalCrew, WorkerDied, carry_out
 from parapod.sims.levelling_platform.deploy import (
     Deploy,
@@ -31,6 +29,8 @@ from parapod.sims.levelling_platform.deploy import (
     WorkScenario,
     uneven_ground,
 )
+from parapod.sims.output.progress import counted
+from parapod.sims.output.results import Metric, plain_number
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.fault_detection import RULES, Finding
 from parapod.systems.levelling_platform.supervisor import Phase

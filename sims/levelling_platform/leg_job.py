@@ -1,21 +1,34 @@
-"""Jobs in which an experiment leads the legs itself, on the real machine under its guard."""
+"""Legs that an experiment drives itself, simulated or on the real machine under its guard."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, EventStatus, System
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, System
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.devices import Parts
 from parapod.diagrams.guard import Trip, Tripped
+from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.leg_control import make_leg_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.lab.bench import Bench, Monitor, Run
+from parapod.diagrams.levelling_platform.scenario import (
+    ActuatorScenario,
+    ControlScenario,
+    GroundScenario,
+    JobScenario,
+    LevellingScenario,
+    PlantScenario,
+    SensorScenario,
+)
+from parapod.diagrams.station import Station
+from parapod.diagrams.wiring import idle_inputs
+from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import LoopExperiment
+from parapod.sims.lab.run import Monitor, Run
 from parapod.systems.core.errors import RefusedRequest
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 
@@ -25,6 +38,51 @@ AT_REST = 0.5
 STANDING = (0.385, 0.425)
 # Where no controller holds the platform level, further than this it does not tilt [rad].
 _TILT = np.radians(3.0)
+
+
+class DrivenScenario(Protocol):
+    """Settings that the scenarios of such experiments have in common."""
+
+    backend: str
+    seed: int
+    plant: PlantScenario
+    actuators: ActuatorScenario
+    control: ControlScenario
+    hardware: HardwareScenario
+
+
+def on_level_ground(
+    scenario: DrivenScenario, sensors: SensorScenario, initial_extension_mm: float
+) -> LevellingScenario:
+    """The machine of a scenario, standing on level ground.
+
+    Args:
+        scenario: its backend, seed, plant, actuators, control and hardware are taken.
+        sensors: the machine's sensors.
+        initial_extension_mm: extension of all legs [mm].
+    """
+    return LevellingScenario(
+        backend=scenario.backend,
+        seed=scenario.seed,
+        ground=GroundScenario(0.0, 0.0),
+        plant=scenario.plant,
+        actuators=scenario.actuators,
+        sensors=sensors,
+        control=scenario.control,
+        job=JobScenario(initial_extension_mm=initial_extension_mm),
+        hardware=scenario.hardware,
+    )
+
+
+def make_simulator(builder: DiagramBuilder, station: Station[LevellingScenario]) -> Simulator:
+    """A simulator, to be initialized, of a diagram in which the machine stands on its feet.
+
+    Args:
+        builder: has the station and what drives it; ports that nothing drives are idle.
+        station: the machine.
+    """
+    idle_inputs(builder, station, {port.name: port.idle for port in station.machine.inputs})
+    return Simulator(builder.Build())
 
 
 class LegJob(LoopExperiment[LevellingScenario, Run]):
@@ -168,7 +226,7 @@ def carry_out[W: LegWatch](
 
         return look
 
-    bench.run(job, scenario, monitor=monitor)
+    job.run_loop(scenario, bench, monitor=monitor)
     return watches[-1]
 
 

@@ -16,10 +16,9 @@ from rich.console import Console
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import BODIES, JobScenario, LevellingScenario
-from parapod.sims.lab.bench import RESTART, Run, realtime_metric, stay_live
-from parapod.sims.lab.figures import Figure
+from parapod.sims.lab.bench import RESTART, stay_live
 from parapod.sims.lab.panel import Panel
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.run import Run, realtime_metric
 from parapod.sims.levelling_platform.levelling import (
     AS_MEASURED,
     LIVE_HELP,
@@ -29,6 +28,8 @@ from parapod.sims.levelling_platform.levelling import (
     measured_posture,
     posture_figure,
 )
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.reference import PostureReferenceParams
 

@@ -1,5 +1,6 @@
 """The workspace above the machine in Meshcat: a picture that can be turned."""
 
+import math
 import time
 from dataclasses import replace
 from functools import partial
@@ -15,8 +16,9 @@ from rich.console import Console
 from parapod.diagrams.levelling_platform.model import add_drawing
 from parapod.diagrams.wiring import add
 from parapod.sims.lab.bench import END, LOOK_PERIOD, make_viewer
-from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.panel import Panel
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.style import COLOURS
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
@@ -36,7 +38,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
 
-    from parapod.sims.levelling_platform.workspace import WorkspaceScenario
 
 _GEOMETRY = PlatformGeometry()
 _EDGE = 25
@@ -60,9 +61,13 @@ def face_name(leg: int, is_long: bool) -> str:
     return f"leg {leg + 1} at {1e3 * end:.0f} mm"
 
 
-def figures(scenario: "WorkspaceScenario") -> tuple[Figure, ...]:
-    """Figures of the workspace."""
-    arm = scenario.arm.upright
+def figures(arm: ArmGeometry, turned: float | None) -> tuple[Figure, ...]:
+    """Figures of the workspace.
+
+    Args:
+        arm: the arm, upright.
+        turned: lean of the arm that the turntable turns [rad]; None: it does not turn.
+    """
     solid = Figure(
         "workspace",
         "Workspace of the arm's tip",
@@ -79,14 +84,14 @@ def figures(scenario: "WorkspaceScenario") -> tuple[Figure, ...]:
         partial(_draw_sections, arm),
         (10.0, 3.9),
     )
-    if not scenario.turntable:
+    if turned is None:
         return solid, sections
     ring = Figure(
         "workspace_turntable",
         "Workspace with the turntable",
-        f"Arm leaning by {scenario.arm.lean_deg:g} deg: without the turntable (blue) and with "
+        f"Arm leaning by {math.degrees(turned):g} deg: without the turntable (blue) and with "
         "it (orange), from above and in the section through the turntable's axis.",
-        partial(_draw_ring, arm, scenario.arm.lean),
+        partial(_draw_ring, arm, turned),
         (9.0, 4.2),
     )
     return solid, sections, ring
@@ -231,16 +236,18 @@ _LETTERS = {
 }
 
 
-def draw(scenario: "WorkspaceScenario") -> Meshcat:
+def draw(arm: ArmGeometry, turned: float | None) -> Meshcat:
     """The workspace above the machine, which stands level in the middle of its stroke.
 
     With the turntable the ring that the leaning arm sweeps is drawn too, translucent.
+
+    Args:
+        arm: the arm, upright.
+        turned: lean of the arm that the turntable turns [rad]; None: it does not turn.
     """
-    arm = scenario.arm.upright
     meshcat = make_viewer(camera=(2.9, -5.2, 3.3), target=(0.0, 0.0, 1.42))
-    turned = scenario.arm.lean if scenario.turntable else 0.0
-    p_WB = _draw_machine(meshcat, turned)
-    if scenario.turntable:
+    p_WB = _draw_machine(meshcat, turned or 0.0)
+    if turned is not None:
         arm = replace(arm, lean=turned)
         ring = swept_surface(PlatformGeometry(), arm, _AROUND, _ACROSS)
         _draw_patch(meshcat, "/workspace/turntable", ring + p_WB, Rgba(0.95, 0.60, 0.30, 0.45))

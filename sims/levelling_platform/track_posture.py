@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from parapod.diagrams.levelling_platform.inclination_margins import alone, margins, open_loop
 from parapod.diagrams.levelling_platform.scenario import SIMULATED, LevellingScenario
-from parapod.sims.lab.bench import Bench, Run
-from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.bench import Bench
+from parapod.sims.lab.run import Run
 from parapod.sims.levelling_platform.levelling import (
     AS_MEASURED,
     MEASURED,
@@ -31,6 +30,8 @@ from parapod.sims.levelling_platform.levelling import (
     measured_posture,
     posture_figure,
 )
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.sensors.imu import sample_period
@@ -165,9 +166,9 @@ class TrackPosture(LevellingExperiment[Runs]):
         as_drawn = replace(scenario.plant, length_error_mm=0.0, angle_error_deg=0.0)
         nominal = replace(perturbed, plant=as_drawn)
         return Runs(
-            _Run.of(nominal, bench.run(self, nominal, watched=False)),
-            _Run.of(perturbed, bench.run(self, perturbed, watched=False)),
-            _Run.of(_outer(scenario), bench.run(self, _outer(scenario))),
+            _Run.of(nominal, self.run_loop(nominal, bench, watched=False)),
+            _Run.of(perturbed, self.run_loop(perturbed, bench, watched=False)),
+            _Run.of(_outer(scenario), self.run_loop(_outer(scenario), bench)),
         )
 
     def measure(self, scenario: LevellingScenario, data: Runs) -> Iterator[Metric]:
@@ -202,8 +203,8 @@ class TrackPosture(LevellingExperiment[Runs]):
 def _of_real_machine(experiment: TrackPosture, scenario: LevellingScenario, bench: Bench) -> Runs:
     """The machine follows twice; the second time the outer loop corrects it."""
     inner = replace(scenario, control=replace(scenario.control, outer_loop=False))
-    without = _Run.of(inner, bench.run(experiment, inner, watched=False))
-    with_loop = _Run.of(_outer(scenario), bench.run(experiment, _outer(scenario)))
+    without = _Run.of(inner, experiment.run_loop(inner, bench, watched=False))
+    with_loop = _Run.of(_outer(scenario), experiment.run_loop(_outer(scenario), bench))
     return Runs(None, without, with_loop)
 
 

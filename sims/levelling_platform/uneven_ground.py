@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.lab.bench import Run
-from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.run import Run
 from parapod.sims.levelling_platform.levelling import (
     LevellingExperiment,
     error_metrics,
     in_deg_and_mm,
     posture_figure,
 )
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
 
 # The bounds of the job on a plane: what the paper's closed loop reached there.
 _BOUNDS = (0.2, 2.0)

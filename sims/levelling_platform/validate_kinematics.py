@@ -13,15 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.levelling_platform.scenario import GroundScenario, LevellingScenario
-from parapod.sims.lab.bench import Bench, Run
-from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.bench import Bench
+from parapod.sims.lab.run import Run
 from parapod.sims.levelling_platform.levelling import (
     LevellingExperiment,
     error_metrics,
     in_deg_and_mm,
     posture_figure,
 )
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
@@ -81,8 +82,8 @@ class ValidateKinematics(LevellingExperiment[Comparisons]):
         as_drawn = replace(scenario.plant, length_error_mm=0.0, angle_error_deg=0.0)
         drawn = replace(scenario, plant=as_drawn)
         built = replace(scenario, ground=_FLOOR)
-        run = bench.run(self, drawn)
-        unwatched = bench.run(self, built, watched=False)
+        run = self.run_loop(drawn, bench)
+        unwatched = self.run_loop(built, bench, watched=False)
         return Comparisons(run, _compare(drawn, run), _compare(built, unwatched))
 
     def measure(self, scenario: LevellingScenario, data: Comparisons) -> Iterator[Metric]:

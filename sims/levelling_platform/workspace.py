@@ -16,10 +16,11 @@ from pydrake.geometry import Meshcat
 from scipy.optimize import minimize  # type: ignore[import-untyped]
 
 from parapod.sims.lab.bench import Bench, say_where
-from parapod.sims.lab.experiment import Experiment, RunOptions
-from parapod.sims.lab.figures import Figure
+from parapod.sims.lab.experiment import Experiment
 from parapod.sims.lab.panel import Panel, Readout, Row
-from parapod.sims.lab.results import Metric
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.options import RunOptions
+from parapod.sims.output.results import Metric
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import ARM_BASE, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
@@ -122,6 +123,11 @@ class WorkspaceScenario(Schema):
     arm: ReachScenario = field(default_factory=ReachScenario)
     turntable: bool = False
 
+    @property
+    def turned(self) -> float | None:
+        """Lean of the arm that the turntable turns [rad]; None: it does not turn."""
+        return self.arm.lean if self.turntable else None
+
 
 # The paper's model: point feet.
 GEOMETRY = PlatformGeometry()
@@ -141,7 +147,7 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Finding"]]):
         """The workspace above the machine, a picture that can be turned."""
         from parapod.sims.levelling_platform.solid import draw
 
-        return draw(scenario)
+        return draw(scenario.arm.upright, scenario.turned)
 
     def run(self, scenario: WorkspaceScenario, bench: Bench) -> list["Finding"]:
         """Works out volume, surfaces, inclined ground and, if it may turn, the turntable."""
@@ -173,7 +179,7 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Finding"]]):
         """The solid, its sections and the turntable's ring (Fig. 12)."""
         from parapod.sims.levelling_platform.solid import figures
 
-        return figures(scenario)
+        return figures(scenario.arm.upright, scenario.turned)
 
     def afterwards(
         self, scenario: WorkspaceScenario, data: list["Finding"], options: RunOptions

@@ -17,20 +17,12 @@ from parapod.diagrams.machining_center.controller import make_controller
 from parapod.diagrams.machining_center.drawing import draw_panel
 from parapod.diagrams.machining_center.machine import MACHINING_CENTER
 from parapod.diagrams.machining_center.scenario import CenterScenario
-from parapod.sims.lab.bench import (
-    Bench,
-    Live,
-    Monitor,
-    ReadOut,
-    Run,
-    make_viewer,
-    realtime_metric,
-    stay_live,
-)
+from parapod.sims.lab.bench import Bench, Live, make_viewer, stay_live
 from parapod.sims.lab.experiment import LoopExperiment, largest
-from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.panel import Panel, Readout, Row
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.run import Monitor, ReadOut, Run, realtime_metric
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.ports import value_of
 from parapod.systems.core.vectors import Array
@@ -153,7 +145,7 @@ class CenterJob(LoopExperiment[CenterScenario, Run]):
         def until_done(loop: ClosedLoop[Any], meshcat: Meshcat | None) -> Monitor:
             return _until_done(loop, scenario.end)
 
-        return bench.run(self, scenario, monitor=until_done)
+        return self.run_loop(scenario, bench, monitor=until_done)
 
     def operated(self, scenario: CenterScenario, controls: Any) -> ClosedLoop[CenterScenario]:
         """The centre without a job: a person moves its platform and lifts its feet."""

@@ -17,9 +17,10 @@ from pydrake.systems.analysis import Simulator
 from parapod.diagrams.machining_center.bench import CenterBench, make_center_bench
 from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment
-from parapod.sims.lab.figures import COLOURS, Figure
-from parapod.sims.lab.progress import counted
-from parapod.sims.lab.results import Metric
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.progress import counted
+from parapod.sims.output.results import Metric
+from parapod.sims.output.style import COLOURS
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_center.geometry import CenterGeometry

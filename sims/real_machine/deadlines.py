@@ -20,9 +20,10 @@ from rich.console import Console
 from rich.table import Table
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.devices import Parts
 from parapod.diagrams.machine import Machine
-from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.lab.progress import progress
+from parapod.sims.output.options import RunOptions
+from parapod.sims.output.progress import progress
 from parapod.sims.real_machine.job import logged, run_on_hardware
 from parapod.sims.real_machine.own_emulator import own_emulator
 from parapod.sims.real_machine.privileges import CORE, FIFO, MEMORY, PRIVILEGES, Outcome
@@ -255,7 +256,7 @@ def _emulated_turn(
                 measured.ended.append(str(error))
     for timing in timings:
         measured.add(timing)
-    for thread in loop.station.behind.handle.all_threads:
+    for thread in loop.station.behind.handle_as(Parts).all_threads:
         if thread.device.measures:
             measured.ages += thread.write_ages
 

@@ -23,9 +23,10 @@ from rich.console import Console
 
 from parapod.diagrams.drivers.driver import Driver
 from parapod.diagrams.hardware_scenario import HardwareScenario
-from parapod.diagrams.machine import Machine, Port
+from parapod.diagrams.machine import Machine
+from parapod.diagrams.ports import Port
 from parapod.diagrams.station import Station
-from parapod.sims.lab.live_log import LiveLog
+from parapod.sims.output.logs.live import LiveLog
 from parapod.sims.real_machine.disturbances import (
     CIRCUITS,
     CLOSED,

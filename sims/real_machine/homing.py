@@ -21,7 +21,7 @@ from parapod.diagrams.homing import (
     find_ends,
 )
 from parapod.diagrams.machine import Machine
-from parapod.sims.lab.results import Metric
+from parapod.sims.output.results import Metric
 from parapod.sims.real_machine.job import DeviceWatch
 from parapod.sims.real_machine.real_time import ended_by_signals, undisturbed
 from parapod.systems.core.errors import ScenarioError

@@ -17,9 +17,9 @@ from parapod.diagrams.devices import Parts
 from parapod.diagrams.drivers.driver import time_of
 from parapod.diagrams.guard import Guard, Tripped
 from parapod.diagrams.station import Station
-from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.lab.live_log import LiveLog
-from parapod.sims.lab.progress import progress
+from parapod.sims.output.logs.live import LiveLog
+from parapod.sims.output.options import RunOptions
+from parapod.sims.output.progress import progress
 from parapod.sims.real_machine.age_limit import ages_of, allow_old_measurements
 from parapod.sims.real_machine.real_time import (
     USUAL,
@@ -132,7 +132,7 @@ def run_on_hardware(
         ScenarioError: the devices are the emulator's, and there is none.
     """
     station = loop.station
-    parts: Parts = station.behind.handle
+    parts = station.behind.handle_as(Parts)
     root = simulator.get_mutable_context()
     watch = DeviceWatch(parts.all_threads)
     with ExitStack() as stack:
@@ -212,7 +212,7 @@ def end_by_guard(
     idle = {spec.name: spec.idle for spec in loop.machine.inputs}
     commands = loop.readings(root, frozenset(idle))
     has_acted = False
-    parts = loop.station.behind.handle
+    parts = loop.station.behind.handle_as(Parts)
     signals = loop.readings(root, guard.signals)
     # What runs for the first time is slow: another guard does it, on a copy, and is forgotten.
     first = loop.readings(root.Clone(), guard.signals)
@@ -299,7 +299,7 @@ def show_timing(timing: Timing, station: Station[Any], console: Console) -> None
         lines.append(
             f"{timing.disk_faults} pages of the program were read from the disk meanwhile"
         )
-    parts: Parts = station.behind.handle
+    parts = station.behind.handle_as(Parts)
     for thread in parts.all_threads:
         ages = thread.write_ages
         if ages and thread.device.measures:

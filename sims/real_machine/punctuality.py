@@ -15,7 +15,7 @@ from rich.table import Table
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machine import Machine
-from parapod.sims.lab.progress import progress
+from parapod.sims.output.progress import progress
 from parapod.sims.real_machine.real_time import (
     RealTimeLoop,
     Timing,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from parapod.diagrams.devices import make_parts
 from parapod.diagrams.drivers.driver import Driver, time_of
 from parapod.diagrams.machine import Machine, SelfTest
-from parapod.sims.lab.results import Metric
+from parapod.sims.output.results import Metric
 from parapod.sims.real_machine.real_time import ended_by_signals
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import quoted

@@ -7,9 +7,9 @@ import numpy as np
 from rich.console import Console
 
 from parapod.diagrams.twin import Tracker
-from parapod.sims.lab.progress import counted
-from parapod.sims.lab.stored_log import StoredLog
-from parapod.sims.lab.thinning import Extremes, Floats, Line, Snapshots
+from parapod.sims.output.logs.stored import StoredLog
+from parapod.sims.output.logs.thinning import Extremes, Floats, Line, Snapshots
+from parapod.sims.output.progress import counted
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.quoting import quoted_path
 

@@ -10,8 +10,8 @@ from rich.console import Console
 
 from parapod.diagrams.twin import DESIRED, MEASURED, PALE
 from parapod.sims.lab.discovery import find_experiment
-from parapod.sims.lab.progress import counted
 from parapod.sims.lab.subject import Subject
+from parapod.sims.output.progress import counted
 from parapod.sims.replay.digest import Digest
 from parapod.sims.replay.replay import Replay
 from parapod.systems.core.errors import ParapodError
@@ -20,7 +20,6 @@ from parapod.systems.core.quoting import printable
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
-    from parapod.diagrams.twin import Twin
 
 _OTHER = "other_"
 _ROOT = "/drake/"  # of paths in Meshcat's scene
@@ -56,7 +55,7 @@ def record(
     Returns:
         The scene; None where no machine can be drawn.
     """
-    shown = [each for each in (replay, against) if each is not None and each.subject.drawn_by]
+    shown = [each for each in (replay, against) if each is not None and each.subject.drawn]
     if not shown:
         return None
     host = shown[0].subject
@@ -93,14 +92,14 @@ def _draw(
     Raises:
         ParapodError: its signals are not those of the machine.
     """
-    subject: Any = replay.subject
-    pictures = replay.digest.pictures
-    twin: Twin = subject.twin(meshcat, subject.machine_scenario(), prefix)
-    with counted(console, f"drawing {subject.label}", len(pictures)) as report:
+    pictures, drawn = replay.digest.pictures, replay.subject.drawn
+    assert drawn is not None
+    twin = drawn.make(meshcat, prefix)
+    with counted(console, f"drawing {replay.subject.label}", len(pictures)) as report:
         for done, (time, row) in enumerate(pictures):
             # In the middle of a frame, so that no rounding puts two into one.
             frame = round((time - begin) * rate)
-            twin.show(subject.values(row), (frame + 0.5) / rate)
+            twin.show(drawn.values(row), (frame + 0.5) / rate)
             report(done)
 
 

@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from parapod.sims.lab.figures import COLOURS, Figure
-from parapod.sims.lab.figures import FORMATS as _FORMATS
+from parapod.sims.output.figures import FORMATS as _FORMATS
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.style import COLOURS
 from parapod.sims.replay.replay import Replay, least_ends, near_limits
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
@@ -63,7 +64,7 @@ def show(figure: Figure) -> None:
     import matplotlib
     from matplotlib import pyplot, rc_context
 
-    from parapod.sims.lab.figures import style
+    from parapod.sims.output.style import style
 
     try:
         with rc_context(style()):

@@ -6,7 +6,7 @@ from typing import Any
 
 from parapod.diagrams.machine import Machine
 from parapod.sims.lab.plots import parse
-from parapod.sims.lab.scene_messages import SCENE, WORLD
+from parapod.sims.output.logs.scene_messages import SCENE, WORLD
 from parapod.systems.core.extras import need
 
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from parapod.sims.lab.plots import Curve, Plot, Signals, choose, usual
-from parapod.sims.lab.stored_log import StoredLog, open_log
 from parapod.sims.lab.subject import Subject
+from parapod.sims.output.logs.stored import StoredLog, open_log
 from parapod.sims.replay.digest import Digest, gather
 from parapod.systems.core.quoting import quoted_path
 
@@ -150,8 +150,10 @@ def open_replays(
         if missing:
             of.remarks.append(f"{of.label} has no {', '.join(missing)}")
         there = dict.fromkeys(c.signal for c in curves if c.signal in each.sizes)
-        drawn = list(dict.fromkeys(of.drawn_by.values()))
-        digest = gather(each, there, drawn, of.phase, console, between, of.tracker())
+        sources = {} if of.drawn is None else of.drawn.sources
+        drawn = list(dict.fromkeys(sources.values()))
+        tracker = None if of.drawn is None else of.drawn.tracker()
+        digest = gather(each, there, drawn, of.phase, console, between, tracker)
         replays.append(Replay(of, plots, digest))
     return replays[0], replays[1] if len(replays) > 1 else None
 

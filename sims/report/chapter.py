@@ -8,8 +8,8 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.results import Result, amount
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Result, amount
 
 # An error that is at most this share of the printed one is called better.
 _BETTER = 0.5

@@ -11,8 +11,8 @@ from typing import Any
 from markupsafe import Markup, escape
 
 from parapod.sims.lab.pages import render_page
-from parapod.sims.lab.results import Result
 from parapod.sims.lab.sweep import as_json
+from parapod.sims.output.results import Result
 from parapod.sims.report.chapter import Picture, Relation, Tone
 from parapod.sims.report.run import ChapterRun, PartRun
 

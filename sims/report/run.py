@@ -8,9 +8,9 @@ from typing import Any
 from rich.console import Console
 
 from parapod.sims.lab.discovery import find_entry
-from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.lab.results import Result
 from parapod.sims.lab.sweep import run_seeds
+from parapod.sims.output.options import RunOptions
+from parapod.sims.output.results import Result
 from parapod.sims.report.chapter import Chapter, Check, Numbers, Part, Picture
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.installed import installed

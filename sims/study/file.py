@@ -17,8 +17,8 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from parapod.sims.lab.files import atomic_output, check_writable
-from parapod.sims.lab.results import Metric
+from parapod.sims.output.atomic import atomic_output, check_writable
+from parapod.sims.output.results import Metric
 from parapod.sims.study.records import Column, Records
 from parapod.sims.study.runs import Outcome
 from parapod.systems.core.errors import OutputError

@@ -1,30 +1,32 @@
 """Page of a study: one HTML file that needs nothing else."""
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
 
 from parapod.sims.lab.pages import render_page
+from parapod.sims.output.figures import Figure
+from parapod.sims.study.study import Study
 from parapod.sims.study.summary import QUANTILES, Summary
 
-if TYPE_CHECKING:
-    from parapod.sims.study.result import StudyResult
 
-
-def make_page(result: "StudyResult", template: str = "page.html.jinja") -> str:
+def make_page(
+    study: Study, summary: Summary, figures: Sequence[Figure], template: str = "page.html.jinja"
+) -> str:
     """The page.
 
     Args:
-        result: the study and what came out.
+        study: the study.
+        summary: what came out.
+        figures: its figures.
         template: "page.html.jinja", or "part.html.jinja" for its body alone.
     """
     return render_page(
         "parapod.sims.study",
         template=template,
-        study=result.study,
-        summary=result.summary,
-        figures=result.figures,
+        study=study,
+        summary=summary,
+        figures=figures,
         quantiles=QUANTILES,
-        commands=list(_commands(result.summary)),
+        commands=list(_commands(summary)),
     )
 
 

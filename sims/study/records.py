@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.sims.lab.results import Metric
+from parapod.sims.output.results import Metric
 from parapod.sims.study.runs import Outcome
 from parapod.sims.study.sampling import Sampling
 

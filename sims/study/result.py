@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from parapod.sims.lab.discovery import find_entry
-from parapod.sims.lab.figures import Figure
+from parapod.sims.output.figures import Figure
 from parapod.sims.study.figures import draw_study
 from parapod.sims.study.file import from_table, load_table, to_table
+from parapod.sims.study.page import make_page
 from parapod.sims.study.records import Records
 from parapod.sims.study.runs import Software
 from parapod.sims.study.study import Study
@@ -81,9 +82,7 @@ class StudyResult:
 
     def _repr_html_(self) -> str:
         """Summary and figures, for notebooks."""
-        from parapod.sims.study.page import make_page
-
-        return make_page(self, "part.html.jinja")
+        return make_page(self.study, self.summary, self.figures, "part.html.jinja")
 
 
 def read_study(path: Path | str) -> StudyResult:

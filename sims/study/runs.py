@@ -16,10 +16,10 @@ from typing import Any
 from rich.console import Console
 
 from parapod.diagrams.drivers.external import load_installed_drivers
-from parapod.sims.lab.bench import Loops
 from parapod.sims.lab.discovery import Entry, UnknownExperiment, find_entry
-from parapod.sims.lab.experiment import Experiment, RunOptions
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.experiment import Experiment
+from parapod.sims.output.options import Loops, RunOptions
+from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.quoting import printable
 from parapod.systems.core.schema import Reader, build

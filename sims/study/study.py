@@ -15,8 +15,8 @@ from rich.console import Console
 
 from parapod.sims.lab.discovery import Entry, find_entry
 from parapod.sims.lab.experiment import LoopExperiment
-from parapod.sims.lab.progress import counted
 from parapod.sims.lab.work import Crew, WorkerDied, carry_out
+from parapod.sims.output.progress import counted
 from parapod.sims.study.file import open_file
 from parapod.sims.study.records import Records
 from parapod.sims.study.runs import Order, Outcome, Software, carry_out_run

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from parapod.sims.lab.results import Metric, amount, plain_number
+from parapod.sims.output.results import Metric, amount, plain_number
 from parapod.sims.study.records import Column, Records
 from parapod.sims.study.study import Study
 

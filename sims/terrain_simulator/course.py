@@ -19,26 +19,18 @@ from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.terrain_simulator.scenario import (
     BenchPlantScenario,
     CellsScenario,
-    GaitScenario,
-    HipScenario,
     LegScenario,
-    PlaceScenario,
     TerrainBenchScenario,
 )
-from parapod.diagrams.terrain_simulator.terrains import (
-    AlternatingSlopes,
-    Level,
-    Slope,
-    Stairs,
-    Step,
-    TerrainChoice,
-)
 from parapod.diagrams.terrain_simulator.world import walking_in_the_world
-from parapod.sims.lab.bench import Bench, Run, realtime_metric
+from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import LoopExperiment
-from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.panel import Readout
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.run import Run, realtime_metric
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
+from parapod.sims.output.style import COLOURS
+from parapod.sims.terrain_simulator.courses import COURSES, scenario_of
 from parapod.sims.terrain_simulator.walk import (
     BenchWalking,
     check_bench,
@@ -62,45 +54,6 @@ _SETTLED = 0.1
 _PRESSED = 0.2
 # Points of a foot's sole at which its distance from the ground is looked at, and instants.
 _SOLE, _INSTANTS = 9, 1500
-
-
-class Course(NamedTuple):
-    """A terrain and a gait for it.
-
-    Attributes:
-        terrain: the terrain.
-        speed: speed of the body [m/s].
-        frequency: strides a second [Hz].
-        place: x of the plate's middle, and its height [mm].
-        hip: height of the hip above it [mm].
-        clearance: height of the foot above its footholds in the middle of a swing [mm].
-        start: way of the body at the beginning [m].
-    """
-
-    terrain: TerrainChoice
-    speed: float
-    frequency: float
-    place: tuple[float, float]
-    hip: float = 580.0
-    clearance: float = 60.0
-    start: float = 0.0
-
-
-# Terrains that the pedal can play, each in its place; their edges are where no foot treads.
-COURSES = {
-    "level": Course(Level(), 0.8, 2.0, (513.0, 300.0)),
-    "slope up 20": Course(Slope(20.0), 0.8, 2.0, (562.0, 260.0)),
-    "slope down 20": Course(Slope(-20.0), 0.8, 2.0, (474.0, 260.0)),
-    "slope up 30": Course(Slope(30.0), 0.8, 2.0, (582.0, 240.0)),
-    "slope down 30": Course(Slope(-30.0), 0.8, 2.0, (458.0, 240.0)),
-    "stairs up": Course(Stairs(170.0, 290.0, 0.19), 0.435, 1.5, (561.0, 250.0), 560.0, 140.0),
-    "stairs down": Course(Stairs(-150.0, 300.0, 0.15), 0.45, 1.5, (481.0, 250.0), 560.0, 130.0),
-    "step up": Course(Step(120.0, 0.6), 0.6, 1.5, (549.0, 250.0), 560.0, 140.0),
-    "step down": Course(Step(-120.0, 0.6), 0.6, 1.5, (489.0, 250.0), 560.0, 60.0),
-    "alternating slopes": Course(
-        AlternatingSlopes(20.0, 1.1), 0.8, 2.0, (513.0, 270.0), clearance=110.0, start=0.15
-    ),
-}
 
 
 @dataclass
@@ -145,35 +98,6 @@ class BenchCourseScenario(Schema):
         found.plant = BenchPlantScenario(self.time_step)
         found.control.period = self.time_step
         return found
-
-
-def scenario_of(name: str, leg: LegScenario, mass_kg: float) -> TerrainBenchScenario:
-    """The walk of a leg over one terrain of the course.
-
-    Args:
-        name: of the terrain.
-        leg: the leg.
-        mass_kg: mass that the slide has with it [kg].
-
-    Raises:
-        ScenarioError: a terrain that there is not.
-    """
-    if name not in COURSES:
-        known = ", ".join(COURSES)
-        raise ScenarioError(f"courses: there is no '{name}'; there are: {known}", "courses")
-    course = COURSES[name]
-    return TerrainBenchScenario(
-        terrain=course.terrain,
-        leg=leg,
-        hip=HipScenario(mass_kg=mass_kg),
-        place=PlaceScenario(*course.place, course.hip, course.start),
-        gait=GaitScenario(
-            speed_m_s=course.speed,
-            frequency_Hz=course.frequency,
-            ramp=None,
-            clearance_mm=course.clearance,
-        ),
-    )
 
 
 class Pair(NamedTuple):
@@ -265,10 +189,10 @@ class BenchCourse(LoopExperiment[BenchCourseScenario, Courses]):
         for i, name in enumerate(scenario.courses):
             walk = scenario.of(name)
             bench.name = f"{self.name}, {name}"
-            ran = bench.run(on_bench, walk, watched=i == 0)
+            ran = on_bench.run_loop(walk, bench, watched=i == 0)
             # There the body does rise, and its drive plays only the other legs.
             free = replace(walk, hip=replace(walk.hip, adds_inertia=False))
-            pairs[name] = Pair(walk, ran, bench.run(in_world, free, watched=False))
+            pairs[name] = Pair(walk, ran, in_world.run_loop(free, bench, watched=False))
         return Courses(pairs)
 
     def measure(self, scenario: BenchCourseScenario, data: Courses) -> Iterator[Metric]:

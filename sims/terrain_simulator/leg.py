@@ -16,24 +16,26 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.terrain_simulator.chair_leg import chair_leg_scenario
 from parapod.diagrams.terrain_simulator.leg import make_leg_model
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH, make_terrain
 from parapod.diagrams.terrain_simulator.scenario import (
     BenchControlScenario,
     BenchPlantScenario,
+    ChairLegScenario,
     GaitScenario,
     HipScenario,
     LegScenario,
     PlaceScenario,
     TerrainBenchScenario,
 )
-from parapod.diagrams.terrain_simulator.terrains import Step
-from parapod.sims.lab.bench import Bench, Run, realtime_metric
+from parapod.diagrams.terrain_simulator.terrains import Slope, Step
+from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import LoopExperiment
-from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.panel import Readout
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.run import Run, realtime_metric
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
+from parapod.sims.output.style import COLOURS
 from parapod.sims.terrain_simulator.walk import (
     BenchWalking,
     check_bench,
@@ -48,6 +50,8 @@ from parapod.systems.terrain_simulator.jump import SquatJump
 from parapod.systems.terrain_simulator.leg import LegModel, UnreachableFoot
 from parapod.systems.terrain_simulator.reference import Task
 from parapod.systems.terrain_simulator.walk import BenchWalk
+from parapod.systems.walking_chair.geometry import LEG_COUNT
+from parapod.systems.walking_chair.masses import ChairMasses, Passenger
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -69,6 +73,8 @@ _SETTLES = 0.6  # time for which it stands after the step [s]
 _EDGE_M = 0.25  # of the step, from the beginning
 # Way by which a leg is drawn up before it lands [m].
 _DRAWN_UP = 0.04
+# Way that is left until the foot of the chair's leg would stand flat [mm].
+_MARGIN = 5.0
 _JUMP_Z = 0.30  # height of the plate from which is jumped [m]
 
 
@@ -266,7 +272,7 @@ class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
             bench.name = f"{self.name}, {name}"
             # The chair is imported only if its leg is asked for.
             how, what = tasks.get(name) or (BenchWalking(self.name), chair_leg_scenario())
-            runs[name] = bench.run(how, what, watched=not runs)
+            runs[name] = how.run_loop(what, bench, watched=not runs)
         return Trial(runs)
 
     def measure(self, scenario: BenchLegScenario, data: Trial) -> Iterator[Metric]:
@@ -441,3 +447,41 @@ def _draw(scenario: BenchLegScenario, data: Trial, canvas: "Canvas") -> None:
         axes[1, i].set_xlabel("time [s]")
         axes[0, i].set(ylabel="hip [mm]", title=_TITLES[name])
         axes[1, i].set(ylabel="ground on the foot [N]")
+
+
+def chair_leg_scenario(slope_deg: float = 0.0) -> TerrainBenchScenario:
+    """A slow walk of the chair's leg on the pedal, with a quarter of chair and passenger on it.
+
+    Steps of 80 mm at 0.06 m/s, little slower than screws of 80 mm/s let it. The leg is a front leg
+    of the chair, a rear one uphill. Its foot treads ahead of where it would be flat, or behind it,
+    and so on the edge of E_2 and E_3: on the corner E_1 alone all load would be the UP branch's,
+    and the 520 N of a walk on two legs by turns are more than it bears. So are the loads of a
+    front leg uphill, and of a rear one downhill.
+
+    Args:
+        slope_deg: slope of the ground, positive uphill [deg].
+    """
+    mass = (ChairMasses().total + Passenger().mass) / LEG_COUNT
+    gait = GaitScenario(
+        speed_m_s=0.06,
+        frequency_Hz=0.75,
+        duty=0.6,
+        ramp=0.3,
+        strides=2,
+        run_up=0,
+        clearance_mm=8.0,
+        load="even",
+    )
+    stance = 1e3 * gait.duty * gait.speed_m_s / gait.frequency_Hz
+    flat = 0.5 * stance + _MARGIN
+    is_rear = slope_deg > 0.0
+    chair = ChairLegScenario(is_rear, slope_deg, flat if is_rear else -flat)
+    scenario = TerrainBenchScenario(
+        gait=gait,
+        place=PlaceScenario(hip_mm=chair.height_mm),
+        leg=LegScenario(kind="walking_chair", chair=chair),
+        hip=HipScenario(mass_kg=mass),
+    )
+    if slope_deg:
+        scenario.terrain = Slope(slope_deg)
+    return scenario

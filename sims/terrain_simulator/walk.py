@@ -19,11 +19,13 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.terrain_simulator.drawing import TerrainRibbon
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH, make_terrain
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
-from parapod.sims.lab.bench import Run, make_viewer, realtime_metric, stay_live
+from parapod.sims.lab.bench import make_viewer, stay_live
 from parapod.sims.lab.experiment import LoopExperiment
-from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.panel import Panel, Readout, Row
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.run import Run, realtime_metric
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
+from parapod.sims.output.style import COLOURS
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
 from parapod.systems.core.vectors import Array

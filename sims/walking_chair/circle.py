@@ -22,9 +22,11 @@ from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.walking_chair.twin import LegTwin
 from parapod.sims.lab.bench import Bench
-from parapod.sims.lab.experiment import Experiment, LogDrawing, Logged
-from parapod.sims.lab.figures import COLOURS, Figure
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.output.drawn import LogDrawing
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
+from parapod.sims.output.style import COLOURS
 from parapod.systems.actuators.compound_position_controller import (
     MODES,
     CompoundPositionControllerParams,

@@ -18,9 +18,11 @@ from parapod.diagrams.machine import Limits
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario, PassengerScenario
 from parapod.sims.lab.bench import Bench
-from parapod.sims.lab.experiment import Experiment, LogDrawing, Logged
-from parapod.sims.lab.figures import COLOURS, Figure
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.output.drawn import LogDrawing
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
+from parapod.sims.output.style import COLOURS
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.chair import foot_corners

@@ -20,10 +20,12 @@ from parapod.diagrams.machine import Limits
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario, PassengerScenario
 from parapod.sims.lab.bench import Bench
-from parapod.sims.lab.experiment import Experiment, LogDrawing, Logged
-from parapod.sims.lab.figures import COLOURS, Figure
-from parapod.sims.lab.progress import progress
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.output.drawn import LogDrawing
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.progress import progress
+from parapod.sims.output.results import Metric
+from parapod.sims.output.style import COLOURS
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.checks import check_gait

@@ -20,20 +20,15 @@ from rich.console import Console
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.machine import CHAIR
+from parapod.diagrams.walking_chair.plants import Simulation
 from parapod.diagrams.walking_chair.scenario import BODIES, SIMULATED, ChairScenario
-from parapod.sims.lab.bench import (
-    LOOK_PERIOD,
-    Live,
-    ReadOut,
-    Run,
-    make_viewer,
-    realtime_metric,
-    stay_live,
-)
+from parapod.sims.lab.bench import LOOK_PERIOD, Live, make_viewer, stay_live
 from parapod.sims.lab.experiment import LoopExperiment
-from parapod.sims.lab.figures import COLOURS, Figure
 from parapod.sims.lab.panel import Panel, Readout, Row
-from parapod.sims.lab.results import Metric
+from parapod.sims.lab.run import ReadOut, Run, realtime_metric
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
+from parapod.sims.output.style import COLOURS
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
 from parapod.systems.walking_chair.chair import chair_inverse
@@ -476,7 +471,7 @@ class LiveChair(Live):
         gait.way, gait.cycles = "forward and back", max(gait.cycles, 2)
         loop = ClosedLoop(CHAIR, self._scenario, meshcat=panel.meshcat, log=())
         super().__init__(panel, loop, read_out)
-        self._plant = loop.station.behind.handle.plant
+        self._plant = loop.station.behind.handle_as(Simulation).plant
         self._seated: Passenger | None = None
 
     def begin(self) -> None:

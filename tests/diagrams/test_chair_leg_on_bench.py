@@ -9,8 +9,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import EventStatus
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.terrain_simulator.chair_leg import ChairLeg, chair_leg_scenario
+from parapod.diagrams.terrain_simulator.chair_leg import ChairLeg
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
+from parapod.sims.terrain_simulator.leg import chair_leg_scenario
 from parapod.sims.terrain_simulator.walk import check_bench
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.walking_chair.checks import ForceExceeded, SpeedExceeded, StrokeExceeded

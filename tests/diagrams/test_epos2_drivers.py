@@ -13,7 +13,8 @@ from parapod.diagrams.drivers.driver import Driver, PartPorts
 from parapod.diagrams.drivers.epos2 import Epos2PositionScrews, Epos2Screws
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
-from parapod.diagrams.machine import In, Machine, MachineScenario, Out
+from parapod.diagrams.machine import Machine, MachineScenario
+from parapod.diagrams.ports import In, Out
 from parapod.diagrams.station import Station
 from parapod.diagrams.walking_chair.drivers import Epos2Legs
 from parapod.diagrams.walking_chair.scenario import ChairScenario

@@ -308,7 +308,7 @@ def test_without_the_optional_libraries_everything_is_imported_and_simulation_wo
         from pathlib import Path
         from rich.console import Console
         from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-        from parapod.sims.lab.experiment import RunOptions
+        from parapod.sims.output.options import RunOptions
         from parapod.sims.levelling_platform.level import Level
 
         scenario = LevellingScenario(backend="kinematic")

@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from parapod.diagrams.devices import Parts
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import ControlScenario, LevellingScenario
+from parapod.diagrams.ports import Behind
+from parapod.diagrams.station import Station
 from parapod.sims.lab.discovery import find_entry
-from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.levelling_platform.level import Level
 from parapod.sims.levelling_platform.levelling import measured_posture
+from parapod.sims.output.options import RunOptions
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
+from parapod.systems.core.errors import WiringError
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.model import LIMIT_SWITCHES, MODEL_GEOMETRY
@@ -254,3 +258,13 @@ def test_heights_before_there_is_a_ground_are_not_known():
     height = measured_posture(signals, ControlScenario())[:, 2]
     assert np.isnan(height[0])
     assert np.isfinite(height[1:]).all()
+
+
+def test_what_stands_behind_the_ports_is_told_by_its_kind():
+    behind = Station(PLATFORM, LevellingScenario(backend="mock")).behind
+    with pytest.raises(WiringError, match="this backend has no handle, not Parts, behind"):
+        behind.handle_as(Parts)
+    parts = Parts({})
+    with pytest.raises(WiringError, match="this backend has Parts, not Station, behind"):
+        Behind({}, {}, handle=parts).handle_as(Station)
+    assert Behind({}, {}, handle=parts).handle_as(Parts) is parts

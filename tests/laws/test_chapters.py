@@ -5,7 +5,7 @@ import re
 import pytest
 
 from parapod.sims.lab import pages
-from parapod.sims.lab.figures import render
+from parapod.sims.output.figures import render
 from parapod.sims.report import page as report_page
 from parapod.sims.report.chapter import Numbers, Relation, Tone
 from parapod.sims.report.run import list_chapters

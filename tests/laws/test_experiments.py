@@ -14,11 +14,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from parapod.sims.lab.bench import Loops
 from parapod.sims.lab.discovery import find_entry, list_entries
-from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.lab.figures import draw, render
-from parapod.sims.lab.results import print_table
+from parapod.sims.output.figures import draw, render
+from parapod.sims.output.options import Loops, RunOptions
+from parapod.sims.output.results import print_table
 from parapod.sims.replay.figure import make_figure
 from parapod.sims.replay.replay import open_replays
 from parapod.sims.report.run import list_chapters
@@ -269,7 +268,7 @@ def test_every_figure_is_drawn_says_what_it_shows_and_has_one_unit_an_axis(
 ):
     drawn = []  # each once: the report's figures take a minute
     monkeypatch.setattr(
-        "parapod.sims.lab.figures.draw", lambda f: drawn.append(draw(f)) or drawn[-1]
+        "parapod.sims.output.figures.draw", lambda f: drawn.append(draw(f)) or drawn[-1]
     )
     figures = finished(part).result.figures
     names = [figure.name for figure in figures]
@@ -373,11 +372,11 @@ def test_its_log_is_replayed_with_its_machine(part, finished):
     assert all(curve.signal in digest.lines for plot in replay.plots for curve in plot.curves)
     assert all(plot.unit and "," not in plot.unit for plot in replay.plots)
     assert digest.rows == len(run.log.time)
-    assert subject.drawn_by, subject.undrawn
+    assert subject.drawn, subject.undrawn
     assert not subject.remarks
-    twin = subject.twin(None, subject.machine_scenario())
+    twin = subject.drawn.make()
     for time, row in (digest.pictures[0], digest.pictures[-1]):
-        twin.show(subject.values(row), time)
+        twin.show(subject.drawn.values(row), time)
     assert twin.time == digest.pictures[-1][0]
     names = {name for plot in replay.plots for name in (curve.signal for curve in plot.curves)}
     assert len(names) > 1, "it has usual plots"

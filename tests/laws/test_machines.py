@@ -20,8 +20,9 @@ from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.devices import make_parts
-from parapod.diagrams.machine import In, Out, find_machine, list_machines
-from parapod.diagrams.station import Behind, Station
+from parapod.diagrams.machine import find_machine, list_machines
+from parapod.diagrams.ports import Behind, In, Out
+from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import inputs_of, leaf_systems, outputs_of
 from parapod.systems.core.errors import ParapodError, ScenarioError, WiringError
 from parapod.systems.core.extras import EXTRAS

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from parapod.sims.lab.experiment import Experiment
-from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.results import Metric
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
 from parapod.systems.core.schema import Schema, choice, quantity
 
 

@@ -10,7 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.levelling_platform.ports import PORTS
-from parapod.sims.levelling_platform.slip import SwingScenario
+from parapod.sims.levelling_platform.slip.scenario import SwingScenario
 from parapod.sims.report.chapter import Claim, Numbers, Relation
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.actuators.pi_controller import PiControllerParams

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from parapod.sims.cli.main import COMMANDS, main, make_parser
-from parapod.sims.lab.files import atomic_output
+from parapod.sims.output.atomic import atomic_output
 from parapod.systems.core.errors import ParapodError
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from parapod.sims.lab.figures import FORMATS, Figure, render, write_figures
+from parapod.sims.output.figures import FORMATS, Figure, render, write_figures
 from parapod.systems.core.errors import OutputError
 
 

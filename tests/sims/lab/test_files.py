@@ -9,15 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from parapod.sims.lab.files import (
-    LOG_FORMATS,
-    atomic_output,
-    check_writable,
-    read_log,
-    write_experiment_log,
-    write_json,
-    write_log,
-)
+from parapod.sims.output.atomic import atomic_output, check_writable, write_json
+from parapod.sims.output.logs.files import LOG_FORMATS, read_log, write_experiment_log, write_log
 from parapod.systems.core.errors import OutputError, ParapodError
 from parapod.systems.core.schema import Schema, choice, quantity
 

@@ -10,8 +10,8 @@ import time
 import numpy as np
 import pytest
 
-from parapod.sims.lab.files import read_log
-from parapod.sims.lab.live_log import LiveLog
+from parapod.sims.output.logs.files import read_log
+from parapod.sims.output.logs.live import LiveLog
 from parapod.systems.core.errors import OutputError
 
 pytest.importorskip("mcap")
@@ -65,7 +65,7 @@ WRITER = """
 import signal, sys, time
 from pathlib import Path
 import numpy as np
-from parapod.sims.lab.live_log import LiveLog
+from parapod.sims.output.logs.live import LiveLog
 signal.signal(signal.SIGINT, signal.default_int_handler)
 with LiveLog(Path(sys.argv[1]), {"a": "m", "b": "V"}, (4, 12), {}) as log:
     print(log.process, flush=True)
@@ -138,8 +138,8 @@ def test_a_disk_that_becomes_full_is_told_at_once(path, told):
 import sys, time
 from pathlib import Path
 import numpy as np
-from parapod.sims.lab.companion import Companion
-from parapod.sims.lab.live_log import LiveLog
+from parapod.sims.output.companion import Companion
+from parapod.sims.output.logs.live import LiveLog
 from parapod.systems.core.errors import OutputError
 import signal
 # Its last words are heard when the pipe to it is broken already.

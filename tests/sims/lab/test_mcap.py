@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from parapod.sims.lab.files import read_log
-from parapod.sims.lab.mcap import write_mcap
+from parapod.sims.output.logs.files import read_log
+from parapod.sims.output.logs.mcap import write_mcap
 from parapod.systems.core.errors import OutputError
 
 pytest.importorskip("mcap")

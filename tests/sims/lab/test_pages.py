@@ -7,9 +7,9 @@ from pathlib import Path
 from urllib.parse import unquote, urlparse
 
 from parapod.sims.cli.main import main
-from parapod.sims.lab.figures import Figure
 from parapod.sims.lab.pages import result_page
-from parapod.sims.lab.results import Metric, Result
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric, Result
 
 
 def test_a_page_of_a_run_holds_its_figures_metrics_and_notes():

@@ -9,8 +9,9 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from parapod.sims.lab.experiment import Experiment, RunOptions
-from parapod.sims.lab.progress import counted, progress, waiting
+from parapod.sims.lab.experiment import Experiment
+from parapod.sims.output.options import RunOptions
+from parapod.sims.output.progress import counted, progress, waiting
 from parapod.systems.core.schema import Schema, choice, quantity
 
 
@@ -27,7 +28,7 @@ def clock(monkeypatch):
     """The time that progress is told, which only goes on by being set; lines are wanted."""
     monkeypatch.delenv("PARAPOD_PROGRESS")
     clock = SimpleNamespace(now=0.0, monotonic=lambda: clock.now)
-    monkeypatch.setattr("parapod.sims.lab.progress.time", clock)
+    monkeypatch.setattr("parapod.sims.output.progress.time", clock)
     return clock
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.results import Metric, Result, print_table
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric, Result, print_table
 
 
 def result(*metrics, notes=()):

@@ -1,13 +1,15 @@
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from parapod.diagrams.machine import find_machine
-from parapod.sims.lab.files import read_log
-from parapod.sims.lab.mcap import write_mcap
-from parapod.sims.lab.subject import Subject
+from parapod.sims.lab.discovery import find_experiment
+from parapod.sims.lab.subject import Subject, draw_log
+from parapod.sims.output.logs.files import read_log
+from parapod.sims.output.logs.mcap import write_mcap
 from parapod.systems.core.scenario_file import dump_scenario
 
 pytest.importorskip("mcap")
@@ -33,8 +35,22 @@ def log(tmp_path_factory):
         "scenario": dump_scenario(machine.scenario(backend="kinematic")),
     }
     units = {name: machine.unit(name) for name in signals}
-    write_mcap(path, 100.25 + np.arange(COUNT), signals, units, metadata)
+    write_mcap(
+        path, 100.25 + np.arange(COUNT), signals, units, metadata, partial(draw_log, metadata)
+    )
     return path
+
+
+def drawing(path):
+    """Topic, time and content of each message that draws."""
+    from mcap.reader import make_reader
+
+    with open(path, "rb") as stream:
+        return [
+            (channel.topic, message.log_time, message.data)
+            for _, channel, message in make_reader(stream).iter_messages()
+            if channel.topic in ("/tf", "/scene")
+        ]
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +125,7 @@ def test_the_bodies_are_where_the_drawing_has_them(messages, log):
     read = read_log(log)
     shapes = {name: each.shape[1:] for name, each in read.signals.items()}
     subject = Subject.of("log", shapes, read.metadata)
-    twin = subject.twin(None, subject.machine_scenario())
+    twin = subject.drawn.make()
     heights = []
     for k, content in enumerate(messages["/tf"][2]):
         twin.show({name: each[k] for name, each in read.signals.items()})
@@ -133,6 +149,16 @@ def test_the_bodies_are_where_the_drawing_has_them(messages, log):
     assert heights[-1] > heights[0] + 0.01
 
 
+def test_an_experiment_draws_its_machine_into_its_log(log, tmp_path):
+    read, machine = read_log(log), find_machine("levelling_platform")
+    signals = {name: (each, machine.unit(name)) for name, each in read.signals.items()}
+    scenario = machine.scenario(backend="kinematic")
+    find_experiment("level").write_log(tmp_path / "log.mcap", scenario, read.time, signals)
+    drawn = drawing(tmp_path / "log.mcap")
+    assert len(drawn) == COUNT + 1
+    assert drawn == drawing(log)
+
+
 def test_drawings_are_no_signals(log):
     assert [*read_log(log).signals] == ["legs.extension", "attitude_estimated"]
 
@@ -141,7 +167,8 @@ def test_a_log_of_which_nothing_can_be_drawn_says_why(tmp_path):
     from mcap.reader import make_reader
 
     path = tmp_path / "log.mcap"
-    write_mcap(path, [0.0], {"a": [1.0]}, {"a": "m"}, {"experiment": "nothing"})
+    made = {"experiment": "nothing"}
+    write_mcap(path, [0.0], {"a": [1.0]}, {"a": "m"}, made, partial(draw_log, made))
     with open(path, "rb") as stream:
         told = {each.name: each.metadata for each in make_reader(stream).iter_metadata()}
     assert "there is no experiment 'nothing'" in told["drawing"]["left_out"]
@@ -154,7 +181,9 @@ def test_signals_that_fit_no_drawing_do_not_cost_the_log(tmp_path):
     machine = find_machine("levelling_platform")
     signals = {"legs.extension": np.full((5, 4), 0.42), "attitude_estimated": np.zeros((5, 1))}
     made = {"experiment": "level", "scenario": dump_scenario(machine.scenario())}
-    write_mcap(path, np.arange(5), signals, dict.fromkeys(signals, "m"), made)
+    write_mcap(
+        path, np.arange(5), signals, dict.fromkeys(signals, "m"), made, partial(draw_log, made)
+    )
     assert len(read_log(path).time) == 5
     with open(path, "rb") as stream:
         told = {each.name: each.metadata for each in make_reader(stream).iter_metadata()}

@@ -3,9 +3,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from parapod.sims.lab import stored_log
-from parapod.sims.lab.files import write_experiment_log
-from parapod.sims.lab.stored_log import open_log
+from parapod.sims.output.logs import stored
+from parapod.sims.output.logs.files import write_experiment_log
+from parapod.sims.output.logs.stored import open_log
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.schema import Schema, choice, quantity
 
@@ -37,7 +37,7 @@ def path(request, tmp_path):
 
 def test_pieces_are_the_log(path, monkeypatch):
     whole = open_log(path).read()
-    monkeypatch.setattr(stored_log, "_PIECE", 7)
+    monkeypatch.setattr(stored, "_PIECE", 7)
     log = open_log(path)
     names = ["status.age", "legs.extension"]
     pieces = list(log.pieces(names))

@@ -10,9 +10,9 @@ from rich.console import Console
 
 from parapod.sims.cli.main import main
 from parapod.sims.lab.discovery import find_experiment
-from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.lab.results import Metric, Result
 from parapod.sims.lab.sweep import as_json, print_spread, run_seeds
+from parapod.sims.output.options import RunOptions
+from parapod.sims.output.results import Metric, Result
 from parapod.systems.core.scenario_file import load_scenario
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from parapod.sims.lab.thinning import Extremes, Snapshots
+from parapod.sims.output.logs.thinning import Extremes, Snapshots
 
 MOST = 100
 

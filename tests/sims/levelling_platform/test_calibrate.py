@@ -5,14 +5,14 @@ import re
 import numpy as np
 import pytest
 
-from parapod.sims.lab.figures import render
-from parapod.sims.lab.files import read_log, write_log
-from parapod.sims.levelling_platform.calibrate import CalibrateScenario
-from parapod.sims.levelling_platform.poses import (
+from parapod.sims.levelling_platform.calibrate.recording import (
     drawn_commands,
     read_recording,
     spread_commands,
 )
+from parapod.sims.levelling_platform.calibrate.scenario import CalibrateScenario
+from parapod.sims.output.figures import render
+from parapod.sims.output.logs.files import read_log, write_log
 from parapod.systems.core.errors import OutputError, UndeterminedCalibration
 from parapod.systems.core.scenario_file import load_scenario
 

@@ -13,9 +13,9 @@ from pydrake.systems.analysis import Simulator
 from parapod.diagrams.guard import Tripped
 from parapod.diagrams.levelling_platform import controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM
-from parapod.sims.lab.files import read_log
 from parapod.sims.levelling_platform.deploy import Deploy, DeployScenario
 from parapod.sims.levelling_platform.operation import OperationWatch, PhaseLabel, read_operation
+from parapod.sims.output.logs.files import read_log
 from parapod.systems.core.errors import RefusedRequest
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.ground_estimator import GroundEstimator

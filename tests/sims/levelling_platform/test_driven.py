@@ -9,8 +9,8 @@ from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import PlantScenario, SensorScenario
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
-from parapod.sims.levelling_platform.driven import make_simulator, on_level_ground
-from parapod.sims.levelling_platform.slip import SlipScenario
+from parapod.sims.levelling_platform.leg_job import make_simulator, on_level_ground
+from parapod.sims.levelling_platform.slip.scenario import SlipScenario
 
 
 @pytest.fixture(scope="module")

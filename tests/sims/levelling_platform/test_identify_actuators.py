@@ -5,18 +5,18 @@ import pytest
 from rich.console import Console
 
 from parapod.sims.lab.bench import Bench
-from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.levelling_platform.identify_actuators import (
+from parapod.sims.levelling_platform.identify.experiment import (
     IdentifyActuatorsScenario,
     record,
 )
-from parapod.sims.levelling_platform.voltage_steps import (
+from parapod.sims.levelling_platform.identify.steps import (
     Recording,
     Steps,
     find_steps,
     schedule,
     separate_friction,
 )
+from parapod.sims.output.options import RunOptions
 from parapod.systems.core.scenario_file import load_scenario
 
 
@@ -74,7 +74,7 @@ def drawn_gains(scenario):
 def test_both_cases_have_the_gains_that_the_seed_draws():
     coarse = ("plant.leg_model=reduced", "plant.time_step=0.01", "actuators.coulomb_friction=0")
     scenario = scenario_with(*coarse, "seed=3", "encoder_resolution_mm=0")
-    recordings = record(scenario, Bench("", scenario, RunOptions(console=Console(quiet=True))))
+    recordings = record(scenario, Bench("", RunOptions(console=Console(quiet=True))))
     assert np.allclose(recordings.gain, drawn_gains(scenario), rtol=1e-12)
     assert np.ptp(recordings.gain) > 1e-4
     unloaded = find_steps(recordings.unloaded, 0.1)

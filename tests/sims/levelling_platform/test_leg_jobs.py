@@ -12,29 +12,33 @@ from parapod.diagrams.guard import Tripped
 from parapod.diagrams.levelling_platform.guard import PlatformGuard
 from parapod.diagrams.levelling_platform.scenario import JobScenario, SensorScenario
 from parapod.sims.lab.bench import Bench
-from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.levelling_platform import led_poses, steps_in_turn
-from parapod.sims.levelling_platform.calibrate import (
-    Calibrate,
-    CalibrateScenario,
-    identified_values,
-)
-from parapod.sims.levelling_platform.identify_actuators import (
-    Identified,
-    IdentifyActuators,
-    IdentifyActuatorsScenario,
-    Recordings,
-)
-from parapod.sims.levelling_platform.led_poses import (
+from parapod.sims.levelling_platform.calibrate import led
+from parapod.sims.levelling_platform.calibrate.experiment import Calibrate, identified_values
+from parapod.sims.levelling_platform.calibrate.led import (
     PoseWatch,
     parsed_answer,
     pose_commands,
     record_poses,
 )
-from parapod.sims.levelling_platform.slip import BEGIN, Slip, Slipped, SlipScenario, lift_sources
-from parapod.sims.levelling_platform.slip_measured import Times, has_arm, measure_lift
-from parapod.sims.levelling_platform.steps_in_turn import record_in_turn
-from parapod.sims.levelling_platform.voltage_steps import find_steps, separate_friction
+from parapod.sims.levelling_platform.calibrate.recording import pose_signals
+from parapod.sims.levelling_platform.calibrate.scenario import CalibrateScenario
+from parapod.sims.levelling_platform.identify import measured
+from parapod.sims.levelling_platform.identify.experiment import (
+    Identified,
+    IdentifyActuators,
+    IdentifyActuatorsScenario,
+    Recordings,
+)
+from parapod.sims.levelling_platform.identify.measured import record_in_turn
+from parapod.sims.levelling_platform.identify.steps import find_steps, separate_friction
+from parapod.sims.levelling_platform.slip.experiment import Slip, Slipped
+from parapod.sims.levelling_platform.slip.measured import (
+    Times,
+    has_arm,
+    measure_lift,
+)
+from parapod.sims.levelling_platform.slip.scenario import BEGIN, SlipScenario
+from parapod.sims.output.options import RunOptions
 from parapod.systems.core.errors import OutputError, RefusedRequest, ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.calibration.solve import calibrate
@@ -44,7 +48,7 @@ QUICK = ("steps.lowering_mm_s=6",)
 
 
 def quiet_bench(name, scenario):
-    return Bench(name, scenario, RunOptions(console=Console(quiet=True)))
+    return Bench(name, RunOptions(console=Console(quiet=True)))
 
 
 def identify(*overrides):
@@ -73,7 +77,7 @@ class Guarded:
         return is_new
 
 
-class GuardedSteps(Guarded, steps_in_turn._StepsWatch):
+class GuardedSteps(Guarded, measured._StepsWatch):
     pass
 
 
@@ -82,7 +86,7 @@ def identified():
     """A run with gains that are off by up to 15 %, under the guard."""
     scenario = identify(*QUICK, "actuators.gain_error=0.15")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(steps_in_turn, "_StepsWatch", GuardedSteps)
+        patch.setattr(measured, "_StepsWatch", GuardedSteps)
         pair = record_in_turn(scenario.steps, scenario.on_wheels, quiet_bench("x", scenario))
     steps = tuple(find_steps(case, scenario.steps.transient_s) for case in pair)
     data = Identified(Recordings(*pair, None), steps, tuple(map(separate_friction, steps)))
@@ -151,7 +155,7 @@ def test_a_machine_that_stands_on_its_feet_is_refused_before_anything_moves(job,
     machine = replace(scenario.on_wheels, job=job)
     watches = []
 
-    class Watch(steps_in_turn._StepsWatch):
+    class Watch(measured._StepsWatch):
         def __init__(self, loop):
             super().__init__(loop)
             watches.append(self)
@@ -162,7 +166,7 @@ def test_a_machine_that_stands_on_its_feet_is_refused_before_anything_moves(job,
             return is_new
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(steps_in_turn, "_StepsWatch", Watch)
+        patch.setattr(measured, "_StepsWatch", Watch)
         patch.setattr(Watch, "recording", lambda *arguments, **options: None)
         if not words:
             record_in_turn(scenario.steps, machine, quiet_bench("x", scenario))
@@ -193,9 +197,7 @@ def lifted():
     scenario = slip()
     machine = replace(scenario.machine, backend="kinematic", sensors=SensorScenario())
     times = Times.of(scenario, BEGIN)
-    return scenario, measure_lift(
-        scenario, machine, times, lift_sources, quiet_bench("x", scenario)
-    )
+    return scenario, measure_lift(scenario, machine, times, quiet_bench("x", scenario))
 
 
 def test_encoders_tell_how_far_the_feet_move_against_each_other(lifted):
@@ -249,7 +251,7 @@ def test_a_platform_on_its_wheels_is_not_lifted():
     machine = replace(scenario.machine, backend="kinematic", job=JobScenario(start="wheels"))
     times = Times.of(scenario, BEGIN)
     with pytest.raises(RefusedRequest, match="leg 1 does not touch the ground"):
-        measure_lift(scenario, machine, times, lift_sources, quiet_bench("x", scenario))
+        measure_lift(scenario, machine, times, quiet_bench("x", scenario))
 
 
 def test_a_platform_that_tilts_ends_the_job():
@@ -258,7 +260,7 @@ def test_a_platform_that_tilts_ends_the_job():
     machine.ground.roll_deg = 5.0
     times = Times.of(scenario, BEGIN)
     with pytest.raises(Tripped, match=r"tilt: a platform that is inclined by 5\.0 deg"):
-        measure_lift(scenario, machine, times, lift_sources, quiet_bench("x", scenario))
+        measure_lift(scenario, machine, times, quiet_bench("x", scenario))
 
 
 # Poses
@@ -303,10 +305,14 @@ def lead(tmp_path, monkeypatch):
                 answers.watch, self.root = self, root
                 return super().look(root)
 
-        monkeypatch.setattr(led_poses, "PoseWatch", Watch)
+        monkeypatch.setattr(led, "PoseWatch", Watch)
         path = tmp_path / "poses.csv"
         bench = quiet_bench("calibrate", scenario)
-        return record_poses(scenario, scenario.machine, answers, path, bench), path
+
+        def write(recording):
+            Calibrate("calibrate").write_log(path, scenario, *pose_signals(recording))
+
+        return record_poses(scenario, scenario.machine, answers, write, bench), path
 
     return run
 
@@ -354,7 +360,7 @@ def test_poses_before_an_interruption_are_in_the_file(lead, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         lead(poses("poses.count=5"), Tired())
     scenario = poses("poses.count=5")
-    from parapod.sims.levelling_platform.poses import read_recording
+    from parapod.sims.levelling_platform.calibrate.recording import read_recording
 
     assert len(read_recording(tmp_path / "poses.csv", scenario)) == 2
 
@@ -396,7 +402,7 @@ def test_a_recording_that_is_there_is_not_written_over(tmp_path):
 def test_identified_values_make_the_machine_that_was_calibrated():
     scenario = poses()
     from parapod.diagrams.levelling_platform.model import geometry_as_known
-    from parapod.sims.levelling_platform.poses import draw_machine, record
+    from parapod.sims.levelling_platform.calibrate.recording import draw_machine, record
 
     random = np.random.default_rng(0)
     recorded, _ = record(scenario, draw_machine(scenario, random), random)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from parapod.sims.lab.figures import draw
 from parapod.sims.levelling_platform.levelling import posture_figure
+from parapod.sims.output.figures import draw
 
 TIME = np.linspace(0.0, 10.0, 101)
 ASKED = np.zeros((101, 3))

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from parapod.sims.lab.results import Metric, Result
 from parapod.sims.levelling_platform.report import errata as errata_module
 from parapod.sims.levelling_platform.report.chapter import CHAPTER
 from parapod.sims.levelling_platform.report.errata import ERRATA
+from parapod.sims.output.results import Metric, Result
 from parapod.sims.report.chapter import Numbers, Tone
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 

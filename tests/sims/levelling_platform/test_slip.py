@@ -5,18 +5,20 @@ import pytest
 from rich.console import Console
 
 from parapod.sims.lab.bench import Bench
-from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.levelling_platform.slip import (
-    Recording,
-    Slip,
+from parapod.sims.levelling_platform.slip.experiment import Slip
+from parapod.sims.levelling_platform.slip.scenario import (
     SlipScenario,
     control_trajectory,
-    lift_and_swing,
-    lift_metrics,
     lift_trajectory,
-    slip_metrics,
     swing_trajectory,
 )
+from parapod.sims.levelling_platform.slip.simulated import (
+    Recording,
+    lift_and_swing,
+    lift_metrics,
+    slip_metrics,
+)
+from parapod.sims.output.options import RunOptions
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.leg import foot_to_centre
@@ -33,7 +35,7 @@ def logged(finished):
 
 
 def bench(scenario):
-    return Bench("", scenario, RunOptions(console=Console(quiet=True)))
+    return Bench("", RunOptions(console=Console(quiet=True)))
 
 
 def test_displacement_is_measured_in_the_ground_s_plane():

@@ -66,7 +66,10 @@ def test_the_turntable_adds_its_numbers_and_its_figure(finished):
     upright, turning = finished("workspace"), finished("turntable")
     more = {"leaning_volume_m3", "swept_volume_m3", "swept_resolution_error", "swept_gain"}
     assert set(turning.values) - set(upright.values) == more | {"stability_margin_mm"}
-    assert len(figures(turning.scenario)) == len(figures(upright.scenario)) + 1
+    assert (
+        len(figures(turning.scenario.arm.upright, turning.scenario.turned))
+        == len(figures(upright.scenario.arm.upright, upright.scenario.turned)) + 1
+    )
 
 
 def test_the_picture_is_self_contained():

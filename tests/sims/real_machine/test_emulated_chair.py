@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from parapod.sims.cli.main import main
-from parapod.sims.lab.files import Log, read_log
+from parapod.sims.output.logs.files import read_log
+from parapod.sims.output.logs.stored import Log
 
 for library in ("canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)

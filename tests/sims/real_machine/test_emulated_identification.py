@@ -8,8 +8,8 @@ import threading
 import numpy as np
 import pytest
 
-from parapod.sims.levelling_platform.calibrate import CalibrateScenario
-from parapod.sims.levelling_platform.poses import read_recording
+from parapod.sims.levelling_platform.calibrate.recording import read_recording
+from parapod.sims.levelling_platform.calibrate.scenario import CalibrateScenario
 
 for library in ("nidaqmx", "grpc", "canopen", "can", "mcap"):
     pytest.importorskip(library)

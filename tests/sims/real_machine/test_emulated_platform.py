@@ -26,8 +26,8 @@ from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.cli.main import main
-from parapod.sims.lab.experiment import RunOptions
-from parapod.sims.lab.files import read_log
+from parapod.sims.output.logs.files import read_log
+from parapod.sims.output.options import RunOptions
 from parapod.sims.real_machine.age_limit import LOOKED
 from parapod.sims.real_machine.job import run_on_hardware
 from parapod.systems.hardware.device import Device

@@ -12,6 +12,7 @@ from parapod.diagrams.devices import Parts
 from parapod.diagrams.guard import Trip, Tripped
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.ports import Behind
 from parapod.diagrams.station import Station
 from parapod.sims.real_machine.job import DeviceWatch, end_by_guard, show_timing
 from parapod.sims.real_machine.privileges import Outcome
@@ -109,7 +110,7 @@ def guarded():
         parts.threads["legs"][0]._sample = Sample({}, 0.0, DeviceFault.NONE, "")
         loop = SimpleNamespace(
             machine=SimpleNamespace(guard=lambda scenario: guard, inputs=inputs),
-            station=SimpleNamespace(scenario=None, behind=SimpleNamespace(handle=parts)),
+            station=SimpleNamespace(scenario=None, behind=Behind({}, {}, handle=parts)),
             readings=lambda root, names: {
                 name: (lambda name=name: values[name]) for name in names
             },

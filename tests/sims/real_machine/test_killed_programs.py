@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from parapod.sims.cli.main import main
-from parapod.sims.lab.files import read_log
+from parapod.sims.output.logs.files import read_log
 
 for library in ("nidaqmx", "grpc", "canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)

@@ -15,9 +15,9 @@ from rich.console import Console
 
 from parapod.diagrams.machine import find_machine
 from parapod.sims.cli.main import main
-from parapod.sims.lab.discovery import find_entry
-from parapod.sims.lab.files import write_experiment_log
-from parapod.sims.lab.mcap import McapWriter
+from parapod.sims.lab.discovery import find_entry, find_experiment
+from parapod.sims.output.logs.files import write_experiment_log
+from parapod.sims.output.logs.mcap import McapWriter
 from parapod.sims.replay import digest as digests
 from parapod.sims.replay.page import make_page
 from parapod.sims.replay.replay import least_ends, near_limits, open_replays
@@ -51,7 +51,7 @@ def write(
     }
     units = {name: (each, MACHINE.unit(name)) for name, each in signals.items()}
     kept = {name: each for name, each in units.items() if name not in left_out}
-    write_experiment_log(path, "center-walk", scenario, time, kept)
+    find_experiment("center-walk").write_log(path, scenario, time, kept)
     return path
 
 
@@ -317,9 +317,9 @@ def test_a_chair_that_is_watched_is_drawn_where_its_steps_lead_it(work):
     log, body = chair_log(work / "walk.npz")
     replay, _ = open_replays(log, None, (), Console(quiet=True))
     subject, shown = replay.subject, replay.digest.pictures
-    twin = subject.twin(None, subject.machine_scenario())
+    twin = subject.drawn.make()
     for _, row in [*shown[::20], shown[-1]]:  # without what is tracked, as a page has it
-        twin.show({name: row[name] for name in subject.drawn_by})
+        twin.show({name: row[name] for name in subject.drawn.sources})
     for place in bodies(twin).values():
         np.testing.assert_allclose(place[:2], body[-1, :2], atol=2e-3)
 
@@ -332,9 +332,9 @@ def test_a_chair_is_at_the_same_place_however_few_pictures_there_are(work, left_
         monkeypatch.setattr(digests, "_PICTURES", pictures)
         replay, _ = open_replays(log, None, (), Console(quiet=True), between=between)
         subject, shown = replay.subject, replay.digest.pictures
-        twin = subject.twin(None, subject.machine_scenario())
+        twin = subject.drawn.make()
         time, row = shown[-1]
-        twin.show(subject.values(row), time)
+        twin.show(subject.drawn.values(row), time)
         return time, bodies(twin)
 
     (last, all_of_them), (early, few) = place(10_000), place(4)
@@ -366,7 +366,7 @@ def test_a_job_on_a_real_machine_has_the_plots_and_the_drawing_of_its_machine(wo
     scenario = find_entry("identify-actuators").load().schema()
     write_experiment_log(work / "a.npz", "identify-actuators", scenario, np.arange(5), signals)
     replay, _ = open_replays(work / "a.npz", None, (), Console(quiet=True))
-    assert replay.subject.drawn_by == {name: name for name in signals}
+    assert replay.subject.drawn.sources == {name: name for name in signals}
     drawn = {curve.signal for plot in replay.plots for curve in plot.curves}
     assert drawn == {"legs.extension", "attitude_estimated"}
 

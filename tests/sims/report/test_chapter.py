@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from parapod.sims.lab.results import Metric, Result
+from parapod.sims.output.results import Metric, Result
 from parapod.sims.report.chapter import Claim, Numbers, Relation, Tone
 
 

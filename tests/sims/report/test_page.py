@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from parapod.sims.cli.main import main
-from parapod.sims.lab.figures import Figure
+from parapod.sims.output.figures import Figure
 from parapod.sims.report import run as report
 from parapod.sims.report.chapter import (
     Chapter,

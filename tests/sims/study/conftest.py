@@ -21,7 +21,7 @@ import time
 from dataclasses import dataclass
 
 from parapod.sims.lab.experiment import Experiment
-from parapod.sims.lab.results import Metric
+from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.schema import Schema, choice, quantity
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.contour import QuadContourSet
 
-from parapod.sims.lab.figures import draw, render
+from parapod.sims.output.figures import draw, render
 from parapod.sims.study.page import make_page
 from parapod.sims.study.records import Column
 from tests.sims.study.conftest import carry_out
@@ -77,11 +77,11 @@ def test_a_study_of_which_nothing_is_done_has_no_figures(study):
 
     result = StudyResult(made, Records(made.sampling))
     assert result.figures == ()
-    assert "0 of 0" in make_page(result)
+    assert "0 of 0" in make_page(result.study, result.summary, result.figures)
 
 
 def test_the_page_needs_nothing_else_and_says_everything(result):
-    page = make_page(result)
+    page = make_page(result.study, result.summary, result.figures)
     assert not re.search(r"<(script|link|img)[^>]*(src|href)=\"(?!data:)", page)
     for text in ("trial: 162 runs", "total_mm [mm]", "&lt;= 5", "RuntimeError: it does not conv"):
         assert text in page

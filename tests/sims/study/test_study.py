@@ -19,10 +19,9 @@ from rich.console import Console
 
 import parapod
 from parapod.sims.cli.main import main
-from parapod.sims.lab.bench import Loops
 from parapod.sims.lab.discovery import find_experiment
-from parapod.sims.lab.experiment import RunOptions
 from parapod.sims.lab.work import Crew, LocalCrew, NoWorkers
+from parapod.sims.output.options import Loops, RunOptions
 from parapod.sims.study.records import Records
 from parapod.sims.study.result import read_study
 from parapod.sims.study.runs import AnotherVersion, Software, carry_out_run
@@ -354,20 +353,12 @@ def test_loops_that_serve_many_runs_give_what_single_runs_give(monkeypatch):
 
 
 def test_only_so_many_loops_are_kept(monkeypatch):
-    """That which was used last stays."""
-
-    class Built:
-        made = 0
-
-        def loop(self, scenario, log):
-            self.made += 1
-            return object()
-
+    made = []
     monkeypatch.setattr(Loops, "_MOST", 2)
-    loops, experiment = Loops(), Built()
-    for scenario, built in (("a", 1), ("b", 2), ("a", 2), ("c", 3), ("a", 3), ("b", 4)):
-        loops.of(experiment, scenario, None, None)
-        assert experiment.made == built
+    loops = Loops()
+    for structure, built in (("a", 1), ("b", 2), ("a", 2), ("c", 3), ("a", 3), ("b", 4)):
+        loops.of(structure, lambda: made.append(0) or object())
+        assert len(made) == built
 
 
 def test_runs_of_one_structure_follow_each_other():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from parapod.sims.lab.figures import draw
+from parapod.sims.output.figures import draw
 from parapod.sims.walking_chair.circle import (
     PAPER_RADIAL_MM,
     ChairCircleScenario,

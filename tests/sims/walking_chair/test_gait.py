@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from parapod.sims.lab.figures import render
+from parapod.sims.output.figures import render
 from parapod.sims.walking_chair.gait import (
     ChairGaitScenario,
     check_walks,

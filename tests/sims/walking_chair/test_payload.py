@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from parapod.sims.lab.figures import render
+from parapod.sims.output.figures import render
 from parapod.sims.walking_chair.payload import (
     ChairPayloadScenario,
     check_stance,

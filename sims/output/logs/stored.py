@@ -8,6 +8,7 @@ import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any
@@ -16,7 +17,6 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from parapod.sims.lab.files import Log
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.extras import need
 from parapod.systems.core.quoting import quoted_path
@@ -36,6 +36,21 @@ _COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<index>[\d;]+)\])?")
 
 type Floats = NDArray[Any]
 type Piece = tuple[Floats, dict[str, Floats]]
+
+
+@dataclass(frozen=True)
+class Log:
+    """Signals of a run.
+
+    Attributes:
+        time: (n,) [s].
+        signals: port name -> (n, ...) array, one row per time.
+        metadata: data about the run.
+    """
+
+    time: NDArray[np.float64]
+    signals: dict[str, NDArray[Any]]
+    metadata: dict[str, Any]
 
 
 class StoredLog(ABC):

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from parapod.sims.lab.figures import Figure
+from parapod.sims.output.figures import Figure
 from parapod.systems.core.schema import plain
 
 # Keys of `Result.as_json`, and columns of a study's table, that no metric may take.

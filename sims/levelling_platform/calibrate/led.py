@@ -6,12 +6,11 @@ at rest; then what an instrument outside tells is asked for, and the recording i
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,8 @@ from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import add
 from parapod.sims.lab.bench import Bench
-from parapod.sims.lab.files import write_experiment_log
+from parapod.sims.levelling_platform.calibrate.recording import spread_commands
+from parapod.sims.levelling_platform.calibrate.scenario import CalibrateScenario
 from parapod.sims.levelling_platform.leg_job import (
     AT_REST,
     LegJob,
@@ -31,15 +31,11 @@ from parapod.sims.levelling_platform.leg_job import (
     carry_out,
     refuse_unless_standing,
 )
-from parapod.sims.levelling_platform.poses import pose_signals, spread_commands
 from parapod.sims.real_machine.answers import Answers
 from parapod.systems.core.quoting import quoted
 from parapod.systems.levelling_platform.calibration.poses import PoseRecording
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, passive_extension
-
-if TYPE_CHECKING:
-    from parapod.sims.levelling_platform.calibrate import CalibrateScenario
 
 type Floats = NDArray[np.float64]
 
@@ -127,7 +123,7 @@ class PoseWatch(LegWatch):
     def __init__(
         self,
         loop: ClosedLoop[Any],
-        scenario: "CalibrateScenario",
+        scenario: CalibrateScenario,
         commands: Floats,
         answers: Answers,
         write: Any,
@@ -283,7 +279,7 @@ def ask_for(hand: Diagram, root: Context, extension: Floats, is_led: bool) -> No
         source.get_mutable_source_value(context).SetFromVector(np.array(value))
 
 
-def pose_commands(scenario: "CalibrateScenario", machine: LevellingScenario) -> Floats:
+def pose_commands(scenario: CalibrateScenario, machine: LevellingScenario) -> Floats:
     """Extensions (n, 4) of the poses, as the encoders have to tell them [m]."""
     control = machine.control
     geometry, ground = geometry_as_known(control), scenario.ground.inclination
@@ -297,10 +293,10 @@ def pose_commands(scenario: "CalibrateScenario", machine: LevellingScenario) -> 
 
 
 def record_poses(
-    scenario: "CalibrateScenario",
+    scenario: CalibrateScenario,
     machine: LevellingScenario,
     answers: Answers,
-    path: Path,
+    write: Callable[[PoseRecording], None],
     bench: Bench,
 ) -> PoseRecording:
     """Leads a machine through the poses, and writes them after each one.
@@ -309,7 +305,7 @@ def record_poses(
         scenario: the scenario.
         machine: the machine, which stands on its feet.
         answers: asks for what was measured from outside.
-        path: file of the recording.
+        write: writes the poses that have been recorded.
         bench: runs the job.
 
     Raises:
@@ -318,10 +314,6 @@ def record_poses(
         Tripped: the machine tilts, or its guard has found what cannot be.
         OutputError: the recording cannot be written.
     """
-
-    def write(recording: PoseRecording) -> None:
-        write_experiment_log(path, bench.name, scenario, *pose_signals(recording))
-
     commands = pose_commands(scenario, machine)
     rate = 1e-3 * scenario.measuring.rate_mm_s
     job = LegJob(bench.name, make_hand, _ENDLESS, rate, keeps_contact=True)

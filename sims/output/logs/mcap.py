@@ -1,20 +1,50 @@
 """Logs in MCAP files, one topic for each port."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from parapod.sims.lab.files import atomic_output
-from parapod.sims.lab.thinning import Snapshots
-from parapod.systems.core.errors import ParapodError
+from parapod.sims.output.atomic import atomic_output
+from parapod.sims.output.logs.thinning import Snapshots
 from parapod.systems.core.extras import need
+
+# Stamp [ns], time [s] and samples of the signals.
+type Picture = tuple[int, float, Mapping[str, NDArray[Any]]]
+# Takes shapes of samples, and pictures, and draws them; raises a ParapodError where it cannot.
+type Draw = Callable[[Mapping[str, tuple[int, ...]], Sequence[Picture]], Iterable[Message]]
 
 # Pictures of the machine: ten a second of some minutes.
 _PICTURES = 1500
+
+
+class Schema(NamedTuple):
+    """Name, encoding and text of the schema of a topic."""
+
+    name: str
+    encoding: str
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Message:
+    """One message of a drawing.
+
+    Attributes:
+        topic: its topic.
+        schema: the topic's.
+        stamp: its time [ns].
+        data: its content.
+    """
+
+    topic: str
+    schema: Schema
+    stamp: int
+    data: bytes
 
 
 def _schema(name: str, unit: str) -> bytes:
@@ -42,21 +72,28 @@ class McapWriter:
     MCAP shows; a number that is not finite is null. There are no chunks: a file that ends in the
     middle can be read up to there (`read_log`, or `mcap recover`).
 
-    Behind the last sample the machine is drawn for Foxglove, as `scene_messages` does it.
+    Behind the last sample the machine is drawn for Foxglove.
     """
 
-    def __init__(self, stream: IO[bytes], units: Mapping[str, str], metadata: Mapping[str, str]):
+    def __init__(
+        self,
+        stream: IO[bytes],
+        units: Mapping[str, str],
+        metadata: Mapping[str, str],
+        draw: Draw | None = None,
+    ):
         """Writes what comes before the first sample.
 
         Args:
             stream: open for writing.
             units: units of each port, in the order in which `write` is given them.
             metadata: data about the run.
+            draw: draws the machine; None: it is not drawn.
 
         Raises:
             MissingExtra: mcap is not installed.
         """
-        self._stream, self._names, self._metadata = stream, [*units], dict(metadata)
+        self._stream, self._names, self._drawing = stream, [*units], draw
         self._writer = need("mcap.writer").Writer(stream, use_chunking=False)
         self._writer.start(profile="", library="parapod")
         self._writer.add_metadata("parapod", dict(metadata))
@@ -105,23 +142,15 @@ class McapWriter:
             (stamp, t, {n: np.array(v) for n, v in zip(self._names, values, strict=True)})
             for stamp, t, values in self._pictures.rows
         ]
-        if not pictures or "experiment" not in self._metadata:
+        if not pictures or self._drawing is None:
             return
-        # Drake, which the process that writes for a moving machine does without.
-        from parapod.sims.lab.scene_messages import scene_messages, schema_of
-        from parapod.sims.lab.subject import Subject
-
         shapes = {name: value.shape for name, value in pictures[0][2].items()}
-        subject = Subject.of("log", shapes, self._metadata)
-        if subject.undrawn:
-            raise ParapodError(subject.undrawn)
         channels: dict[str, int] = {}
-        for number, message in enumerate(scene_messages(subject, pictures)):
+        for number, message in enumerate(self._drawing(shapes, pictures)):
             if message.topic not in channels:
-                name, encoding, data = schema_of(message.topic)
-                schema = self._writer.register_schema(name, encoding, data)
+                schema = self._writer.register_schema(*message.schema)
                 channels[message.topic] = self._writer.register_channel(
-                    message.topic, encoding, schema, {}
+                    message.topic, message.schema.encoding, schema, {}
                 )
             self._writer.add_message(
                 channels[message.topic], message.stamp, message.data, message.stamp, number
@@ -134,6 +163,7 @@ def write_mcap(
     signals: Mapping[str, ArrayLike],
     units: Mapping[str, str],
     metadata: Mapping[str, str],
+    draw: Draw | None = None,
 ) -> None:
     """Writes the log of a simulation, whose messages are stamped with the simulated time.
 
@@ -143,6 +173,7 @@ def write_mcap(
         signals: port name -> (n, ...) samples; each becomes a list of numbers.
         units: port name -> unit.
         metadata: data about the run.
+        draw: draws the machine; None: it is not drawn.
 
     Raises:
         OutputError: the file cannot be written.
@@ -153,7 +184,7 @@ def write_mcap(
     rows = [array.reshape(len(times), -1) for array in arrays]
     lists = [row.tolist() for row in rows]
     with atomic_output(path) as temporary, open(temporary, "wb") as stream:
-        writer = McapWriter(stream, units, metadata)
+        writer = McapWriter(stream, units, metadata, draw)
         for k, t in enumerate(times.tolist()):
             writer.write(round(1e9 * t), t, [each[k] for each in lists])
         writer.finish()

@@ -14,8 +14,9 @@ from rich.console import Console
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.drivers.external import load_installed_drivers
 from parapod.sims.lab.discovery import find_entry, list_entries
-from parapod.sims.lab.experiment import Experiment, RunOptions
-from parapod.sims.lab.results import Result
+from parapod.sims.lab.experiment import Experiment
+from parapod.sims.output.options import RunOptions
+from parapod.sims.output.results import Result
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.core.schema import check

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +22,8 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 
 from parapod.diagrams.twin import MEASURED, PALE
-from parapod.sims.lab.subject import Subject
-from parapod.sims.lab.thinning import Floats
+from parapod.sims.output.drawn import DrawnLog
+from parapod.sims.output.logs.mcap import Message, Picture, Schema
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.extras import need
 
@@ -34,26 +33,9 @@ _GREY = Rgba(0.8, 0.8, 0.8, 1.0)
 # Somebody waits for the log: drawings whose poses take longer are made with fewer pictures [s].
 _PATIENCE, _TRIED = 8.0, 10
 
-type Picture = tuple[int, float, Mapping[str, Floats]]
 
-
-@dataclass(frozen=True)
-class Message:
-    """One message.
-
-    Attributes:
-        topic: `FRAMES` or `SCENE`.
-        stamp: its time [ns].
-        data: its content.
-    """
-
-    topic: str
-    stamp: int
-    data: bytes
-
-
-def schema_of(topic: str) -> tuple[str, str, bytes]:
-    """Name, encoding and text of the schema of a topic, as Foxglove publishes it.
+def schema_of(topic: str) -> Schema:
+    """The schema of a topic, as Foxglove publishes it.
 
     Raises:
         MissingExtra: Foxglove's package is not installed.
@@ -61,14 +43,14 @@ def schema_of(topic: str) -> tuple[str, str, bytes]:
     kinds = need("foxglove.messages")
     kind = {FRAMES: kinds.FrameTransforms, SCENE: kinds.SceneUpdate}[topic]
     schema = kind.get_schema()
-    return schema.name, schema.encoding, bytes(schema.data)
+    return Schema(schema.name, schema.encoding, bytes(schema.data))
 
 
-def scene_messages(subject: Subject, pictures: Sequence[Picture]) -> Iterator[Message]:
+def scene_messages(drawn: DrawnLog, pictures: Sequence[Picture]) -> Iterator[Message]:
     """The bodies, once, and where they are in each picture.
 
     Args:
-        subject: tells the machine; it must not be undrawn.
+        drawn: the machine and its signals.
         pictures: stamp [ns], time [s] and samples of the log's signals.
 
     Raises:
@@ -78,17 +60,19 @@ def scene_messages(subject: Subject, pictures: Sequence[Picture]) -> Iterator[Me
     if not pictures:
         return
     need("foxglove.messages")
-    make: Any = subject.twin
-    twin = make(None, subject.machine_scenario())
-    yield Message(SCENE, pictures[0][0], _bodies(twin.scene_graphs(), pictures[0][0]))
+    twin = drawn.make()
+    schemas = {topic: schema_of(topic) for topic in (SCENE, FRAMES)}
+    yield Message(
+        SCENE, schemas[SCENE], pictures[0][0], _bodies(twin.scene_graphs(), pictures[0][0])
+    )
     began, step = time.monotonic(), 1
     for number, (stamp, t, row) in enumerate(pictures):
         if number == _TRIED:
             needed = (time.monotonic() - began) / _TRIED * len(pictures)
             step = max(1, round(needed / _PATIENCE + 0.5))
         if number % step == 0:
-            twin.show(subject.values(row), t)
-            yield Message(FRAMES, stamp, _poses(twin.scene_graphs(), stamp))
+            twin.show(drawn.values(row), t)
+            yield Message(FRAMES, schemas[FRAMES], stamp, _poses(twin.scene_graphs(), stamp))
 
 
 def _frames(graph: SceneGraph) -> Iterator[tuple[FrameId, str]]:

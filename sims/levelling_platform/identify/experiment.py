@@ -35,12 +35,9 @@ from parapod.diagrams.machine import Limits
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.sims.lab.bench import Bench
-from parapod.sims.lab.experiment import Experiment, LogDrawing, Logged
-from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.results import Metric
-from parapod.sims.levelling_platform.driven import make_simulator, on_level_ground
-from parapod.sims.levelling_platform.steps_in_turn import LIFTED, record_in_turn
-from parapod.sims.levelling_platform.voltage_steps import (
+from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.levelling_platform.identify.measured import LIFTED, record_in_turn
+from parapod.sims.levelling_platform.identify.steps import (
     FEWEST_SAMPLES,
     NOMINAL,
     Recording,
@@ -52,6 +49,10 @@ from parapod.sims.levelling_platform.voltage_steps import (
     separate_friction,
     step_duration,
 )
+from parapod.sims.levelling_platform.leg_job import make_simulator, on_level_ground
+from parapod.sims.output.drawn import LogDrawing
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
 from parapod.systems.actuators.linear_actuator import LinearActuator
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity

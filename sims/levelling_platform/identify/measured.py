@@ -13,6 +13,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import named_source
 from parapod.sims.lab.bench import Bench
+from parapod.sims.levelling_platform.identify.steps import Recording, StepsScenario, eased_schedule
 from parapod.sims.levelling_platform.leg_job import (
     AT_REST,
     LegJob,
@@ -20,7 +21,6 @@ from parapod.sims.levelling_platform.leg_job import (
     carry_out,
     refuse_beginning,
 )
-from parapod.sims.levelling_platform.voltage_steps import Recording, StepsScenario, eased_schedule
 from parapod.systems.levelling_platform.eased_legs import easing_time
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 

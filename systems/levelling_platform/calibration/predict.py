@@ -5,10 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.sims.levelling_platform.poses import (
-    Machine,
-    SimulatedPoses,
-)
 from parapod.systems.levelling_platform.calibration.equations import (
     Tolerances,
     ground_in_heading,
@@ -90,22 +86,6 @@ def compare(
         feet = _foot_errors(nominal, read, posture, error, ground)
         predictions.append(Prediction(error[standing], feet[standing]))
     return Comparison(*predictions)
-
-
-def compare_with_truth(
-    calibration: Calibration, nominal: PlatformGeometry, poses: SimulatedPoses
-) -> Comparison:
-    """Predicted against true postures, on ground that is known."""
-    return compare(calibration, nominal, poses.recording, poses.posture, poses.ground)
-
-
-def compare_with_sensor(
-    calibration: Calibration, nominal: PlatformGeometry, poses: SimulatedPoses, machine: Machine
-) -> Comparison:
-    """Predicted postures against those that a noise-free, corrected inertial sensor shows."""
-    shown = poses.posture.copy()
-    shown[:, :2] += machine.bias - calibration.bias
-    return compare(calibration, nominal, poses.recording, shown, poses.ground)
 
 
 def cross_validate(

@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from parapod.sims.lab.experiment import Logged
-from parapod.sims.lab.files import read_log
+from parapod.sims.levelling_platform.calibrate.scenario import CalibrateScenario
+from parapod.sims.output.logs.files import read_log
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
 from parapod.systems.levelling_platform.calibration.equations import ground_in_heading
@@ -20,9 +21,6 @@ from parapod.systems.levelling_platform.geometry import (
 )
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, passive_extension
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
-
-if TYPE_CHECKING:
-    from parapod.sims.levelling_platform.calibrate import CalibrateScenario
 
 type Floats = NDArray[np.float64]
 
@@ -69,7 +67,7 @@ class SimulatedPoses:
         return SimulatedPoses(self.recording[poses], self.posture[poses], self.ground[poses])
 
 
-def draw_machine(scenario: "CalibrateScenario", random: np.random.Generator) -> Machine:
+def draw_machine(scenario: CalibrateScenario, random: np.random.Generator) -> Machine:
     """A machine whose every dimension, offset and bias is uniform within its tolerance."""
     tolerances = scenario.tolerances.tolerances
     deviations = drawn_deviations(random, tolerances.length, tolerances.angle)
@@ -81,7 +79,7 @@ def draw_machine(scenario: "CalibrateScenario", random: np.random.Generator) -> 
 
 
 def record(
-    scenario: "CalibrateScenario", machine: Machine, random: np.random.Generator
+    scenario: CalibrateScenario, machine: Machine, random: np.random.Generator
 ) -> tuple[SimulatedPoses, SimulatedPoses]:
     """The poses to calibrate with, and the poses to validate with.
 
@@ -110,7 +108,7 @@ def record(
 
 
 def _measured(
-    scenario: "CalibrateScenario",
+    scenario: CalibrateScenario,
     machine: Machine,
     random: np.random.Generator,
     extension: Floats,
@@ -198,7 +196,7 @@ def pose_signals(recording: PoseRecording) -> Logged:
     return _PERIOD * np.arange(len(recording)), signals
 
 
-def read_recording(path: Path, scenario: "CalibrateScenario") -> PoseRecording:
+def read_recording(path: Path, scenario: CalibrateScenario) -> PoseRecording:
     """Reads recorded poses.
 
     Ground that the file does not have is the scenario's, if that is known.

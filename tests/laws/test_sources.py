@@ -1,7 +1,6 @@
-"""Who may import whom: arrows between the rooms point one way."""
+"""Texts of the sources, and places of tests."""
 
 import ast
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -9,44 +8,19 @@ import pytest
 ROOT = Path(__file__).parents[2]
 MARK = "mark." + "real_time"
 ROOMS = ("systems", "diagrams", "sims", "urdf", "benchmarks", "examples")
-# By rooms, what their modules import neither as a whole nor in part.
-FORBIDDEN = {
-    ("systems",): ("parapod.diagrams", "parapod.sims"),
-    ("diagrams", "urdf"): ("parapod.sims",),
-    ("systems", "diagrams", "sims", "urdf", "benchmarks", "tests"): (
-        *("pydrake.all", "systems", "diagrams", "sims", "urdf"),
-    ),
-}
 
 
-@cache
-def told(path):
-    """Names that a module imports, and first words of docstrings by what they are of."""
-    names, words = set(), []
+def first_words(path):
+    """First words of a file's docstrings, each with the name of what it is of."""
     for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path} imports relatively"
-            names |= {f"{node.module}.{alias.name}" for alias in node.names}
-        elif isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
             text = ast.get_docstring(node, clean=False) or "None"
-            words.append((getattr(node, "name", "the module"), text.split()[0]))
-    return names, words
-
-
-@pytest.mark.parametrize(("rooms", "forbidden"), FORBIDDEN.items())
-def test_rooms_import_what_is_below_them(rooms, forbidden):
-    sources = [path for room in rooms for path in sorted((ROOT / room).rglob("*.py"))]
-    assert len(sources) > 5 * len(rooms)
-    for path in sources:
-        for name in told(path)[0]:
-            assert not f"{name}.".startswith(tuple(f"{prefix}." for prefix in forbidden)), path
+            yield getattr(node, "name", "the module"), text.split()[0]
 
 
 def test_docstrings_begin_with_an_imperative_or_a_noun():
     for path in (p for room in ROOMS for p in (ROOT / room).rglob("*.py")):
-        for name, first in told(path)[1]:
+        for name, first in first_words(path):
             assert first not in ("What", "How", "Of", "As", "With", "Where", "When", "Why"), (
                 f"{path.name}: {name} begins with '{first}'"
             )

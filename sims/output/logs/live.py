@@ -9,8 +9,6 @@ at its other end has ended, and leaves a whole file.
 import fcntl
 import json
 import os
-import select
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,23 +19,22 @@ from typing import Any, Self
 
 import numpy as np
 
-from parapod.sims.lab.companion import PIECE, Companion, told
-from parapod.sims.lab.files import check_writable
-from parapod.sims.lab.mcap import McapWriter
-from parapod.systems.core.errors import OutputError, ParapodError
+from parapod.sims.output.atomic import check_writable
+from parapod.sims.output.companion import Companion
+from parapod.systems.core.errors import OutputError
 from parapod.systems.core.extras import need
 from parapod.systems.core.quoting import quoted_path
 from parapod.systems.hardware.clock import calendar_time_ns
 
 # Longest time for which what has been read is not in the file [s].
-_FLUSH_PERIOD = 0.2
+FLUSH_PERIOD = 0.2
 _CAPACITY = 1 << 20  # of the pipe, as much as the kernel gives to everybody [bytes]
 # How long the process may take to begin, and to write what is left with the drawing [s]; how often
 # one looks.
 _BEGINNING, _ENDING, _LOOK = 60.0, 60.0, 0.01
-_READY = b"ready\n"
+READY = b"ready\n"
 # Numbers before those of the ports: stamp [ns], as bits of an integer, and time.
-_HEAD = 2
+HEAD = 2
 
 
 class LiveLog:
@@ -80,9 +77,9 @@ class LiveLog:
         self._path, self._tell = path, tell
         described = {"path": str(path.absolute()), "units": dict(units), "sizes": [*sizes]}
         self._beginning = json.dumps(described | {"metadata": dict(metadata)})
-        self._row = np.zeros(_HEAD + sum(sizes))
+        self._row = np.zeros(HEAD + sum(sizes))
         self._stamp = self._row.view(np.int64)
-        self._places = list(_parts(self._row, sizes))
+        self._places = list(parts(self._row, sizes))
         self._rest, self._wrong = b"", ""
         self._is_broken = False  # the process has ended before the log
 
@@ -126,10 +123,10 @@ class LiveLog:
             self._tell(self._wrong)
 
     def __enter__(self) -> Self:
-        self._companion = Companion("parapod.sims.lab.live_log", self._beginning)
+        self._companion = Companion("parapod.sims.lab.log_process", self._beginning)
         self.process, self._pipe = self._companion.pid, self._companion.sink
         said = self._companion.answer(_BEGINNING)
-        if said != _READY:
+        if said != READY:
             self._companion.end(_ENDING)
             reason = said.decode(errors="replace").strip() or "its process does not begin"
             raise OutputError(f"cannot write {quoted_path(self._path)}: {reason}", self._path)
@@ -168,52 +165,9 @@ class LiveLog:
             self._fail(line.decode(errors="replace").strip())
 
 
-def _parts(row: Any, sizes: Sequence[int]) -> Iterator[Any]:
+def parts(row: Any, sizes: Sequence[int]) -> Iterator[Any]:
     """The places of each port's numbers in a row."""
-    end = _HEAD
+    end = HEAD
     for size in sizes:
         begin, end = end, end + size
         yield row[begin:end]
-
-
-def _write_all() -> None:
-    """Writes what comes through a pipe to the file that is named at its beginning."""
-    source, beginning, rest = told()
-    described = json.loads(beginning)
-    sizes = described["sizes"]
-    length = 8 * (_HEAD + sum(sizes))
-    with open(described["path"], "wb") as stream:
-        writer = McapWriter(stream, described["units"], described["metadata"])
-        stream.flush()
-        os.write(sys.stdout.fileno(), _READY)
-        flushed = time.monotonic()
-        is_over = False
-        while not is_over:
-            if select.select([source], [], [], _FLUSH_PERIOD)[0]:
-                piece = os.read(source, PIECE)
-                rest, is_over = rest + piece, not piece
-            whole = len(rest) - len(rest) % length
-            for begin in range(0, whole, length):
-                row = np.frombuffer(rest, count=length // 8, offset=begin)
-                values = [part.tolist() for part in _parts(row, sizes)]
-                writer.write(int(row.view(np.int64)[0]), float(row[1]), values)
-            rest = rest[whole:]
-            if time.monotonic() - flushed >= _FLUSH_PERIOD:
-                stream.flush()
-                flushed = time.monotonic()
-        writer.finish()
-
-
-def main() -> int:
-    """Writes a log in a process of its own; its exit code."""
-    try:
-        _write_all()
-    except (OSError, ParapodError) as error:
-        reason = getattr(error, "strerror", None) or error
-        os.write(sys.stdout.fileno(), f"{reason}\n".encode())
-        return 1
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -8,19 +8,36 @@ drifts or turns as a whole, moves neither; nobody on board sees it.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.systems.framework import System
+from pydrake.trajectories import PiecewisePolynomial
+
+from parapod.diagrams.levelling_platform.scenario import (
+    LevellingScenario,
+)
+from parapod.diagrams.wiring import named_source
+from parapod.sims.lab.bench import Bench
+from parapod.sims.levelling_platform.leg_job import AT_REST
+from parapod.sims.levelling_platform.slip.scenario import (
+    SlipScenario,
+    lift_trajectory,
+    swing_trajectory,
+)
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
+from parapod.systems.levelling_platform.kinematics import forward_kinematics
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+from typing import TYPE_CHECKING
 
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.levelling_platform.model import geometry_as_known
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.lab.bench import Bench
-from parapod.sims.lab.figures import Figure
-from parapod.sims.lab.results import Metric
 from parapod.sims.levelling_platform.leg_job import (
-    AT_REST,
     STANDING,
     LegJob,
     LegWatch,
@@ -28,14 +45,13 @@ from parapod.sims.levelling_platform.leg_job import (
     refuse_unless_standing,
 )
 from parapod.systems.levelling_platform.eased_legs import easing_time
-from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
-from parapod.systems.levelling_platform.kinematics import forward_kinematics, unevenness
+from parapod.systems.levelling_platform.geometry import PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import unevenness
 from parapod.systems.levelling_platform.leg import foot_to_centre
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-    from parapod.sims.levelling_platform.slip import SlipScenario
 
 type Floats = NDArray[np.float64]
 
@@ -67,7 +83,7 @@ class Times:
     end: float
 
     @classmethod
-    def of(cls, scenario: "SlipScenario", rest: float) -> "Times":
+    def of(cls, scenario: SlipScenario, rest: float) -> "Times":
         """The times of a scenario.
 
         Args:
@@ -159,7 +175,7 @@ class _LiftWatch(LegWatch):
 
 
 def measure_lift(
-    scenario: "SlipScenario", machine: LevellingScenario, times: Times, sources: Any, bench: Bench
+    scenario: SlipScenario, machine: LevellingScenario, times: Times, bench: Bench
 ) -> Measured:
     """Lifts a machine that stands on its feet, brakes it, and swings its arm if it has one.
 
@@ -167,14 +183,13 @@ def measure_lift(
         scenario: the scenario.
         machine: the machine.
         times: times of the job.
-        sources: makes the sources of what the legs and the arm are asked for.
         bench: runs the job.
 
     Raises:
         RefusedRequest: the machine does not stand on its feet; nothing has moved.
         Tripped: it tilts, or its guard has found what cannot be.
     """
-    job = LegJob(bench.name, partial(sources, scenario, times), times.end, _RATE)
+    job = LegJob(bench.name, partial(lift_sources, scenario, times), times.end, _RATE)
     watch = carry_out(job, machine, bench, _LiftWatch)
     control = machine.control
     return Measured(
@@ -188,6 +203,33 @@ def measure_lift(
     )
 
 
+def lift_sources(scenario: SlipScenario, times: Times) -> tuple[System, ...]:
+    """Sources for a real machine, which is brought to where the lift begins first."""
+    control = PiecewisePolynomial.ZeroOrderHold(
+        [0.0, AT_REST, times.braked, times.end + 1.0], [[0.0, 1.0, 0.0, 0.0]]
+    )
+    lift, swing = lift_trajectory(scenario), swing_trajectory(scenario)
+    for trajectory in (lift, swing):
+        trajectory.shiftRight(times.begin)
+    return (
+        named_source("extension_request", _held_before(lift), 1),
+        named_source("legs_enable", control),
+        named_source("arm.position_command", _held_before(swing)),
+    )
+
+
+def _held_before(trajectory: PiecewisePolynomial) -> PiecewisePolynomial:
+    """A trajectory that begins later, with its first value from 0 on."""
+    first = trajectory.value(trajectory.start_time())
+    held = PiecewisePolynomial.CubicHermite(
+        [0.0, trajectory.start_time()],
+        np.hstack([first, first]).tolist(),
+        [[0.0] * 2] * first.size,
+    )
+    held.ConcatenateInTime(trajectory)
+    return held
+
+
 def has_arm(machine: LevellingScenario) -> bool:
     """Whether a machine has an arm."""
     if machine.backend != "hardware":
@@ -197,7 +239,7 @@ def has_arm(machine: LevellingScenario) -> bool:
 
 
 def measured_metrics(
-    scenario: "SlipScenario", data: Measured, bounds: tuple[float, float, float]
+    scenario: SlipScenario, data: Measured, bounds: tuple[float, float, float]
 ) -> Iterator[Metric]:
     """Everything that is measured.
 

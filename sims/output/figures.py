@@ -5,27 +5,15 @@ import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from parapod.sims.lab.files import atomic_output, check_folder
+from parapod.sims.output.atomic import atomic_output, check_folder
+from parapod.sims.output.style import style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-# Colours that stay apart in print and for the colour-blind (Okabe and Ito), in order of use.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 FORMATS = ("svg", "png", "pdf")
-_STYLE: dict[Any, Any] = {
-    "font.size": 9.0,
-    "axes.grid": True,
-    "grid.alpha": 0.3,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "lines.linewidth": 1.2,
-    "svg.fonttype": "none",  # text stays text
-    "svg.hashsalt": "parapod",  # the same figure gives the same file
-}
 # Size of a caption's letters [point], their mean width and the distance of lines by that size.
 _CAPTION_SIZE, _LETTER, _LINE = 8.0, 0.58, 1.3
 _POINTS = 72.0  # to an inch
@@ -87,13 +75,6 @@ def render(figure: Figure, suffix: str = "svg", with_caption: bool = False) -> b
     with rc_context(style()):
         canvas.savefig(buffer, format=suffix, metadata=metadata, dpi=150, bbox_inches=box)
     return buffer.getvalue()
-
-
-def style() -> dict[Any, Any]:
-    """Settings of Matplotlib for all figures."""
-    from cycler import cycler
-
-    return {**_STYLE, "axes.prop_cycle": cycler(color=COLOURS)}
 
 
 def _add_caption(canvas: "Canvas", figure: Figure) -> float:

@@ -1,0 +1,1 @@
+"""The levelling platform: calibration from poses, simulated, led, or of a file."""

@@ -1,0 +1,1 @@
+"""The levelling platform: identification of its actuators from voltage steps."""

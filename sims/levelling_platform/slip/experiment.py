@@ -1,0 +1,151 @@
+"""Measure the slip of the feet while the legs lift the platform and while the arm swings.
+
+Section 7 of the paper, Fig. 23. The legs raise the platform at level attitude; once it has settled
+the actuators are braked, at 0 V behind self-locking screws, and the arm swings. The solver's own
+creep, which the arm has no part in, is measured apart, on an inclined ground. Of a real machine,
+which has to stand on its feet on level ground, as much is measured as its own sensors tell.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.scenario import (
+    LevellingScenario,
+    SensorScenario,
+)
+from parapod.sims.lab.bench import Bench
+from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.levelling_platform.slip.measured import (
+    Measured,
+    Times,
+    measure_lift,
+    measured_figures,
+    measured_metrics,
+    measured_notes,
+)
+from parapod.sims.levelling_platform.slip.scenario import BEGIN, SlipScenario
+from parapod.sims.levelling_platform.slip.simulated import (
+    CREEP_STEPS,
+    Recording,
+    creep,
+    creep_metrics,
+    figures,
+    lift_and_swing,
+    lift_metrics,
+    slip_metrics,
+)
+from parapod.sims.output.drawn import LogDrawing
+from parapod.sims.output.figures import Figure
+from parapod.sims.output.results import Metric
+from parapod.systems.core.errors import ScenarioError, UnreachablePosture
+from parapod.systems.levelling_platform.kinematics import inverse_kinematics
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+
+if TYPE_CHECKING:
+    pass
+
+_HEIGHT_BOUND = 0.1  # [mm]
+_ACTUATOR_SLIP = (1.0, 20.0)  # while the legs lift, which is the curve of the feet [mm]
+_LEVEL = (0.0, 0.0)  # roll and pitch of the ground [rad]
+_NOTES = (
+    "The creep is the solver's: its friction is regularised, so that a foot under a tangential "
+    "force never quite stands still. It carries the whole platform down the slope, not its "
+    "posture. With full legs it goes with the time step from 2 ms on; at 1 ms, and with reduced "
+    "legs at any step, it is at the floor that Drake's stiction tolerance of 0.1 mm/s sets for "
+    "lagged and similar contact; with sap, which has no such floor, it goes with the time step "
+    "throughout.",
+    "Most of the arm's slip is elastic and comes back; arm_slip_left_mm is what stays.",
+)
+
+
+@dataclass(frozen=True)
+class Slipped:
+    """Lift and swing, and the creep apart.
+
+    Attributes:
+        recording: the lift with the swing that follows it, or as a real machine measures it.
+        creep: speed of the support points on inclined ground for each of `CREEP_STEPS` [m/s];
+            empty for a real machine.
+    """
+
+    recording: Recording | Measured
+    creep: list[float]
+
+
+class Slip(Experiment[SlipScenario, Slipped]):
+    """Lifts, swings, and measures the creep apart."""
+
+    schema = SlipScenario
+    machine = PLATFORM
+    drawing = LogDrawing(
+        PLATFORM,
+        {"legs.extension": "truth.extension", "arm.position_command": "truth.arm_position"},
+        plots=("truth.posture[0:2]", "truth.posture[2]", "truth.extension", "truth.arm_position"),
+    )
+    backends = ("multibody", "hardware")
+    takes = "30 s"
+
+    def machine_scenario(self, scenario: SlipScenario) -> LevellingScenario:
+        """The machine with sensors as they are, for its emulation."""
+        return replace(scenario.machine, sensors=SensorScenario())
+
+    def check(self, scenario: SlipScenario) -> None:
+        """Refuses a height that the legs do not reach.
+
+        Raises:
+            ScenarioError: names the key.
+        """
+        key, height = "lift.height_mm", scenario.lift.height_mm
+        try:
+            inverse_kinematics(MODEL_GEOMETRY, (0.0, 0.0, 1e-3 * height), _LEVEL)
+        except UnreachablePosture as error:
+            raise ScenarioError(f"{key} = {height:g} is out of reach: {error}", key) from error
+
+    def run(self, scenario: SlipScenario, bench: Bench) -> Slipped:
+        """Lifts and swings on level ground, then stands still on a slope.
+
+        Raises:
+            RefusedRequest: a real machine that does not stand on its feet.
+        """
+        if scenario.backend == "hardware":
+            times = Times.of(scenario, BEGIN)
+            machine = scenario.machine
+            return Slipped(measure_lift(scenario, machine, times, bench), [])
+        recording = lift_and_swing(scenario, bench)
+        return Slipped(recording, [creep(scenario, step, bench) for step in CREEP_STEPS])
+
+    def logged(self, scenario: SlipScenario, data: Slipped) -> Logged:
+        """Signals of lift and swing."""
+        recording = data.recording
+        assert isinstance(recording, Recording)  # a real machine's log is written meanwhile
+        signals = {
+            "truth.support_points": (recording.feet, "m"),
+            "truth.posture": (recording.posture, "rad, rad, m"),
+            "truth.extension": (recording.extension, "m"),
+            "truth.arm_position": (recording.arm, "rad"),
+        }
+        return recording.time, signals
+
+    def measure(self, scenario: SlipScenario, data: Slipped) -> Iterator[Metric]:
+        """Slip of lift and swing, errors of the lift, creep by time step."""
+        if isinstance(data.recording, Measured):
+            bounds = (*_ACTUATOR_SLIP, _HEIGHT_BOUND)
+            yield from measured_metrics(scenario, data.recording, bounds)
+            return
+        yield from slip_metrics(scenario, data.recording)
+        yield from lift_metrics(scenario, data.recording)
+        yield from creep_metrics(scenario, data.creep)
+
+    def note(self, scenario: SlipScenario, data: Slipped) -> Iterable[str]:
+        """The creep's cause, or what a real machine does not see."""
+        if isinstance(data.recording, Measured):
+            return measured_notes(data.recording)
+        return _NOTES
+
+    def draw(self, scenario: SlipScenario, data: Slipped) -> Iterable[Figure]:
+        """Motion and slip (Fig. 23)."""
+        if isinstance(data.recording, Measured):
+            return measured_figures(data.recording)
+        return figures(scenario, data.recording)

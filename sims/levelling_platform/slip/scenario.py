@@ -1,0 +1,158 @@
+"""Scenario of a study of slip, and the movements of legs and arm in it."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
+
+from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.levelling_platform.scenario import (
+    ActuatorScenario,
+    ControlScenario,
+    LevellingScenario,
+    PlantScenario,
+    SensorScenario,
+    emulated_hardware,
+)
+from parapod.sims.levelling_platform.leg_job import on_level_ground
+from parapod.systems.core.schema import Schema, choice, quantity
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
+from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
+from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+
+if TYPE_CHECKING:
+    pass
+
+BEGIN = 0.5  # at rest before the lift, and before the creep counts [s]
+_LEVEL = (0.0, 0.0)  # roll and pitch of the ground [rad]
+
+
+@dataclass
+class LiftScenario(Schema):
+    """The lift, at level attitude.
+
+    Attributes:
+        initial_extension_mm: extension of all legs at the beginning [mm].
+        height_mm: height at the end, above the ground's plane [mm].
+        duration: duration of the lift [s].
+        settle: time from the end of the lift until the actuators are braked, so that they arrive
+            first [s].
+        rest: time with braked actuators until the arm swings [s].
+    """
+
+    initial_extension_mm: float = quantity(410.0, 390.0, 420.0)
+    height_mm: float = quantity(520.0, 395.0, 600.0)
+    duration: float = quantity(4.0, 0.5, 60.0)
+    settle: float = quantity(1.0, 0.0, 60.0)
+    rest: float = quantity(1.0, 0.1, 60.0)
+
+
+@dataclass
+class SwingScenario(Schema):
+    """The arm's swing.
+
+    Attributes:
+        angle_deg: angle forward from upright [deg].
+        duration: duration of the swing [s].
+        rest: time at rest after the swing [s].
+    """
+
+    angle_deg: float = quantity(45.0, -90.0, 90.0)
+    duration: float = quantity(1.0, 0.1, 60.0)
+    rest: float = quantity(1.0, 0.0, 60.0)
+
+
+@dataclass
+class CreepScenario(Schema):
+    """The solver's creep on inclined ground, at time steps of 1, 2 and 4 ms.
+
+    Attributes:
+        pitch_deg: pitch of the ground [deg].
+        duration: time over which the creep is measured [s].
+    """
+
+    pitch_deg: float = quantity(5.0, 0.5, 10.0)
+    duration: float = quantity(1.0, 0.1, 60.0)
+
+
+@dataclass
+class SlipScenario(Schema):
+    """One study of slip.
+
+    The legs lift the level platform; once it has settled the actuators are braked and the arm
+    swings: section 7, Fig. 23.
+
+    Attributes:
+        backend: plant: "multibody"; or the real machine, "hardware".
+        seed: seed of the errors of gains and dimensions.
+        lift: see `LiftScenario`.
+        arm: see `SwingScenario`.
+        creep: see `CreepScenario`.
+        plant: see `PlantScenario`; the creep is measured at time steps of its own.
+        actuators: see `ActuatorScenario`.
+        control: see `ControlScenario`; its position controllers lift the platform.
+        hardware: see `HardwareScenario`; the defaults are the emulated devices.
+    """
+
+    backend: str = choice("multibody", ("multibody", "hardware"))
+    seed: int = quantity(0, 0, 2**31 - 1)
+    lift: LiftScenario = field(default_factory=LiftScenario)
+    arm: SwingScenario = field(default_factory=SwingScenario)
+    creep: CreepScenario = field(default_factory=CreepScenario)
+    plant: PlantScenario = field(default_factory=PlantScenario)
+    actuators: ActuatorScenario = field(default_factory=ActuatorScenario)
+    control: ControlScenario = field(default_factory=ControlScenario)
+    hardware: HardwareScenario = field(default_factory=emulated_hardware)
+
+    @property
+    def machine(self) -> LevellingScenario:
+        """The machine with perfect sensors on level ground."""
+        perfect = SensorScenario(0.0, False, 0.0, 0.0, 0.0)
+        return on_level_ground(self, perfect, self.lift.initial_extension_mm)
+
+    @property
+    def braked_at(self) -> float:
+        """Time at which the lift has settled and the actuators are braked [s]."""
+        return BEGIN + self.lift.duration + self.lift.settle
+
+    @property
+    def swing_at(self) -> float:
+        """Time at which the arm begins to swing [s]."""
+        return self.braked_at + self.lift.rest
+
+    @property
+    def end(self) -> float:
+        """End of the study [s]."""
+        return self.swing_at + self.arm.duration + self.arm.rest
+
+
+def lift_trajectory(scenario: SlipScenario) -> PiecewisePolynomial:
+    """Extensions (4) that raise the level platform from rest to rest [m].
+
+    Raises:
+        UnreachablePosture: a height outside the stroke.
+    """
+    start = np.full(LEG_COUNT, 1e-3 * scenario.lift.initial_extension_mm)
+    low = forward_kinematics(MODEL_GEOMETRY, start, _LEVEL)[2]
+    high = 1e-3 * scenario.lift.height_mm
+    times = np.linspace(0.0, 1.0, 21)
+    heights = low + (high - low) * times**2 * (3.0 - 2.0 * times)
+    postures = np.column_stack([np.zeros((times.size, 2)), heights])
+    extensions = inverse_kinematics(MODEL_GEOMETRY, postures, _LEVEL)
+    knots = [0.0, *(BEGIN + scenario.lift.duration * times), scenario.end + 1.0]
+    values = [row[:, None] for row in (extensions[0], *extensions, extensions[-1])]
+    return PiecewisePolynomial.CubicShapePreserving(knots, values, True)
+
+
+def control_trajectory(scenario: SlipScenario) -> PiecewisePolynomial:
+    """1 while the actuators are controlled, 0 once they are braked."""
+    knots = [0.0, scenario.braked_at, scenario.end + 1.0]
+    return PiecewisePolynomial.ZeroOrderHold(knots, [[1.0, 0.0, 0.0]])
+
+
+def swing_trajectory(scenario: SlipScenario) -> PiecewisePolynomial:
+    """Angle of the arm: a cubic from rest to rest [rad]."""
+    start, angle = scenario.swing_at, np.radians(scenario.arm.angle_deg)
+    knots = [0.0, start, start + scenario.arm.duration, scenario.end + 1.0]
+    return PiecewisePolynomial.CubicHermite(knots, [[0.0, 0.0, angle, angle]], [[0.0] * 4])

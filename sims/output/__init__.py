@@ -1,0 +1,1 @@
+"""Output of runs: figures, metrics, progress, files and logs."""

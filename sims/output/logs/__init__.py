@@ -1,0 +1,1 @@
+"""Logs of runs: written, read again, and drawn."""
