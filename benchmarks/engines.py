@@ -34,9 +34,9 @@ from rich.table import Table
 
 from benchmarks.merged import Machine, Merger
 from parapod.diagrams.levelling_platform.model import add_platform
+from parapod.diagrams.style import COLOURS
 from parapod.sims.output.atomic import atomic_output
 from parapod.sims.output.figures import Figure, render
-from parapod.sims.output.style import COLOURS
 from parapod.systems.core.extras import need
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics

@@ -11,13 +11,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, System
 
 from parapod.diagrams.faults import FaultTarget, targets_of
 from parapod.diagrams.guard import Guard
 from parapod.diagrams.homing import Homing
+from parapod.diagrams.plots import Limits
 from parapod.diagrams.ports import Behind, Out, Port
 from parapod.diagrams.twin import Twin
 from parapod.systems.core.errors import ParapodError, ScenarioError, WiringError
@@ -25,9 +26,6 @@ from parapod.systems.core.installed import installed
 from parapod.systems.core.schema import Schema, plain, quantity
 
 _STATUS = ("status.age", "status.fault")
-
-# Smallest and largest admissible value by signal; see `Machine.limits`.
-type Limits = Mapping[str, tuple[ArrayLike | None, ArrayLike | None]]
 
 
 @dataclass(frozen=True)

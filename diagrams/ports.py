@@ -9,6 +9,7 @@ import numpy as np
 from pydrake.systems.framework import Context, InputPort, OutputPort
 
 from parapod.systems.core.errors import WiringError
+from parapod.systems.core.units import units_of
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,7 @@ class Port:
     Attributes:
         name: `<part>.<signal>` at the station; any name elsewhere.
         size: number of elements; 0 for a signal whose size the declaration leaves open.
-        unit: unit of all elements, or of each separated by commas; these come again, in this
-            order, where there are more elements.
+        unit: unit of all elements, or of each separated by commas, as `units_of` has it.
         meaning: one line.
         direction: "in" and "out" as the station has it; "truth" for what only a simulation
             knows; "inner" for signals of controller and commands.
@@ -73,6 +73,11 @@ class Port:
         for what in ("name", "unit", "meaning"):
             if not getattr(self, what).strip():
                 raise WiringError(f"port {self.name!r} of size {self.size} has no {what}")
+        if self.size:
+            try:
+                units_of(self.unit, self.size)
+            except ValueError as error:
+                raise WiringError(f"port {self.name!r}: {error}") from None
 
     @property
     def part(self) -> str:

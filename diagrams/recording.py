@@ -73,17 +73,19 @@ class Recording(Mapping[str, Floats]):
         signals = {name: samples[later] for name, samples in self.signals.items()}
         return replace(self, time=self.time[later], signals=signals)
 
-    def plot(self, *names: str) -> "Chart":
+    def plot(self, *plots: str) -> "Chart":
         """Draws signals over time, one below the other; a Matplotlib figure that shows itself.
 
-        Elements of different units have drawings of their own, and angles are in degrees.
+        Elements of different units have plots of their own, in the units that people read: mm
+        and deg.
 
         Args:
-            names: signals; none for all of them.
+            plots: `signal`, `signal[0]` or `signal[0:3]`, several joined by + in one plot; none
+                for all signals.
 
         Raises:
-            ParapodError: a signal that was not recorded.
+            ParapodError: a signal that was not recorded, or an element that there is not.
         """
         from parapod.diagrams.chart import plot_signals
 
-        return plot_signals(self.time, {name: self[name] for name in names or self}, self.units)
+        return plot_signals(self.time, self.signals, self.units, plots or tuple(self))

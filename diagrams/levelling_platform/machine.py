@@ -18,7 +18,8 @@ from parapod.diagrams.levelling_platform.plants import add_bodies, add_mock, add
 from parapod.diagrams.levelling_platform.ports import PARTS, PORTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.twin import PlatformTwin
-from parapod.diagrams.machine import Limits, Machine, SelfTest
+from parapod.diagrams.machine import Machine, SelfTest
+from parapod.diagrams.plots import Limits
 from parapod.diagrams.wiring import named_source
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.levelling_platform.scripts import PostureScript, Waypoint

@@ -7,13 +7,14 @@ from typing import Any
 from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
-from parapod.diagrams.machine import Limits, Machine, SelfTest
+from parapod.diagrams.machine import Machine, SelfTest
 from parapod.diagrams.machining_center.controller import make_controller
 from parapod.diagrams.machining_center.guard import CenterGuard, CenterLimits
 from parapod.diagrams.machining_center.plants import add_bodies, add_kinematics, add_mock
 from parapod.diagrams.machining_center.ports import PARTS, ports_of_limbs
 from parapod.diagrams.machining_center.scenario import CenterScenario
 from parapod.diagrams.machining_center.twin import CenterTwin
+from parapod.diagrams.plots import Limits
 from parapod.diagrams.wiring import named_source
 
 # Longest time after which somebody has a job end [s].

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from parapod.diagrams.machine import Limits, Machine, SelfTest
+from parapod.diagrams.machine import Machine, SelfTest
+from parapod.diagrams.plots import Limits
 from parapod.diagrams.terrain_simulator.controller import make_controller
 from parapod.diagrams.terrain_simulator.guard import BenchGuard, BenchLimits
 from parapod.diagrams.terrain_simulator.plants import add_bodies, add_kinematics, add_mock

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from parapod.diagrams.machine import Limits, Machine, SelfTest
+from parapod.diagrams.machine import Machine, SelfTest
+from parapod.diagrams.plots import Limits
 from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.guard import ChairGuard
 from parapod.diagrams.walking_chair.homing import LEGS

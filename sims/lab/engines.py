@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from parapod.diagrams.style import COLOURS
 from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.run import Run, realtime_metric
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
-from parapod.sims.output.style import COLOURS
 from parapod.systems.core.errors import ScenarioError
 
 if TYPE_CHECKING:

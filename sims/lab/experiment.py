@@ -27,7 +27,8 @@ from pydrake.systems.framework import Context
 from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.machine import Limits, Machine
+from parapod.diagrams.machine import Machine
+from parapod.diagrams.plots import Limits
 from parapod.sims.lab.bench import Bench, make_viewer, write_graphviz
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Monitor, Run

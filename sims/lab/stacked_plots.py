@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from parapod.sims.lab.plots import Plot
-from parapod.sims.output.style import COLOURS
+from parapod.diagrams.plots import Plot
+from parapod.diagrams.style import COLOURS
 from parapod.systems.core.extras import need
 
 # Height of a plot, and of what stands above all of them and below [pixel].

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from parapod.diagrams.machine import Limits, Machine
-from parapod.sims.lab.plots import Signals, choose, usual
+from parapod.diagrams.machine import Machine
+from parapod.diagrams.plots import Limits, Signals, choose, usual
 from parapod.sims.lab.stacked_plots import axis, black, layout, limit_line, traces
 from parapod.systems.core.extras import need
 

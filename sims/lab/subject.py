@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from parapod.diagrams.drivers.external import load_installed_drivers
-from parapod.diagrams.machine import Limits, Machine
+from parapod.diagrams.machine import Machine
+from parapod.diagrams.plots import Limits
 from parapod.sims.lab.discovery import find_experiment
 from parapod.sims.lab.experiment import Experiment
 from parapod.sims.output.drawn import DrawnLog, LogDrawing

@@ -19,13 +19,13 @@ from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM, make_job_sources
 from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import BODIES, ControlScenario, LevellingScenario
+from parapod.diagrams.style import COLOURS
 from parapod.sims.lab.bench import Live, make_viewer, simulate
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import ReadOut
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
-from parapod.sims.output.style import COLOURS
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
 from parapod.systems.levelling_platform.geometry import PlatformGeometry

@@ -15,12 +15,12 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.machining_center.bench import CenterBench, make_center_bench
+from parapod.diagrams.style import COLOURS
 from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.progress import counted
 from parapod.sims.output.results import Metric
-from parapod.sims.output.style import COLOURS
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_center.geometry import CenterGeometry

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from parapod.diagrams.machine import Limits
 from parapod.diagrams.machining_center.scenario import CenterScenario
+from parapod.diagrams.plots import Limits
+from parapod.diagrams.style import COLOURS
 from parapod.sims.lab.run import Run
 from parapod.sims.machining_center.jobs import (
     CenterJob,
@@ -19,7 +20,6 @@ from parapod.sims.machining_center.jobs import (
     tip_errors,
 )
 from parapod.sims.output.results import Metric
-from parapod.sims.output.style import COLOURS
 from parapod.systems.machining_center.sequence import Phase
 
 if TYPE_CHECKING:

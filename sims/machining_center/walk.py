@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from parapod.diagrams.machining_center.scenario import CenterScenario
+from parapod.diagrams.style import COLOURS
 from parapod.sims.lab.run import Run
 from parapod.sims.machining_center.jobs import (
     CenterJob,
@@ -18,7 +19,6 @@ from parapod.sims.machining_center.jobs import (
     tip_errors,
 )
 from parapod.sims.output.results import Metric
-from parapod.sims.output.style import COLOURS
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_center.job import Swing
 from parapod.systems.machining_center.sequence import Phase

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from parapod.diagrams.style import style
 from parapod.sims.output.atomic import atomic_output, check_folder
-from parapod.sims.output.style import style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

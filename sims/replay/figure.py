@@ -1,11 +1,17 @@
 """Plots of a log as a figure: a file, or a window."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.diagrams.chart import draw_plots
+from parapod.diagrams.plots import Curve, Plot
+from parapod.diagrams.style import COLOURS
 from parapod.sims.output.figures import FORMATS as _FORMATS
 from parapod.sims.output.figures import Figure
-from parapod.sims.output.style import COLOURS
 from parapod.sims.replay.replay import Replay, least_ends, near_limits
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
@@ -64,7 +70,7 @@ def show(figure: Figure) -> None:
     import matplotlib
     from matplotlib import pyplot, rc_context
 
-    from parapod.sims.output.style import style
+    from parapod.diagrams.style import style
 
     try:
         with rc_context(style()):
@@ -94,25 +100,23 @@ def _windowless(reason: str) -> OutputError:
     )
 
 
+def _line(
+    log: Replay, plot: Plot, curve: Curve
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Times and values of a curve, where the log has it."""
+    if not log.has(curve):
+        return None
+    return log.digest.lines[curve.signal].time, log.values(plot, curve)
+
+
 def _draw(canvas: Any, logs: list[Replay]) -> None:
     first = logs[0]
     begin = min(each.digest.begin for each in logs)
     end = max(each.digest.end for each in logs)
-    rows = canvas.subplots(len(first.plots), 1, sharex=True, squeeze=False)[:, 0]
+    for number, each in enumerate(logs):
+        lines = partial(_line, each)
+        rows = draw_plots(canvas, first.plots, lines, linestyle="--" if number else "-")
     for k, (axes, plot) in enumerate(zip(rows, first.plots, strict=True)):
-        for number, each in enumerate(logs):
-            for place, curve in enumerate(plot.curves):
-                if not each.has(curve):
-                    continue
-                is_named = any(before.has(curve) for before in logs[:number])
-                axes.plot(
-                    each.digest.lines[curve.signal].time,
-                    each.values(plot, curve),
-                    color=COLOURS[place % len(COLOURS)],
-                    linewidth=2.4 if plot.is_first(curve) else 1.1,
-                    linestyle="--" if number else "-",
-                    label=None if is_named else plot.legend[place],
-                )
         for limit in near_limits(logs, k):
             of = plot.place_of_limit(limit)
             colour = "0.35" if of is None else COLOURS[of % len(COLOURS)]
@@ -127,9 +131,5 @@ def _draw(canvas: Any, logs: list[Replay]) -> None:
                 axes.text(middle, 0.99, phase.name, transform=place, **words)
         if least := least_ends(logs, k):
             axes.set_ylim(least)
-        axes.set_ylabel(plot.axis)
-        above = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.1}
-        axes.legend(ncols=len(plot.curves), fontsize="small", columnspacing=1.2, **above)
-    rows[-1].set_xlabel("time [s]")
     if end > begin:
         rows[-1].set_xlim(begin, end)

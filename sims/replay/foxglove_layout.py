@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from parapod.diagrams.machine import Machine
-from parapod.sims.lab.plots import parse
+from parapod.diagrams.plots import parse
 from parapod.sims.output.logs.scene_messages import SCENE, WORLD
 from parapod.systems.core.extras import need
 

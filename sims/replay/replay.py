@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from parapod.sims.lab.plots import Curve, Plot, Signals, choose, usual
+from parapod.diagrams.plots import Curve, Plot, Signals, choose, usual
 from parapod.sims.lab.subject import Subject
 from parapod.sims.output.logs.stored import StoredLog, open_log
 from parapod.sims.replay.digest import Digest, gather

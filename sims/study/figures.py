@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter  # type: ignore[import-untyped]
 
+from parapod.diagrams.style import COLOURS
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
-from parapod.sims.output.style import COLOURS
 from parapod.sims.study.records import Column, Records
 from parapod.sims.study.sensitivity import Contributions, contributions
 from parapod.sims.study.study import Study

@@ -15,6 +15,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.style import COLOURS
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.terrain_simulator.scenario import (
     BenchPlantScenario,
@@ -29,7 +30,6 @@ from parapod.sims.lab.panel import Readout
 from parapod.sims.lab.run import Run, realtime_metric
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
-from parapod.sims.output.style import COLOURS
 from parapod.sims.terrain_simulator.courses import COURSES, scenario_of
 from parapod.sims.terrain_simulator.walk import (
     BenchWalking,

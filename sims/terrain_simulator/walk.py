@@ -16,6 +16,7 @@ from pydrake.systems.framework import Context
 from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.style import COLOURS
 from parapod.diagrams.terrain_simulator.drawing import TerrainRibbon
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH, make_terrain
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
@@ -25,7 +26,6 @@ from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Run, realtime_metric
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
-from parapod.sims.output.style import COLOURS
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
 from parapod.systems.core.vectors import Array

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
-from parapod.diagrams.machine import Limits
+from parapod.diagrams.plots import Limits
+from parapod.diagrams.style import COLOURS
 from parapod.diagrams.walking_chair.leg_loop import LegLoopParams, make_leg_loop
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
@@ -26,7 +27,6 @@ from parapod.sims.lab.experiment import Experiment, Logged
 from parapod.sims.output.drawn import LogDrawing
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
-from parapod.sims.output.style import COLOURS
 from parapod.systems.actuators.compound_position_controller import (
     MODES,
     CompoundPositionControllerParams,

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.diagrams.machine import Limits
+from parapod.diagrams.plots import Limits
+from parapod.diagrams.style import COLOURS
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario, PassengerScenario
 from parapod.sims.lab.bench import Bench
@@ -22,7 +23,6 @@ from parapod.sims.lab.experiment import Experiment, Logged
 from parapod.sims.output.drawn import LogDrawing
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
-from parapod.sims.output.style import COLOURS
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.chair import foot_corners

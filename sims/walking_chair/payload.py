@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from parapod.diagrams.machine import Limits
+from parapod.diagrams.plots import Limits
+from parapod.diagrams.style import COLOURS
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario, PassengerScenario
 from parapod.sims.lab.bench import Bench
@@ -25,7 +26,6 @@ from parapod.sims.output.drawn import LogDrawing
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.progress import progress
 from parapod.sims.output.results import Metric
-from parapod.sims.output.style import COLOURS
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.checks import check_gait

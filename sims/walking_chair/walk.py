@@ -18,6 +18,7 @@ from pydrake.systems.framework import Context
 from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.style import COLOURS
 from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.plants import Simulation
@@ -28,7 +29,6 @@ from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import ReadOut, Run, realtime_metric
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
-from parapod.sims.output.style import COLOURS
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
 from parapod.systems.walking_chair.chair import chair_inverse

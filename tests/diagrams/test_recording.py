@@ -1,40 +1,43 @@
 import numpy as np
 import pytest
 
-from parapod.diagrams.chart import units_of
 from parapod.diagrams.recording import Recording
+from parapod.systems.core.errors import ParapodError
 
 TIME = np.array([0.0, 1.0])
-
-
-@pytest.mark.parametrize(
-    ("unit", "size", "each"),
-    [
-        ("V", 2, ["V", "V"]),
-        ("rad, rad, m", 3, ["rad", "rad", "m"]),
-        ("m, m/s", 4, ["m", "m", "m/s", "m/s"]),
-        ("rad, m, and their rates", 4, ["rad", "m", "rad/s", "m/s"]),
-        ("rad, m and rates", 4, ["rad", "m", "rad/s", "m/s"]),
-        ("rad, rad/s, m/s^2", 3, ["rad", "rad/s", "m/s^2"]),
-        # What the text leaves open is not guessed.
-        ("m, rad, s", 9, ["m, rad, s"] * 9),
-        ("m, m/s", 3, ["m, m/s"] * 3),
-    ],
-)
-def test_units_of_elements(unit, size, each):
-    assert units_of(unit, size) == each
 
 
 def test_elements_of_different_units_are_drawn_apart_and_angles_in_degrees():
     samples = np.array([[0.0, 0.0, 0.4], [np.pi, 0.1, 0.5]])
     recording = Recording(TIME, {"posture": samples}, {"posture": "rad, rad, m"})
     angles, height = recording.plot("posture").axes
-    assert (angles.get_ylabel(), height.get_ylabel()) == ("[deg]", "[m]")
+    assert (angles.get_ylabel(), height.get_ylabel()) == ("[deg]", "[mm]")
     assert [line.get_ydata()[-1] for line in angles.lines] == pytest.approx([180.0, 18.0 / np.pi])
-    assert height.lines[0].get_ydata().tolist() == [0.4, 0.5]
-    assert [text.get_text() for text in angles.get_legend().get_texts()] == ["1", "2"]
+    assert height.lines[0].get_ydata().tolist() == [400.0, 500.0]
+    assert [text.get_text() for text in angles.get_legend().get_texts()] == ["posture[0]", "[1]"]
 
 
 def test_a_plot_shows_itself_without_a_backend_of_matplotlib():
     recording = Recording(TIME, {"a": TIME[:, None]}, {"a": "V"})
     assert recording.plot()._repr_png_().startswith(b"\x89PNG")
+
+
+def test_positions_and_rates_of_one_signal_are_drawn_apart():
+    samples = np.arange(12.0).reshape(2, 6)
+    recording = Recording(TIME, {"lengths": samples}, {"lengths": "m, m/s"})
+    lengths, rates = recording.plot().axes
+    assert (lengths.get_ylabel(), rates.get_ylabel()) == ("[mm]", "[mm/s]")
+    for axes, first in ((lengths, 0), (rates, 3)):
+        drawn = [line.get_ydata().tolist() for line in axes.lines]
+        assert drawn == [(1e3 * samples[:, first + i]).tolist() for i in range(3)]
+
+
+def test_signals_share_a_plot_and_elements_are_chosen():
+    signals = {"a": np.ones((2, 2)), "b": np.zeros((2, 1))}
+    recording = Recording(TIME, signals, {"a": "V", "b": "V"})
+    (axes,) = recording.plot("a[1]+b").axes
+    assert [line.get_label() for line in axes.lines] == ["a[1]", "b"]
+    with pytest.raises(ParapodError, match=r"'a' has elements 0 to 1, not '\[2\]'"):
+        recording.plot("a[2]")
+    with pytest.raises(ParapodError, match="no signal 'c' in the recording"):
+        recording.plot("c")

@@ -21,6 +21,7 @@ from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
     LevellingScenario,
 )
+from parapod.diagrams.style import COLOURS
 from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment, Logged
 from parapod.sims.levelling_platform.calibrate.led import COLUMNS, record_poses
@@ -38,7 +39,6 @@ from parapod.sims.output.drawn import LogDrawing
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.logs.files import check_log
 from parapod.sims.output.results import Metric
-from parapod.sims.output.style import COLOURS
 from parapod.sims.real_machine.answers import Answers, ConsoleAnswers, FileAnswers
 from parapod.systems.core.errors import OutputError, ScenarioError
 from parapod.systems.core.quoting import quoted_path

@@ -31,7 +31,7 @@ from parapod.diagrams.levelling_platform.scenario import (
     SensorScenario,
     emulated_hardware,
 )
-from parapod.diagrams.machine import Limits
+from parapod.diagrams.plots import Limits
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.sims.lab.bench import Bench

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from parapod.diagrams.style import COLOURS
 from parapod.sims.output.figures import Figure
-from parapod.sims.output.style import COLOURS
 from parapod.systems.levelling_platform.geometry import LegGeometry, PlatformGeometry
 from parapod.systems.levelling_platform.leg import diagonal_angle, foot_to_centre, swing_angle
 

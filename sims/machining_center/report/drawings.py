@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from parapod.diagrams.style import COLOURS
 from parapod.sims.machining_center.workspace import NAMES
 from parapod.sims.output.figures import Figure
-from parapod.sims.output.style import COLOURS
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_center.geometry import CenterGeometry
 

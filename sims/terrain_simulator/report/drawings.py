@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from parapod.diagrams.style import COLOURS
 from parapod.sims.output.figures import Figure
-from parapod.sims.output.style import COLOURS
 from parapod.sims.terrain_simulator.workspace import BENCHES
 from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import slider_places

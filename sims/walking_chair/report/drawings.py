@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from parapod.diagrams.style import COLOURS
 from parapod.sims.output.figures import Figure
-from parapod.sims.output.style import COLOURS
 from parapod.systems.walking_chair.leg import carried, leg_corners
 from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 

@@ -15,6 +15,7 @@ from parapod.sims.lab.desk import Desk
 from parapod.sims.lab.panel import Readout, Row
 from parapod.sims.levelling_platform.deploy import DeployScenario
 from parapod.systems.core.errors import OutputError
+from tests.conftest import standing_still
 
 SIGNALS = {
     "legs.extension": np.full(4, 0.405),
@@ -133,8 +134,7 @@ def test_it_never_waits_for_its_process_and_a_process_that_stands_still_is_silen
         until(lambda: state(desk)["holds"])
         send(desk, hold="ahead", on=True, number=1)
         until(lambda: desk.IsHeld("ahead"))
-        os.kill(desk.process, signal.SIGSTOP)
-        try:
+        with standing_still(desk.process):
             with judge() as judged:
                 for k in range(3000):
                     desk.show(Readout(f"{k}", remarks=("x" * 200,)), SIGNALS)
@@ -142,8 +142,6 @@ def test_it_never_waits_for_its_process_and_a_process_that_stands_still_is_silen
                 assert len(desk._out) < 1 << 18
                 until(lambda: desk.silence() > 0.3)
             assert not desk.IsHeld("ahead")
-        finally:
-            os.kill(desk.process, signal.SIGCONT)
         until(lambda: state(desk)["state"].isdecimal())
         os.kill(desk.process, signal.SIGKILL)
         until(lambda: desk.silence() > 0.4)

@@ -13,6 +13,7 @@ import pytest
 from parapod.sims.output.logs.files import read_log
 from parapod.sims.output.logs.live import LiveLog
 from parapod.systems.core.errors import OutputError
+from tests.conftest import standing_still
 
 pytest.importorskip("mcap")
 UNITS, SIZES = {"legs.extension": "m", "status.age": "s"}, (4, 1)
@@ -172,11 +173,9 @@ except OutputError as error:
 def test_a_disk_that_stands_still_costs_samples_and_no_time(path, told, judge):
     with LiveLog(path, UNITS, SIZES, {}, told.append) as log:
         log.write(0.0, [np.zeros(4), [0.0]])
-        os.kill(log.process, signal.SIGSTOP)
-        with judge() as judged:
+        with standing_still(log.process), judge() as judged:
             for k in range(40_000):  # more than the pipe holds
                 log.write(float(k), [np.full(4, k), [0.0]])
-        os.kill(log.process, signal.SIGCONT)
     judged.check(4.0)
     assert log.lost > 1000
     assert "the disk is too slow; samples are left out" in told[0]

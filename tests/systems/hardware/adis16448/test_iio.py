@@ -1,5 +1,4 @@
 import errno
-import signal
 import socket
 import time
 from types import SimpleNamespace
@@ -15,6 +14,7 @@ from parapod.systems.hardware.adis16448.registers import SCALES
 from parapod.systems.hardware.adis16448.settings import IioSettings
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from tests.conftest import standing_still
 
 
 def why_not():
@@ -176,16 +176,12 @@ def test_wrong_sensor_shows_what_it_should(imu, misbehaviour, harness):
 @needs_iiod
 def test_computer_that_hangs_is_silent_in_time(imu, server, harness, judge):
     reads(imu, harness, gyro=(0.1, 0.0, 0.0))
-    process = server.process
-    process.send_signal(signal.SIGSTOP)
-    try:
+    with standing_still(server.process.pid):
         # libiio calls its own timeout a broken connection.
         assert fails(imu.read).fault in (DeviceFault.SILENT, DeviceFault.UNPLUGGED)
         with judge() as judged:
             assert fails(imu.read).fault is DeviceFault.SILENT
         judged.check(TIMEOUT + MARGIN)
-    finally:
-        process.send_signal(signal.SIGCONT)
     reads(imu, harness, gyro=(0.2, 0.0, 0.0))
 
 

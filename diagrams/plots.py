@@ -1,31 +1,24 @@
-"""Choice of plots: which elements of which signals share one, in the units that people read."""
+"""Plots of signals: which elements of which share one, in the units that people read."""
 
 import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.quoting import did_you_mean, quoted
-
-if TYPE_CHECKING:
-    from parapod.diagrams.machine import Limits
+from parapod.systems.core.units import READ, units_of
 
 _ASKED = re.compile(r"(?P<name>[^\[\]+]+)(?:\[(?P<first>\d+)(?::(?P<end>\d+))?\])?")
-# As people read them, and by how much the number is then larger.
-_READ = {
-    "m": ("mm", 1e3),
-    "m/s": ("mm/s", 1e3),
-    "rad": ("deg", math.degrees(1.0)),
-    "rad/s": ("deg/s", math.degrees(1.0)),
-}
 _NAMED = 20  # signals in a sentence
 # Plots of a log for which nothing is declared.
 _USUAL = 4
+
+# Smallest and largest admissible value by signal, for all elements or for each; None: none.
+type Limits = Mapping[str, tuple[ArrayLike | None, ArrayLike | None]]
 
 
 class NoSignal(ParapodError):
@@ -45,6 +38,14 @@ class Signals:
     owner: str
     sizes: Mapping[str, int]
     units: Mapping[str, str]
+
+    def unit(self, curve: "Curve") -> str:
+        """Unit of a curve; that of the whole signal where its elements' cannot be told."""
+        unit = self.units[curve.signal]
+        try:
+            return units_of(unit, self.sizes[curve.signal])[curve.element]
+        except ValueError:
+            return unit
 
 
 @dataclass(frozen=True)
@@ -101,23 +102,11 @@ class Plot:
         first = self.curves[0].signal
         return curve.signal == first != self.curves[-1].signal
 
-    @property
-    def axis(self) -> str:
-        """Label of its axis: the quantity, with the unit."""
-        names = list(dict.fromkeys(curve.signal for curve in self.curves))
-        return f"{names[0]} [{self.unit}]" if len(names) == 1 else f"[{self.unit}]"
-
-
-def unit_of(unit: str, element: int) -> str:
-    """Unit of one element, of the unit that a port declares."""
-    units = [each.strip() for each in unit.split(",")]
-    return units[element % len(units)]
-
 
 def choose(
     signals: Signals,
     asked: Sequence[str],
-    limits: "Limits",
+    limits: Limits,
 ) -> list[Plot]:
     """The plots that somebody has asked for.
 
@@ -136,7 +125,7 @@ def choose(
         by_unit: dict[str, list[Curve]] = {}
         for each in text.split("+"):
             for curve in _curves(signals, each.strip()):
-                unit = unit_of(signals.units[curve.signal], curve.element)
+                unit = signals.unit(curve)
                 by_unit.setdefault(unit, []).append(curve)
         plots += [_plot(tuple(curves), unit, limits) for unit, curves in by_unit.items()]
     return plots
@@ -213,9 +202,9 @@ def _named(asked: str, names: Collection[str]) -> str:
 def _plot(
     curves: tuple[Curve, ...],
     unit: str,
-    limits: "Limits",
+    limits: Limits,
 ) -> Plot:
-    shown, factor = _READ.get(unit, (unit or "-", 1.0))
+    shown, factor = READ.get(unit, (unit or "-", 1.0))
     ends: dict[float, list[int]] = {}
     for place, curve in enumerate(curves):
         for each in limits.get(curve.signal, ()):

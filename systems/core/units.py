@@ -1,0 +1,41 @@
+"""Units of the elements of signals, and units in which people read them."""
+
+import math
+import re
+
+# Units that people read, and by how much their numbers are larger.
+READ = {
+    "m": ("mm", 1e3),
+    "m/s": ("mm/s", 1e3),
+    "rad": ("deg", math.degrees(1.0)),
+    "rad/s": ("deg/s", math.degrees(1.0)),
+}
+
+
+def units_of(unit: str, size: int) -> list[str]:
+    """Unit of each element of a signal.
+
+    | unit | of |
+    |---|---|
+    | V | all elements |
+    | rad, rad, m | three elements, or the same again of each further three |
+    | m, m/s | positions, and then as many rates |
+    | rad, rad, m and rates | three elements, and then their rates |
+
+    Args:
+        unit: as the signal is declared.
+        size: number of elements.
+
+    Raises:
+        ValueError: the units are not those of so many elements.
+    """
+    base, rates = re.fullmatch(r"(.*?)(,? and (?:their )?rates)?", unit).groups()  # type: ignore[union-attr]
+    each = [text.strip() for text in base.split(",")]
+    if rates:
+        each += [f"{text}/s" for text in each]
+    times, rest = divmod(size, len(each))
+    if rest or not times:
+        raise ValueError(f"'{unit}' has units of {len(each)} elements, not of {size}")
+    if all("/s" in text for text in each[1:]):
+        return [text for text in each for _ in range(times)]
+    return each * times
