@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.physics import GRAVITY, STANDARD_GRAVITY
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 from parapod.systems.levelling_platform.model import PlatformModel
 from parapod.systems.levelling_platform.plane import to_platform
 from parapod.systems.levelling_platform.supervisor import SupervisorParams
 from parapod.systems.levelling_platform.wheels import WheelGeometry
-from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
-_GRAVITY = 9.81  # of both plants [m/s^2]
 _STOPS = LinearActuatorParams()
 
 
@@ -95,7 +94,7 @@ class Beginning:
     def inertial_motion(self) -> NDArray[np.float64]:
         """True attitude [rad], angular velocity [rad/s] and specific force [m/s^2] (9)."""
         roll, pitch, _ = self.posture.tolist()
-        specific_force = to_platform((0.0, 0.0, _GRAVITY), roll, pitch)
+        specific_force = to_platform((0.0, 0.0, GRAVITY), roll, pitch)
         return np.array((roll, pitch, 0.0, 0.0, 0.0, 0.0, *specific_force))
 
 

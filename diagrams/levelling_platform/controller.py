@@ -11,7 +11,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexer, MatrixGain
 
-from parapod.diagrams.levelling_platform.model import geometry_as_known
+from parapod.diagrams.levelling_platform.model import FAULT_DETECTOR, geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import ControlScenario, LevellingScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
@@ -347,7 +347,7 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
     pi = add_position_control(builder, scenario, chain.extension, desired, enable)
     connect(builder, desired, supervisor.GetInputPort("extension_desired_state"))
     _wire_supervisor(builder, chain, supervisor)
-    fault_detector = FaultDetector(geometry, period=period)
+    fault_detector = FaultDetector(geometry, FAULT_DETECTOR, period)
     detector = _add_fault_detector(builder, chain, supervisor, pi, fault_detector)
     if is_operated:
         builder.ExportInput(supervisor.GetInputPort("jog_request"), "jog_request")

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.guard import Ticks, Trip
-from parapod.diagrams.levelling_platform.model import geometry_as_known
+from parapod.diagrams.levelling_platform.model import FAULT_DETECTOR, geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.systems.levelling_platform.fault_detection import RULES, FaultDetector, Finding
 from parapod.systems.levelling_platform.plane import attitude_seeing
@@ -56,7 +56,7 @@ class PlatformGuard:
         self._ticks = Ticks(scenario.control.period)
         geometry = geometry_as_known(scenario.control)
         self._offsets = scenario.control.encoder_offsets
-        self._detector = FaultDetector(geometry, period=scenario.control.period)
+        self._detector = FaultDetector(geometry, FAULT_DETECTOR, scenario.control.period)
         self._context = self._detector.CreateDefaultContext()
         for i in range(self._detector.num_input_ports()):
             port = self._detector.get_input_port(i)

@@ -26,6 +26,7 @@ from parapod.diagrams.levelling_platform.scenario import ControlScenario, Levell
 from parapod.diagrams.multibody import add_adapted_model, add_ground, ground_contact
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.levelling_platform.fault_detection import FaultDetectorParams
 from parapod.systems.levelling_platform.geometry import (
     LEG_COUNT,
     PlatformGeometry,
@@ -34,6 +35,7 @@ from parapod.systems.levelling_platform.geometry import (
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.model import (
+    LIMIT_SWITCHES,
     MODEL_GEOMETRY,
     WHEEL_COUNT,
     ParallelLinks,
@@ -47,6 +49,10 @@ from parapod.systems.levelling_platform.model import (
 from parapod.urdf import configure_parser
 
 _FOLDER = "package://parapod/levelling_platform"
+# Looks for faults of this machine's end switches.
+FAULT_DETECTOR = FaultDetectorParams(
+    extended=LIMIT_SWITCHES.extended, retracted=LIMIT_SWITCHES.retracted
+)
 # Of the wheels' position servos [N m/rad, N m s/rad] (assumption).
 _WHEEL_GAINS = PdControllerGains(p=2000.0, d=50.0)
 

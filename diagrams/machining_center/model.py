@@ -1,7 +1,10 @@
 """A machining centre's bodies, joints, clamps and closed loops in a MultibodyPlant; pictures."""
 
+import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +15,7 @@ from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, Quaterni
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.drawing import View, add_renderer, take
+from parapod.diagrams.multibody import add_adapted_model
 from parapod.systems.machining_center.geometry import CenterGeometry
 from parapod.systems.machining_center.model import CenterModel, transform_of
 from parapod.systems.machining_center.platform_mode import feet_of
@@ -32,7 +36,7 @@ def add_center(
 
     Args:
         plant: a plant with a registered scene graph and a time step above zero.
-        geometry: tripod or quadruped, of the paper's dimensions.
+        geometry: tripod or quadruped.
         stiffness: axial stiffness and damping of a leg [N/m, N s/m].
         footholds: (n, 6) on which it stands in a default context; None for the paper's pattern.
     """
@@ -46,8 +50,9 @@ def add_center(
     clamps = []
     feet = feet_of(geometry, footholds)
     for i, (angle, middle) in enumerate(zip(geometry.angles, geometry.middles, strict=True)):
-        (limb,) = parser.AddModels(url=f"{_FOLDER}/limb.urdf")
-        plant.RenameModelInstance(limb, f"limb_{i + 1}")
+        limb = add_adapted_model(
+            parser, f"{_FOLDER}/limb.urdf", f"limb_{i + 1}", partial(_fit, geometry)
+        )
         X_PM = RigidTransform(RotationMatrix.MakeZRotation(angle), middle)
         plant.WeldFrames(platform.body_frame(), plant.GetFrameByName("mount", limb), X_PM)
         tips = [plant.GetBodyByName(f"{side}_rod", limb) for side in ("left", "right")]
@@ -68,6 +73,19 @@ def add_center(
     return CenterModel(plant, geometry, tuple(clamps))
 
 
+def _fit(geometry: CenterGeometry, robot: Element) -> None:
+    """Gives a limb the pivots and strokes of a centre; its links stay as they are drawn."""
+    aside = geometry.platform_radius * math.sin(geometry.half_angle)
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        pivot = robot.find(f"joint[@name='{side}_swing']/origin")
+        stroke = robot.find(f"joint[@name='{side}_length']/limit")
+        assert pivot is not None
+        assert stroke is not None
+        pivot.set("xyz", f"0 {sign * aside!r} 0")
+        stroke.set("lower", repr(geometry.stroke_min))
+        stroke.set("upper", repr(geometry.stroke_max))
+
+
 def photograph(
     views: Sequence[View],
     geometry: CenterGeometry,
@@ -78,7 +96,7 @@ def photograph(
 
     Args:
         views: from where; one picture each.
-        geometry: tripod or quadruped, of the paper's dimensions.
+        geometry: tripod or quadruped.
         pose: (6) of the platform [m, rad].
         footholds: (n, 6) of the feet's frames [m, rad]; None for the paper's pattern.
 

@@ -27,7 +27,8 @@ from parapod.systems.machining_center.posture import Posture
 from parapod.systems.machining_center.swing import LOCKABLE, LockSet
 from parapod.systems.machining_center.walk import plan_walk
 
-SIMULATED = ("multibody", "kinematic")
+BODIES = ("multibody",)  # backends of rigid bodies
+SIMULATED = (*BODIES, "kinematic")
 BACKENDS = (*SIMULATED, "mock", "hardware")
 BEST, PRINTED = "best", "paper"
 _LOCK = re.compile(r"\s*q(\d)\s+of\s+(\d)\s*")

@@ -22,7 +22,8 @@ from parapod.systems.terrain_simulator.hip_support import HipSupportParams
 from parapod.systems.terrain_simulator.path import PathLimits, PlatePath
 from parapod.systems.terrain_simulator.walk import BenchWalk
 
-SIMULATED = ("multibody", "kinematic")
+BODIES = ("multibody",)  # backends of rigid bodies
+SIMULATED = (*BODIES, "kinematic")
 BACKENDS = (*SIMULATED, "mock", "hardware")
 LOADS = ("half sine", "even")
 LEGS = ("urdf", "walking_chair")
@@ -395,7 +396,7 @@ class TerrainBenchScenario(Schema):
     @property
     def leg_period(self) -> float:
         """Period with which drives of a leg are commanded [s]; 0 where nothing moves it."""
-        moves = self.backend == "multibody" or (self.backend == "hardware" and self.drives_leg)
+        moves = self.backend in BODIES or (self.backend == "hardware" and self.drives_leg)
         return self.control.period if moves else 0.0
 
     @property

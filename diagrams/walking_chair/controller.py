@@ -8,13 +8,18 @@ from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.compound_position_controller import CompoundPositionController
 from parapod.systems.walking_chair.feedforward import ChairFeedforward, EasedStart
-from parapod.systems.walking_chair.geometry import BRANCHES
+from parapod.systems.walking_chair.geometry import BRANCHES, ChairGeometry
+from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 from parapod.systems.walking_chair.payload import PayloadEstimator
 from parapod.systems.walking_chair.planner import GaitPlanner
 from parapod.systems.walking_chair.support import SupportMonitor, SupportMonitorParams
 
 
-def make_controller(scenario: ChairScenario, is_operated: bool = False) -> Diagram:
+def make_controller(
+    scenario: ChairScenario,
+    is_operated: bool = False,
+    geometry: ChairGeometry = CHAIR_GEOMETRY,
+) -> Diagram:
     """Wires gait planner, feedforward, position controllers, payload estimator and monitor.
 
     Inputs: `legs.position` (12), `legs.current` (12); where a person operates it, `halt` (1).
@@ -24,19 +29,20 @@ def make_controller(scenario: ChairScenario, is_operated: bool = False) -> Diagr
     Args:
         scenario: its `gait`, `control`, `drives.max_velocity_mm_s` and `begin` are used.
         is_operated: whether a person operates it.
+        geometry: the chair.
     """
     builder = DiagramBuilder()
     control, walk = scenario.control, scenario.gait.walk
-    planner = add(builder, GaitPlanner(walk, period=control.period, begin=scenario.begin))
-    feedforward = add(builder, ChairFeedforward())
+    planner = add(builder, GaitPlanner(walk, geometry, control.period, scenario.begin))
+    feedforward = add(builder, ChairFeedforward(geometry))
     start = add(builder, EasedStart(period=control.period))
     drive = CompoundPositionController(
         control.params(scenario.drives), len(BRANCHES), control.period
     )
     position = add(builder, drive)
-    payload = add(builder, PayloadEstimator())
+    payload = add(builder, PayloadEstimator(geometry=geometry))
     required = SupportMonitorParams(required=1e-3 * control.support_margin_mm)
-    monitor = add(builder, SupportMonitor(walk, required))
+    monitor = add(builder, SupportMonitor(walk, required, geometry))
     for source, sink in (
         (planner.GetOutputPort("body_motion"), feedforward.GetInputPort("body_motion")),
         (planner.GetOutputPort("foot_motion"), feedforward.GetInputPort("foot_motion")),

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from parapod.diagrams.guard import AGE, POSITION, STOP, Sign, SignGuard
 from parapod.diagrams.walking_chair.scenario import ChairScenario
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.walking_chair.chair import foot_corners
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
-from parapod.systems.walking_chair.masses import GRAVITY, ChairMasses
+from parapod.systems.walking_chair.masses import ChairMasses
 from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 from parapod.systems.walking_chair.payload import (
     PayloadEstimatorParams,

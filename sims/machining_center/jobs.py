@@ -16,7 +16,7 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machining_center.controller import make_controller
 from parapod.diagrams.machining_center.drawing import draw_panel
 from parapod.diagrams.machining_center.machine import MACHINING_CENTER
-from parapod.diagrams.machining_center.scenario import CenterScenario
+from parapod.diagrams.machining_center.scenario import BODIES, CenterScenario
 from parapod.sims.lab.bench import Bench, Live, make_viewer, stay_live
 from parapod.sims.lab.experiment import LoopExperiment, largest
 from parapod.sims.lab.panel import Panel, Readout, Row
@@ -121,7 +121,7 @@ class CenterJob(LoopExperiment[CenterScenario, Run]):
         if getattr(getattr(scenario, section), name) == 0:
             raise ScenarioError(f"{key} = 0 {words}; it must be above 0", key)
         period, step = scenario.control.period, scenario.plant.time_step
-        if scenario.backend == "multibody" and period < step:
+        if scenario.backend in BODIES and period < step:
             raise ScenarioError(
                 f"control.period = {period:g} s is below plant.time_step = {step:g} s",
                 "control.period",

@@ -14,11 +14,11 @@ from parapod.diagrams.machine import Machine, SelfTest
 from parapod.sims.output.results import Metric
 from parapod.sims.real_machine.real_time import ended_by_signals
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.physics import STANDARD_GRAVITY
 from parapod.systems.core.quoting import quoted
 from parapod.systems.hardware.clock import monotonic, sleep
 from parapod.systems.hardware.device import NotFitted
 from parapod.systems.hardware.io import DeviceThread
-from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
 _STEP = 0.01  # [s]
 # A command grows and fades for so long [s].

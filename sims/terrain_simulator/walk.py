@@ -19,7 +19,7 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.style import COLOURS
 from parapod.diagrams.terrain_simulator.drawing import TerrainRibbon
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH, make_terrain
-from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
+from parapod.diagrams.terrain_simulator.scenario import BODIES, TerrainBenchScenario
 from parapod.sims.lab.bench import make_viewer, stay_live
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
@@ -137,14 +137,14 @@ class BenchWalking(LoopExperiment[TerrainBenchScenario, Run]):
             at_least=1.0,
             meaning="of the speed that is asked for, which the guard has let pass",
         )
-        if scenario.backend == "multibody":
+        if scenario.backend in BODIES:
             yield from force_metrics(walk, run, asked)
             yield from leg_metrics(scenario, run, asked)
         yield realtime_metric(run)
 
     def draw(self, scenario: TerrainBenchScenario, run: Run) -> Iterator[Figure]:
         """Forces, plate and leg over some strides."""
-        if scenario.backend == "multibody":
+        if scenario.backend in BODIES:
             yield Figure(
                 "bench_walk",
                 "A leg walks on the bench",
@@ -159,12 +159,12 @@ class BenchWalking(LoopExperiment[TerrainBenchScenario, Run]):
 def check_bench(scenario: TerrainBenchScenario) -> None:
     """Refuses a walk that bench or leg cannot do; see `BenchWalking.check`."""
     period, step = scenario.control.period, scenario.plant.time_step
-    if scenario.backend == "multibody" and period < step:
+    if scenario.backend in BODIES and period < step:
         raise ScenarioError(
             f"control.period = {period:g} s is below plant.time_step = {step:g} s",
             "control.period",
         )
-    if scenario.backend == "multibody" and period > _LONGEST:
+    if scenario.backend in BODIES and period > _LONGEST:
         raise ScenarioError(
             f"control.period = {period:g} s is too long for a leg, whose foot would rattle on the "
             f"plate; with rigid bodies it is {_LONGEST:g} s at most",

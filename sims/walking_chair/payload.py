@@ -26,12 +26,13 @@ from parapod.sims.output.drawn import LogDrawing
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.progress import progress
 from parapod.sims.output.results import Metric
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.checks import check_gait
 from parapod.systems.walking_chair.gait import FIRST_SWING, SECOND_SWING, Walk
 from parapod.systems.walking_chair.geometry import LEG_COUNT, ChairGeometry
-from parapod.systems.walking_chair.masses import GRAVITY, ChairMasses, Passenger, centre_of_mass
+from parapod.systems.walking_chair.masses import ChairMasses, Passenger, centre_of_mass
 from parapod.systems.walking_chair.payload import (
     FORCE_LIMIT,
     Payload,

@@ -16,6 +16,7 @@ EXTRAS = {
     "mcap": "log",
     "mujoco": "mujoco",
     "nidaqmx": "ni",
+    "nidaqmx._stubs": "emulator",
     "pyarrow": "study",
     "pygraphviz": "draw",
     "serial": "serial",
@@ -38,5 +39,5 @@ def need(module: str) -> ModuleType:
     # ctypes, given the name of a library that is not there, looks in the program itself and misses
     # the first symbol: an AttributeError.
     except (ImportError, OSError, AttributeError) as error:
-        top = module.partition(".")[0]
-        raise MissingExtra(top, EXTRAS[top], str(error)) from error
+        known = max((name for name in EXTRAS if f"{module}.".startswith(f"{name}.")), key=len)
+        raise MissingExtra(known, EXTRAS[known], str(error)) from error

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import elements, read, read_or_zeros
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, unevenness
@@ -240,6 +241,8 @@ class FaultDetectorParams:
         force: largest difference of the specific force from gravity [m/s^2].
         vertical: largest angle between the accelerometer's vertical and the estimated one [rad].
         pushed: largest tilt while the legs look for the ground [rad].
+        extended: extension at which a leg's far end switch closes [m].
+        retracted: extension at which its near end switch closes [m].
         end: tolerance of the end switches [m].
         up: a leg of this extension cannot touch the ground [m].
         silence: longest silence of an operator [s]; pages speak ten times a second.
@@ -260,6 +263,8 @@ class FaultDetectorParams:
     force: float = 0.6
     vertical: float = math.radians(2.0)
     pushed: float = math.radians(0.35)
+    extended: float = 0.4595
+    retracted: float = 0.3805
     end: float = 2e-3
     up: float = 0.440
     silence: float = 0.3
@@ -496,7 +501,7 @@ class _Look:
         if not (turns and math.isfinite(gyro[2])):
             signs.add(Finding.GYRO_INVALID)
         force = math.hypot(*accel)
-        if not abs(force - 9.81) <= params.force:
+        if not abs(force - GRAVITY) <= params.force:
             signs.add(Finding.ACCEL_INVALID)
         else:
             roll, pitch = (a if math.isfinite(a) else math.nan for a in self._attitude)
@@ -533,10 +538,10 @@ class _Look:
         for d, longest, shortest, touches in zip(
             self._extension, extended, retracted, self._contact, strict=True
         ):
-            # The switches close half a millimetre before the end stops.
-            if (longest > 0.5) != (d >= 0.4595) and abs(d - 0.4595) > params.end:
+            far, near = d - params.extended, d - params.retracted
+            if (longest > 0.5) != (far >= 0.0) and abs(far) > params.end:
                 signs.add(Finding.SWITCH_END)
-            if (shortest > 0.5) != (d <= 0.3805) and abs(d - 0.3805) > params.end:
+            if (shortest > 0.5) != (near <= 0.0) and abs(near) > params.end:
                 signs.add(Finding.SWITCH_END)
             if touches and d > params.up:
                 signs.add(Finding.SWITCH_CONTACT)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from parapod.systems.core.elementwise import sin_cos
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.levelling_platform.geometry import ARM_BASE, LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_motion, foot_to_centre
@@ -53,7 +54,7 @@ class KinematicPlatformParams:
     arm_centre: float = 1.747
     foot_stiffness: float = 2.0e6
     wheel_stiffness: float = 2.0e6
-    gravity: float = 9.81
+    gravity: float = GRAVITY
 
     def centre_with(self, on_arm: Vector3) -> Vector3:
         """Centre of mass of platform and arm, where the arm's own is at `on_arm`, from F [m]."""

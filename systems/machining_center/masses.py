@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_center.geometry import CenterGeometry
 
-GRAVITY = 9.81  # [m/s^2], as in the multibody plant
 PLATFORM = 10.2  # platform with spindle and tool [kg]
 LIMB = 5.2  # mount, hinge, two legs, ankle, foot [kg]
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import elements, read
 
 _DEGREE = math.radians(1.0)
@@ -54,7 +55,7 @@ class AttitudeEstimatorParams:
     rest_rate: float = 1.0 * _DEGREE
     bias_limit: float = 2.0 * _DEGREE
     rate_limit: float = 20.0
-    gravity: float = 9.81
+    gravity: float = GRAVITY
     gate: float = 0.5
     disturbance: float = 0.15
     misfit: float = 0.05

@@ -17,6 +17,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
+from parapod.systems.core.physics import STANDARD_GRAVITY
 from parapod.systems.core.ports import elements, read, read_or_zeros
 from parapod.systems.core.vectors import Axes
 from parapod.systems.sensors.noise import NoiseSource
@@ -78,8 +79,6 @@ class Drift(NamedTuple):
 
 
 _DEGREE = math.radians(1.0)
-# What an accelerometer's g and mg are counted in [m/s^2].
-STANDARD_GRAVITY = 9.80665
 _GAUSS = 1e-4
 _SAMPLE_RATE = 819.2
 # Eight samples are averaged: the rate nearest to a controller's 100 Hz.

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.vectors import Axes
 
 
@@ -42,7 +43,7 @@ class InertialMotion(LeafSystem):
         pose_start: int,
         velocity_start: int,
         period: float,
-        gravity: float = 9.81,
+        gravity: float = GRAVITY,
     ):
         super().__init__()
         self.set_name("inertial_motion")

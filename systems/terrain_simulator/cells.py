@@ -16,9 +16,9 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.core.batching import columns, stack
 from parapod.systems.core.elementwise import sin_cos
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.vectors import Array
-from parapod.systems.terrain_simulator.support import GRAVITY
 
 
 @dataclass(frozen=True)

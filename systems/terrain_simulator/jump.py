@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from parapod.systems.core.motion_laws import joined
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.vectors import Array
-from parapod.systems.terrain_simulator.support import GRAVITY
 from parapod.systems.terrain_simulator.walk import WalkMotion
 
 

@@ -10,6 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from parapod.systems.core.batching import columns, of_width, stack
 from parapod.systems.core.elementwise import Elementwise, sin_cos
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS, BenchGeometry
@@ -20,7 +21,6 @@ from parapod.systems.terrain_simulator.kinematics import (
     slider_accelerations,
     slider_places,
 )
-from parapod.systems.terrain_simulator.support import GRAVITY
 
 _LEVEL = (0.0, 0.0, 0.0)  # change of a slider's height by the pose
 _LARGEST = 1e9  # number at an input that can be a measurement [any SI unit]

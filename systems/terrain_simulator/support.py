@@ -15,10 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from parapod.systems.core.motion_laws import quintic
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.gait import Gait
-
-GRAVITY = 9.81  # [m/s^2]
 
 
 @dataclass(frozen=True)

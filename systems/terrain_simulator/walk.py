@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from parapod.systems.core.motion_laws import joined, quintic
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.path import (
@@ -23,7 +24,7 @@ from parapod.systems.terrain_simulator.path import (
     first_broken,
     refuse_broken,
 )
-from parapod.systems.terrain_simulator.support import GRAVITY, Support
+from parapod.systems.terrain_simulator.support import Support
 
 _SAMPLES = 193  # of each swing between two speeds
 

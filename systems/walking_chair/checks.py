@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from parapod.systems.core.batching import first_of_largest, of_width
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.gait import TrotGait, Walk, gait_branches
 from parapod.systems.walking_chair.geometry import (
@@ -21,12 +22,7 @@ from parapod.systems.walking_chair.geometry import (
     LegGeometry,
     branch_names,
 )
-from parapod.systems.walking_chair.masses import (
-    GRAVITY,
-    ChairMasses,
-    Passenger,
-    centre_of_mass,
-)
+from parapod.systems.walking_chair.masses import ChairMasses, Passenger, centre_of_mass
 from parapod.systems.walking_chair.payload import FORCE_LIMIT
 from parapod.systems.walking_chair.statics import force_map, rest
 

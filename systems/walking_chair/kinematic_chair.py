@@ -9,15 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import declare_cached, read_array
 from parapod.systems.walking_chair.chair import foot_corners
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry
-from parapod.systems.walking_chair.masses import (
-    GRAVITY,
-    ChairMasses,
-    Passenger,
-    centre_of_mass,
-)
+from parapod.systems.walking_chair.masses import ChairMasses, Passenger, centre_of_mass
 from parapod.systems.walking_chair.statics import force_map, rest
 
 _CORNERS = 3 * LEG_COUNT

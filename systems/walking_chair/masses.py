@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 from parapod.systems.core.batching import of_width
 from parapod.systems.walking_chair.geometry import LEG_COUNT
 
-GRAVITY = 9.81  # [m/s^2]
-
 
 @dataclass(frozen=True)
 class ChairMasses:

@@ -19,10 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, LeafSystem
 from scipy.optimize import linprog, nnls  # type: ignore[import-untyped]
 
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import read_array
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry
 from parapod.systems.walking_chair.leg import leg_corners, up_of_lengths
-from parapod.systems.walking_chair.masses import GRAVITY, ChairMasses
+from parapod.systems.walking_chair.masses import ChairMasses
 from parapod.systems.walking_chair.statics import corner_jacobians
 
 # F_N of Eq. (53) [N].

@@ -25,7 +25,7 @@ from parapod.diagrams.terrain_simulator.terrains import Level, Recorded, Slope, 
 from parapod.diagrams.terrain_simulator.world import walking_in_the_world
 from parapod.sims.terrain_simulator.walk import check_bench
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.terrain_simulator.support import GRAVITY
+from parapod.systems.core.physics import GRAVITY
 
 QUIET = CellsScenario(noise_N=0.0)
 GAIT = GaitScenario(speed_m_s=0.8, ramp=None, strides=1, run_up=0, clearance_mm=60.0)

@@ -10,6 +10,11 @@ from parapod.systems.machining_center.model import pose_of
 from parapod.systems.machining_center.platform_mode import leg_lengths
 from parapod.systems.machining_center.swing import LockSet, close_locks, swing_inverse
 
+# Neither's dimensions are the paper's.
+OTHERS = (
+    CenterGeometry(3, 0.15, 0.6, 0.3, 0.5, 0.9),
+    CenterGeometry(4, 0.2, 0.4, 0.35, 0.3, 0.7),
+)
 HOME = np.array((0.0, 0.0, 0.48, 0.0, 0.0, 0.0))
 TILTED = np.array((0.01, 0.02, 0.48, 0.05, -0.03, 0.04))
 
@@ -17,6 +22,29 @@ TILTED = np.array((0.01, 0.02, 0.48, 0.05, -0.03, 0.04))
 @pytest.fixture(scope="module", params=[3, 4], ids=["tripod", "quadruped"])
 def bench(request):
     return make_center_bench(CenterGeometry(request.param), 1e-3)
+
+
+@pytest.mark.parametrize("geometry", OTHERS, ids=["tripod", "quadruped"])
+def test_bodies_of_other_dimensions_are_those_of_the_closed_form(geometry):
+    bench = make_center_bench(geometry, 1e-3)
+    root = bench.diagram.CreateDefaultContext()
+    pose = TILTED.copy()
+    pose[2] = 0.5 * (geometry.stroke_min + geometry.stroke_max) - 0.02
+    bench.stand(root, pose)
+    context, plant = bench.context(root), bench.model.plant
+    joints = [actuator.joint() for actuator in bench.model.actuators]
+    lengths = [joint.get_translation(context) for joint in joints]
+    assert np.allclose(lengths, leg_lengths(geometry, pose), atol=1e-14)
+    assert np.abs(feet_of(bench, root)[:, :3] - geometry.footholds[:, :3]).max() < 1e-14
+    for limb in bench.model.limbs:
+        tips = [
+            plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(f"{side}_rod", limb))
+            for side in ("left", "right")
+        ]
+        assert np.abs(tips[0].translation() - tips[1].translation()).max() < 1e-14
+    for joint in joints:
+        assert joint.position_lower_limits() == [geometry.stroke_min]
+        assert joint.position_upper_limits() == [geometry.stroke_max]
 
 
 def feet_of(bench, root):

@@ -1,15 +1,20 @@
 """The chair's station and controller together; a whole walk of the paper is `chair-walk`'s."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from parapod.diagrams.alone import Alone
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario
-from parapod.systems.walking_chair.gait import Walk
+from parapod.systems.walking_chair.gait import Walk, starting_lengths
 from parapod.systems.walking_chair.masses import Passenger
 from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.payload import PayloadEstimator
 
 SIGNALS = (
     "gait_time",
@@ -50,6 +55,36 @@ def errors_of(scenario, until):
     motion = scenario.gait.walk.motions(CHAIR_GEOMETRY, signals["gait_time"][:, 0])
     error = signals["truth.body_position"] - np.asarray(motion.body.position)
     return np.linalg.norm(error[signals.time > 0.3], axis=1), signals
+
+
+def test_a_controller_is_that_of_the_chair_that_it_is_given():
+    """Nodes, payload and margin before the gait begins, beside those of the systems alone."""
+    other = replace(CHAIR_GEOMETRY, leg=replace(CHAIR_GEOMETRY.leg, b=0.21, a=0.19))
+    scenario = scenario_for()
+    scenario.begin = 10.0
+    walk, force = scenario.gait.walk, np.full(12, 100.0)
+    start = starting_lengths(CHAIR_GEOMETRY, walk).ravel()
+    margins = []
+    for geometry in (CHAIR_GEOMETRY, other):
+        controller = make_controller(scenario, geometry=geometry)
+        simulator = Simulator(controller)
+        context = simulator.get_mutable_context()
+        payload = Alone(PayloadEstimator(geometry=geometry), {"position": start, "current": force})
+        controller.GetInputPort("legs.position").FixValue(context, start)
+        controller.GetInputPort("legs.current").FixValue(context, force)
+        simulator.AdvanceTo(2.0)
+        shown = {
+            name: controller.GetOutputPort(name).Eval(context)
+            for name in ("position_node", "payload_estimated", "support_margin")
+        }
+        lengths = starting_lengths(geometry, walk).ravel()
+        np.testing.assert_allclose(shown["position_node"], lengths, atol=1e-12)
+        alone = Simulator(payload)
+        alone.AdvanceTo(2.0)
+        expected = payload.recording(alone.get_context())["payload"][-1]
+        np.testing.assert_allclose(shown["payload_estimated"], expected, atol=1e-9)
+        margins.append(shown["support_margin"].item())
+    assert margins[0] != margins[1]
 
 
 def test_a_walk_back_is_followed():

@@ -10,9 +10,9 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import GroundScenario, LevellingScenario
+from parapod.systems.core.physics import STANDARD_GRAVITY
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
-from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
 # How far the soft side goes down under a mass, and how fast [rad/kg, s].
 _SOFT, _SINKING = math.radians(0.4) / 75.0, 1.0

@@ -24,9 +24,9 @@ from parapod.diagrams.levelling_platform.scenario import (
     SensorScenario,
 )
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.physics import STANDARD_GRAVITY
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
-from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
 IDEAL = SensorScenario(0.0, False, 0.0, 0.0)
 SECONDS = 9.0

@@ -18,8 +18,8 @@ from parapod.diagrams.levelling_platform.scenario import (
     SensorScenario,
 )
 from parapod.diagrams.wiring import outputs_of
+from parapod.systems.core.physics import STANDARD_GRAVITY
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
-from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
 SEEDS = range(64)
 

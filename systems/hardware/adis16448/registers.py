@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
+from parapod.systems.core.physics import STANDARD_GRAVITY
 from parapod.systems.core.vectors import Axes, Vector3
 
 # What register PROD_ID says: 16448.
@@ -23,7 +24,6 @@ _SAMPLE_RATE = 819.2
 # DIAG_STAT, nine outputs of the sensors, BARO_OUT, TEMP_OUT and the CRC.
 BURST_WORDS = 13
 
-_STANDARD_GRAVITY = 9.80665
 _GAUSS = 1e-4
 _DEGREE = math.radians(1.0)
 _TEMPERATURE_AT_ZERO, _TEMPERATURE_BITS = 31.0, 12
@@ -121,7 +121,7 @@ class Scale(NamedTuple):
 # 1.9 gauss.
 SCALES: Mapping[str, Scale] = {
     "gyro": Scale(0.04 * _DEGREE, 1000.0 * _DEGREE),
-    "accel": Scale(_STANDARD_GRAVITY / 1200.0, 18.0 * _STANDARD_GRAVITY),
+    "accel": Scale(STANDARD_GRAVITY / 1200.0, 18.0 * STANDARD_GRAVITY),
     "mag": Scale(1e-3 / 7.0 * _GAUSS, 1.9 * _GAUSS),
 }
 

@@ -1,4 +1,5 @@
 import json
+import runpy
 from functools import partial
 from pathlib import Path
 
@@ -192,6 +193,5 @@ def test_signals_that_fit_no_drawing_do_not_cost_the_log(tmp_path):
 
 @pytest.mark.parametrize("path", sorted(DOCS.glob("*.json")), ids=lambda path: path.stem)
 def test_layouts_in_the_docs_are_those_of_the_machines(path):
-    from parapod.sims.replay.foxglove_layout import as_layout
-
+    as_layout = runpy.run_path(DOCS / "layouts.py")["as_layout"]
     assert path.read_text() == as_layout(find_machine(path.stem))

@@ -30,9 +30,9 @@ from parapod.sims.output.logs.files import read_log
 from parapod.sims.output.options import RunOptions
 from parapod.sims.real_machine.age_limit import LOOKED
 from parapod.sims.real_machine.job import run_on_hardware
+from parapod.systems.core.physics import STANDARD_GRAVITY
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulation.harness import KINDS
-from parapod.systems.sensors.imu import STANDARD_GRAVITY
 
 for library in ("nidaqmx", "grpc", "canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)

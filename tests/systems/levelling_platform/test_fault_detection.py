@@ -9,6 +9,7 @@ import pytest
 from parapod.systems.levelling_platform.fault_detection import (
     RULES,
     FaultDetector,
+    FaultDetectorParams,
     Finding,
     as_markdown,
 )
@@ -84,9 +85,9 @@ def watch(bench):
         def severity(self):
             return self["severity"].item()
 
-    def begin(phase=Phase.HOLD, **inputs):
+    def begin(phase=Phase.HOLD, params=FaultDetectorParams(), **inputs):
         given = healthy(phase) | inputs
-        watch = Watch(FaultDetector(MODEL_GEOMETRY, period=PERIOD), **given)
+        watch = Watch(FaultDetector(MODEL_GEOMETRY, params, PERIOD), **given)
         # A detector that begins while feet stand has no attitude from before they touched.
         return watch.tick(limits=OPEN).tick(limits=given["limits"])
 
@@ -94,6 +95,12 @@ def watch(bench):
 
 
 # A healthy machine
+
+
+@pytest.mark.parametrize("changes", [{}, {"extended": 0.44}, {"retracted": 0.46}])
+def test_end_switches_close_where_a_machine_has_them(watch, changes):
+    found = watch(Phase.TRANSPORT, FaultDetectorParams(**changes)).wait(0.3).findings
+    assert found == ({Finding.SWITCH_END} if changes else set())
 
 
 @pytest.mark.parametrize("phase", Phase)

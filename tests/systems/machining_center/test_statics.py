@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from parapod.diagrams.machining_center.bench import make_center_bench
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.machining_center.geometry import CenterGeometry
-from parapod.systems.machining_center.masses import GRAVITY, LIMB, PLATFORM, weight
+from parapod.systems.machining_center.masses import LIMB, PLATFORM, weight
 from parapod.systems.machining_center.platform_mode import jacobian, leg_lengths, moved
 from parapod.systems.machining_center.statics import CenterStatics
 from parapod.systems.machining_center.wrench import wrench_indices

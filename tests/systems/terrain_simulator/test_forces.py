@@ -7,6 +7,7 @@ from pydrake.multibody.tree import MultibodyForces
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.terrain_simulator.model import add_bench
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.terrain_simulator.cells import (
     CELLS,
     cell_forces,
@@ -21,7 +22,6 @@ from parapod.systems.terrain_simulator.load_estimator import (
     drive_forces,
     load_of_drives,
 )
-from parapod.systems.terrain_simulator.support import GRAVITY
 
 POSES = {"pedal": (0.5, 0.28, 0.1), "treadmill": (0.85, 0.19, 0.05)}
 both = pytest.mark.parametrize("configuration", POSES)
@@ -51,6 +51,28 @@ def test_a_tread_at_rest_weighs_on_its_cells(configuration):
 def test_a_tread_that_falls_freely_does_not_weigh():
     motion = np.concatenate(((0.5, 0.28, 0.3), np.zeros(3), (0.0, -GRAVITY, 0.0)))
     np.testing.assert_allclose(inertial_load(CELLS["pedal"], motion), 0.0, atol=1e-12)
+
+
+@both
+def test_a_tread_in_motion_loads_its_cells_by_newton_and_euler(configuration):
+    """Its centre of mass follows from the pose alone, and its acceleration from differences."""
+    cells, random = CELLS[configuration], np.random.default_rng(0)
+    pose, rate, jerked = random.uniform(-1.0, 1.0, (3, 3)) * ((1.0,), (3.0,), (20.0,))
+
+    def turn(phi):  # about y: the front end goes down
+        return np.array(((np.cos(phi), np.sin(phi)), (-np.sin(phi), np.cos(phi))))
+
+    def centre(time):
+        x, z, phi = pose + rate * time + 0.5 * jerked * time**2
+        return np.array((x, z)) + turn(phi) @ (0.0, -cells.below)
+
+    step = 1e-4
+    acceleration = (centre(step) - 2.0 * centre(0.0) + centre(-step)) / step**2
+    force = -cells.mass * (acceleration + np.array((0.0, GRAVITY)))
+    arm = centre(0.0) - pose[:2]
+    moment = arm[1] * force[0] - arm[0] * force[1] - cells.inertia * jerked[2]
+    load = inertial_load(cells, np.concatenate((pose, rate, jerked)))
+    np.testing.assert_allclose(load, (*(turn(pose[2]).T @ force), moment), rtol=1e-5, atol=1e-5)
 
 
 @both

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.terrain_simulator.gait import Gait
-from parapod.systems.terrain_simulator.support import GRAVITY, Support
+from parapod.systems.terrain_simulator.support import Support
 
 SHARES = np.linspace(0.0, 1.0, 4001)
 duties = pytest.mark.parametrize("duty", [0.3, 0.5, 0.65])

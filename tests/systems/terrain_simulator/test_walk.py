@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS
 from parapod.systems.terrain_simulator.jump import SquatJump
 from parapod.systems.terrain_simulator.path import Gait, PathLimits, PathRefused, PlatePath
-from parapod.systems.terrain_simulator.support import GRAVITY
 from parapod.systems.terrain_simulator.terrain import Heave, Level, Slope, Stairs
 from parapod.systems.terrain_simulator.walk import BenchWalk, check_walk
 

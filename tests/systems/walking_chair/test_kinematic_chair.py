@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.walking_chair.chair import chair_inverse
 from parapod.systems.walking_chair.gait import TrotGait, Walk, starting_lengths, there_and_back
 from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.kinematic_chair import KinematicChair
-from parapod.systems.walking_chair.masses import GRAVITY, ChairMasses, Passenger
+from parapod.systems.walking_chair.masses import ChairMasses, Passenger
 
 GEOMETRY = ChairGeometry()
 LEVEL = np.eye(3)

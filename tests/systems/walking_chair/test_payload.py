@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.gait import TrotGait, gait_branches, gait_motion
 from parapod.systems.walking_chair.geometry import ChairGeometry
-from parapod.systems.walking_chair.masses import GRAVITY, ChairMasses, Passenger, centre_of_mass
+from parapod.systems.walking_chair.masses import ChairMasses, Passenger, centre_of_mass
 from parapod.systems.walking_chair.payload import (
     FORCE_LIMIT,
     PayloadEstimator,

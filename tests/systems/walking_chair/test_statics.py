@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.gait import TrotGait, gait_branches, gait_motion
 from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.leg import branch_lengths, leg_corners
-from parapod.systems.walking_chair.masses import GRAVITY
 from parapod.systems.walking_chair.statics import STIFFNESS, corner_jacobians, force_map, rest
 
 CHAIR, GAIT = ChairGeometry(), TrotGait()

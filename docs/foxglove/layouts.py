@@ -1,10 +1,14 @@
-"""Layout for Foxglove: a machine in its 3D panel, and its usual plots beside it."""
+"""Write the layouts for Foxglove: a machine in its 3D panel, and its usual plots beside it.
+
+python docs/foxglove/layouts.py
+"""
 
 import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
-from parapod.diagrams.machine import Machine
+from parapod.diagrams.machine import Machine, list_machines
 from parapod.diagrams.plots import parse
 from parapod.sims.output.logs.scene_messages import SCENE, WORLD
 from parapod.systems.core.extras import need
@@ -56,3 +60,8 @@ def _paths(machine: Machine[Any], text: str) -> Iterator[str]:
         if elements is None:  # of a signal whose size is left open the first
             elements = range(machine.table[name].size or 1)
         yield from (f'"{name}".value[{element}]' for element in elements)
+
+
+if __name__ == "__main__":
+    for machine in list_machines():
+        Path(__file__).with_name(f"{machine.name}.json").write_text(as_layout(machine))
