@@ -122,6 +122,10 @@ def has_libraries():
         pytest.importorskip(library)
 
 
+# With these words the program refuses a computer that is too busy.
+TOO_BUSY = ("does not answer", "measurements would be up to")
+
+
 @pytest.mark.parametrize("options", ["", pytest.param("--log", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["level", pytest.param("chair-walk", marks=pytest.mark.slow)])
 def test_the_path_through_devices_is_measured_on_an_emulator_of_its_own(
@@ -134,7 +138,7 @@ def test_the_path_through_devices_is_measured_on_an_emulator_of_its_own(
     with judge() as judged:
         code = main(command.split())
     out, said = capsys.readouterr()
-    if code and "does not answer" in said and judged.late > 0.1:
+    if code and any(words in said for words in TOO_BUSY) and judged.late > 0.1:
         pytest.skip(f"{said.splitlines()[-1]}; the machine was late by {judged.late:.3f} s")
     assert code == 0, said
     assert "age at write" in out
