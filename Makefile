@@ -28,7 +28,7 @@ LAST := clocked$(if $(BESIDE),$(comma)whole-runs)
 PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3; do \
   if $$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' >/dev/null 2>&1; then command -v $$p; break; fi; done)
 
-.PHONY: setup demo check test tests test-all test-hard lint types together clocked whole-runs slow bench docs wheel clean
+.PHONY: setup demo check test tests test-all test-hard lint types together everyday clocked whole-runs slow bench docs wheel clean
 .DEFAULT_GOAL := setup
 
 setup: $(VENV)/.installed
@@ -51,9 +51,8 @@ demo: setup
 	$(BIN)/parapod run level --meshcat --html out/level.html --json out/level.json $(ARGS)
 
 # For everyday work: no devices on their emulators, and no whole run of an experiment.
-check: lint types
-	$(TOGETHER) -m "not real_time and not slow and not whole_run" tests/laws tests/systems \
-	  --ignore tests/laws/test_devices.py --ignore tests/systems/hardware
+check: setup
+	$(BIN)/python tests/run.py lint everyday$(comma)types
 
 # All phases, whatever one of them finds, and one summary.
 test: setup
@@ -90,6 +89,10 @@ build/compiled: $(VENV)/.installed
 
 together: build/compiled
 	$(TOGETHER) $(REPORT) -m "not real_time and not slow $(if $(BESIDE),and not whole_run)" $(ARGS) || $(NONE)
+
+everyday: build/compiled
+	$(TOGETHER) $(REPORT) -m "not real_time and not slow and not whole_run" tests/laws tests/systems \
+	  --ignore tests/laws/test_devices.py --ignore tests/systems/hardware
 
 clocked: setup
 	$(PYTEST) $(REPORT) -m "real_time and not slow" $(or $(ARGS),$(REAL_TIME) $(JUDGED)) || $(NONE)

@@ -19,6 +19,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 REPORTS = Path("build/tests")
+LONGEST = 20  # tests that are told with their durations
 OUTCOMES = ("failed", "passed", "skipped")
 _KINDS = {"failure": "failed", "error": "failed", "skipped": "skipped"}
 
@@ -102,8 +103,19 @@ def _run_stage(names):
             yield Phase(name, process.returncode, ended[name], tests)
 
 
-def summarize(phases):
-    """Lines of the summary; the last ones name what failed, and how to repeat it."""
+def summarize(phases, took):
+    """Lines of the summary; the last ones name what failed, and how to repeat it.
+
+    Args:
+        phases: the phases, as they ended.
+        took: duration of all of them [s].
+    """
+    tests = {name: test[1] for phase in phases for name, test in (phase.tests or {}).items()}
+    longest = sorted(tests.items(), key=lambda pair: -pair[1])[:LONGEST]
+    if longest:
+        yield "The longest tests [s]:"
+        yield from (f"{duration:>8.1f}  {name}" for name, duration in longest)
+        yield ""
     yield f"{'phase':<12}{'':>8}{'failed':>8}{'passed':>8}{'skipped':>8}{'time':>8}"
     for phase in phases:
         counts = phase.counts
@@ -112,9 +124,9 @@ def summarize(phases):
         columns = "".join(f"{number:>8}" for number in numbers)
         yield f"{phase.name:<12}{state:>8}{columns}{phase.took:>6.0f} s"
     total = sum((phase.counts for phase in phases), Counter())
-    took = sum(test[1] for phase in phases for test in (phase.tests or {}).values())
     told = ", ".join(f"{total[name]} {name}" for name in OUTCOMES if total[name])
-    yield f"{told or 'no tests'}; {took:.0f} s in tests, each in {REPORTS / 'durations.tsv'}"
+    minutes = f"{took // 60:.0f} min {took % 60:.0f} s"
+    yield f"{told or 'no tests'} in {minutes}; durations are in {REPORTS / 'durations.tsv'}"
     for what, command in dict(pair for phase in phases for pair in phase.repeats).items():
         yield f"FAILED {what}"
         yield f"  {command}"
@@ -123,12 +135,13 @@ def summarize(phases):
 def main(stages):
     """Run stages of phases, each a text with commas; returns the exit code."""
     REPORTS.mkdir(parents=True, exist_ok=True)
+    begun = time.monotonic()
     phases = [phase for stage in stages for phase in _run_stage(stage.split(","))]
     durations = {name: test[1] for phase in phases for name, test in (phase.tests or {}).items()}
     longest = sorted(durations.items(), key=lambda pair: -pair[1])
     lines = [f"{took:.3f}\t{name}\n" for name, took in longest]
     (REPORTS / "durations.tsv").write_text("".join(lines), encoding="utf-8")
-    print("\n" + "\n".join(summarize(phases)), flush=True)
+    print("\n" + "\n".join(summarize(phases, time.monotonic() - begun)), flush=True)
     return int(any(phase.code for phase in phases))
 
 

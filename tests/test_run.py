@@ -61,7 +61,8 @@ def run(tmp_path):
     def make(*settings, phases="lint together,clocked", target="test", **files):
         for name, text in files.items():
             (tmp_path / "tests" / f"test_{name}.py").write_text(text)
-        command = ["make", target, f"PHASES={phases}", "REAL_TIME=tests", "BESIDE=", *settings]
+        ours = "REAL_TIME=tests", "BESIDE=", "TOGETHER=$(PYTEST) -n 1"
+        command = ["make", target, f"PHASES={phases}", *ours, *settings]
         done = subprocess.run(
             command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
         )
@@ -73,12 +74,16 @@ def run(tmp_path):
 def test_later_phases_run_and_the_last_lines_repeat_what_failed(run, tmp_path):
     code, lines = run(first=FIRST, last=LAST)
     assert code != 0
+    longest = lines.index("The longest tests [s]:")
+    assert (
+        len([line for line in lines[longest + 1 :] if re.match(r" +\d+\.\d  tests/", line)]) == 5
+    )
     start = next(i for i, line in enumerate(lines) if line.startswith("phase "))
     lint, together, clocked, total = (line.split() for line in lines[start + 1 : start + 5])
     assert lint[:2] == ["lint", "FAILED"]
     assert together[:5] == ["together", "FAILED", "2", "1", "1"]
     assert clocked[:5] == ["clocked", "ok", "0", "1", "0"]
-    assert total[:6] == ["2", "failed,", "2", "passed,", "1", "skipped;"]
+    assert total[:7] == ["2", "failed,", "2", "passed,", "1", "skipped", "in"]
     lint, command, *others = lines[start + 5 :]
     assert lint.startswith("FAILED lint (exit code ")
     assert command == "  make lint"
@@ -114,7 +119,7 @@ def test_arguments_select_tests_and_phases_without_any_are_no_failure(run):
     settings = "ARGS=tests/test_first.py -k no"
     code, lines = run(settings, phases="together clocked", first=FIRST, last=LAST)
     assert code == 0, lines
-    assert lines[-1].startswith("1 passed; ")
+    assert lines[-1].startswith("1 passed in 0 min ")
 
 
 ORDERED = """
