@@ -81,7 +81,7 @@ def _fit(geometry: CenterGeometry, robot: Element) -> None:
         stroke = robot.find(f"joint[@name='{side}_length']/limit")
         assert pivot is not None
         assert stroke is not None
-        pivot.set("xyz", f"0 {sign * aside!r} 0")
+        pivot.set("xyz", f"0 {sign * aside:.16f} 0")  # its digits in the file
         stroke.set("lower", repr(geometry.stroke_min))
         stroke.set("upper", repr(geometry.stroke_max))
 
