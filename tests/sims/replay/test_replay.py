@@ -259,7 +259,8 @@ def test_a_plot_is_a_figure_with_units_limits_and_phases(work, suffix, capsys):
     assert content.startswith(starts[suffix])
     if suffix == "svg":
         for words in (
-            "pose_estimated [mm]",
+            "pose_estimated[2]",
+            "[mm]",
             "time [s]",
             "machining",
             "walk.npz (backend kinematic",
