@@ -131,25 +131,6 @@ def test_another_seed_gives_other_gains_biases_and_noise(shared, backend):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_station_serves_another_ground_and_seed_without_being_rebuilt(
-    make_machine, shared, backend
-):
-    other = scenario_of(backend, ground=(-3.0, 1.0), seed=5)
-    other.job.initial_extension_mm = 402.0
-    other.actuators.gain_error = 0.05
-    other.sensors.accel_bias_mg = 3.0
-    machine = shared(backend)
-    machine.set("legs.voltage", 1.0)
-    machine.set("arm.position_command", 0.001)
-    machine.run(0.05)
-    machine.reset(other)
-    built = make_machine(other)
-    one, fresh = run_of(machine), run_of(built)
-    for name, value in fresh.items():
-        np.testing.assert_array_equal(one[name], value, err_msg=name)
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
 def test_gains_stay_within_the_stated_error(shared, backend):
     nominal = LinearActuatorParams().motor_constant
     machine = shared(backend)

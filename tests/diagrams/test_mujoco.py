@@ -108,35 +108,6 @@ def test_a_heavier_passenger_weighs_without_a_new_plant():
     assert read().sum() - before == pytest.approx(20.0 * 9.81, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("machine", "other"),
-    [
-        (PLATFORM, ("ground.roll_deg=-1", "ground.pitch_deg=4", "seed=3")),
-        (PLATFORM, ("job.initial_extension_mm=400", "plant.leg_model=reduced")),
-        (CHAIR, ("passenger.mass_kg=30", "passenger.x_mm=20", "passenger.height_mm=200")),
-        (CHAIR, ("passenger.mass_kg=0", "seed=4")),
-    ],
-)
-def test_reset_to_another_beginning_is_a_new_build_bit_by_bit(machine, other):
-    built_in = tuple(setting for setting in other if setting.startswith("plant."))
-
-    def make(settings):
-        return load_scenario(machine.scenario, None, None, ("backend=mujoco", *settings))
-
-    served, built = (ClosedLoop(machine, make(s)) for s in (built_in, other))
-
-    def run(loop, scenario):
-        simulator = Simulator(loop)
-        loop.reset(simulator.get_mutable_context(), scenario)
-        simulator.AdvanceTo(0.1)
-        return loop.recording(simulator.get_context())
-
-    run(served, None)
-    one, again = run(built, None), run(served, make(other))
-    for name in one:
-        assert np.array_equal(one[name], again[name], equal_nan=True), name
-
-
 @pytest.mark.parametrize("machine", [PLATFORM, CHAIR], ids=lambda machine: machine.name)
 def test_without_mujoco_only_its_backend_is_refused(machine, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
