@@ -4,7 +4,6 @@ A loop is simulated and what its controllers see and say at each of their instan
 devices show the same to the loop that commands devices, and note what is written to them.
 """
 
-import time
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -21,7 +20,7 @@ from parapod.sims.lab.discovery import list_entries
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.hardware.device import Device, DeviceFault
-from parapod.systems.hardware.io import Sample
+from parapod.systems.hardware.io import PartReader, Sample
 
 _DURATION = 1.6  # [s]; every job has begun to move by then
 # Settings with which it has.
@@ -100,7 +99,7 @@ class _InStep:
 
     @property
     def sample(self):
-        return Sample(self.device.read(), time.monotonic(), DeviceFault.NONE, "")
+        return Sample(self.device.read(), 0.0, DeviceFault.NONE, "")
 
     def taken(self):
         """The next sample is there at any time."""
@@ -157,6 +156,8 @@ LOOPS = list(_loops())
 def test_devices_are_commanded_what_a_simulated_plant_is(name, make, monkeypatch):
     rows = simulated(make(backend="kinematic"))
     monkeypatch.setattr(devices, "DeviceThread", _InStep)
+    # However long this computer pauses, no measurement grows old.
+    monkeypatch.setattr(devices, "PartReader", partial(PartReader, clock=lambda: 0.0))
     machine = make(backend="kinematic").machine
     parts = sorted({port.part for port in (*machine.measured, *machine.inputs)})
     drivers = HardwareScenario([_PlayedDriver(part) for part in parts])
