@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass
+from functools import partial
 
 import pytest
 
@@ -12,6 +13,7 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.real_machine.self_test import Move, check_part
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
+from parapod.systems.hardware.io import DeviceThread
 
 PARTS = sorted({port.part for port in (*PLATFORM.inputs, *PLATFORM.measured)})
 
@@ -61,8 +63,11 @@ class _FakeDriver(Driver):
 
 
 @pytest.fixture
-def check():
+def check(monkeypatch):
     """check(move, **settings): metrics of the wheels' self-test by key, and the device."""
+    # A computer that pauses for longer than usual ends no test.
+    patient = partial(DeviceThread, command_timeout=60.0)
+    monkeypatch.setattr("parapod.diagrams.devices.DeviceThread", patient)
 
     def run(move, may_move=lambda: True, **settings):
         drivers = [_FakeDriver(part, **settings) for part in PARTS]
