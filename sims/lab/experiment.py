@@ -176,6 +176,19 @@ class Experiment[S, D]:
             self.identified(scenario, data),
         )
 
+    def drawn_machine(self) -> Machine[Any]:
+        """The machine whose motion its log tells.
+
+        Raises:
+            ParapodError: its signals are not the motion of a machine.
+        """
+        machine: Machine[Any] | None = getattr(self, "machine", None)
+        if self.drawing is not None:
+            machine = self.drawing.machine
+        if machine is None:
+            raise ParapodError(f"the signals of '{self.name}' are not the motion of a machine")
+        return machine
+
     def write_log(
         self,
         path: Path,
@@ -206,11 +219,7 @@ class Experiment[S, D]:
         Raises:
             ParapodError: why it is not drawn.
         """
-        machine: Machine[Any] | None = getattr(self, "machine", None)
-        if self.drawing is not None:
-            machine = self.drawing.machine
-        if machine is None:
-            raise ParapodError(f"the signals of '{self.name}' are not the motion of a machine")
+        machine = self.drawn_machine()
         settings = self.machine_scenario(scenario)
         drawn = DrawnLog.of(machine.of(settings), settings, self.drawing, shapes)
         return scene_messages(drawn, pictures)

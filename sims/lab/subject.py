@@ -69,7 +69,7 @@ class Subject:
         except ParapodError as error:
             made.undrawn = str(error)
         if not is_drawn:
-            made.drawn, made.undrawn = None, "nobody has asked for it"
+            made.drawn, made.undrawn = None, "no drawing was asked for"
         elif made.undrawn:
             made.give_up(made.undrawn)
         return made
@@ -157,12 +157,7 @@ class Subject:
                 f"this is {here}"
             )
         self.experiment = find_experiment(str(metadata["experiment"]))
-        machine: Machine[Any] | None = getattr(self.experiment, "machine", None)
-        if self._drawing is not None:
-            machine = self._drawing.machine
-        if machine is None:
-            self.undrawn = f"the signals of '{self.name}' are not the motion of a machine"
-            return
+        machine = self.experiment.drawn_machine()
         self.machine = machine
         self.scenario = self._read_scenario(machine)
         self.machine = machine.of(self.machine_scenario())

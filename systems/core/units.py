@@ -27,7 +27,7 @@ def units_of(unit: str, size: int) -> list[str]:
         size: number of elements.
 
     Raises:
-        ValueError: the units are not those of so many elements.
+        ValueError: the number of units does not fit the number of elements.
     """
     base, rates = re.fullmatch(r"(.*?)(,? and (?:their )?rates)?", unit).groups()  # type: ignore[union-attr]
     each = [text.strip() for text in base.split(",")]

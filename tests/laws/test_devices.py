@@ -855,7 +855,7 @@ def test_switch_on_its_safe_side_stays_there_while_it_is_commanded_neither_0_nor
     until(is_at_rest)
     for bad in SENSELESS:
         broken = rig.row.order | {s: (bad,) * rig.row.commands[s] for s in device.fail_safe}
-        for _ in range(5):
+        for _ in range(20):
             until(lambda broken=broken: device.read() is not None and device.write(broken) is None)
             assert rig.is_at_rest(), bad
             sleep(2e-3)

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,9 +20,6 @@ from parapod.systems.levelling_platform.calibration.equations import (
     Tolerances,
 )
 from parapod.systems.levelling_platform.calibration.poses import MeasurementNoise
-
-if TYPE_CHECKING:
-    pass
 
 _MIDDLE = 405.0  # extension at which a simulated machine begins [mm]
 # Floor of the measurements' standard deviations [m, rad]: below it the squares of errors, which

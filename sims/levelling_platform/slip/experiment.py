@@ -8,7 +8,6 @@ which has to stand on its feet on level ground, as much is measured as its own s
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
@@ -25,7 +24,7 @@ from parapod.sims.levelling_platform.slip.measured import (
     measured_metrics,
     measured_notes,
 )
-from parapod.sims.levelling_platform.slip.scenario import BEGIN, SlipScenario
+from parapod.sims.levelling_platform.slip.scenario import BEGIN, LEVEL, SlipScenario
 from parapod.sims.levelling_platform.slip.simulated import (
     CREEP_STEPS,
     Recording,
@@ -43,12 +42,6 @@ from parapod.systems.core.errors import ScenarioError, UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
-if TYPE_CHECKING:
-    pass
-
-_HEIGHT_BOUND = 0.1  # [mm]
-_ACTUATOR_SLIP = (1.0, 20.0)  # while the legs lift, which is the curve of the feet [mm]
-_LEVEL = (0.0, 0.0)  # roll and pitch of the ground [rad]
 _NOTES = (
     "The creep is the solver's: its friction is regularised, so that a foot under a tangential "
     "force never quite stands still. It carries the whole platform down the slope, not its "
@@ -99,7 +92,7 @@ class Slip(Experiment[SlipScenario, Slipped]):
         """
         key, height = "lift.height_mm", scenario.lift.height_mm
         try:
-            inverse_kinematics(MODEL_GEOMETRY, (0.0, 0.0, 1e-3 * height), _LEVEL)
+            inverse_kinematics(MODEL_GEOMETRY, (0.0, 0.0, 1e-3 * height), LEVEL)
         except UnreachablePosture as error:
             raise ScenarioError(f"{key} = {height:g} is out of reach: {error}", key) from error
 
@@ -131,8 +124,7 @@ class Slip(Experiment[SlipScenario, Slipped]):
     def measure(self, scenario: SlipScenario, data: Slipped) -> Iterator[Metric]:
         """Slip of lift and swing, errors of the lift, creep by time step."""
         if isinstance(data.recording, Measured):
-            bounds = (*_ACTUATOR_SLIP, _HEIGHT_BOUND)
-            yield from measured_metrics(scenario, data.recording, bounds)
+            yield from measured_metrics(scenario, data.recording)
             return
         yield from slip_metrics(scenario, data.recording)
         yield from lift_metrics(scenario, data.recording)

@@ -22,6 +22,9 @@ from parapod.diagrams.wiring import named_source
 from parapod.sims.lab.bench import Bench
 from parapod.sims.levelling_platform.leg_job import AT_REST
 from parapod.sims.levelling_platform.slip.scenario import (
+    ACTUATOR_SLIP,
+    HEIGHT_BOUND,
+    LEVEL,
     SlipScenario,
     lift_trajectory,
     swing_trajectory,
@@ -57,7 +60,6 @@ type Floats = NDArray[np.float64]
 
 # Rest before the lift [s], and largest rate of a leg that is brought to where it begins [m/s].
 _SETTLE, _RATE = 1.0, 4e-3
-_LEVEL = (0.0, 0.0)
 # Two counts of the encoders: braked actuators do not move [mm].
 _HELD = 0.021
 _RESIDUAL = 1.0  # of a foot from the plane of all four [mm]
@@ -154,7 +156,7 @@ class Measured:
 
 def _in_plane(geometry: PlatformGeometry, extension: Floats) -> Floats:
     """Places (n, 4, 2) of the feet in the plane that fits them best, in the platform's heading."""
-    posture = forward_kinematics(geometry, extension, _LEVEL)
+    posture = forward_kinematics(geometry, extension, LEVEL)
     feet = np.empty((len(extension), LEG_COUNT, 3))
     for i, leg in enumerate(geometry.legs):
         feet[:, i] = -np.stack(np.broadcast_arrays(*foot_to_centre(leg, extension[:, i])), -1)
@@ -238,18 +240,14 @@ def has_arm(machine: LevellingScenario) -> bool:
     return not any(d.part == "arm" and isinstance(d, NotFittedPart) for d in drivers)
 
 
-def measured_metrics(
-    scenario: SlipScenario, data: Measured, bounds: tuple[float, float, float]
-) -> Iterator[Metric]:
+def measured_metrics(scenario: SlipScenario, data: Measured) -> Iterator[Metric]:
     """Everything that is measured.
 
     Args:
         scenario: the scenario.
         data: the lift.
-        bounds: smallest and largest slip while the legs lift, and largest error of the height
-            [mm].
     """
-    times, (least, most, height_bound) = data.times, bounds
+    times, (least, most) = data.times, ACTUATOR_SLIP
     lifting = data.between(times.lift, times.braked)
     yield Metric(
         "actuator_slip_mm",
@@ -262,12 +260,12 @@ def measured_metrics(
         "the encoders",
     )
     at = int(np.argmax(data.time >= times.swing))
-    height = float(forward_kinematics(data.geometry, data.extension[at], _LEVEL)[2])
+    height = float(forward_kinematics(data.geometry, data.extension[at], LEVEL)[2])
     yield Metric(
         "lift_height_error_mm",
         1e3 * height - scenario.lift.height_mm,
         "mm",
-        height_bound,
+        HEIGHT_BOUND,
         meaning="when the arm begins to swing, against the commanded height, by the encoders",
     )
     until = data.between(times.lift, times.swing)
@@ -345,7 +343,7 @@ def _draw(data: Measured, canvas: "Canvas") -> None:
     upper, lower = canvas.subplots(2, 1, sharex=True)
     counts = data.time >= data.times.lift
     time = data.time[counts] - data.times.begin
-    height = forward_kinematics(data.geometry, data.extension[counts], _LEVEL)[:, 2]
+    height = forward_kinematics(data.geometry, data.extension[counts], LEVEL)[:, 2]
     upper.plot(time, 1e3 * height)
     upper.set_ylabel("height [mm]")
     for leg in range(LEG_COUNT):

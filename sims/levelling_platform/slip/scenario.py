@@ -1,7 +1,6 @@
 """Scenario of a study of slip, and the movements of legs and arm in it."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
@@ -21,11 +20,10 @@ from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
-if TYPE_CHECKING:
-    pass
-
 BEGIN = 0.5  # at rest before the lift, and before the creep counts [s]
-_LEVEL = (0.0, 0.0)  # roll and pitch of the ground [rad]
+LEVEL = (0.0, 0.0)  # roll and pitch of the ground [rad]
+# Bounds: error of the height, and slip while the legs lift, which is the curve of the feet [mm].
+HEIGHT_BOUND, ACTUATOR_SLIP = 0.1, (1.0, 20.0)
 
 
 @dataclass
@@ -134,12 +132,12 @@ def lift_trajectory(scenario: SlipScenario) -> PiecewisePolynomial:
         UnreachablePosture: a height outside the stroke.
     """
     start = np.full(LEG_COUNT, 1e-3 * scenario.lift.initial_extension_mm)
-    low = forward_kinematics(MODEL_GEOMETRY, start, _LEVEL)[2]
+    low = forward_kinematics(MODEL_GEOMETRY, start, LEVEL)[2]
     high = 1e-3 * scenario.lift.height_mm
     times = np.linspace(0.0, 1.0, 21)
     heights = low + (high - low) * times**2 * (3.0 - 2.0 * times)
     postures = np.column_stack([np.zeros((times.size, 2)), heights])
-    extensions = inverse_kinematics(MODEL_GEOMETRY, postures, _LEVEL)
+    extensions = inverse_kinematics(MODEL_GEOMETRY, postures, LEVEL)
     knots = [0.0, *(BEGIN + scenario.lift.duration * times), scenario.end + 1.0]
     values = [row[:, None] for row in (extensions[0], *extensions, extensions[-1])]
     return PiecewisePolynomial.CubicShapePreserving(knots, values, True)

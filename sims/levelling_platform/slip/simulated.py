@@ -22,7 +22,9 @@ from parapod.diagrams.wiring import add, connect
 from parapod.sims.lab.bench import Bench
 from parapod.sims.levelling_platform.leg_job import make_simulator
 from parapod.sims.levelling_platform.slip.scenario import (
+    ACTUATOR_SLIP,
     BEGIN,
+    HEIGHT_BOUND,
     SlipScenario,
     control_trajectory,
     lift_trajectory,
@@ -42,8 +44,6 @@ if TYPE_CHECKING:
 _PERIOD = 0.01  # of the recording [s]
 # After the brakes close the rods come to rest first [s].
 _STOPPING = 0.1
-_HEIGHT_BOUND = 0.1  # [mm]
-_ACTUATOR_SLIP = (1.0, 20.0)  # while the legs lift, which is the curve of the feet [mm]
 
 
 @dataclass(frozen=True)
@@ -194,9 +194,9 @@ def slip_metrics(scenario: SlipScenario, recording: Recording) -> tuple[Metric, 
             "actuator_slip_mm",
             float(lifted.max()),
             "mm",
-            _ACTUATOR_SLIP[1],
+            ACTUATOR_SLIP[1],
             paper=3.0,
-            at_least=_ACTUATOR_SLIP[0],
+            at_least=ACTUATOR_SLIP[0],
             meaning="largest of a leg while the actuators lift the platform",
         ),
         Metric("rest_slip_mm", float(waiting.max()), "mm", meaning="between lift and swing"),
@@ -204,7 +204,7 @@ def slip_metrics(scenario: SlipScenario, recording: Recording) -> tuple[Metric, 
 
 
 def lift_metrics(scenario: SlipScenario, recording: Recording) -> tuple[Metric, ...]:
-    """Whether the lift was what the experiment takes it for: level, and to the height."""
+    """Measure whether the lift was level, and reached the height."""
     lifting = recording.time <= scenario.swing_at + 1e-9
     tilt = np.degrees(np.abs(recording.posture[lifting, :2]))
     reached = 1e3 * float(recording.posture[lifting, 2][-1])
@@ -213,7 +213,7 @@ def lift_metrics(scenario: SlipScenario, recording: Recording) -> tuple[Metric, 
             "lift_height_error_mm",
             reached - scenario.lift.height_mm,
             "mm",
-            _HEIGHT_BOUND,
+            HEIGHT_BOUND,
             meaning="when the arm begins to swing, against the commanded height",
         ),
         Metric("lift_tilt_deg", float(tilt.max()), "deg", meaning="largest until the swing"),

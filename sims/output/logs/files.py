@@ -66,7 +66,7 @@ def read_log(path: Path) -> Log:
     """Reads a log that a run left behind, in any of the formats.
 
     Raises:
-        OutputError: the file is missing or is no such log.
+        OutputError: the file is missing, or is not a log.
         MissingExtra: for an MCAP log, mcap is not installed.
     """
     return open_log(path).read()

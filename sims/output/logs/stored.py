@@ -72,7 +72,7 @@ class StoredLog(ABC):
         """Reads the description.
 
         Raises:
-            OutputError: the file is missing or is no such log.
+            OutputError: the file is missing, or is not a log.
             MissingExtra: for an MCAP log, mcap is not installed.
         """
         self.path = path
@@ -165,7 +165,7 @@ def open_log(path: Path) -> StoredLog:
     """A log in any of the formats, by its suffix.
 
     Raises:
-        OutputError: the file is missing or is no such log.
+        OutputError: the file is missing, or is not a log.
         MissingExtra: for an MCAP log, mcap is not installed.
     """
     kinds: dict[str, type[StoredLog]] = {".mcap": McapLog, ".csv": TableLog}

@@ -66,7 +66,7 @@ def load():
 
 
 def is_throttled():
-    """Whether a quota has held this program's group back, as some containers have one."""
+    """Tell whether a quota, as some containers have one, has held this program back."""
     groups = Path("/proc/self/cgroup")
     for line in groups.read_text().splitlines() if groups.exists() else ():
         _, controllers, path = line.split(":", 2)
