@@ -80,7 +80,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
     from parapod.sims.real_machine.disturbances import disturbable, parsed_fault
     from parapod.sims.real_machine.emulator import emulate
-    from parapod.sims.real_machine.real_time import ended_by_signals, ended_with_parent
+    from parapod.systems.hardware.signals import ended_by_signals, ended_with_parent
 
     parts = sorted({driver.part for driver in scenario.hardware.drivers})
     may = disturbable(machine, parts)

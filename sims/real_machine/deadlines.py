@@ -32,7 +32,6 @@ from parapod.sims.real_machine.real_time import (
     USUAL,
     RealTimeLoop,
     Timing,
-    ended_by_signals,
     percentiles,
     rehearse,
     undisturbed,
@@ -40,6 +39,7 @@ from parapod.sims.real_machine.real_time import (
 from parapod.sims.real_machine.wake_up import wake_up_latency
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.scenario_file import dump_scenario
+from parapod.systems.hardware.signals import ended_by_signals
 
 # Longest turn, and the time for which only waking up is measured after each [s].
 _TURN, _ALONE = 5.0, 1.0

@@ -40,12 +40,7 @@ from parapod.sims.real_machine.disturbances import (
     disturbable,
 )
 from parapod.sims.real_machine.privileges import FIFO, take_priority
-from parapod.sims.real_machine.real_time import (
-    SWITCH_INTERVAL,
-    RealTimeLoop,
-    ended_by_signals,
-    undisturbed,
-)
+from parapod.sims.real_machine.real_time import SWITCH_INTERVAL, RealTimeLoop, undisturbed
 from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.quoting import quoted_path
@@ -59,6 +54,7 @@ from parapod.systems.hardware.addresses import (
 from parapod.systems.hardware.clock import CLOCK, EmulatedClock, following, going_by, monotonic
 from parapod.systems.hardware.emulation.harness import SUPPLY, Misbehaviour, SharedHarness
 from parapod.systems.hardware.exclusive import InUse, is_kept, only_program
+from parapod.systems.hardware.signals import ended_by_signals
 
 # How long a process may take until its device answers: Drake is imported in each [s].
 _TIMEOUT = 60.0

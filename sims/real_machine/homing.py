@@ -23,12 +23,13 @@ from parapod.diagrams.homing import (
 from parapod.diagrams.machine import Machine
 from parapod.sims.output.results import Metric
 from parapod.sims.real_machine.job import DeviceWatch
-from parapod.sims.real_machine.real_time import ended_by_signals, undisturbed
+from parapod.sims.real_machine.real_time import undisturbed
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import quoted
 from parapod.systems.hardware.clock import monotonic, sleep
 from parapod.systems.hardware.io import DeviceThread
 from parapod.systems.hardware.position_memory import IncrementalDevice
+from parapod.systems.hardware.signals import ended_by_signals
 
 # Axes stand while measurements are older [s], and the homing ends when they stay so for [s].
 _OLDEST, _PATIENCE = 0.1, 1.0

@@ -26,7 +26,6 @@ from parapod.sims.real_machine.real_time import (
     DeadlineError,
     RealTimeLoop,
     Timing,
-    ended_by_signals,
     percentiles,
     rehearse,
     undisturbed,
@@ -37,6 +36,7 @@ from parapod.systems.core.scenario_file import dump_scenario
 from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.io import DeviceThread
 from parapod.systems.hardware.position_memory import IncrementalDevice
+from parapod.systems.hardware.signals import ended_by_signals
 
 # A device that has been wrong for so long does not come back by itself [s].
 _PATIENCE = 0.2

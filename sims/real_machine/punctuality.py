@@ -19,12 +19,12 @@ from parapod.sims.output.progress import progress
 from parapod.sims.real_machine.real_time import (
     RealTimeLoop,
     Timing,
-    ended_by_signals,
     percentiles,
     rehearse,
     undisturbed,
 )
 from parapod.sims.real_machine.wake_up import wake_up_latency
+from parapod.systems.hardware.signals import ended_by_signals
 
 
 @dataclass(frozen=True)

@@ -2,17 +2,12 @@
 
 import gc
 import math
-import os
 import resource
-import signal
 import sys
-import threading
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from types import FrameType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +25,7 @@ from parapod.sims.real_machine.privileges import (
 )
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.hardware.clock import EmulatedClock, Hold, hold, monotonic, sleep
+from parapod.systems.hardware.signals import signals_between_ticks
 
 # A controller that is this late is not in control [s].
 _HOPELESS = 0.1
@@ -46,7 +42,6 @@ SWITCH_INTERVAL = 1e-4
 KEPT = 100_000
 # Privileges of every job.
 USUAL = (FIFO, MEMORY)
-_PARENT_PERIOD = 0.2  # between two looks at the program that began this one [s]
 
 
 class DeadlineError(ParapodError):
@@ -293,97 +288,3 @@ def undisturbed(
         gc.unfreeze()
         if enabled:
             gc.enable()
-
-
-@contextmanager
-def signals_between_ticks() -> Iterator[Callable[[], None]]:
-    """Keeps signals that interrupt this program for the moments when it asks for them.
-
-    A handler raises wherever the program happens to be. In the middle of a conversion from Python
-    to C++ its exception is taken for an argument of the wrong type, or is lost. A second signal,
-    and one that is not asked for within 0.1 s, interrupt at once.
-
-    Yields the question: it raises if a signal has come.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: None
-        return
-    heard: list[int] = []
-    asked = monotonic()
-
-    def note(number: int, frame: FrameType | None) -> None:
-        if heard or monotonic() - asked > _HOPELESS:
-            handlers[number](number, frame)
-        heard.append(number)
-
-    def ask() -> None:
-        nonlocal asked
-        asked = monotonic()
-        if heard:
-            handlers[heard[0]](heard[0], None)
-
-    handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
-    for number in (signal.SIGINT, *_endings()):
-        handler = signal.getsignal(number)
-        if callable(handler):
-            handlers[number] = handler
-            signal.signal(number, note)
-    try:
-        yield ask
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-    ask()
-
-
-@contextmanager
-def ended_with_parent(parent: int) -> Iterator[None]:
-    """Ends this program, as SIGTERM does, once the program that began it has ended.
-
-    A shell or a test that is killed asks nobody to end, and a loop in real time goes on for ever.
-
-    Args:
-        parent: process that began this one, as `os.getppid` told at the beginning.
-    """
-    over = threading.Event()
-
-    def watch() -> None:
-        while not over.wait(_PARENT_PERIOD):
-            if os.getppid() != parent:
-                os.kill(os.getpid(), signal.SIGTERM)
-                return
-
-    thread = threading.Thread(target=watch, name="parent", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
-
-
-@contextmanager
-def ended_by_signals() -> Iterator[None]:
-    """Makes the signals that end programs end this one as Ctrl-C does: through every `finally`.
-
-    One that is ignored stays so: under `nohup` a program outlives its terminal.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt(signal.Signals(number).name)
-
-    heard = [number for number in _endings() if signal.getsignal(number) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, interrupt) for number in heard}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _endings() -> list[int]:
-    """Signals, beside Ctrl-C's, that end programs."""
-    return [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]

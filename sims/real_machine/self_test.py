@@ -12,13 +12,13 @@ from parapod.diagrams.devices import make_parts
 from parapod.diagrams.drivers.driver import Driver, time_of
 from parapod.diagrams.machine import Machine, SelfTest
 from parapod.sims.output.results import Metric
-from parapod.sims.real_machine.real_time import ended_by_signals
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.physics import STANDARD_GRAVITY
 from parapod.systems.core.quoting import quoted
 from parapod.systems.hardware.clock import monotonic, sleep
 from parapod.systems.hardware.device import NotFitted
 from parapod.systems.hardware.io import DeviceThread
+from parapod.systems.hardware.signals import UninterruptedExit, ended_by_signals
 
 _STEP = 0.01  # [s]
 # A command grows and fades for so long [s].
@@ -107,11 +107,10 @@ def check_part(
         for text in parts.news():
             say(text)
 
-    with ExitStack() as stack:
+    with ended_by_signals(), UninterruptedExit() as stack:
         stack.enter_context(time_of([d for d in drivers if d.part == part], machine.experiment))
         if checked is not None and not may_move():
             return []
-        stack.enter_context(ended_by_signals())
         stack.callback(say_news)  # also of devices that are refused
         for thread in threads:
             stack.enter_context(thread.device)

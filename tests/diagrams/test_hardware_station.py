@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import textwrap
@@ -35,6 +36,7 @@ from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.extras import EXTRAS
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+from parapod.systems.hardware.signals import ended_by_signals
 
 PARTS = ("arm", "imu", "legs", "turntable", "wheels")
 LIBRARIES = sorted(EXTRAS)
@@ -365,6 +367,19 @@ def test_an_exception_inside_leaves_all_neutral_and_closed_in_reverse_order():
 
     with pytest.raises(ZeroDivisionError):
         fly()
+    backwards = list(reversed(PARTS))
+    assert events(diary, "neutral") == [(part, "neutral") for part in backwards]
+    assert diary[-len(PARTS) :] == [(part, "close") for part in backwards]
+
+
+def test_a_signal_at_the_end_leaves_all_neutral_and_closed(monkeypatch):
+    diary = []
+    station = active_parts(diary)
+    first = station.behind.handle.all_threads[-1]
+    stop = first.stop
+    monkeypatch.setattr(first, "stop", lambda: (os.kill(os.getpid(), signal.SIGTERM), stop())[1])
+    with ended_by_signals(), pytest.raises(KeyboardInterrupt, match="SIGTERM"), station.active():
+        diary.clear()
     backwards = list(reversed(PARTS))
     assert events(diary, "neutral") == [(part, "neutral") for part in backwards]
     assert diary[-len(PARTS) :] == [(part, "close") for part in backwards]

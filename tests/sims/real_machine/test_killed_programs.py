@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from parapod.sims.cli.arguments import MISTAKE
 from parapod.sims.cli.main import main
 from parapod.sims.output.logs.files import read_log
 
@@ -124,7 +125,7 @@ def killed(program):
 
 @pytest.mark.parametrize("name", [pytest.param("SIGINT", marks=pytest.mark.slow), "SIGTERM"])
 def test_a_controller_that_is_asked_to_end_leaves_the_machine_neutral(
-    machine, stamped, in_time, capsys, name
+    machine, stamped, in_time, name
 ):
     path = machine.directory / f"{name}.mcap"
     program = levelling(machine, "--log", path)
@@ -132,6 +133,8 @@ def test_a_controller_that_is_asked_to_end_leaves_the_machine_neutral(
     program.send_signal(getattr(signal, name))
     _, said = program.communicate(timeout=600)
     took = time.monotonic() - began
+    if program.returncode == MISTAKE:  # the guard has been quicker
+        in_time(np.inf, 0.0, said)
     assert program.returncode == 130, said
     assert said.splitlines()[-1] == "parapod: interrupted"
     assert "Traceback" not in said
@@ -145,8 +148,7 @@ def test_a_controller_that_is_asked_to_end_leaves_the_machine_neutral(
     stamps, *_ = stamped(path, "legs.extension")
     assert len(read_log(path).time) == len(stamps)
     # It has ended in peace: the next program knows where the rods are.
-    known = main(["check", "legs", "--seconds", "0.1"]) in (0, 1)
-    in_time(0.0 if known else np.inf, 1.0, f"positions are lost, {capsys.readouterr().err}{said}")
+    assert main(["check", "legs", "--seconds", "0.1"]) in (0, 1)
     in_time(at - stamps[-1], 0.2, "last sample before the signal [s]")
     in_time(neutral, 1.0, f"neutral after {name} [s]")
     in_time(took, 2.0, f"end after {name} [s]")

@@ -16,12 +16,12 @@ from parapod.sims.real_machine.real_time import (
     DeadlineError,
     RealTimeLoop,
     Timing,
-    ended_by_signals,
     percentiles,
     rehearse,
     undisturbed,
 )
 from parapod.systems.hardware.addresses import WIRES
+from parapod.systems.hardware.signals import ended_by_signals
 
 PERIOD = 0.01
 
@@ -208,37 +208,6 @@ def test_the_garbage_collector_is_away_meanwhile_and_back_after():
     assert gc.isenabled()
     assert gc.get_freeze_count() == 0
     assert sys.getswitchinterval() == interval
-
-
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
-def test_signals_that_end_programs_pass_through_finally(name):
-    number = getattr(signal, name)
-    before, ended = signal.signal(number, signal.SIG_DFL), []  # also under nohup
-
-    def killed():
-        try:
-            os.kill(os.getpid(), number)
-            time.sleep(1.0)
-        finally:
-            ended.append(True)
-
-    try:
-        with ended_by_signals(), pytest.raises(KeyboardInterrupt, match=name):
-            killed()
-        assert ended
-        assert signal.getsignal(number) == signal.SIG_DFL
-    finally:
-        signal.signal(number, before)
-
-
-def test_a_signal_that_is_ignored_under_nohup_ends_nothing():
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
-        with ended_by_signals():
-            os.kill(os.getpid(), signal.SIGHUP)
-        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGHUP, before)
 
 
 @pytest.fixture
