@@ -92,14 +92,6 @@ def test_loops_stay_closed(levelling):
     assert signals["truth.loop_error"][signals["t"] > STOOD].max() <= 5e-6
 
 
-def test_closure_error_falls_with_the_square_of_the_time_step(levelling):
-    errors = []
-    for time_step in (2e-3, 1e-3):
-        signals = levelling(time_step=time_step)
-        errors.append(signals["truth.loop_error"][signals["t"] > STOOD].max())
-    assert 3.5 < errors[0] / errors[1] < 4.5
-
-
 def test_reduced_legs_move_the_platform_as_full_ones_do(levelling):
     full, reduced = levelling("full"), levelling("reduced")
     later = full["t"] > STOOD
