@@ -11,7 +11,7 @@ REPORT = --continue-on-collection-errors -o junit_family=xunit1 --junitxml=build
 REAL_TIME := tests/diagrams/test_hardware_station.py tests/sims/real_machine
 JUDGED = $(shell grep -rlw judge tests --include='test_*.py')
 # Where tests need whole runs of experiments; tests/conftest.py shares these.
-WHOLE_RUNS := tests/laws/test_chapters.py tests/laws/test_experiments.py tests/sims/levelling_platform tests/sims/machining_center tests/sims/terrain_simulator tests/sims/walking_chair
+WHOLE_RUNS := tests/laws/test_chapters.py tests/laws/test_experiments.py tests/sims/levelling_platform tests/sims/machining_center tests/sims/terrain_simulator tests/sims/walking_chair tests/sims/study tests/test_notebooks.py tests/your_own
 # More processes than there are cores: tests of devices wait for them.
 TOGETHER := $(PYTEST) -n $(shell expr $$(getconf _NPROCESSORS_ONLN) + 2)
 ARGS ?=
@@ -20,9 +20,9 @@ comma := ,
 BESIDE := $(shell chrt --fifo 1 true 2>/dev/null && echo yes)
 # pytest's answer where there is none of the tests that are asked for.
 NONE := [ $$? = 5 ]
-# What can run beside each other does, on all cores; what is judged by the clock then runs alone, or
-# beside whole experiments where real-time programs may keep these away.
-LAST := clocked$(if $(BESIDE),$(comma)whole-runs)
+# What can run beside each other does, on all cores; what is judged by the clock then runs alone, or,
+# where real-time programs may keep others away, beside what computes for long.
+STAGES := $(if $(BESIDE),together clocked$(comma)whole-runs$(comma)types,together$(comma)types clocked)
 
 # The newest interpreter that is new enough; PYTHON=/path/to/python overrides it.
 PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3; do \
@@ -56,15 +56,15 @@ check: setup
 
 # All phases, whatever one of them finds, and one summary.
 test: setup
-	$(BIN)/python tests/run.py $(or $(PHASES),lint together$(comma)types $(LAST))
+	$(BIN)/python tests/run.py $(or $(PHASES),lint $(STAGES))
 
 # With the tests that are left out of the everyday ones.
 test-all: setup
-	$(BIN)/python tests/run.py lint together$(comma)types $(LAST) slow
+	$(BIN)/python tests/run.py lint $(STAGES) slow
 
 # The tests alone.
 tests: setup
-	$(BIN)/python tests/run.py together $(LAST)
+	$(BIN)/python tests/run.py $(STAGES:$(comma)types=)
 
 # Under conditions of other computers: CONDITIONS="busy user", see tests/hard.py; not for every day.
 test-hard: export ARGS := $(ARGS)

@@ -37,6 +37,8 @@ SHARED_RUNS = (
     "tests/sims/terrain_simulator",
     "tests/sims/walking_chair",
 )
+# Where tests compute for seconds each: they fill the cores while others wait for a clock.
+LONG_RUNS = ("tests/sims/study", "tests/test_notebooks.py", "tests/your_own")
 
 
 _REAL_TIME = tuple(f"tests/{name}{'::' if name.endswith('.py') else '/'}" for name in REAL_TIME)
@@ -62,6 +64,8 @@ def pytest_itemcollected(item):
     if {"execute", "finished"} & set(item.fixturenames):
         if not item.nodeid.startswith(SHARED_RUNS):
             raise pytest.UsageError(f"{item.nodeid}: whole runs are sought in SHARED_RUNS only")
+        item.add_marker(pytest.mark.whole_run)
+    elif item.nodeid.startswith(LONG_RUNS):
         item.add_marker(pytest.mark.whole_run)
 
 

@@ -1,6 +1,6 @@
 """Run all phases of the tests, whatever one of them finds, and show one summary at the end.
 
-`make test` calls `python tests/run.py lint together,types clocked,whole-runs`: targets of the
+`make test` calls `python tests/run.py lint together clocked,whole-runs,types`: targets of the
 Makefile, one stage after the other, those of a stage beside each other. Each phase with tests
 leaves its report in `build/tests/PHASE.xml`; the durations of all tests, the longest first, come
 to `build/tests/durations.tsv`. The exit code is 1 if a phase failed, else 0.
