@@ -1,5 +1,4 @@
 """`python -m benchmarks [--strict] [GROUP ...]`: kinematics, realtime, accuracy, .. (see _GROUPS).
-`python -m benchmarks faults [--help]`: the fault matrix by itself, with options.
 `python -m benchmarks loop [EXPERIMENT [KEY=VALUE ..]]`: where the time of a loop's tick goes.
 `python -m benchmarks engines [--help]`: Drake and MuJoCo, speed against accuracy.
 `python -m benchmarks jobs [--help]`: how many jobs on emulated devices end well.
@@ -21,7 +20,6 @@ from benchmarks import (
     deadlines,
     endurance,
     engines,
-    faults,
     hardware,
     jobs,
     kinematics,
@@ -35,7 +33,7 @@ from benchmarks.report import Measurement, print_measurements
 
 _GROUPS = (
     *("kinematics", "realtime", "accuracy", "chair", "centers", "terrain"),
-    *("scale", "endurance", "hardware", "deadlines", "faults", "day"),
+    *("scale", "endurance", "hardware", "deadlines", "day"),
 )
 # Of tables that go into a file or a pipe [characters].
 _FILE_WIDTH = 130
@@ -49,8 +47,6 @@ def main(arguments: list[str]) -> int:
         return jobs.main(arguments[1:])
     if arguments[:1] == ["mutants"]:
         return mutants.main(arguments[1:])
-    if arguments[:1] == ["faults"]:
-        return faults.main(arguments[1:])
     console = Console(width=None if sys.stdout.isatty() else _FILE_WIDTH)
     if arguments[:1] == ["loop"]:
         loop.run(console, arguments[1:])
@@ -75,7 +71,6 @@ def main(arguments: list[str]) -> int:
             "endurance": lambda: endurance.run(console),
             "hardware": lambda: hardware.run(console),
             "deadlines": lambda: deadlines.run(console),
-            "faults": lambda: faults.run(console),
             "day": lambda: endurance.run_day(console),
         }[name]()
         print_measurements(name, measured, console)

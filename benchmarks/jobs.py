@@ -2,6 +2,8 @@
 
 import argparse
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -10,10 +12,10 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.deadlines import busy
-from benchmarks.emulated import Program
 from parapod.sims.lab.discovery import find_entry
 from parapod.sims.real_machine.own_emulator import own_emulator
 
+_PARAPOD = (sys.executable, "-m", "parapod.sims")
 # Settings of jobs of some seconds; those of the emulator besides.
 _CENTER = (
     *("holes.count=0", "walk.advance_mm=20", "walk.steps=1", "walk.lift_mm=8"),
@@ -70,14 +72,21 @@ def run_jobs(name: str, count: int, backend: str, is_short: bool) -> Iterator[Jo
         (rate,) = re.findall(r"^time: rate ([\d.]+)", "\n".join(emulator.said), re.MULTILINE)
         for _ in range(count):
             of_job = ("--set", *settings) if settings else ()
-            program = Program("run", name, "--backend", "hardware", *of_job)
-            code = program.wait(_LONGEST)
+            done = subprocess.run(
+                [*_PARAPOD, "run", name, "--backend", "hardware", *of_job],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
+                timeout=_LONGEST,
+            )
             waits = re.findall(
-                r"waited ([\d.]+) s .* and ([\d.]+) s", program.word("emulated time")
+                r"emulated time .* waited ([\d.]+) s .* and ([\d.]+) s", done.stderr
             )
             waited = sum(map(float, waits[0])) if waits else 0.0
-            yield Job(code, float(rate), waited, program.last_words)
-            if code:
+            *_, words = done.stderr.strip().splitlines() or ("",)
+            words = words.removeprefix("parapod: error: ")
+            yield Job(done.returncode, float(rate), waited, words)
+            if done.returncode:
                 return
 
 

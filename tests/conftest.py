@@ -97,7 +97,10 @@ def pytest_runtest_teardown(item, nextitem):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Gives each process files, and all that share a machine's runs to the same one."""
+    """Gives each process files, and all that share a machine's runs to the same one.
+
+    The groups of xdist itself would stand in the names of the tests.
+    """
     from xdist.scheduler import LoadScopeScheduling
 
     class Scheduling(LoadScopeScheduling):

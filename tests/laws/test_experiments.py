@@ -419,7 +419,11 @@ def test_its_diagram_is_graphviz_text(part, finished):
 
 
 # Those that take seconds; that their machines' loops give the same numbers is a law of machines.
-LONG = {"bench-course", "bench-leg", "center-walk", "chair-engines", "fault-campaign"}
+LONG = {
+    *("bench-course", "bench-leg", "bench-walk", "center-machining", "center-walk"),
+    *("chair-circle", "chair-engines", "compare-engines", "fault-campaign"),
+    *("identify-actuators", "slip", "track-posture"),
+}
 
 
 @pytest.mark.parametrize(

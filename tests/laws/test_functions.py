@@ -13,6 +13,10 @@ from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace
 from parapod.systems.levelling_platform.zero_moment_point import ArmMotion, Footing
+from parapod.systems.machining_center.branch import branch_joints
+from parapod.systems.machining_center.geometry import CenterGeometry
+from parapod.systems.machining_center.platform_mode import inverse_kinematics
+from parapod.systems.machining_center.swing import lock_sets
 from parapod.systems.terrain_simulator.cells import CELLS
 from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import slider_places
@@ -30,6 +34,7 @@ UP = up_of_lengths(CHAIR.leg, LENGTHS[0])
 CORNER = leg_corners(CHAIR.leg, UP)[0]
 WORKSPACE = Workspace(PlatformGeometry(), ArmGeometry())
 BENCH, PLATE = BenchGeometry.pedal(), (0.5, 0.28, 0.05)
+CENTER, MIDDLE = CenterGeometry(), (0.01, -0.02, 0.5, 0.03, 0.02, 0.05)
 BATCH = (2, 5)  # unlike any shape of what is in it
 
 
@@ -46,6 +51,12 @@ def several(kind, *parts):
 
 EXTENSION, ATTITUDE, GROUND = near([0.405] * 4), near([0.0] * 2, 0.02), near([0.0] * 2, 0.01)
 MOTION = several(Motion, near(CORNER), near([0.0] * 3), near([0.0] * 3))
+ROOMS = {
+    "levelling_platform": PlatformGeometry(),
+    "machining_center": CENTER,
+    "terrain_simulator": BENCH,
+    "walking_chair": CHAIR,
+}
 # By the room and the name of the argument; what is not listed there has no batch.
 SAMPLED = {
     "levelling_platform": {
@@ -58,6 +69,17 @@ SAMPLED = {
         "motion": several(ArmMotion, *[near([0.0] * 2, 0.1)] * 3),
         "point": near(WORKSPACE.tip_position((0.0, 0.0, 0.477))),
         "posture": near([0.0, 0.0, 0.477]),
+    },
+    "machining_center": {
+        "end": near(MIDDLE, 0.02),
+        "footholds": near(CENTER.footholds),
+        "joints": near(branch_joints(CENTER, MIDDLE), 1e-5),
+        "lengths": near(inverse_kinematics(CENTER, MIDDLE)),
+        "near": near(MIDDLE, 0.01),
+        "pose": near(MIDDLE, 0.02),
+        "poses": near(MIDDLE, 0.02),
+        "start": near(MIDDLE, 0.02),
+        "twist": near([0.0] * 6, 0.1),
     },
     "terrain_simulator": {
         "force": near([150.0, 140.0, 10.0], 20.0),
@@ -102,6 +124,7 @@ FIXED = {
     "corner": CHAIR.leg.corners[0],
     "gait": GAIT,
     "limit": 1.0,
+    "lock_set": lock_sets(CENTER, 1)[0],
     "masses": ChairMasses(),
     "params": KinematicPlatformParams(),
     "passenger": Passenger(),
@@ -110,6 +133,8 @@ FIXED = {
     "references": START.references,
     "sign": 1.0,
 }
+# Of which the batch is last, or that tell one thing of all of it.
+NOT_STACKED = {"is_clear", "legs_at"}
 # Arguments that are of another size in one function.
 OWN = {
     "margins_of_terms": {"terms": near([0.1] * 7)},
@@ -136,6 +161,7 @@ def discovered():
                 and value.__module__ == module.__name__
                 and not name.startswith("_")
                 and "(..." in (inspect.getdoc(value) or "")
+                and name not in NOT_STACKED
             ):
                 yield pytest.param(room, value, id=f"{room}-{name}")
 
@@ -147,11 +173,8 @@ def arguments(room, function, random):
     """Arguments that have a batch, and those that have none, by their names."""
     samples, batched, fixed = SAMPLED[room] | OWN.get(function.__name__, {}), {}, {}
     for name, parameter in inspect.signature(function).parameters.items():
-        if name == "geometry" and room == "terrain_simulator":
-            fixed[name] = BENCH
-        elif name == "geometry":
-            whole = CHAIR if "ChairGeometry" in str(parameter.annotation) else CHAIR.leg
-            fixed[name] = whole if room == "walking_chair" else PlatformGeometry()
+        if name == "geometry":
+            fixed[name] = CHAIR.leg if "LegGeometry" in str(parameter.annotation) else ROOMS[room]
         elif name in samples:
             batched[name] = samples[name](random, BATCH)
         elif name in FIXED and parameter.default is parameter.empty:

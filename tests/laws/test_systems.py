@@ -186,8 +186,9 @@ def test_whatever_comes_in_outputs_are_finite_and_inside_their_limits(specimen):
     begun = [context for context, _ in specimen.moments(4, seed=2)]
     random = np.random.default_rng(2)
     for name, port in specimen.inputs.items():
-        for bad in (math.nan, math.inf, -math.inf, 1e308, -1e308, 1e6) if port.size() else ():
-            for context in (moment.Clone() for moment in begun):
+        bads = (math.nan, math.inf, -math.inf, 1e308, -1e308, 1e6) if port.size() else ()
+        for k, bad in enumerate(bads):
+            for context in (moment.Clone() for moment in begun[k % 2 :: 2]):
                 value = port.Eval(context).copy()
                 # All of them, or one.
                 where = slice(None) if random.random() < 0.5 else random.integers(port.size())
@@ -218,7 +219,7 @@ def test_an_input_that_need_not_be_connected_says_what_it_is_then(system_kind):
     needed = set()
     for specimen in system_kind.specimens:
         for k, (context, random) in enumerate(specimen.moments(80)):
-            if k >= 40 and set(meanings) <= needed | optional | unused:
+            if k >= 12 and set(meanings) <= needed | optional | unused:
                 break
             given = specimen.sample(random)
             for missing in given:

@@ -135,12 +135,17 @@ class Emulator:
     Attributes:
         machine: that is emulated.
         options: of every emulator of it.
+        experiment: that is emulated, by default the machine's.
         remembered: the signal that a file remembers from one program to the next, and the file.
         disturbable: parts whose devices are made to misbehave.
         drivers: parts that have devices; None: those of the machine's default scenario.
     """
 
     drivers = None
+
+    @property
+    def experiment(self):
+        return self.machine.experiment
 
     def __init__(self, scenario=""):
         # A socket's path is short, which pytest's folders are not.
@@ -152,7 +157,7 @@ class Emulator:
             self.scenario = [str(self.directory / "machine.yaml")]
             Path(*self.scenario).write_text(scenario)
         options = [f"--scenario={path}" for path in self.scenario]
-        command = (*PARAPOD, "emulate", self.machine.experiment, "--log", self.log)
+        command = (*PARAPOD, "emulate", self.experiment, "--log", self.log)
         self.process = subprocess.Popen(
             (*command, *self.options, *options),
             env=self.environment,
@@ -356,6 +361,12 @@ class EmulatedPlatformByTheClock(EmulatedPlatform):
     options = (*EmulatedPlatform.options, "--rate=1")
 
 
+class EmulatedDeploymentByTheClock(EmulatedPlatformByTheClock):
+    """The platform where its operation begins."""
+
+    experiment = "deploy"
+
+
 class EmulatedPlatformOnWheels(EmulatedPlatform):
     """The platform before it has been anywhere, on level ground."""
 
@@ -392,6 +403,12 @@ class EmulatedChair(Emulator):
     @property
     def is_neutral(self):
         return not self.has_power and not any(self.wires.get("legs.velocity_command"))
+
+
+class EmulatedChairByTheClock(EmulatedChair):
+    """The chair in the computer's own time."""
+
+    options = ("--rate=1", *EmulatedChair.options)
 
 
 class EmulatedCenter(Emulator):
@@ -463,6 +480,17 @@ def emulate(emulators):
 def emulate_by_the_clock(emulators):
     """emulate_by_the_clock(scenario="") begins an `EmulatedPlatformByTheClock`."""
     return partial(emulators, EmulatedPlatformByTheClock)
+
+
+@pytest.fixture(scope="module")
+def emulate_for(emulators):
+    """emulate_for(job) begins the `Emulator` of a job, in the computer's own time."""
+    kinds = {
+        "level": EmulatedPlatformByTheClock,
+        "deploy": EmulatedDeploymentByTheClock,
+        "walk": EmulatedChairByTheClock,
+    }
+    return lambda job: emulators(kinds[job])
 
 
 @pytest.fixture(scope="module")

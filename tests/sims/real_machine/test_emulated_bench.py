@@ -31,6 +31,7 @@ def test_a_walk_on_emulated_sliders_slide_belt_and_cells(bench, walk):
     assert (braked > 0.5).all(), "no leg is there that the slide could lift"
 
 
+@pytest.mark.slow
 def test_a_slider_that_falls_silent_ends_the_walk_and_all_drives_hold(bench, walk):
     bench.measure_legs()
     program = bench.parapod(*walk)

@@ -37,6 +37,7 @@ def test_a_tripod_walks_on_emulated_devices_one_loose_foot_at_a_time(center, wal
     assert gone == pytest.approx(20.0, abs=0.5)
 
 
+@pytest.mark.slow  # the sequence alone every day: tests/systems/machining_center
 def test_a_clamp_that_is_lost_while_a_limb_swings_stops_everything_where_it_stands(center, walk):
     center.measure_legs()
     program = center.parapod(*walk)

@@ -1,12 +1,12 @@
 """A person operates the emulated platform on a page, and lets go of it in several ways."""
 
-import importlib.util
 import json
 import os
 import re
 import signal
+import threading
 import time
-from pathlib import Path
+import urllib.request
 
 import numpy as np
 import pytest
@@ -14,13 +14,66 @@ import pytest
 for library in ("nidaqmx", "grpc", "canopen", "can", "serial", "mcap"):
     pytest.importorskip(library)
 
-# The benchmarks' person: folders of tests are no package that could import it.
-_spec = importlib.util.spec_from_file_location(
-    "page", Path(__file__).parents[3] / "benchmarks" / "page.py"
-)
-_page = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(_page)
-Page = _page.Page
+
+class Page:
+    """A person in front of a browser, for a program that asks for one.
+
+    Attributes:
+        url: address of the page.
+        is_open: whether the page says that it is there.
+        held: name of the button that is held; "": none.
+    """
+
+    def __init__(self, url):
+        self.url, self.is_open, self.held = url, threading.Event(), ""
+        self.is_open.set()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._speak, daemon=True)
+        self._thread.start()
+
+    def _speak(self):
+        while not self._over.wait(0.05):
+            if not self.is_open.is_set():
+                continue
+            try:
+                urllib.request.urlopen(f"{self.url}/beat?page=me", timeout=2.0).close()
+                if self.held:
+                    self.send(hold=self.held, on=True, number=time.monotonic_ns())
+            except OSError:
+                return  # the program has ended
+
+    def state(self):
+        """Everything that the page shows."""
+        with urllib.request.urlopen(f"{self.url}/state?page=me", timeout=5.0) as answer:
+            return json.loads(answer.read())
+
+    def send(self, **body):
+        """Does something on the page."""
+        data = json.dumps({"page": "me", **body}).encode()
+        request = urllib.request.Request(self.url, data, {"Origin": self.url})
+        urllib.request.urlopen(request, timeout=5.0).close()
+
+    def click(self, name):
+        """Clicks a button."""
+        self.send(button=name)
+
+    def wait(self, state, timeout=30.0):
+        """Waits until the machine is in a state; says for how long [s].
+
+        Raises:
+            TimeoutError: it is in another one; has what the page shows.
+        """
+        begun = time.monotonic()
+        while (shown := self.state())["state"] != state:
+            if time.monotonic() > begun + timeout:
+                raise TimeoutError(shown)
+            time.sleep(0.02)
+        return time.monotonic() - begun
+
+    def close(self):
+        """Leaves."""
+        self._over.set()
+        self._thread.join()
 
 
 @pytest.fixture(scope="module")
@@ -132,17 +185,50 @@ def test_a_machine_whose_page_dies_holds_and_then_ends(machine, operate, within,
     page.click("Go")
     page.wait("lower")
     time.sleep(0.5)
-    children = f"/proc/{program.pid}/task/{program.pid}/children"
-    with open(children) as file:
-        (desk,) = [int(pid) for pid in file.read().split() if "lab.desk" in command_of(pid)]
     page.is_open.clear()
     begun = time.monotonic()
-    os.kill(desk, signal.SIGKILL)
+    os.kill(desk_of(program), signal.SIGKILL)
     within(lambda: still(machine, 0.05), 0.55, "page killed")
     _, said = program.communicate(timeout=600)
     assert program.returncode == 2
     assert "the operator's page is gone" in said
     in_time(time.monotonic() - begun, 10.0, "end after the page was killed [s]")
+
+
+@pytest.mark.slow
+def test_a_chair_whose_page_dies_while_somebody_walks_stands(emulate_for, in_time):
+    chair = emulate_for("walk")
+    options = ("--backend=hardware", "--set", "begin=0.5")
+    program = chair.parapod("operate", "chair-walk", *options)
+    page = Page(program.stderr.readline().split()[1])
+    try:
+        page.held = "walk"
+        speed = 2e-3
+        assert chair.until(
+            lambda: np.abs(chair.wires.get("legs.velocity_command")).max() > speed, 120.0
+        )
+        time.sleep(1.0)
+        page.is_open.clear()
+        os.kill(desk_of(program), signal.SIGKILL)
+        begun = time.monotonic()
+        assert chair.until(lambda: not any(chair.wires.get("legs.velocity_command")), 60.0)
+        took = time.monotonic() - begun
+        _, said = program.communicate(timeout=600)
+    finally:
+        program.kill()
+        page.close()
+    assert program.returncode == 2
+    assert "the operator's page is gone" in said
+    assert chair.until(lambda: chair.is_neutral, 1.0)
+    in_time(took, 0.5, "page killed")
+
+
+def desk_of(program):
+    """Number of the process of the page."""
+    children = f"/proc/{program.pid}/task/{program.pid}/children"
+    with open(children) as file:
+        (desk,) = [int(pid) for pid in file.read().split() if "lab.desk" in command_of(pid)]
+    return desk
 
 
 def command_of(pid):

@@ -32,13 +32,6 @@ def test_lengths_of_a_tilted_pose_are_those_computed_by_another_program():
     assert np.allclose(1e3 * lengths, expected, atol=1e-8)
 
 
-def test_one_pose_is_a_batch_of_one(geometry, poses, uneven):
-    batch, feet = poses(6).reshape(2, 3, 6), uneven(3)
-    lengths = leg_lengths(geometry, batch, feet)
-    assert lengths.shape == (2, 3, geometry.legs)
-    assert np.array_equal(leg_lengths(geometry, batch[1, 2], feet[2]), lengths[1, 2])
-
-
 def test_rates_are_the_slopes_of_the_lengths(geometry, poses, uneven):
     batch, feet = poses(200), uneven(200)
     twist = np.random.default_rng(2).normal(size=(200, 6))

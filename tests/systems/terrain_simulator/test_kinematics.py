@@ -98,14 +98,6 @@ def test_the_printed_argument_of_the_arc_cosine_turns_the_plate_round(geometry, 
     assert np.abs(np.abs(np.remainder(off, 2.0 * math.pi)) - math.pi).max() < 1e-6
 
 
-def test_one_pose_is_a_batch_of_one(geometry, poses):
-    batch = poses(6).reshape(2, 3, 3)
-    for function in (slider_places, jacobian, margins):
-        whole = function(geometry, batch)
-        assert whole.shape[:2] == (2, 3)
-        np.testing.assert_allclose(function(geometry, batch[1, 2]), whole[1, 2], atol=1e-14)
-
-
 def test_a_motion_along_the_rail_moves_all_sliders_alike(geometry, poses):
     batch = poses(100)
     moved = slider_places(geometry, batch + np.array((0.3, 0.0, 0.0))) - slider_places(
