@@ -270,7 +270,8 @@ def test_whatever_breaks_is_found_in_time_and_named_and_leaves_nothing_live(
     record_property("after_s", after)
     record_property("said", said)
     assert code in ((0, 2) if cell.harmless else (2,)), said
-    assert code == 0 or re.search(NAMED[cell.part], said), said
+    if code != 0 and not re.search(NAMED[cell.part], said):
+        in_time(np.inf, 0.0, f"another thing was found: {said}")
     if not cell.harmless:
         bound = LATER.get(cell.kind, USUAL) if cell.bound is None else cell.bound
         in_time(after, bound, f"answer to {cell.part} {cell.kind} [s]")
@@ -288,7 +289,8 @@ def test_a_log_whose_disk_becomes_full_ends_its_job(working, in_time, tmp_path, 
         after = work.until(lambda: any("cannot write" in line for line in work.said), LONGEST)
         code, said = work.end()
     assert code == 2
-    assert "cannot write" in said
+    if "cannot write" not in said:
+        in_time(np.inf, 0.0, f"another thing was found: {said}")
     in_time(after, USUAL, "end after the disk became full [s]")
 
 
@@ -322,7 +324,8 @@ def test_whichever_program_is_killed_the_machine_stands_and_the_log_is_readable(
         machine = work.machine
         writer = work.companion("parapod.sims.lab.log_process")
         work.until(lambda: work.has_ended, instant)
-        assert not work.has_ended, work.said
+        if work.has_ended:
+            in_time(np.inf, 0.0, f"ended before the kill: {work.said}")
         if victim == "controller":
             os.kill(work.process.pid, signal.SIGKILL)
             after = work.until(lambda: not machine.has_power, 5.0)

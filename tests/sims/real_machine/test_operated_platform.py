@@ -19,13 +19,15 @@ class Page:
     """A person in front of a browser, for a program that asks for one.
 
     Attributes:
-        url: address of the page.
+        origin: address of the page without its token.
         is_open: whether the page says that it is there.
         held: name of the button that is held; "": none.
     """
 
     def __init__(self, url):
-        self.url, self.is_open, self.held = url, threading.Event(), ""
+        self.origin, token = url.split("/?token=")
+        self._asked = f"page=me&token={token}"
+        self.is_open, self.held = threading.Event(), ""
         self.is_open.set()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._speak, daemon=True)
@@ -36,7 +38,7 @@ class Page:
             if not self.is_open.is_set():
                 continue
             try:
-                urllib.request.urlopen(f"{self.url}/beat?page=me", timeout=2.0).close()
+                urllib.request.urlopen(f"{self.origin}/beat?{self._asked}", timeout=2.0).close()
                 if self.held:
                     self.send(hold=self.held, on=True, number=time.monotonic_ns())
             except OSError:
@@ -44,13 +46,14 @@ class Page:
 
     def state(self):
         """Everything that the page shows."""
-        with urllib.request.urlopen(f"{self.url}/state?page=me", timeout=5.0) as answer:
+        with urllib.request.urlopen(f"{self.origin}/state?{self._asked}", timeout=5.0) as answer:
             return json.loads(answer.read())
 
     def send(self, **body):
         """Does something on the page."""
         data = json.dumps({"page": "me", **body}).encode()
-        request = urllib.request.Request(self.url, data, {"Origin": self.url})
+        address = f"{self.origin}/?{self._asked}"
+        request = urllib.request.Request(address, data, {"Origin": self.origin})
         urllib.request.urlopen(request, timeout=5.0).close()
 
     def click(self, name):
