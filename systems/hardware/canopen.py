@@ -223,12 +223,13 @@ class CanopenBus:
         try:
             # Without the user's configuration files: what is opened is what was asked for.
             self._bus = self._can.Bus(ignore_config=True, **options)
+            if hasattr(self._bus, "serialPortOrig"):
+                self._bus.serialPortOrig = BufferedPort(self._bus.serialPortOrig)
+                # Bytes wake it at once all the same; python-can would look a thousand times a
+                # second.
+                self._bus.serialPortOrig.timeout = _RECEIVE_CYCLE
         except (self._can.CanError, OSError, ValueError) as error:
             raise self._unplugged(error) from error
-        if hasattr(self._bus, "serialPortOrig"):
-            self._bus.serialPortOrig = BufferedPort(self._bus.serialPortOrig)
-            # Bytes wake it at once all the same; python-can would look a thousand times a second.
-            self._bus.serialPortOrig.timeout = _RECEIVE_CYCLE
         name = f"receive {self._name}"
         self._thread = threading.Thread(target=self._receive, name=name, daemon=True)
         self._thread.start()
