@@ -1,8 +1,9 @@
-"""A serial port whose bytes come from a buffer."""
+"""A serial port whose bytes come from a buffer, and the bus behind it."""
 
 import pytest
 
-from parapod.systems.hardware.canopen import BufferedPort
+from parapod.systems.hardware.canopen import BufferedPort, CanopenBus
+from parapod.systems.hardware.device import DeviceError
 
 
 class Port:
@@ -67,3 +68,32 @@ def test_everything_else_is_the_ports(port):
     assert port.written == [b"S8\r"]
     assert port.write_timeout == buffered.write_timeout == 0.05
     assert buffered.baudrate == 115200
+
+
+def test_a_cable_that_goes_while_the_bus_is_opened_is_named_and_the_port_closed(monkeypatch):
+    can = pytest.importorskip("can")
+    pytest.importorskip("canopen")
+    ended = []
+
+    class Gone(Port):
+        def __setattr__(self, name, value):
+            if name == "timeout":
+                raise OSError(5, "Input/output error")
+            super().__setattr__(name, value)
+
+        def close(self):
+            ended.append("port")
+
+    class Opened:
+        def __init__(self, ignore_config, channel):
+            self.serialPortOrig = Gone(b"")
+
+        def shutdown(self):
+            ended.append("bus")
+
+    monkeypatch.setattr(can, "Bus", Opened)
+    bus = CanopenBus("EPOS2 on /dev/ttyUSB0", [1], 0.1)
+    with pytest.raises(DeviceError, match=r"EPOS2 on /dev/ttyUSB0: .*Input/output error"):
+        bus.open({"channel": "/dev/ttyUSB0"})
+    bus.close()
+    assert ended == ["bus", "port"]
