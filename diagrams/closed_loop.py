@@ -125,16 +125,8 @@ class ClosedLoop[S](Diagram):
 
     @property
     def monitor(self) -> Callable[[Context], EventStatus] | None:
-        """Monitor that a simulator of the loop needs, see `Behind.between_steps`; None: none."""
-        between = self.station.behind.between_steps if isinstance(self.station, Station) else None
-        if between is None:
-            return None
-
-        def look(root_context: Context) -> EventStatus:
-            between(root_context)
-            return EventStatus.DidNothing()
-
-        return look
+        """Monitor that a simulator of the loop needs, see `Station.monitor`; None: none."""
+        return self.station.monitor if isinstance(self.station, Station) else None
 
     def recording(self, context: Context) -> Recording:
         """The signals recorded in a context, by port name."""

@@ -1,6 +1,6 @@
 """A machine seen through its ports, whatever stands behind them."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -10,6 +10,7 @@ from pydrake.systems.framework import (
     Context,
     Diagram,
     DiagramBuilder,
+    EventStatus,
     System,
 )
 from pydrake.systems.primitives import ConstantVectorSource
@@ -67,6 +68,19 @@ class Station[S](Diagram):
                 stays.
         """
         self.behind.reset(root_context, self.scenario if scenario is None else scenario)
+
+    @property
+    def monitor(self) -> Callable[[Context], EventStatus] | None:
+        """Monitor that its simulator needs, see `Behind.between_steps`; None: none."""
+        between = self.behind.between_steps
+        if between is None:
+            return None
+
+        def look(root_context: Context) -> EventStatus:
+            between(root_context)
+            return EventStatus.DidNothing()
+
+        return look
 
     @contextmanager
     def active(self) -> Iterator[None]:
