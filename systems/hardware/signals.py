@@ -94,7 +94,8 @@ class UninterruptedExit(ExitStack[bool | None]):
 def ended_with_parent(parent: int) -> Iterator[None]:
     """Ends this program, as SIGTERM does, once the program that began it has ended.
 
-    A shell or a test that is killed asks nobody to end, and a loop in real time goes on for ever.
+    A shell or a test that is killed sends no signal to its children, and a loop in real time would
+    run for ever.
 
     Args:
         parent: process that began this one, as `os.getppid` told at the beginning.

@@ -80,16 +80,21 @@ def is_throttled():
     return False
 
 
+def skip_if_busy(said):
+    """Skips a test on a computer that is busy, with the last line of what was said."""
+    last = said.splitlines()[-1] if said else "nothing was said"
+    if load() > 1.0:
+        pytest.skip(f"{last}, at a load of {load():.1f} a core")
+    if is_throttled():
+        pytest.skip(f"{last}, and a quota holds programs back")
+
+
 def _in_time(value, limit, what):
     """Fails where a limit is broken; on a computer that is busy, skips with what it managed."""
     print(f"{what}: {value:.3g}, of {limit:g}")
-    if value < limit:
-        return
-    if load() > 1.0:
-        pytest.skip(f"{what}: {value:.3g}, not {limit:g}, at a load of {load():.1f} a core")
-    if is_throttled():
-        pytest.skip(f"{what}: {value:.3g}, not {limit:g}, and a quota holds programs back")
-    pytest.fail(f"{what}: {value:.3g}, not {limit:g}")
+    if value >= limit:
+        skip_if_busy(f"{what}: {value:.3g}, not {limit:g}")
+        pytest.fail(f"{what}: {value:.3g}, not {limit:g}")
 
 
 def _stamped(path, *names):
@@ -233,6 +238,15 @@ class Emulator:
     def parapod(self, *arguments, **options):
         """Begins `parapod` with these arguments."""
         return self.program(*PARAPOD, *arguments, **options)
+
+    @staticmethod
+    def companion(program, module):
+        """Number of the process of its own in which a program runs a module."""
+        children = Path(f"/proc/{program.pid}/task/{program.pid}/children")
+        for pid in children.read_text().split():
+            if module in Path(f"/proc/{pid}/cmdline").read_text().split("\0"):
+                return int(pid)
+        raise LookupError(f"no process for {module}")
 
     def run_well(self, *arguments):
         """What `parapod` says in a run that holds its bounds, on any computer."""
@@ -511,15 +525,10 @@ def emulate_gains(emulators):
     return partial(emulators, EmulatedPlatformWithGains)
 
 
-@pytest.fixture(scope="session")
-def skip_if_busy():
+@pytest.fixture(scope="session", name="skip_if_busy")
+def _skip_if_busy():
     """skip_if_busy(said) skips a test on a busy computer, with what a program said last."""
-
-    def skip(said):
-        if load() > 1.0:
-            pytest.skip(f"at a load of {load():.1f} a core: {said.splitlines()[-1]}")
-
-    return skip
+    return skip_if_busy
 
 
 @pytest.fixture(scope="module")

@@ -190,7 +190,7 @@ def test_a_machine_whose_page_dies_holds_and_then_ends(machine, operate, within,
     time.sleep(0.5)
     page.is_open.clear()
     begun = time.monotonic()
-    os.kill(desk_of(program), signal.SIGKILL)
+    os.kill(machine.companion(program, "parapod.sims.lab.desk"), signal.SIGKILL)
     within(lambda: still(machine, 0.05), 0.55, "page killed")
     _, said = program.communicate(timeout=600)
     assert program.returncode == 2
@@ -212,7 +212,7 @@ def test_a_chair_whose_page_dies_while_somebody_walks_stands(emulate_for, in_tim
         )
         time.sleep(1.0)
         page.is_open.clear()
-        os.kill(desk_of(program), signal.SIGKILL)
+        os.kill(chair.companion(program, "parapod.sims.lab.desk"), signal.SIGKILL)
         begun = time.monotonic()
         assert chair.until(lambda: not any(chair.wires.get("legs.velocity_command")), 60.0)
         took = time.monotonic() - begun
@@ -224,19 +224,6 @@ def test_a_chair_whose_page_dies_while_somebody_walks_stands(emulate_for, in_tim
     assert "the operator's page is gone" in said
     assert chair.until(lambda: chair.is_neutral, 1.0)
     in_time(took, 0.5, "page killed")
-
-
-def desk_of(program):
-    """Number of the process of the page."""
-    children = f"/proc/{program.pid}/task/{program.pid}/children"
-    with open(children) as file:
-        (desk,) = [int(pid) for pid in file.read().split() if "lab.desk" in command_of(pid)]
-    return desk
-
-
-def command_of(pid):
-    with open(f"/proc/{pid}/cmdline") as file:
-        return file.read().replace("\0", " ")
 
 
 @pytest.mark.slow

@@ -48,7 +48,7 @@ def interruptible():
 
 
 def unwound(kind, number, error=None):
-    """What an end does of which each step is interrupted, and what comes of it."""
+    """Steps done by an end that a signal meets at each of them, and the error that comes of it."""
     done = []
 
     def step(k):
