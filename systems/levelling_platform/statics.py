@@ -118,9 +118,14 @@ def stand(
         scaled(up, params.gravity),
         contact,
         [f * dot(g, slope) for f, slope in zip(contact, slopes, strict=True)],
-        [max(0.0, height - dot(g, foot)) for foot in sunk],
+        [_raised(height - dot(g, foot)) for foot in sunk],
         g,
     )
+
+
+def _raised(height: float) -> float:
+    """Height of a foot above the ground [m]: zero where it carries, NaN where nothing is known."""
+    return 0.0 if height <= 0.0 else height
 
 
 # The other three legs of each.
@@ -478,7 +483,7 @@ def _stance(
         specific_force=scaled(up, params.gravity),
         contact_force=forces[:LEG_COUNT],
         load_force=[f * dot(g, slope) for f, slope in zip(forces, slopes, strict=False)],
-        foot_height=[max(0.0, -depth) for depth in footing.depths[:LEG_COUNT]],
+        foot_height=[_raised(-depth) for depth in footing.depths[:LEG_COUNT]],
         normal=g,
     )
 
