@@ -1,15 +1,12 @@
-"""`python -m benchmarks [--strict] [GROUP ...]`: kinematics, realtime, accuracy, .. (see _GROUPS).
-`python -m benchmarks loop [EXPERIMENT [KEY=VALUE ..]]`: where the time of a loop's tick goes.
-`python -m benchmarks engines [--help]`: Drake and MuJoCo, speed against accuracy.
-`python -m benchmarks jobs [--help]`: how many jobs on emulated devices end well.
-`python -m benchmarks mutants [--help]`: how many single changes of the code the tests notice.
+"""Speed, accuracy and endurance, measured.
 
-Measures and prints: the groups that are named, or all but the day's run. With `--strict` a missed
-bound is an exit code of 1; what a busy machine misses is no error. Figures of speed stand beside
-a yardstick taken in the same minute, see `benchmarks.yardstick`.
+A group prints a table: each figure beside its bound, and figures of speed beside a yardstick taken
+in the same minute, see `benchmarks.yardstick`. Programs have arguments of their own.
 """
 
+import argparse
 import sys
+from collections.abc import Callable
 
 from rich.console import Console
 
@@ -29,56 +26,69 @@ from benchmarks import (
     scale,
     terrain,
 )
-from benchmarks.report import Measurement, print_measurements
+from benchmarks.report import Measurement, make_console, print_measurements
 
-_GROUPS = (
-    *("kinematics", "realtime", "accuracy", "chair", "centers", "terrain"),
-    *("scale", "endurance", "hardware", "deadlines", "day"),
-)
-# Of tables that go into a file or a pipe [characters].
-_FILE_WIDTH = 130
-_DEFAULT = tuple(name for name in _GROUPS if name != "day")
+_GROUPS: dict[str, Callable[[Console], list[Measurement]]] = {
+    "kinematics": lambda _: kinematics.run(),
+    "realtime": realtime.run,
+    "accuracy": accuracy.run,
+    "chair": chair.run,
+    "centers": centers.run,
+    "terrain": terrain.run,
+    "scale": scale.run,
+    "endurance": endurance.run,
+    "hardware": hardware.run,
+    "deadlines": deadlines.run,
+    "day": endurance.run_day,
+}
+# Runs for a day, and so only by its name.
+_LONG = "day"
+_PROGRAMS: dict[str, Callable[[list[str]], int]] = {
+    "engines": engines.main,
+    "jobs": jobs.main,
+    "loop": loop.main,
+    "mutants": mutants.main,
+}
+_EPILOG = """
+programs, each with a --help of its own:
+  engines   Drake and MuJoCo: speed against accuracy
+  jobs      jobs on emulated devices: how many end well
+  loop      the tick of a loop: where its time goes
+  mutants   single changes of the code: how many the tests notice
+"""
 
 
 def main(arguments: list[str]) -> int:
-    if arguments[:1] == ["engines"]:
-        return engines.main(arguments[1:])
-    if arguments[:1] == ["jobs"]:
-        return jobs.main(arguments[1:])
-    if arguments[:1] == ["mutants"]:
-        return mutants.main(arguments[1:])
-    console = Console(width=None if sys.stdout.isatty() else _FILE_WIDTH)
-    if arguments[:1] == ["loop"]:
-        loop.run(console, arguments[1:])
-        return 0
-    names = [name for name in arguments if name != "--strict"]
-    strict = len(names) < len(arguments)
-    unknown = [name for name in names if name not in _GROUPS]
-    if unknown:
-        print(f"there is no benchmark '{unknown[0]}'; there are: {', '.join(_GROUPS)}")
-        return 2
-    results: list[Measurement] = []
-    for name in names or _DEFAULT:
+    if arguments and arguments[0] in _PROGRAMS:
+        return _PROGRAMS[arguments[0]](arguments[1:])
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks",
+        usage="%(prog)s [--strict] [GROUP ...]\n       %(prog)s PROGRAM [ARGUMENT ...]",
+        description=__doc__,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "groups",
+        nargs="*",
+        metavar="GROUP",
+        help=f"{', '.join(_GROUPS)}; all but {_LONG} without any",
+    )
+    parser.add_argument("--strict", action="store_true", help="exit with 1 if a bound is missed")
+    options = parser.parse_args(arguments)
+    if unknown := [name for name in options.groups if name not in _GROUPS]:
+        admissible = ", ".join([*_GROUPS, *_PROGRAMS])
+        parser.exit(2, f"there is no benchmark '{unknown[0]}'; there are: {admissible}\n")
+    console = make_console()
+    missed: list[str] = []
+    for name in options.groups or [name for name in _GROUPS if name != _LONG]:
         console.print(f"[bold]{name}[/]")
-        measured = {
-            "kinematics": kinematics.run,
-            "realtime": lambda: realtime.run(console),
-            "accuracy": lambda: accuracy.run(console),
-            "chair": lambda: chair.run(console),
-            "centers": lambda: centers.run(console),
-            "terrain": lambda: terrain.run(console),
-            "scale": lambda: scale.run(console),
-            "endurance": lambda: endurance.run(console),
-            "hardware": lambda: hardware.run(console),
-            "deadlines": lambda: deadlines.run(console),
-            "day": lambda: endurance.run_day(console),
-        }[name]()
+        measured = _GROUPS[name](console)
         print_measurements(name, measured, console)
-        results += measured
-    missed = [m.name for m in results if not m.passed]
+        missed += [measurement.name for measurement in measured if not measurement.passed]
     if missed:
         console.print(f"missed: {', '.join(missed)}", highlight=False)
-    return 1 if missed and strict else 0
+    return 1 if missed and options.strict else 0
 
 
 if __name__ == "__main__":

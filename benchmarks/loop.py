@@ -1,9 +1,9 @@
 """Breakdown of a loop's tick: the time of each system, its calls and its reads of ports.
 
-`python -m benchmarks loop` prints it for the levelling platform's loops and its controller;
-`python -m benchmarks loop EXPERIMENT [KEY=VALUE ...]` for the loop of an experiment's scenario.
+Without an experiment those of the levelling platform, and its controller alone.
 """
 
+import argparse
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -18,6 +18,7 @@ from rich.table import Table
 
 import parapod
 from benchmarks.realtime import CASES, moving_controller, platform_loop
+from benchmarks.report import make_console
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.lab.discovery import find_experiment
 from parapod.systems.core import ports
@@ -175,24 +176,22 @@ def _declaring_cache(tally: Tally, declare: Callable[..., Any]) -> Callable[...,
     return call
 
 
-def run(console: Console, arguments: Sequence[str] = ()) -> None:
-    """Prints the tables.
-
-    Args:
-        console: prints there.
-        arguments: an experiment and keys of its scenario; none for the levelling platform's loops.
-    """
-    if arguments:
-        name, *settings = arguments
-        experiment: Any = find_experiment(name)
-        scenario = parapod.scenario(name, *settings)
+def main(arguments: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser("python -m benchmarks loop", description=__doc__)
+    parser.add_argument("experiment", nargs="?", metavar="EXPERIMENT", help="its loop instead")
+    parser.add_argument("settings", nargs="*", metavar="KEY=VALUE", help="its scenario's")
+    options, console = parser.parse_args(arguments), make_console()
+    if options.experiment is not None:
+        experiment: Any = find_experiment(options.experiment)
+        scenario = parapod.scenario(options.experiment, *options.settings)
         make = partial(experiment.loop, scenario, log=())
-        _report(console, name, make, experiment.machine_scenario(scenario))
-        return
+        _report(console, options.experiment, make, experiment.machine_scenario(scenario))
+        return 0
     for case in CASES:
         _report(console, case.name, partial(platform_loop, case), case.scenario())
     scenario = LevellingScenario()
     _report(console, "controller alone", partial(moving_controller, scenario), scenario)
+    return 0
 
 
 def _report(console: Console, title: str, make: Callable[[], Diagram], scenario: Any) -> None:

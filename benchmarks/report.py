@@ -1,5 +1,6 @@
 """Report of a measurement."""
 
+import sys
 from dataclasses import dataclass
 
 from rich.console import Console, JustifyMethod
@@ -7,7 +8,14 @@ from rich.table import Table
 
 from benchmarks.yardstick import Pace
 
+# Of tables that go into a file or a pipe [characters].
+_FILE_WIDTH = 130
 OK, MISSED, TOO_BUSY = "ok", "missed", "too busy to judge"
+
+
+def make_console() -> Console:
+    """Console of standard output: as wide as the terminal, or wide enough for every table."""
+    return Console(width=None if sys.stdout.isatty() else _FILE_WIDTH)
 
 
 @dataclass(frozen=True)
