@@ -70,7 +70,12 @@ def _run(argv: Sequence[str] | None) -> int:
     try:
         with uncollected():
             parser = make_parser()
-        code = _dispatch(parser, parser.parse_args(argv))
+        arguments, rest = parser.parse_known_args(argv)
+        if rest:
+            is_key = any("=" in word and not word.startswith("-") for word in rest)
+            hint = "; keys of a scenario follow --set" if is_key else ""
+            parser.error(f"unrecognized arguments: {' '.join(rest)}{hint}")
+        code = _dispatch(parser, arguments)
         sys.stdout.flush()
     except ParapodError as error:
         print(f"parapod: error: {error}", file=sys.stderr)

@@ -18,6 +18,7 @@ REFUSALS = [
     ("walk", r"argument COMMAND: invalid choice: 'walk' .*"),
     ("run", r"the following arguments are required: NAME \(see parapod run --help\)"),
     ("run level --sed 3", r"unrecognized arguments: --sed 3 \(see parapod --help\)"),
+    ("run level job.end=3", r"unrecognized .*: job.end=3; keys of a scenario follow --set .*"),
     ("run level --set", r"argument --set: expected at least one argument \(see parapod run .*"),
     ("run level --turntable", r"the experiment 'level' has no option --turntable"),
     ("run levle", r"there is no experiment 'levle'; there are: .* \(did you mean level\?\)"),
