@@ -109,8 +109,12 @@ def main(arguments: list[str]) -> int:
     is_well = True
     for beside in asked.beside:
         for name in asked.names or _SHORT:
+            jobs = []
             with busy(beside):
-                jobs = list(run_jobs(name, asked.jobs, asked.backend, asked.short))
+                for job in run_jobs(name, asked.jobs, asked.backend, asked.short):
+                    jobs.append(job)
+                    said = f"{name}, {beside} busy: job {len(jobs)} of {asked.jobs} has ended"
+                    console.print(f"{said} with {job.code}, rate {job.rate:g}", markup=False)
             well = sum(job.code == 0 for job in jobs)
             is_well = is_well and well == asked.jobs
             waits = [job.waited for job in jobs]
@@ -120,7 +124,5 @@ def main(arguments: list[str]) -> int:
                 f"{min(waits):.2f}..{max(waits):.2f}",
                 words,
             )
-            said = f"{name}, {beside} busy: {well} of {asked.jobs} ended well"
-            console.print(*filter(None, (said, words)), sep="; ", markup=False)
     console.print(table)
     return 0 if is_well else 1
