@@ -58,8 +58,9 @@ class _Copy:
         for package, room in sorted(rooms.items()):
             link = self.packages / package.replace(".", "/")
             if any(other.startswith(f"{package}.") for other in rooms):
+                # Its rooms follow, and may lie in the same folder.
                 link.mkdir(parents=True)
-                for file in (self.tree / room).iterdir():
+                for file in (self.tree / room).glob("*.py"):
                     (link / file.name).symlink_to(file)
             else:
                 link.parent.mkdir(parents=True, exist_ok=True)

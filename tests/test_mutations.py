@@ -2,6 +2,8 @@
 
 import ast
 import importlib.util
+import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -87,3 +89,30 @@ def test_a_seed_draws_the_same_changes_of_every_folder_and_all_are_programs(muta
     for mutant in drawn:
         source = (_ROOT / mutant.path).read_text(encoding="utf-8")
         assert ast.dump(ast.parse(mutant.applied(source))) != ast.dump(ast.parse(source))
+
+
+_TRIED_IN_A_COPY = """
+import sys
+from pathlib import Path
+
+from benchmarks.mutants import _Copy
+from benchmarks.mutations import list_mutants
+
+test = "tests/systems/core/test_units.py::test_people_read_millimetres_and_degrees"
+mutants = list_mutants(Path.cwd(), ["systems/core/units.py"])
+mutant = next(mutant for mutant in mutants if mutant.before.startswith('"rad": ("deg"'))
+copy = _Copy(Path(sys.argv[1]))
+with copy.changed(mutant):
+    print(*copy.run_tests([test]))
+print(*copy.run_tests([test]))
+"""
+
+
+def test_tests_of_a_copy_see_what_is_changed_there_and_nothing_once_it_is_taken_back(tmp_path):
+    if not (_ROOT / ".git").exists() or shutil.which("git") is None:
+        pytest.skip("which files are the tree's is asked of git, and here is no repository")
+    program = [sys.executable, "-c", _TRIED_IN_A_COPY, tmp_path]
+    done = subprocess.run(program, cwd=_ROOT, capture_output=True, text=True, check=True)
+    failed = "tests/systems/core/test_units.py::test_people_read_millimetres_and_degrees"
+    assert done.stdout.splitlines() == [f"1 {failed}", "0 "]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["packages", "plan.json", "tree"]
