@@ -208,6 +208,14 @@ def test_legs_that_do_not_come_up_together_are_named(scale, contact, words):
         raised(legs)
 
 
+def test_legs_that_lose_their_supply_on_their_way_up_are_named():
+    legs = Legs()
+    legs.true = legs.floor - 0.01
+    legs.step = lambda commands, step=legs.step: len(legs.commands) < 150 and step(commands)
+    with pytest.raises(HomingError, match=r"leg \d does not come up: encoder, drive or supply"):
+        raised(legs)
+
+
 class TippingLegs(Legs):
     """Legs of a platform that rolls as leg 3 goes."""
 

@@ -162,6 +162,14 @@ def test_self_tests_move_parts_that_the_machine_has(machine):
 
 
 @each_machine
+def test_a_pressed_emergency_stop_closes_every_brake_and_drives_nothing(machine):
+    inputs = {port.name for port in machine.inputs}
+    brakes = {name for name in inputs if name.endswith((".brake", ".stop"))}
+    assert brakes <= machine.cut.keys() <= inputs
+    assert machine.cut == {name: float(name in brakes) for name in machine.cut}
+
+
+@each_machine
 def test_its_default_drivers_make_the_machine(machine):
     drivers = machine.scenario().hardware.drivers
     parts = make_parts(drivers, machine.inputs, machine.measured, 0.01)

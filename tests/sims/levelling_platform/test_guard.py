@@ -151,6 +151,10 @@ def test_a_job_with_a_supervisor_goes_on_but_remembers_no_positions_that_may_be_
     values["findings"][Finding.OPERATOR_LOST] = 1.0
     trip = guard.check(50.02, values)
     assert (trip.name, trip.distrusted, trip.ends) == ("operator_lost", (), False)
+    # The worst is the reason, whichever comes first in the table.
+    values["findings"][[Finding.ENCODER_JUMP, Finding.EMERGENCY_STOP]] = 1.0
+    trip = guard.check(50.03, values)
+    assert (trip.name, trip.distrusted, trip.ends) == ("emergency_stop", ("legs",), False)
 
 
 def test_the_documents_tell_what_is_found_and_by_when():

@@ -36,6 +36,11 @@ def test_margin_is_the_distance_to_the_nearest_edge(point, margin):
     assert support_polygon(SQUARE).margin(point) == pytest.approx(margin, abs=1e-15)
 
 
+def test_three_contacts_support_a_triangle():
+    triangle = support_polygon([(0.0, 0.0), (3.0, 0.0), (0.0, 4.0)])
+    assert triangle.margin((1.0, 1.0)) == pytest.approx(1.0)  # the centre of its incircle
+
+
 def test_points_inside_and_on_edges_do_not_matter():
     polygon = support_polygon([*SQUARE, (0.0, 0.0), (0.3, -0.2), (1.0, 0.0), (0.9, 0.9)])
     assert len(polygon.corners) == 4

@@ -408,12 +408,13 @@ def test_garbage_is_told_and_moves_nothing_faster(legs):
 
 
 @pytest.fixture
-def node():
-    """A node at 0.5 m in position mode, whose time a test sets."""
+def node(request):
+    """A node at 0.5 m in position mode, whose time a test sets; parameter: what it shows there."""
     can = pytest.importorskip("can")
     with can.Bus(interface="virtual", channel="a node alone", ignore_config=True) as bus:
         line = SlaveLine(bus, Misbehaviour(), lambda: 0.0)
-        motor = EmulatedMotor(gear=1e-3 * 2.0 * math.pi / 1e-6, sign=-1)  # 2 counts are 1 um
+        shown = getattr(request, "param", 0)  # 2 counts are 1 um
+        motor = EmulatedMotor(1e-3 * 2.0 * math.pi / 1e-6, position_offset=shown, sign=-1)
         node = Epos2Node(1, line, motor, 0.5)
         send(node, objects.MODE, -1)
         send(node, objects.MAX_FOLLOWING_ERROR, 1_000_000)
@@ -427,6 +428,16 @@ def send(node, entry, value):
 def enable(node):
     for word in (Controlword.SHUTDOWN, Controlword.SWITCH_ON, Controlword.ENABLE_OPERATION):
         send(node, objects.CONTROLWORD, word)
+
+
+@pytest.mark.parametrize("node", [123_456], indirect=True)
+def test_an_emulated_axis_comes_to_where_it_shows_what_it_was_set(node):
+    enable(node)
+    for counts in (123_456, 120_000):
+        send(node, objects.POSITION_SETTING, counts)
+        node.step(0.0)
+        node.measured = MeasuredMotor(node.position)
+        assert node._on_read(objects.POSITION.index) == counts
 
 
 def test_an_emulated_axis_stands_until_its_operation_is_enabled(node):
