@@ -183,6 +183,10 @@ class Tests:
         seen = self._lines.get(path, {})
         return {test for line in lines for test in seen.get(str(line), ())}
 
+    def _is_near(self, test: str, module: str) -> bool:
+        """Whether a test's file imports a module."""
+        return module in self._imports[test.partition("::")[0]]
+
     def is_trusted(self, test: str, passes: Callable[[str], bool]) -> bool:
         """Whether a test that failed passes alone without a change; if not it is used no more.
 
@@ -201,8 +205,11 @@ class Tests:
     def of(self, mutant: Mutant) -> tuple[list[str], int]:
         """Tests that may see a mutant, as many as there is time for, and how many there are.
 
-        First those of files that import the changed one, each kind by duration.
+        First those of files that import the changed one, each kind by duration. What stands
+        outside of functions, such a file may use without executing a line.
         """
+        module = "parapod." + mutant.path.removesuffix(".py").replace("/", ".")
+        near = {i for i, name in enumerate(self._names) if self._is_near(name, module)}
         if mutant.names is None:
             found = self._at(mutant.path, [mutant.line])
             found = found or self._at(mutant.path, range(mutant.block[0], mutant.block[1] + 1))
@@ -212,15 +219,10 @@ class Tests:
                 new = set().union(*(self._passed_on[name] for name in new)) - known
                 known |= new
             places = [place for name in known for place in self._mentions[name]]
-            found = set().union(*(self._at(path, [line]) for path, line in places))
+            found = near.union(*(self._at(path, [line]) for path, line in places))
         found |= {t for i in set(found) for key in self._shared[i] for t in self._sharing[key]}
-        module = "parapod." + mutant.path.removesuffix(".py").replace("/", ".")
-
-        def rank(i: int) -> tuple[bool, float, int]:
-            is_near = module in self._imports[self._names[i].partition("::")[0]]
-            return not is_near, self._duration[i], i
-
-        used = sorted((i for i in found if self._is_used[i]), key=rank)
+        used = [i for i in found if self._is_used[i]]
+        used.sort(key=lambda i: (i not in near, self._duration[i], i))
         chosen, total = [], 0.0
         files, begun = set[str](), set[tuple[str, ...]]()
         for i in used:
