@@ -11,6 +11,9 @@ READ = {
     "rad/s": ("deg/s", math.degrees(1.0)),
 }
 
+_SYMBOLS = {"A", "N", "T", "V", "code", "deg", "kg", "m", "mm", "rad", "s"}
+_SYMBOL = re.compile(r"(-|0/1)|[A-Za-z]+(?:\^\d)?(?:[ /][A-Za-z]+(?:\^\d)?)*")
+
 
 def units_of(unit: str, size: int) -> list[str]:
     """Unit of each element of a signal.
@@ -27,10 +30,15 @@ def units_of(unit: str, size: int) -> list[str]:
         size: number of elements.
 
     Raises:
-        ValueError: the number of units does not fit the number of elements.
+        ValueError: a unit that there is not, or as many units as do not fit the elements.
     """
     base, rates = re.fullmatch(r"(.*?)(,? and (?:their )?rates)?", unit).groups()  # type: ignore[union-attr]
     each = [text.strip() for text in base.split(",")]
+    for text in each:
+        known = _SYMBOL.fullmatch(text)
+        if not known or not (known[1] or set(re.findall("[A-Za-z]+", text)) <= _SYMBOLS):
+            admissible = ", ".join(sorted(_SYMBOLS))
+            raise ValueError(f"'{text}' is no unit: -, 0/1, or of {admissible} as in m/s^2 or N m")
     if rates:
         each += [f"{text}/s" for text in each]
     times, rest = divmod(size, len(each))

@@ -1,5 +1,6 @@
 """Station and controller of the machining centres together: small jobs from begin to end."""
 
+import math
 from functools import cache
 
 import numpy as np
@@ -8,12 +9,14 @@ from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machining_center.machine import MACHINING_CENTER
+from parapod.diagrams.machining_center.plants import drive_params
 from parapod.diagrams.machining_center.scenario import (
     CenterControlScenario,
     CenterScenario,
     HolesScenario,
     LegScenario,
     MotionScenario,
+    PanelScenario,
     ProcessScenario,
     WalkScenario,
 )
@@ -54,6 +57,23 @@ def run_to(loop, is_over, rest=0.1, longest=30.0, monitored=True):
         simulator.AdvanceTo(context.get_time() + 0.1)
     simulator.AdvanceTo(context.get_time() + rest)
     return loop.recording(context)
+
+
+def test_drives_have_the_scenarios_numbers_in_si_units():
+    drives = drive_params(
+        CenterScenario(
+            legs=LegScenario(
+                max_velocity_mm_s=90.0, encoder_resolution_mm=0.02, time_constant_ms=15.0
+            )
+        )
+    )
+    assert (drives.max_velocity, drives.resolution) == pytest.approx((0.09, 2e-5))
+    assert drives.time_constant == pytest.approx(0.015)
+
+
+@pytest.mark.parametrize(("radius_mm", "radius"), [(0.0, math.inf), (2500.0, 2.5)])
+def test_a_panel_of_no_radius_is_plane(radius_mm, radius):
+    assert CenterScenario(panel=PanelScenario(radius_mm)).plan.job.panel.radius == radius
 
 
 def is_done(signals, time):

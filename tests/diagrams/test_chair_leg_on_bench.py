@@ -118,6 +118,26 @@ def test_what_the_leg_cannot_do_is_refused_by_the_branch():
     )
 
 
+def test_a_loop_that_is_opened_is_told_by_how_much():
+    """A screw of a UPS branch that turns without the rest opens the loop of its branch alone."""
+    scenario = chair_leg_scenario()
+    loop = ClosedLoop(TERRAIN_BENCH, scenario, log=())
+    plant = loop.station.behind.handle.parts["plant"]
+    root = loop.CreateDefaultContext()
+    loop.reset(root)
+    context, leg = plant.GetMyContextFromRoot(root), scenario.leg.under_test
+    closed = leg.loop_error(plant, context)
+    assert closed.max() < CLOSED
+    for k, name in enumerate(("ups_2", "ups_3")):
+        screw = plant.GetJointByName(f"{name}_length")
+        was = screw.get_translation(context)
+        screw.set_translation(context, was + 5e-3)
+        opened = leg.loop_error(plant, context)
+        screw.set_translation(context, was)
+        assert opened[k] == pytest.approx(5e-3, abs=CLOSED)
+        assert opened[1 - k] == pytest.approx(closed[1 - k])
+
+
 def test_a_lighter_chair_may_roll_over_its_whole_sole():
     """37.9 kg are the payload that the UP branches of two legs bear alone."""
     scenario = chair_leg_scenario()

@@ -65,6 +65,13 @@ def walk_foot(geometry, machine, lock_set, way, count=25):
     return pose, feet
 
 
+def test_a_platform_stays_where_it_is_while_the_loose_foot_rests(geometry):
+    limb = lock_set_of(geometry).limb
+    locks = close_locks(geometry, TILTED, lock_set_of(geometry), geometry.footholds, along="left")
+    found = swung_to(geometry, locks, geometry.footholds[limb - 1], TILTED)
+    np.testing.assert_allclose(found.pose, TILTED, atol=1e-12)
+
+
 def test_a_clamped_platform_is_followed_by_its_lengths(geometry, stand):
     machine = stand()
     for k in range(1, 40):

@@ -93,6 +93,14 @@ def test_it_stands_with_its_weight_before_and_after():
         assert motion.stance
 
 
+def test_it_stands_where_the_ground_has_been_lifted_to_when_the_walk_begins_and_ends():
+    walk = WALKS["heave"]
+    for time in (walk.lift_off, walk.landing):
+        lifted = walk.at(time).pose[0, 1] - walk.path.z_c
+        assert lifted == pytest.approx(walk.path.terrain.lift(time - walk.lift_off).height)
+    assert abs(lifted) > 1e-3
+
+
 def test_the_belt_speeds_up_and_down_with_the_body():
     walk = WALKS["treadmill"]
     first, last = walk.steady
