@@ -10,7 +10,7 @@ REPORT = --continue-on-collection-errors -o junit_family=xunit1 --junitxml=build
 REAL_TIME := tests/diagrams/test_hardware_station.py tests/sims/real_machine
 JUDGED = $(shell grep -rlw judge tests --include='test_*.py')
 # Where tests need whole runs of experiments, which tests/conftest.py shares, or compute for long.
-WHOLE_RUNS := tests/laws/test_chapters.py tests/laws/test_experiments.py tests/sims/levelling_platform tests/sims/machining_center tests/sims/terrain_simulator tests/sims/walking_chair tests/sims/study tests/test_notebooks.py tests/your_own
+WHOLE_RUNS := tests/laws/test_chapters.py tests/laws/test_experiments.py tests/sims/levelling_platform tests/sims/machining_centre tests/sims/terrain_simulator tests/sims/walking_chair tests/sims/study tests/test_notebooks.py tests/your_own
 # One process more than there are cores: tests of devices wait for them. Where none does, two,
 # three and four processes took 43, 46 and 49 s on two cores.
 TOGETHER := $(PYTEST) -n $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)

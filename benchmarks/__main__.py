@@ -12,7 +12,7 @@ from rich.console import Console
 
 from benchmarks import (
     accuracy,
-    centers,
+    centres,
     chair,
     deadlines,
     endurance,
@@ -33,7 +33,7 @@ _GROUPS: dict[str, Callable[[Console], list[Measurement]]] = {
     "realtime": realtime.run,
     "accuracy": accuracy.run,
     "chair": chair.run,
-    "centers": centers.run,
+    "centres": centres.run,
     "terrain": terrain.run,
     "scale": scale.run,
     "endurance": endurance.run,

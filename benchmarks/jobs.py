@@ -17,7 +17,7 @@ from parapod.sims.real_machine.own_emulator import own_emulator
 
 _PARAPOD = (sys.executable, "-m", "parapod.sims")
 # Settings of jobs of some seconds; those of the emulator besides.
-_CENTER = (
+_CENTRE = (
     *("holes.count=0", "walk.advance_mm=20", "walk.steps=1", "walk.lift_mm=8"),
     *("motion.swing_mm_s=100", "motion.acceleration_mm_s2=1500", "control.settling=0.06"),
 )
@@ -30,11 +30,11 @@ _SHORT = {
         *("gait.way=forward", "gait.lift_mm=6", "gait.step_mm=10", "gait.swing_height_mm=2"),
         *("gait.phase_duration=1", "begin=0.5", "end=0.5"),
     ),
-    "center-walk": _CENTER,
+    "centre-walk": _CENTRE,
     "bench-walk": ("gait.strides=1",),
 }
 # Settings that the emulator must know too.
-_EMULATED = {"center-walk": _CENTER}
+_EMULATED = {"centre-walk": _CENTRE}
 # A job that takes longer does not end [s].
 _LONGEST = 3600.0
 

@@ -22,7 +22,7 @@ from parapod.diagrams.plots import Limits
 from parapod.diagrams.ports import Behind, Out, Port
 from parapod.diagrams.twin import Twin
 from parapod.systems.core.errors import ParapodError, ScenarioError, WiringError
-from parapod.systems.core.installed import installed
+from parapod.systems.core.installed import current_name, installed
 from parapod.systems.core.schema import Schema, plain, quantity
 
 _STATUS = ("status.age", "status.fault")
@@ -283,7 +283,7 @@ def find_machine(name: str) -> Machine[Any]:
     Raises:
         ParapodError: there is none of this name, or its package cannot be loaded.
     """
-    points = installed("parapod.machines")
+    name, points = current_name(name), installed("parapod.machines")
     found = [entry for entry in points if entry.name == name]
     if not found:
         known = ", ".join(sorted({entry.name for entry in points}))

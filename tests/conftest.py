@@ -33,7 +33,7 @@ SHARED_RUNS = (
     "tests/laws/test_chapters.py",
     "tests/laws/test_experiments.py",
     "tests/sims/levelling_platform",
-    "tests/sims/machining_center",
+    "tests/sims/machining_centre",
     "tests/sims/terrain_simulator",
     "tests/sims/walking_chair",
 )
@@ -43,7 +43,7 @@ LONG_RUNS = ("tests/sims/study", "tests/test_notebooks.py", "tests/your_own")
 
 _REAL_TIME = tuple(f"tests/{name}{'::' if name.endswith('.py') else '/'}" for name in REAL_TIME)
 # Machines beside the platform, by what the names of their tests hold.
-OTHERS = {"the chair": "chair", "the centres": "center|centres", "the bench": "bench-|terrain"}
+OTHERS = {"the chair": "chair", "the centres": "centre|centres", "the bench": "bench-|terrain"}
 
 
 @pytest.hookimpl(wrapper=True)

@@ -54,7 +54,7 @@ FACTS = {
         "margin_mm > 10",
         "abs(margin_mm - 1e3 * support.margins(Passenger(70, 0.02, 0.01, 0.35)).min()) < 1",
     ),
-    "6_machining_center": (
+    "6_machining_centre": (
         "500 < np.nanmin(force) < strongest < 900",
         "abs(depth_mm - 6) < 0.1 and abs(thrust - 150) < 2",
         "error_um < 50 and spare > 300",

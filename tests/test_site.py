@@ -106,7 +106,7 @@ def test_a_key_is_told_with_default_range_and_unit(reference):
 
 def test_every_command_and_error_is_there(reference):
     ((_, commands),) = reference.commands()
-    assert re.findall(r"^## parapod (\S+)$", commands, re.MULTILINE) == [*COMMANDS]
+    assert re.findall(r"^### parapod (\S+)$", commands, re.MULTILINE) == [*COMMANDS]
     assert commands.count("usage: parapod ") == 1 + len(COMMANDS)
     assert "--vary" in commands
     ((_, errors),) = reference.errors()

@@ -25,7 +25,7 @@ import parapod.systems
 from parapod.diagrams.block_diagram import class_name, draw
 from parapod.diagrams.machine import list_machines
 from parapod.sims.api import loop_of
-from parapod.sims.cli.main import COMMANDS, main
+from parapod.sims.cli.main import GROUPS, main
 from parapod.sims.lab.discovery import Entry, find_entry, list_entries
 from parapod.systems.core import schema
 from parapod.systems.core.errors import ParapodError
@@ -285,9 +285,11 @@ def _family(kind: Any) -> str:
 
 
 def commands() -> Pages:
-    """Every command and option."""
+    """Every command and option, in groups."""
     parts = ["# Commands", _help()]
-    parts += [f"## parapod {name}\n\n{_help(name)}" for name in COMMANDS]
+    for title, group in GROUPS.items():
+        parts.append(f"## {title.capitalize()}")
+        parts += [f"### parapod {name}\n\n{_help(name)}" for name in group]
     yield "commands.md", "\n\n".join(parts) + "\n"
 
 

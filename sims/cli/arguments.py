@@ -45,13 +45,28 @@ class _Formatter(argparse.HelpFormatter):
 class Parser(argparse.ArgumentParser):
     """Parser that reports a mistake like every other mistake, in one line.
 
-    Its help ends with examples, if it is given any, and the exit codes.
+    Its help ends with commands and examples, if it is given any, and the exit codes.
+
+    Args:
+        commands: names and texts of commands by the title of their group.
+        examples: command lines.
+        options: see `argparse.ArgumentParser`.
     """
 
-    def __init__(self, examples: Sequence[str] = (), **options: Any):
-        shown = "\n".join(["examples:", *(f"  {example}" for example in examples)])
+    def __init__(
+        self,
+        commands: Mapping[str, Sequence[tuple[str, str]]] | None = None,
+        examples: Sequence[str] = (),
+        **options: Any,
+    ):
+        parts = [
+            "\n".join([f"{title}:", *(f"  {name:<9} {text}" for name, text in group)])
+            for title, group in (commands or {}).items()
+        ]
+        if examples:
+            parts.append("\n".join(["examples:", *(f"  {example}" for example in examples)]))
         super().__init__(
-            epilog=f"{shown}\n\n{_EXIT_CODES}" if examples else _EXIT_CODES,
+            epilog="\n\n".join([*parts, _EXIT_CODES]),
             formatter_class=_Formatter,
             allow_abbrev=False,
             **options,

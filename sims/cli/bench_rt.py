@@ -20,8 +20,8 @@ DESCRIPTION = (
     "command begins and ends itself; no other device is opened."
 )
 EXAMPLES = (
-    "parapod bench-rt --of chair-walk --rates 100 --json punctual.json",
     "parapod bench-rt",
+    "parapod bench-rt --of chair-walk --rates 100 --json punctual.json",
     "parapod bench-rt --backend hardware --log --settings",
 )
 _BACKENDS = ("mock", "kinematic", "hardware")

@@ -25,9 +25,9 @@ DESCRIPTION = (
     "`setsid --fork parapod emulate NAME` lets it outlive a shell."
 )
 EXAMPLES = (
+    "parapod emulate level, and in another terminal: parapod run level --backend hardware",
     "parapod emulate level --backend kinematic --fault '12 imu garbage'",
     "parapod emulate chair-walk --log emulated.mcap",
-    "parapod emulate level, and in another terminal: parapod run level --backend hardware",
 )
 
 

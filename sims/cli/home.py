@@ -12,15 +12,15 @@ from parapod.sims.cli.arguments import (
     machine_of,
 )
 
-HELP = "have the actuators of one part find their reference"
+HELP = "lead the actuators of one part to their reference"
 DESCRIPTION = (
     "Leads every actuator of one part slowly to the end of its stroke, where a switch or the end "
     "itself tells its position, checks what was found, and writes it into the file with which the "
     "next programs begin. A reference that the checks contradict is refused."
 )
 EXAMPLES = (
-    "parapod home --of chair-walk --scenario chair.yaml",
     "parapod home --scenario lab.yaml",
+    "parapod home --of chair-walk --scenario chair.yaml",
 )
 
 

@@ -7,7 +7,10 @@ import argparse
 import gc
 import os
 import sys
+import warnings
 from collections.abc import Sequence
+from functools import cache
+from typing import Any
 
 from parapod.sims.cli import (
     adopt,
@@ -30,23 +33,22 @@ from parapod.sims.cli.arguments import HELD, INTERRUPTED, MISTAKE, Parser
 from parapod.sims.lab.discovery import uncollected
 from parapod.systems.core.errors import ParapodError
 
-COMMANDS = {
-    "list": list_command,
-    "run": run,
-    "study": study,
-    "replay": replay,
-    "plot": plot,
-    "operate": operate,
-    "scenario": scenario,
-    "compare": compare,
-    "draw": draw,
-    "adopt": adopt,
-    "report": report,
-    "emulate": emulate,
-    "check": check,
-    "home": home,
-    "bench-rt": bench_rt,
+# In the order of help, tour and reference.
+GROUPS: dict[str, dict[str, Any]] = {
+    "run": {"list": list_command, "scenario": scenario, "run": run, "operate": operate},
+    "look": {"replay": replay, "plot": plot, "draw": draw},
+    "study": {"study": study, "compare": compare, "report": report},
+    "real machine": {
+        "emulate": emulate,
+        "check": check,
+        "home": home,
+        "adopt": adopt,
+        "bench-rt": bench_rt,
+    },
 }
+COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}
+# One of each group.
+_EXAMPLES = (run, replay, study, emulate)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -58,12 +60,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
+    if argv is None:
+        warnings.showwarning = _warn
     try:
         return _run(argv)
     finally:
         if argv is None:
             # The process ends: looking through all that it holds once more takes 0.2 s.
             gc.freeze()
+
+
+def _warn(message: Warning | str, *_where: object, **_options: object) -> None:
+    _print_once(f"parapod: warning: {message}")
+
+
+@cache
+def _print_once(line: str) -> None:
+    print(line, file=sys.stderr)
 
 
 def _run(argv: Sequence[str] | None) -> int:
@@ -99,14 +112,22 @@ def make_parser() -> Parser:
     """The parser of all commands."""
     parser = Parser(
         prog="parapod",
+        usage="%(prog)s [-h] [--version] COMMAND ...",
         description="Leg-supported parallel machines as Drake system diagrams.",
-        examples=[command.EXAMPLES[-1] for command in COMMANDS.values()],
+        commands={
+            title: [(name, command.HELP) for name, command in group.items()]
+            for title, group in GROUPS.items()
+        },
+        examples=[command.EXAMPLES[0] for command in _EXAMPLES],
     )
     parser.add_argument("--version", action="store_true", help="print the version and stop")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
+    # The parser lists them by groups.
+    commands = parser.add_subparsers(
+        dest="command", metavar="COMMAND", prog="parapod", help=argparse.SUPPRESS
+    )
     for name, command in COMMANDS.items():
         added = commands.add_parser(
-            name, help=command.HELP, description=command.DESCRIPTION, examples=command.EXAMPLES
+            name, description=command.DESCRIPTION, examples=command.EXAMPLES
         )
         command.add_arguments(added)
     return parser

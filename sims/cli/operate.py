@@ -18,9 +18,9 @@ DESCRIPTION = (
     "when the page is closed or nothing is heard of it for 0.3 s."
 )
 EXAMPLES = (
-    "parapod operate deploy --backend hardware --scenario lab.yaml --log operated.mcap",
-    "parapod operate chair-walk",
     "parapod operate deploy",
+    "parapod operate chair-walk",
+    "parapod operate deploy --backend hardware --scenario lab.yaml --log operated.mcap",
 )
 
 

@@ -9,7 +9,7 @@ from parapod.sims.cli.arguments import BROKEN, HELD, check_outputs, count
 if TYPE_CHECKING:
     from parapod.sims.report.run import ChapterRun
 
-HELP = "run everything that the papers show, and write it into one HTML file"
+HELP = "run everything that the papers show, into one HTML file"
 DESCRIPTION = (
     "Runs every experiment, each with many seeds, and writes one HTML file that needs nothing "
     "else: every number that the papers print beside the same number here, every figure, and the "

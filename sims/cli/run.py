@@ -23,9 +23,9 @@ HELP = "run an experiment and check its bounds"
 DESCRIPTION = "Runs an experiment, prints what it measured, and checks the bounds."
 EXAMPLES = (
     "parapod run level --meshcat",
+    "parapod run level --set ground.pitch_deg=4 seed=3 --json level.json",
     "parapod run chair-walk --set passenger.mass_kg=70 --html walk.html",
     "parapod run level --backend hardware --scenario lab.yaml --log first.mcap",
-    "parapod run level --set ground.pitch_deg=4 seed=3 --json level.json",
 )
 _OUTPUTS = {
     "html": "a recording that plays in a browser",

@@ -11,8 +11,8 @@ DESCRIPTION = (
     "key in it."
 )
 EXAMPLES = (
-    "parapod scenario level --set ground.pitch_deg=4",
     "parapod scenario level > mine.yaml; parapod run level --scenario mine.yaml",
+    "parapod scenario level --set ground.pitch_deg=4",
 )
 
 _HINT = "A file of your own needs only the keys that differ."

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from parapod.sims.lab.work import Crew
     from parapod.sims.study.result import StudyResult
 
-HELP = "run an experiment over the values of some keys, on all cores or on a cluster"
+HELP = "run an experiment over values of some keys, on all cores"
 DESCRIPTION = (
     "Runs an experiment over the values of some keys of its scenario, and shows how its metrics "
     "spread, what each key contributes, and where the bounds are held.\n\n"

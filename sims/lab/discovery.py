@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from parapod.systems.core.errors import ParapodError
-from parapod.systems.core.installed import State, installed, state
+from parapod.systems.core.installed import State, current_name, installed, state
 from parapod.systems.core.quoting import did_you_mean, quoted
 
 if TYPE_CHECKING:  # Listing must not wait for Drake.
@@ -184,6 +184,7 @@ def find_entry(name: str) -> Entry:
     Raises:
         UnknownExperiment: there is none; names those that there are.
     """
+    name = current_name(name)
     # The first of a name: no other package takes the place of parapod's own.
     by_name = {entry.name: entry for entry in reversed(list_entries())}
     if name not in by_name:

@@ -9,11 +9,11 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.drawing import publish
-from parapod.diagrams.machining_center.drawing import SwitchColours
+from parapod.diagrams.machining_centre.drawing import SwitchColours
 from parapod.diagrams.walking_chair import model as chair
 from parapod.diagrams.wiring import add
 from parapod.systems.levelling_platform.sliders import PostureSliders
-from parapod.systems.machining_center.geometry import CenterGeometry
+from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.gait import Walk
 from parapod.systems.walking_chair.masses import Passenger
@@ -29,7 +29,7 @@ def test_meshcat_is_told_thirty_times_a_second():
 
 def test_closed_locks_and_open_clamps_are_coloured_and_no_others():
     scene = Mock(Meshcat)
-    colours = SwitchColours(CenterGeometry(3), scene, "center")
+    colours = SwitchColours(CentreGeometry(3), scene, "centre")
     context = colours.CreateDefaultContext()
     locked = np.arange(12) % 4 == 1  # joint 2 of each limb
     for name, values in (("locks_closed", locked), ("clamps_closed", (1.0, 0.0, 1.0))):
@@ -38,8 +38,8 @@ def test_closed_locks_and_open_clamps_are_coloured_and_no_others():
     seen = {path: is_seen for (path, _, is_seen, _), _ in scene.SetProperty.call_args_list}
     assert len(seen) == 15
     assert {path for path, is_seen in seen.items() if is_seen} == {
-        *(f"center/limb_{i}/ankle_2/locked_2" for i in (1, 2, 3)),
-        "center/limb_2/foot/let_go",
+        *(f"centre/limb_{i}/ankle_2/locked_2" for i in (1, 2, 3)),
+        "centre/limb_2/foot/let_go",
     }
 
 

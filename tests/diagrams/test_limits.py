@@ -13,7 +13,7 @@ DECLARED = {
         {"legs.extension": (0.38, 0.46), "truth.extension": (0.38, 0.46)}
         | {"legs.voltage": (-12.0, 12.0)},
     ),
-    "machining_center": (
+    "machining_centre": (
         {"legs.max_velocity_mm_s": 90.0, "legs.max_force_N": 800.0},
         {"legs.position": (0.39, 0.65), "legs.velocity": (-0.09, 0.09)}
         | {"truth.leg_force": (-800.0, 800.0), "legs.current": (-3.2, 3.2)},

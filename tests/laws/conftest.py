@@ -33,7 +33,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 
 import parapod.systems
 from parapod.diagrams.levelling_platform.model import add_platform
-from parapod.diagrams.machining_center.model import add_center
+from parapod.diagrams.machining_centre.model import add_centre
 from parapod.diagrams.terrain_simulator.leg import LegDescription, UrdfLeg, make_leg_model
 from parapod.diagrams.terrain_simulator.model import add_bench, add_leg_on_slide
 from parapod.diagrams.walking_chair.model import add_chair
@@ -46,12 +46,12 @@ from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.scripts import Step, Waypoint
 from parapod.systems.levelling_platform.supervisor import Command, Phase
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
-from parapod.systems.machining_center.geometry import CenterGeometry
-from parapod.systems.machining_center.job import Job, row_of_holes
-from parapod.systems.machining_center.panel import Panel
-from parapod.systems.machining_center.platform_mode import leg_lengths
-from parapod.systems.machining_center.posture import Posture, lockable_joints
-from parapod.systems.machining_center.sequence import SequenceParams
+from parapod.systems.machining_centre.geometry import CentreGeometry
+from parapod.systems.machining_centre.job import Job, row_of_holes
+from parapod.systems.machining_centre.panel import Panel
+from parapod.systems.machining_centre.platform_mode import leg_lengths
+from parapod.systems.machining_centre.posture import Posture, lockable_joints
+from parapod.systems.machining_centre.sequence import SequenceParams
 from parapod.systems.physics.mujoco.model import MujocoModel
 from parapod.systems.safety.faults import Fault
 from parapod.systems.sensors.imu import ImuParams, sample_period
@@ -172,7 +172,7 @@ def in_gait(*names):
 
 
 def add_tripod(plant):
-    return add_center(plant, TRIPOD)
+    return add_centre(plant, TRIPOD)
 
 
 def add_pedal(plant):
@@ -187,10 +187,10 @@ def add_pedal_and_leg(plant):
 
 
 PARTS = ("position", "velocity", "acceleration")
-TRIPOD, HOME = CenterGeometry(), np.array((0.0, 0.0, 0.48, 0.0, 0.0, 0.0))
+TRIPOD, HOME = CentreGeometry(), np.array((0.0, 0.0, 0.48, 0.0, 0.0, 0.0))
 FOOTHOLDS, FOOT = TRIPOD.footholds.ravel(), TRIPOD.footholds[1]
 LOCKED_AT = lockable_joints(TRIPOD, Posture(HOME, TRIPOD.footholds)).ravel()
-CENTER = {
+CENTRE = {
     **dict.fromkeys(("pose", "pose_desired", "target", "toward"), around(HOME, 2e-3)),
     "feet": around(FOOTHOLDS, 1e-3),
     "locks_closed": one_of(0.0, 1.0),
@@ -358,10 +358,10 @@ OF_A_PLANT = "posture attitude angular_velocity specific_force inertial_motion c
 OF_A_CHAIR = "body_position body_attitude force contact_force foot_height body_pose passenger_pose"
 
 ENTRIES: dict[str, Entry] = {
-    "CenterControls": Entry(lambda: {"controls": Moved()}, limits={"limb_asked": (0.0, 3.0)}),
-    "CenterFeedforward": Entry(
+    "CentreControls": Entry(lambda: {"controls": Moved()}, limits={"limb_asked": (0.0, 3.0)}),
+    "CentreFeedforward": Entry(
         inputs={
-            **CENTER,
+            **CENTRE,
             "mode": one_of(0, 1, 2, 2, 2, 2),
             "target": lambda random, size: around(random.choice((HOME, FOOT)), 2e-3)(random, 6),
             "loose_limb": one_of(2, 2, 2, 2, 0),
@@ -377,19 +377,19 @@ ENTRIES: dict[str, Entry] = {
         },
         shares=True,
     ),
-    "CenterPositions": Entry(
-        of_model(add_tripod), inputs=CENTER, passes={"positions that are none": "positions"}
+    "CentrePositions": Entry(
+        of_model(add_tripod), inputs=CENTRE, passes={"positions that are none": "positions"}
     ),
-    "CenterPosture": Entry(
+    "CentrePosture": Entry(
         variants=({"is_sampled": True},),
-        inputs={**CENTER, "position": CENTER["position_measured"]},
+        inputs={**CENTRE, "position": CENTRE["position_measured"]},
         limits={"is_determined": BINARY},
         shares=True,
     ),
-    "CenterSequencer": Entry(
+    "CentreSequencer": Entry(
         variants=({"job": JOB, "params": SequenceParams(begin=0.0, settling=0.01)},),
         inputs={
-            **CENTER,
+            **CENTRE,
             "length_error": around(0.0, 1e-5),
             "locks_closed": one_of(*(0.0,) * 30, 1.0),
             "clamps_closed": one_of(*(1.0,) * 9, 0.0),
@@ -447,8 +447,8 @@ ENTRIES: dict[str, Entry] = {
         shares=True,
     ),
     "TerrainReference": Entry(limits={"stance": BINARY, "done": BINARY}),
-    "CenterStatics": Entry(inputs=CENTER, passes={"forces that are none": "leg_force"}),
-    "CenterTruth": Entry(
+    "CentreStatics": Entry(inputs=CENTRE, passes={"forces that are none": "leg_force"}),
+    "CentreTruth": Entry(
         of_model(add_tripod),
         inputs={port: of_bodies(port) for port in ("body_poses", "state")},
         passes={"shown as it is": "joints"},
@@ -464,10 +464,10 @@ ENTRIES: dict[str, Entry] = {
     ),
     "Switches": Entry(
         variants=({"panel": Panel()}, {"panel": Panel(), "delay": 0.02}),
-        inputs={**CENTER, "locks_command": one_of(0.0, 1.0), "clamps_command": one_of(0.0, 1.0)},
+        inputs={**CENTRE, "locks_command": one_of(0.0, 1.0), "clamps_command": one_of(0.0, 1.0)},
         limits=dict.fromkeys(("locks_closed", "clamps_closed"), BINARY),
     ),
-    "WrenchMonitor": Entry(inputs=CENTER, limits={"wrench_index": (0.0, 1.0)}),
+    "WrenchMonitor": Entry(inputs=CENTRE, limits={"wrench_index": (0.0, 1.0)}),
     "ChairControls": Entry(lambda: {"controls": Moved()}, limits={"halt": BINARY}),
     "AttitudeEstimator": Entry(
         limits={"attitude": math.pi, "gyro_bias": 0.035}, begins=("attitude", tilt)

@@ -70,11 +70,11 @@ BRIEF = {
     "identify-actuators": COARSE,
     "slip": (*COARSE, "lift.duration=0.5", "arm.duration=0.2", "arm.rest=0", "creep.duration=0.1"),
     "workspace": ("resolution=16",),
-    "center-machining": (
+    "centre-machining": (
         *("backend=kinematic", "holes.count=1", "holes.depth_mm=1", *HASTE),
         *("motion.rapid_mm_s=300", "motion.feed_mm_s=20"),
     ),
-    "center-walk": (
+    "centre-walk": (
         *("backend=kinematic", "holes.count=0", "walk.steps=1", "walk.advance_mm=20"),
         *("walk.lift_mm=5", "motion.swing_mm_s=200", "control.settling=0.04", *HASTE),
     ),
@@ -83,7 +83,7 @@ BRIEF = {
     ),
     "bench-course": ("courses=[level]", "strides=1", "run_up=0"),
     "bench-leg": ("jump_mm=20", "squat_mm=40", "tries=[jump]"),
-    "center-locks": ("poses=10", "time_step=0.005", "duration=0.4"),
+    "centre-locks": ("poses=10", "time_step=0.005", "duration=0.4"),
     "chair-walk": (
         *("backend=mock", "gait.way=forward", "gait.lift_mm=6", "gait.step_mm=10"),
         *("gait.swing_height_mm=2", "gait.phase_duration=1", "begin=0.5", "end=0.5"),
@@ -91,7 +91,7 @@ BRIEF = {
     "chair-circle": ("circle.laps=1", "circle.radius_mm=5", "circle.lap_duration=2"),
     "chair-payload": ("instants=1",),
     "bench-workspace": ("cells=100",),
-    "center-workspace": ("cell_mm=30",),
+    "centre-workspace": ("cell_mm=30",),
 }
 
 
@@ -420,7 +420,7 @@ def test_its_diagram_is_graphviz_text(part, finished):
 
 # Those that take seconds; that their machines' loops give the same numbers is a law of machines.
 LONG = {
-    *("bench-course", "bench-leg", "bench-walk", "center-machining", "center-walk"),
+    *("bench-course", "bench-leg", "bench-walk", "centre-machining", "centre-walk"),
     *("chair-circle", "chair-engines", "compare-engines", "fault-campaign"),
     *("identify-actuators", "slip", "track-posture"),
 }

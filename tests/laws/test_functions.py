@@ -13,10 +13,10 @@ from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace
 from parapod.systems.levelling_platform.zero_moment_point import ArmMotion, Footing
-from parapod.systems.machining_center.branch import branch_joints
-from parapod.systems.machining_center.geometry import CenterGeometry
-from parapod.systems.machining_center.platform_mode import inverse_kinematics
-from parapod.systems.machining_center.swing import lock_sets
+from parapod.systems.machining_centre.branch import branch_joints
+from parapod.systems.machining_centre.geometry import CentreGeometry
+from parapod.systems.machining_centre.platform_mode import inverse_kinematics
+from parapod.systems.machining_centre.swing import lock_sets
 from parapod.systems.terrain_simulator.cells import CELLS
 from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import slider_places
@@ -34,7 +34,7 @@ UP = up_of_lengths(CHAIR.leg, LENGTHS[0])
 CORNER = leg_corners(CHAIR.leg, UP)[0]
 WORKSPACE = Workspace(PlatformGeometry(), ArmGeometry())
 BENCH, PLATE = BenchGeometry.pedal(), (0.5, 0.28, 0.05)
-CENTER, MIDDLE = CenterGeometry(), (0.01, -0.02, 0.5, 0.03, 0.02, 0.05)
+CENTRE, MIDDLE = CentreGeometry(), (0.01, -0.02, 0.5, 0.03, 0.02, 0.05)
 BATCH = (2, 5)  # unlike any shape of what is in it
 
 
@@ -53,7 +53,7 @@ EXTENSION, ATTITUDE, GROUND = near([0.405] * 4), near([0.0] * 2, 0.02), near([0.
 MOTION = several(Motion, near(CORNER), near([0.0] * 3), near([0.0] * 3))
 ROOMS = {
     "levelling_platform": PlatformGeometry(),
-    "machining_center": CENTER,
+    "machining_centre": CENTRE,
     "terrain_simulator": BENCH,
     "walking_chair": CHAIR,
 }
@@ -70,11 +70,11 @@ SAMPLED = {
         "point": near(WORKSPACE.tip_position((0.0, 0.0, 0.477))),
         "posture": near([0.0, 0.0, 0.477]),
     },
-    "machining_center": {
+    "machining_centre": {
         "end": near(MIDDLE, 0.02),
-        "footholds": near(CENTER.footholds),
-        "joints": near(branch_joints(CENTER, MIDDLE), 1e-5),
-        "lengths": near(inverse_kinematics(CENTER, MIDDLE)),
+        "footholds": near(CENTRE.footholds),
+        "joints": near(branch_joints(CENTRE, MIDDLE), 1e-5),
+        "lengths": near(inverse_kinematics(CENTRE, MIDDLE)),
         "near": near(MIDDLE, 0.01),
         "pose": near(MIDDLE, 0.02),
         "poses": near(MIDDLE, 0.02),
@@ -124,7 +124,7 @@ FIXED = {
     "corner": CHAIR.leg.corners[0],
     "gait": GAIT,
     "limit": 1.0,
-    "lock_set": lock_sets(CENTER, 1)[0],
+    "lock_set": lock_sets(CENTRE, 1)[0],
     "masses": ChairMasses(),
     "params": KinematicPlatformParams(),
     "passenger": Passenger(),

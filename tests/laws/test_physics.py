@@ -45,7 +45,7 @@ DRIVES = {
     "walking_chair": Drives(
         *("truth.force", "truth.position", "legs.velocity_command", 0.01, ("legs.brake",), 0.15),
     ),
-    "machining_center": Drives(
+    "machining_centre": Drives(
         *("truth.leg_force", "legs.position", "legs.position_command", 0.01),
         *(("legs.brake",), 1e-4),
     ),

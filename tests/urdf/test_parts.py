@@ -21,7 +21,7 @@ def named(path):
 def test_files_of_every_folder_are_found():
     assert {path.parent.name for path in PARTS} >= {
         "levelling_platform",
-        "machining_center",
+        "machining_centre",
         "walking_chair",
     }
 

@@ -10,7 +10,8 @@ from importlib.metadata import version
 import pytest
 import yaml
 
-from parapod.sims.cli.main import COMMANDS, main, make_parser
+from parapod.diagrams.machine import find_machine
+from parapod.sims.cli.main import COMMANDS, GROUPS, main, make_parser
 from parapod.sims.output.atomic import atomic_output
 from parapod.systems.core.errors import ParapodError
 
@@ -181,7 +182,7 @@ def test_help_fits_80_columns_and_its_examples_are_understood(command, capsys):
 
 def test_without_a_command_the_help_is_shown(capsys):
     assert main([]) == 0
-    assert "parapod run level --set" in capsys.readouterr().out
+    assert "parapod run level --meshcat" in capsys.readouterr().out
 
 
 # compare
@@ -227,3 +228,25 @@ def test_compare_refuses_other_files(content, message, capsys, work):
     (work / "x.json").write_text(content)
     assert main(["compare", "x.json", "x.json"]) == 2
     assert re.fullmatch(f"parapod: error: {message}\n", capsys.readouterr().err)
+
+
+def test_the_help_lists_every_command_once_in_its_group(capsys):
+    main([])
+    shown = capsys.readouterr().out
+    places = [shown.index(f"\n{title}:\n") for title in GROUPS]
+    assert places == sorted(places)
+    for name, command in COMMANDS.items():
+        assert len(re.findall(rf"^  {name} +{re.escape(command.HELP)}$", shown, re.M)) == 1
+
+
+def test_a_former_name_is_accepted_and_the_present_one_named(capsys):
+    with pytest.warns(FutureWarning, match="'center-walk' is now called 'centre-walk'"):
+        assert main(["scenario", "center-walk"]) == 0
+    with pytest.warns(FutureWarning, match="'machining_center' is now called"):
+        assert find_machine("machining_center") is find_machine("machining_centre")
+    done = subprocess.run(
+        [sys.executable, "-m", "parapod.sims", "scenario", "center-walk"],
+        capture_output=True,
+        text=True,
+    )
+    assert done.stderr == "parapod: warning: 'center-walk' is now called 'centre-walk'\n"

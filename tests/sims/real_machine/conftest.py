@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from parapod.diagrams.levelling_platform.machine import PLATFORM
-from parapod.diagrams.machining_center.machine import MACHINING_CENTER
+from parapod.diagrams.machining_centre.machine import MACHINING_CENTRE
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.sims.real_machine.age_limit import LOOKED
@@ -119,7 +119,7 @@ def _stamped(path, *names):
 
 
 # A short and quick walk.
-CENTER_JOB = (
+CENTRE_JOB = (
     *("holes.count=0", "walk.advance_mm=20", "walk.steps=1", "walk.lift_mm=8"),
     *("motion.swing_mm_s=100", "motion.acceleration_mm_s2=1500", "control.settling=0.06"),
 )
@@ -425,11 +425,11 @@ class EmulatedChairByTheClock(EmulatedChair):
     options = ("--rate=1", *EmulatedChair.options)
 
 
-class EmulatedCenter(Emulator):
+class EmulatedCentre(Emulator):
     """A tripod that walks a little."""
 
-    machine = MACHINING_CENTER
-    options = ("--backend=kinematic", "--set", *CENTER_JOB)
+    machine = MACHINING_CENTRE
+    options = ("--backend=kinematic", "--set", *CENTRE_JOB)
     remembered = "position", "positions.json"
     disturbable = ("legs", "switches")
 
@@ -538,9 +538,9 @@ def emulate_chair(emulators):
 
 
 @pytest.fixture(scope="module")
-def emulate_center(emulators):
-    """emulate_center(scenario="") begins an `EmulatedCenter`."""
-    return partial(emulators, EmulatedCenter)
+def emulate_centre(emulators):
+    """emulate_centre(scenario="") begins an `EmulatedCentre`."""
+    return partial(emulators, EmulatedCentre)
 
 
 @pytest.fixture(scope="session")

@@ -27,12 +27,12 @@ from parapod.systems.walking_chair.gait import TrotGait, Walk
 from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 
 pytest.importorskip("plotly")
-MACHINE = find_machine("machining_center")
+MACHINE = find_machine("machining_centre")
 COUNT = 40
 
 
 def write(
-    path, experiment="center-walk", left_out=(), shift=0.0, backend="kinematic", count=COUNT
+    path, experiment="centre-walk", left_out=(), shift=0.0, backend="kinematic", count=COUNT
 ):
     """A log of a centre whose platform rises through three phases."""
     scenario = MACHINE.scenario(backend="kinematic")
@@ -51,7 +51,7 @@ def write(
     }
     units = {name: (each, MACHINE.unit(name)) for name, each in signals.items()}
     kept = {name: each for name, each in units.items() if name not in left_out}
-    find_experiment("center-walk").write_log(path, scenario, time, kept)
+    find_experiment("centre-walk").write_log(path, scenario, time, kept)
     return path
 
 
@@ -78,7 +78,7 @@ def test_a_page_has_the_machine_its_plots_and_its_phases(log, capsys):
     assert main(["replay", str(log), "--html", "walk.html"]) == 0
     assert capsys.readouterr().out == "wrote walk.html\n"
     text, content, scene = page_of(log.with_suffix(".html"))
-    assert "<title>center-walk: the machining centre - parapod</title>" in text
+    assert "<title>centre-walk: the machining centre - parapod</title>" in text
     assert "set_animation" in scene or "setAnimation" in scene or len(scene) > 2e6
     assert (content["begin"], content["end"]) == (0.0, pytest.approx(3.9))
     names = [phase["name"] for phase in content["phases"]]
@@ -176,7 +176,7 @@ def test_a_signal_that_is_not_there_is_refused_with_those_that_are(log, asked, w
             r".* not drawn: there is no experiment 'ballet'; .*",
         ),
         ({"experiment": None}, r".* not drawn: the log does not tell its experiment"),
-        ({"experiment": "center-locks"}, r".* not drawn: .*"),
+        ({"experiment": "centre-locks"}, r".* not drawn: .*"),
         ({"scenario": "limbs: 3\nlegz: 1\n"}, r".* not drawn: .*unknown key 'legz'.*"),
         ({"scenario": "backend: kinematic\nhardware: {drivers: [!Alien {}]}\n"}, r""),
         (
@@ -414,7 +414,7 @@ def live_log(path, begins, first=1, is_whole=True):
     """
     pytest.importorskip("mcap")
     with path.open("wb") as stream:
-        writer = McapWriter(stream, {"legs.position": "m"}, {"experiment": "center-walk"})
+        writer = McapWriter(stream, {"legs.position": "m"}, {"experiment": "centre-walk"})
         for time in 0.1 * np.arange(first, first + COUNT):
             stamp = begins + time
             writer.write(round(1e9 * stamp), time, [[1e-3 * (stamp - NOON)] * 6])
@@ -472,7 +472,7 @@ def test_rounding_fills_no_plot(work):
     scenario = MACHINE.scenario(backend="kinematic")
     write_experiment_log(
         path,
-        "center-walk",
+        "centre-walk",
         scenario,
         time,
         {"pose_estimated": (pose, MACHINE.unit("pose_estimated"))},

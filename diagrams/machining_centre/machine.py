@@ -1,0 +1,106 @@
+"""The machining centres, tripod and quadruped: one declaration."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from pydrake.systems.framework import System
+from pydrake.trajectories import PiecewisePolynomial
+
+from parapod.diagrams.machine import Machine, SelfTest
+from parapod.diagrams.machining_centre.controller import make_controller
+from parapod.diagrams.machining_centre.guard import CentreGuard, CentreLimits
+from parapod.diagrams.machining_centre.plants import add_bodies, add_kinematics, add_mock
+from parapod.diagrams.machining_centre.ports import PARTS, ports_of_limbs
+from parapod.diagrams.machining_centre.scenario import CentreScenario
+from parapod.diagrams.machining_centre.twin import CentreTwin
+from parapod.diagrams.plots import Limits
+from parapod.diagrams.wiring import named_source
+
+# Longest time after which somebody has a job end [s].
+_LONG = 1e4
+# Lag of a drive behind set values, and of its velocity's loop, where devices command it [ms].
+_ARRIVAL, _LAG = 15.0, 5.0
+# One leg of six moves the platform; one of eight would only strain the other seven.
+_MOVES_ALONE = 3
+
+
+def _stop(scenario: CentreScenario) -> Sequence[System]:
+    """Source that has the job end, where somebody is to."""
+    if scenario.stop_at is None:
+        return ()
+    instants = (-1.0, scenario.stop_at, scenario.stop_at + _LONG)
+    pressed = PiecewisePolynomial.ZeroOrderHold(instants, [[0.0, 1.0, 1.0]])
+    return (named_source("stop", pressed),)
+
+
+def _variant(scenario: CentreScenario) -> Mapping[str, Any]:
+    """Sizes of the ports, and what may be moved alone."""
+    alone = {"legs": _MOVE} if scenario.limbs == _MOVES_ALONE else {}
+    return {"ports": ports_of_limbs(scenario.limbs), "self_tests": alone}
+
+
+def _limits(scenario: CentreScenario) -> Limits:
+    """Stroke, speed and force of the legs, and how far they may be off their way."""
+    geometry, legs = scenario.geometry, scenario.legs
+    stroke = geometry.stroke_min, geometry.stroke_max
+    speed, force = 1e-3 * legs.max_velocity_mm_s, legs.max_force_N
+    current, off = force / legs.force_per_current_N_A, CentreLimits().following
+    return {
+        **dict.fromkeys(("legs.position", "legs.position_command"), stroke),
+        "legs.velocity": (-speed, speed),
+        "legs.current": (-current, current),
+        "truth.leg_force": (-force, force),
+        "length_error": (-off, off),
+    }
+
+
+def _emulated(scenario: CentreScenario, period: float) -> CentreScenario:
+    """Drives as devices command them: these count, and their set values come when they come.
+
+    A drive without a lag would run from one set value to the next, and stand in between.
+    """
+    legs = replace(
+        scenario.legs, encoder_resolution_mm=0.0, arrival_ms=_ARRIVAL, time_constant_ms=_LAG
+    )
+    return replace(scenario, control=replace(scenario.control, period=period), legs=legs)
+
+
+_MOVE = SelfTest(
+    command="position_command",
+    usual=0.002,
+    largest=0.01,
+    measures="position",
+    rest={"brake": 0.0, "locks.command": 0.0, "clamps.command": 1.0},
+    is_position=True,
+)
+
+MACHINING_CENTRE = Machine(
+    name="machining_centre",
+    title="the machining centre",
+    experiment="centre-walk",
+    scenario=CentreScenario,
+    ports=ports_of_limbs(CentreScenario().limbs),
+    parts=PARTS,
+    plants={"multibody": add_bodies, "kinematic": add_kinematics},
+    mock=add_mock,
+    controller=make_controller,
+    sources=_stop,
+    self_tests={"legs": _MOVE},
+    emulated=_emulated,
+    cut={"legs.brake": 1.0},
+    switches=("locks.closed", "clamps.closed"),
+    guard=CentreGuard,
+    twin=CentreTwin,
+    limits=_limits,
+    plots=(
+        "pose_desired[0:3]+pose_estimated[0:3]",
+        "pose_desired[3:6]+pose_estimated[3:6]",
+        "legs.position",
+        "wrench_margin",
+    ),
+    variant=_variant,
+    exchange={"multibody": 5e-3, "kinematic": 5e-3},
+    log_every=2,
+    resets=lambda scenario: ("seed", "legs.length_error_mm"),
+)

@@ -1,0 +1,113 @@
+"""A machining centre's bodies, joints, clamps and closed loops in a MultibodyPlant; pictures."""
+
+import math
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, QuaternionFloatingJoint
+from pydrake.systems.framework import DiagramBuilder
+
+from parapod.diagrams.drawing import View, add_renderer, take
+from parapod.diagrams.multibody import add_adapted_model
+from parapod.systems.machining_centre.geometry import CentreGeometry
+from parapod.systems.machining_centre.model import CentreModel, transform_of
+from parapod.systems.machining_centre.platform_mode import feet_of
+from parapod.urdf import configure_parser
+
+# Axial stiffness of a leg with its screw and drive [N/m], and its damping [N s/m]: assumptions.
+STIFFNESS = PdControllerGains(p=1e7, d=1e5)
+_FOLDER = "package://parapod/machining_centre"
+
+
+def add_centre(
+    plant: MultibodyPlant,
+    geometry: CentreGeometry,
+    stiffness: PdControllerGains = STIFFNESS,
+    footholds: ArrayLike | None = None,
+) -> CentreModel:
+    """Adds a centre and its clamps to a plant that is part of a diagram, and finalizes it.
+
+    Args:
+        plant: a plant with a registered scene graph and a time step above zero.
+        geometry: tripod or quadruped.
+        stiffness: axial stiffness and damping of a leg [N/m, N s/m].
+        footholds: (n, 6) on which it stands in a default context; None for the paper's pattern.
+    """
+    parser = Parser(plant)
+    configure_parser(parser)
+    parser.SetAutoRenaming(True)
+    (body,) = parser.AddModels(url=f"{_FOLDER}/platform.urdf")
+    platform = plant.GetBodyByName("platform", body)
+    world = plant.world_frame()
+    plant.AddJoint(QuaternionFloatingJoint("platform", world, platform.body_frame()))
+    clamps = []
+    feet = feet_of(geometry, footholds)
+    for i, (angle, middle) in enumerate(zip(geometry.angles, geometry.middles, strict=True)):
+        limb = add_adapted_model(
+            parser, f"{_FOLDER}/limb.urdf", f"limb_{i + 1}", partial(_fit, geometry)
+        )
+        X_PM = RigidTransform(RotationMatrix.MakeZRotation(angle), middle)
+        plant.WeldFrames(platform.body_frame(), plant.GetFrameByName("mount", limb), X_PM)
+        tips = [plant.GetBodyByName(f"{side}_rod", limb) for side in ("left", "right")]
+        plant.AddBallConstraint(tips[0], np.zeros(3), tips[1], np.zeros(3))
+        for side in ("left", "right"):
+            plant.GetJointActuatorByName(side, limb).set_controller_gains(stiffness)
+        (plate,) = parser.AddModels(url=f"{_FOLDER}/clamp.urdf")
+        plant.RenameModelInstance(plate, f"clamp_{i + 1}")
+        clamp = plant.GetBodyByName("clamp", plate)
+        # A frame whose pose is a parameter: a clamp has no place of its own.
+        held: Any = plant.AddFrame(
+            FixedOffsetFrame(f"clamp_{i + 1}", world, transform_of(feet[i]))
+        )
+        plant.WeldFrames(held, clamp.body_frame())
+        foot = plant.GetBodyByName("foot", limb)
+        clamps.append(plant.AddWeldConstraint(clamp, RigidTransform(), foot, RigidTransform()))
+    plant.Finalize()
+    return CentreModel(plant, geometry, tuple(clamps))
+
+
+def _fit(geometry: CentreGeometry, robot: Element) -> None:
+    """Gives a limb the pivots and strokes of a centre; its links stay as they are drawn."""
+    aside = geometry.platform_radius * math.sin(geometry.half_angle)
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        pivot = robot.find(f"joint[@name='{side}_swing']/origin")
+        stroke = robot.find(f"joint[@name='{side}_length']/limit")
+        assert pivot is not None
+        assert stroke is not None
+        pivot.set("xyz", f"0 {sign * aside:.16f} 0")  # its digits in the file
+        stroke.set("lower", repr(geometry.stroke_min))
+        stroke.set("upper", repr(geometry.stroke_max))
+
+
+def photograph(
+    views: Sequence[View],
+    geometry: CentreGeometry,
+    pose: ArrayLike,
+    footholds: ArrayLike | None = None,
+) -> list[NDArray[np.uint8]]:
+    """Pictures (height, width, 3) of a centre at a pose.
+
+    Args:
+        views: from where; one picture each.
+        geometry: tripod or quadruped.
+        pose: (6) of the platform [m, rad].
+        footholds: (n, 6) of the feet's frames [m, rad]; None for the paper's pattern.
+
+    Raises:
+        RuntimeError: there is no OpenGL that Drake's renderer could use.
+    """
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
+    add_renderer(scene_graph)
+    model = add_centre(plant, geometry)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    model.stand(plant.GetMyMutableContextFromRoot(context), pose, footholds)
+    return take(scene_graph, context, views)

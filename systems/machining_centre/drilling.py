@@ -1,0 +1,89 @@
+"""Drilling as the machine feels it: thrust and torque of the material on the tool."""
+
+import math
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from parapod.systems.core.ports import read_array
+from parapod.systems.machining_centre.job import Process
+from parapod.systems.machining_centre.panel import Panel
+
+# Depth at which the drill's point is all in the material [m], how much more than at the feed that
+# is meant it may be loaded [-], and the height at which it has left the hole [m].
+_POINT, _MOST, _OUT = 2e-3, 1.5, 1e-3
+# Time constant with which chips form, so that load follows feed [s] (assumption).
+_LAG = 0.02
+# The drill does not cut where its angle to the panel's normal has a smaller cosine [-], nor where
+# it is farther than that from everything [m]; its tip is then taken to be so high [m].
+_COSINE, _FAR, _AWAY = 0.5, 100.0, 1.0
+
+
+class DrillingProcess(LeafSystem):
+    """Load of a drill by how fast it is going deeper.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `pose` | 6 | m, rad | of the platform |
+    | out `tool_force` | 2 | N, N m | thrust on the drill, out of the material; torque on it |
+    | out `tip_height` | 1 | m | of the tip above the panel |
+
+    Where the tip is deeper than the hole is by now material is cut: at the feed that is meant the
+    load is that of the `Process`, faster more in proportion, and less until the drill's point is
+    in. A tip that stays or goes back is free.
+
+    State: discrete; depth of the hole [m], thrust as a share of the process's [-]; updated every
+    period.
+
+    Bad input: a pose that is no number has no load.
+
+    Args:
+        process: the drill.
+        panel: the panel.
+        feed: that is meant [m/s].
+        period: between two updates [s].
+    """
+
+    def __init__(
+        self,
+        process: Process = Process(),
+        panel: Panel = Panel(),
+        feed: float = 0.003,
+        period: float = 0.01,
+    ):
+        super().__init__()
+        self.set_name("drilling")
+        self._process, self._panel, self._feed, self._period = process, panel, feed, period
+        self._pose = self.DeclareVectorInputPort("pose", 6)
+        state = self.DeclareDiscreteState(2)
+        self.DeclareVectorOutputPort(
+            "tool_force", 2, self._calc_force, {self.discrete_state_ticket(state)}
+        )
+        self.DeclareVectorOutputPort("tip_height", 1, self._calc_height, {self._pose.ticket()})
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+
+    def _height(self, context: Context) -> float:
+        """Height of the tip above the panel; far away if it is not known."""
+        pose = read_array(self._pose, context)
+        if not (np.isfinite(pose).all() and np.abs(pose).max() < _FAR):
+            return _AWAY
+        height = float(self._panel.place(self._process.tip(pose))[2])
+        is_upright = math.cos(pose[3]) * math.cos(pose[4]) > _COSINE
+        return height if is_upright else _AWAY
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        depth, share = context.get_discrete_state(0).value().tolist()
+        deep = -self._height(context)
+        if deep < -_OUT:
+            depth = 0.0
+        cut = max(0.0, deep - max(depth, 0.0)) / self._period / self._feed
+        wanted = min(_MOST, cut) * min(1.0, max(deep, 0.0) / _POINT)
+        share += -math.expm1(-self._period / _LAG) * (wanted - share)
+        state.set_value(0, np.array((max(depth, deep), share)))
+
+    def _calc_force(self, context: Context, output: BasicVector) -> None:
+        share = float(context.get_discrete_state(0).value()[1])
+        output.SetFromVector(share * np.array((self._process.thrust, self._process.torque)))
+
+    def _calc_height(self, context: Context, output: BasicVector) -> None:
+        output[0] = self._height(context)

@@ -1,0 +1,120 @@
+"""Ways of platform and feet from rest to rest, within limits of speed."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from parapod.systems.core.motion_laws import quintic
+from parapod.systems.core.vectors import Array
+from parapod.systems.machining_centre.platform_mode import displacement, moved
+
+# Largest speed and acceleration of a quintic from rest to rest, by way and duration [-].
+_SPEED, _ACCELERATION = 1.875, 10.0 / math.sqrt(3.0)
+# Shares of a swing's duration: in which the foot rises, and from and to which it goes across.
+_RISING, _ACROSS = 0.35, (0.2, 0.8)
+_QUICKEST = 0.05  # [s]
+
+
+@dataclass(frozen=True)
+class Speeds:
+    """Limits of speed.
+
+    Attributes:
+        rapid: of the platform between operations [m/s].
+        turn: of its rotation [rad/s].
+        feed: of the drill in the material [m/s].
+        swing: of a foot, at its mean [m/s].
+        acceleration: of platform and feet [m/s^2].
+        leg: of a leg's length [m/s].
+    """
+
+    rapid: float = 0.05
+    turn: float = 0.2
+    feed: float = 0.003
+    swing: float = 0.03
+    acceleration: float = 0.25
+    leg: float = 0.15
+
+
+def duration_of(start: Array, end: Array, speeds: Speeds, speed: float) -> float:
+    """Duration of a way of the platform within the limits [s].
+
+    Args:
+        start: pose (6) [m, rad].
+        end: pose (6).
+        speeds: limits.
+        speed: limit of the translation [m/s].
+    """
+    by = displacement(start, end)
+    angle, way = float(np.linalg.norm(by[:3])), float(np.linalg.norm(by[3:]))
+    return max(
+        _QUICKEST,
+        _SPEED * way / speed,
+        _SPEED * angle / speeds.turn,
+        math.sqrt(_ACCELERATION * way / speeds.acceleration),
+    )
+
+
+def platform_at(start: Array, by: Array, share: float) -> Array:
+    """Pose (6) on a straight way, turning about one axis, at a share of the time.
+
+    Args:
+        start: pose (6) where it begins [m, rad].
+        by: `displacement` (6) to where it ends.
+        share: of the duration.
+    """
+    done = float(quintic(np.array(min(max(share, 0.0), 1.0)))[0])
+    return moved(start, done * by)
+
+
+def swing_duration(start: Array, end: Array, lift: float, speeds: Speeds) -> float:
+    """Duration of a foot's swing within the limits [s].
+
+    Args:
+        start: pose (6) of the foot [m, rad].
+        end: pose (6).
+        lift: height of the swing [m].
+        speeds: limits.
+    """
+    by = displacement(start, end)
+    across = _ACROSS[1] - _ACROSS[0]
+    ways = (
+        (float(np.linalg.norm(by[3:])), across),
+        (lift, _RISING),
+        (float(np.linalg.norm(by[:3])) * speeds.swing / speeds.turn, across),
+    )
+    # The foot already goes across while it still slows down on its way up.
+    hardest = max(math.hypot(*(way / share**2 for way, share in ways[:2])), ways[2][0] / across**2)
+    return max(
+        *(_SPEED * way / speeds.swing / share for way, share in ways),
+        math.sqrt(_ACCELERATION * hardest / speeds.acceleration),
+        _QUICKEST,
+    )
+
+
+def foot_at(start: Array, end: Array, by: Array, lift: float, share: float) -> Array:
+    """Pose (6) of a swinging foot at a share of the time: up, across, down.
+
+    It leaves its foothold along that one's third axis, and comes down along the other's.
+
+    Args:
+        start: pose (6) of the foot where it begins [m, rad].
+        end: pose (6) where it ends.
+        by: `displacement` (6) from one to the other.
+        lift: height of the swing [m].
+        share: of the duration.
+    """
+    begin, finish = _ACROSS
+    across = np.clip((share - begin) / (finish - begin), 0.0, 1.0)
+    up = np.clip(min(share, 1.0 - share) / _RISING, 0.0, 1.0)
+    (gone, raised), *_ = quintic(np.stack((across, up)))
+    pose = moved(start, gone * by)
+    out = (1.0 - gone) * _third_axis(start) + gone * _third_axis(end)
+    pose[:3] += lift * raised * out
+    return pose
+
+
+def _third_axis(pose: Array) -> Array:
+    (s_r, s_p, s_y), (c_r, c_p, c_y) = np.sin(pose[3:]), np.cos(pose[3:])
+    return np.array((c_y * s_p * c_r + s_y * s_r, s_y * s_p * c_r - c_y * s_r, c_p * c_r))

@@ -1,0 +1,237 @@
+"""Places of platform and feet, from the legs' lengths and what is clamped and locked.
+
+Clamped feet stay where they were clamped, and locked joints keep the values at which they were
+locked: so the centre knows where it has walked. The same reckoning is a plant without dynamics.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from parapod.systems.core.ports import declare_cached, read_array
+from parapod.systems.core.vectors import Array
+from parapod.systems.machining_centre.branch import branch_joints
+from parapod.systems.machining_centre.geometry import CentreGeometry
+from parapod.systems.machining_centre.platform_mode import feet_of, forward_kinematics
+from parapod.systems.machining_centre.swing import (
+    LOCKABLE,
+    Locks,
+    LockSet,
+    SingularSwing,
+    swing_forward,
+)
+
+LOCKS_OF_LIMB = len(LOCKABLE)
+# Newton's method ends with a step that leaves some micrometres at most, and nothing at rest [m].
+_LAST_STEP = 2e-3
+_INDICES = [joint - 1 for joint in LOCKABLE]
+
+
+class Posture(NamedTuple):
+    """Platform and feet.
+
+    Attributes:
+        pose: (6) of the platform [m, rad].
+        feet: (n, 6) of the feet's frames [m, rad].
+    """
+
+    pose: Array
+    feet: Array
+
+
+def lockable_joints(geometry: CentreGeometry, posture: Posture) -> Array:
+    """(n, 4) values of the joints that carry locks, q_1, q_2, q_3 and q_6 of each limb [rad]."""
+    return branch_joints(geometry, posture.pose, posture.feet, along="left")[:, _INDICES]
+
+
+def closed_locks(
+    geometry: CentreGeometry, limb: int, values: Array, feet: Array, closed: NDArray[np.bool_]
+) -> Locks:
+    """The locks that are closed while a limb is loose.
+
+    Args:
+        geometry: the centre.
+        limb: the loose limb, counted from 1; its own locks are taken to be closed.
+        values: (n, 4) at which joints were locked [rad].
+        feet: (n, 6) poses of the feet's frames [m, rad].
+        closed: (n, 4) which locks are.
+
+    Raises:
+        ValueError: fewer locks than hold the platform.
+    """
+    standing = tuple(
+        (other, joint)
+        for other in range(1, geometry.limbs + 1)
+        for k, joint in enumerate(LOCKABLE)
+        if other != limb and closed[other - 1, k]
+    )
+    lock_set = LockSet(limb, standing)
+    lock_set.check(geometry)
+    chosen = [values[other - 1, LOCKABLE.index(joint)] for other, joint in lock_set.joints]
+    return Locks(lock_set, np.array(chosen), feet, "left")
+
+
+def posture_of(
+    geometry: CentreGeometry,
+    lengths: Array,
+    before: Posture,
+    values: Array,
+    locked: NDArray[np.bool_],
+    clamped: NDArray[np.bool_],
+) -> Posture | None:
+    """Platform and feet at lengths near a posture before; None if nothing determines them.
+
+    Args:
+        geometry: the centre.
+        lengths: (2n) of the legs [m].
+        before: a moment ago.
+        values: (n, 4) at which joints were locked [rad].
+        locked: (n, 4) which locks are closed.
+        clamped: (n) which feet are clamped.
+    """
+    loose = np.flatnonzero(~clamped) + 1
+    if not np.isfinite(lengths).all() or len(loose) > 1:
+        return None
+    try:
+        if len(loose) == 0:
+            found = forward_kinematics(
+                geometry, lengths, before.pose, before.feet, last_step=_LAST_STEP
+            )
+            return Posture(found.pose, before.feet) if np.isfinite(found.pose).all() else None
+        (limb,) = map(int, loose)
+        if not locked[limb - 1].all():
+            return None
+        locks = closed_locks(geometry, limb, values, before.feet, locked)
+        swung = swing_forward(geometry, lengths, locks, before.pose, last_step=_LAST_STEP)
+    except (SingularSwing, ValueError):  # too few locks, or legs that do not meet
+        return None
+    feet = before.feet.copy()
+    feet[limb - 1] = swung.foot_pose
+    return Posture(swung.pose, feet)
+
+
+class _Found(NamedTuple):
+    """Posture, values at which joints are locked, which are, and whether it is determined."""
+
+    posture: Posture
+    values: Array
+    locked: NDArray[np.bool_]
+    is_determined: bool
+
+
+class CentrePosture(LeafSystem):
+    """Follows platform and feet by the legs' lengths.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `position` | 2n | m | lengths of the legs |
+    | in `locks_closed` | 4n | 0/1 | locks of q_1, q_2, q_3, q_6 of each limb |
+    | in `clamps_closed` | n | 0/1 | clamps of the feet |
+    | out `pose` | 6 | m, rad | x, y, z, roll, pitch, yaw of the platform |
+    | out `feet` | 6n | m, rad | the same of each foot |
+    | out `joints` | 4n | rad | q_1, q_2, q_3, q_6 of each limb, along its left leg |
+    | out `locked_at` | 4n | rad | values at which joints were locked last |
+    | out `is_determined` | 1 | 0/1 | whether lengths, locks and clamps tell all this |
+
+    Lengths must be known often enough for one posture to be near the next.
+
+    State: discrete; pose (6), feet (6n), values at which joints were locked (4n), which locks were
+    closed (4n), and whether the posture was determined (1), updated every period.
+
+    Bad input: where nothing determines the posture, as with two loose feet or lengths that are no
+    numbers, the last one stays, and `is_determined` is 0.
+    """
+
+    def __init__(
+        self,
+        geometry: CentreGeometry = CentreGeometry(),
+        period: float = 0.01,
+        pose: ArrayLike = (0.0, 0.0, 0.48, 0.0, 0.0, 0.0),
+        footholds: ArrayLike | None = None,
+        is_sampled: bool = False,
+    ):
+        """Creates the system.
+
+        Args:
+            geometry: the centre.
+            period: between two updates [s].
+            pose: (6) of the platform near which it begins in a default context [m, rad].
+            footholds: (n, 6) on which it stands there; None for the paper's pattern.
+            is_sampled: whether the outputs are those of the last update.
+        """
+        super().__init__()
+        self.set_name("centre_posture")
+        self._geometry, n = geometry, geometry.limbs
+        self._position = self.DeclareVectorInputPort("position", geometry.legs)
+        self._locks = self.DeclareVectorInputPort("locks_closed", LOCKS_OF_LIMB * n)
+        self._clamps = self.DeclareVectorInputPort("clamps_closed", n)
+        self.DeclareDiscreteState(_beginning(geometry, pose, footholds))
+        inputs = {port.ticket() for port in (self._position, self._locks, self._clamps)}
+        self._found = declare_cached(self, "posture", self._calc, inputs | {self.xd_ticket()})
+        shown = declare_cached(self, "shown", self._calc_shown, {self.xd_ticket()})
+        self._shown = shown if is_sampled else self._found
+        for name, size, calc in (
+            ("pose", 6, self._calc_pose),
+            ("feet", 6 * n, self._calc_feet),
+            ("joints", LOCKS_OF_LIMB * n, self._calc_joints),
+            ("locked_at", LOCKS_OF_LIMB * n, self._calc_locked_at),
+            ("is_determined", 1, self._calc_is_determined),
+        ):
+            self.DeclareVectorOutputPort(name, size, calc, {self._shown.ticket})
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+
+    def stand(
+        self, root_context: Context, pose: ArrayLike, footholds: ArrayLike | None = None
+    ) -> None:
+        """Puts it on footholds, at a pose nearby, with all locks open."""
+        context = self.GetMyMutableContextFromRoot(root_context)
+        context.SetDiscreteState(_beginning(self._geometry, pose, footholds))
+
+    def _calc_shown(self, context: Context) -> _Found:
+        """Finding of the last update."""
+        n, locks = self._geometry.limbs, LOCKS_OF_LIMB * self._geometry.limbs
+        state: Array = context.get_discrete_state(0).value().copy()
+        pose, feet, values, locked, known = np.split(state, np.cumsum((6, 6 * n, locks, locks)))
+        posture = Posture(pose, feet.reshape(n, 6))
+        return _Found(posture, values.reshape(n, -1), locked.reshape(n, -1) > 0.5, known[0] > 0.5)
+
+    def _calc(self, context: Context) -> _Found:
+        before, values, was, _ = self._calc_shown(context)
+        locked = (read_array(self._locks, context) > 0.5).reshape(was.shape)
+        clamped = read_array(self._clamps, context) > 0.5
+        closing = locked & ~was
+        if closing.any():  # at the values that they had a moment ago
+            values[closing] = lockable_joints(self._geometry, before)[closing]
+        lengths = read_array(self._position, context)
+        found = posture_of(self._geometry, lengths, before, values, locked, clamped)
+        return _Found(found or before, values, locked, found is not None)
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        found = self._found.of(self, context)
+        pose, feet = found.posture
+        parts = (pose, feet.ravel(), found.values.ravel(), found.locked.ravel())
+        state.set_value(0, np.concatenate((*parts, (found.is_determined,))).astype(float))
+
+    def _calc_pose(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._shown.of(self, context).posture.pose)
+
+    def _calc_feet(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._shown.of(self, context).posture.feet.ravel())
+
+    def _calc_joints(self, context: Context, output: BasicVector) -> None:
+        posture = self._shown.of(self, context).posture
+        output.SetFromVector(lockable_joints(self._geometry, posture).ravel())
+
+    def _calc_locked_at(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._shown.of(self, context).values.ravel())
+
+    def _calc_is_determined(self, context: Context, output: BasicVector) -> None:
+        output[0] = float(self._shown.of(self, context).is_determined)
+
+
+def _beginning(geometry: CentreGeometry, pose: ArrayLike, footholds: ArrayLike | None) -> Array:
+    feet = feet_of(geometry, footholds)
+    nothing = np.zeros(2 * LOCKS_OF_LIMB * geometry.limbs)
+    return np.concatenate((np.asarray(pose, dtype=float), feet.ravel(), nothing, (1.0,)))

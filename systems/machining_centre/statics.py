@@ -1,0 +1,60 @@
+"""Forces of the legs of a centre at rest."""
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
+
+from parapod.systems.core.ports import read_array
+from parapod.systems.machining_centre.geometry import CentreGeometry
+from parapod.systems.machining_centre.masses import weight
+from parapod.systems.machining_centre.platform_mode import jacobian
+
+
+class CentreStatics(LeafSystem):
+    """Forces with which clamped legs hold weight and drill.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `pose` | 6 | m, rad | of the platform |
+    | in `feet` | 6n | m, rad | of the feet |
+    | in `clamps_closed` | n | 0/1 | which feet are clamped |
+    | in `tool_force` | 2 | N, N m | thrust along the platform's third axis, torque about it |
+    | out `leg_force` | 2n | N | positive where a leg pushes; 0 of a loose limb |
+
+    Of all forces that balance the load these are the smallest: of eight legs, or of four as far as
+    they can.
+
+    No state.
+
+    Bad input: a posture that is no number has forces that are none.
+
+    Args:
+        geometry: the centre.
+    """
+
+    def __init__(self, geometry: CentreGeometry = CentreGeometry()):
+        super().__init__()
+        self.set_name("statics")
+        self._geometry, n = geometry, geometry.limbs
+        self._pose = self.DeclareVectorInputPort("pose", 6)
+        self._feet = self.DeclareVectorInputPort("feet", 6 * n)
+        self._clamps = self.DeclareVectorInputPort("clamps_closed", n)
+        self._tool = self.DeclareVectorInputPort("tool_force", 2)
+        self.DeclareVectorOutputPort(
+            "leg_force",
+            geometry.legs,
+            self._calc,
+            {p.ticket() for p in (self._pose, self._feet, self._clamps, self._tool)},
+        )
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        pose, feet = read_array(self._pose, context), read_array(self._feet, context)
+        tool = read_array(self._tool, context)
+        if not (np.isfinite(pose).all() and np.isfinite(feet).all() and np.isfinite(tool).all()):
+            output.SetFromVector(np.full(self._geometry.legs, np.nan))
+            return
+        out = Rotation.from_euler("xyz", pose[3:]).as_matrix()[:, 2]
+        wrench = weight(self._geometry) + np.concatenate((tool[1] * out, tool[0] * out))
+        standing = np.repeat(read_array(self._clamps, context) > 0.5, 2)
+        rows = jacobian(self._geometry, pose, feet.reshape(-1, 6)) * standing[:, np.newaxis]
+        output.SetFromVector(-np.linalg.lstsq(rows.T, wrench, rcond=None)[0])

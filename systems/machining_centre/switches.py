@@ -1,0 +1,124 @@
+"""Locks and clamps as they are: what tells that they are closed."""
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from parapod.systems.core.ports import read_array
+from parapod.systems.core.switching import are_safe
+from parapod.systems.machining_centre.geometry import CentreGeometry
+from parapod.systems.machining_centre.panel import FOOT_HEIGHT, Panel
+from parapod.systems.machining_centre.posture import LOCKS_OF_LIMB
+
+# A clamp holds a foot that is no farther from the panel and leans no more from it [m, rad].
+REACH, LEAN = 1.5e-3, 0.03
+
+
+class Switches(LeafSystem):
+    """Switches of locks and clamps.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `locks_command` | 4n | 0/1 | 1: closed |
+    | in `clamps_command` | n | 0/1 | 1: closed |
+    | in `feet` | 6n | m, rad | of the feet's frames |
+    | out `locks_closed` | 4n | 0/1 | 1: closed |
+    | out `clamps_closed` | n | 0/1 | 1: closed |
+
+    What is commanded is due after the time that locks and clamps take. Of a plant without
+    dynamics it obeys by itself. Locks and clamps of rigid bodies are parameters of their context,
+    which no system can change: what does change them between two steps looks here for what is
+    due, and tells what is closed then, see `set_closed`.
+
+    A clamp closes only where its foot is on the panel.
+
+    State: discrete; which locks (4n) and clamps (n) are closed, and for how long they have been
+    asked to be other than they are (5n) [s]; updated every period.
+
+    Bad input: what is commanded neither open nor closed is to be closed, as by the devices.
+
+    Args:
+        geometry: the centre.
+        panel: the panel; None: it does not obey by itself.
+        period: between two updates [s].
+        delay: that locks and clamps take [s].
+    """
+
+    def __init__(
+        self,
+        geometry: CentreGeometry = CentreGeometry(),
+        panel: Panel | None = None,
+        period: float = 0.01,
+        delay: float = 0.0,
+    ):
+        super().__init__()
+        self.set_name("switches")
+        n = geometry.limbs
+        self._n, self._panel, self._period, self._delay = n, panel, period, delay
+        self._locks = self.DeclareVectorInputPort("locks_command", LOCKS_OF_LIMB * n)
+        self._clamps = self.DeclareVectorInputPort("clamps_command", n)
+        self._feet = self.DeclareVectorInputPort("feet", 6 * n)
+        # All locks open, all feet clamped.
+        closed = self.DeclareDiscreteState(np.repeat((0.0, 1.0), (LOCKS_OF_LIMB * n, n)))
+        self.DeclareDiscreteState((LOCKS_OF_LIMB + 1) * n)
+        ticket = {self.discrete_state_ticket(closed)}
+        self.DeclareVectorOutputPort("locks_closed", LOCKS_OF_LIMB * n, self._calc_locks, ticket)
+        self.DeclareVectorOutputPort("clamps_closed", n, self._calc_clamps, ticket)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+
+    def closed(self, context: Context) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which locks (n, 4) and clamps (n) are closed."""
+        return self._apart(context.get_discrete_state(0).value() > 0.5)
+
+    def due(self, context: Context) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
+        """Which locks (n, 4) and clamps (n) are to be closed by now; None: those that are."""
+        waited: NDArray[np.float64] = context.get_discrete_state(1).value()
+        if not waited.any():
+            return None
+        closed = context.get_discrete_state(0).value() > 0.5
+        changed = (waited > max(self._delay - 1e-9, 0.0)) & (self._commanded(context) != closed)
+        return self._apart(closed ^ changed) if changed.any() else None
+
+    def _apart(self, closed: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        locks, clamps = np.split(closed, [LOCKS_OF_LIMB * self._n])
+        return locks.reshape(self._n, -1).copy(), clamps.copy()
+
+    def _commanded(self, context: Context) -> NDArray[np.bool_]:
+        asked = np.concatenate([read_array(p, context) for p in (self._locks, self._clamps)])
+        return are_safe(asked)
+
+    def set_closed(
+        self, context: Context, locks: NDArray[np.bool_], clamps: NDArray[np.bool_]
+    ) -> None:
+        """Tells what is closed now.
+
+        Args:
+            context: of this system.
+            locks: (n, 4).
+            clamps: (n).
+        """
+        context.SetDiscreteState(0, np.concatenate((locks.ravel(), clamps)).astype(float))
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        closed = context.get_discrete_state(0).value() > 0.5
+        waited = context.get_discrete_state(1).value() + self._period
+        state.set_value(1, np.where(self._commanded(context) != closed, waited, 0.0))
+        due = self.due(context)
+        if self._panel is None or due is None:
+            return
+        (locks, clamps), (_, before) = due, self.closed(context)
+        feet = read_array(self._feet, context).reshape(-1, 6)
+        for i in np.flatnonzero(clamps & ~before):
+            clamps[i] = is_on_panel(self._panel, feet[i])
+        state.set_value(0, np.concatenate((locks.ravel(), clamps)).astype(float))
+
+    def _calc_locks(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self.closed(context)[0].ravel().astype(float))
+
+    def _calc_clamps(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self.closed(context)[1].astype(float))
+
+
+def is_on_panel(panel: Panel, foot: NDArray[np.float64]) -> bool:
+    """Whether a foot (6) is where a clamp holds it."""
+    return bool(abs(panel.place(foot[:3])[2] - FOOT_HEIGHT) <= REACH and panel.tilt(foot) <= LEAN)
