@@ -80,7 +80,6 @@ def remove_visuals(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
 
 
 _RENDERER = "photograph"
-_SCENE = 4.0  # nothing is further from what a picture is taken of [m]
 
 
 @dataclass(frozen=True)
@@ -93,6 +92,7 @@ class View:
         angle: angle of view, from the lower to the upper edge [rad].
         size: width and height [pixel].
         up: direction that is up in the picture (3).
+        depth: largest distance from the target of what is in the picture [m].
     """
 
     camera: tuple[float, float, float]
@@ -100,6 +100,7 @@ class View:
     angle: float = 0.6
     size: tuple[int, int] = (1200, 900)
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    depth: float = 4.0
 
     @property
     def X_WC(self) -> RigidTransform:
@@ -112,13 +113,19 @@ class View:
         return RigidTransform(RotationMatrix(axes), np.array(self.camera))
 
 
-def add_renderer(scene_graph: SceneGraph) -> None:
+def add_renderer(
+    scene_graph: SceneGraph, background: tuple[float, float, float] = (1.0, 1.0, 1.0)
+) -> None:
     """Lets pictures be taken of a scene graph; to be called before the model is added.
+
+    Args:
+        scene_graph: without geometry.
+        background: its red, green and blue (3) [0..1].
 
     Raises:
         RuntimeError: there is no OpenGL that Drake's renderer could use.
     """
-    scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(_engine()))
+    scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(_engine(background)))
 
 
 def take(
@@ -140,7 +147,7 @@ def take(
     ]
 
 
-def _engine() -> RenderEngineVtkParams:
+def _engine(background: tuple[float, float, float]) -> RenderEngineVtkParams:
     # Over the photographer's left shoulder, from above, and a little from below.
     lights = [
         LightParameter(type="directional", frame=frame, direction=direction, intensity=intensity)
@@ -152,7 +159,7 @@ def _engine() -> RenderEngineVtkParams:
         )
     ]
     return RenderEngineVtkParams(
-        default_clear_color=np.array([1.0, 1.0, 1.0]), lights=lights, backend="EGL"
+        default_clear_color=np.array(background), lights=lights, backend="EGL"
     )
 
 
@@ -162,7 +169,7 @@ def _camera(view: View) -> ColorRenderCamera:
     core = RenderCameraCore(
         _RENDERER,
         CameraInfo(width=width, height=height, fov_y=view.angle),
-        ClippingRange(max(0.05, distance - _SCENE), distance + _SCENE),
+        ClippingRange(max(0.05, distance - view.depth), distance + view.depth),
         RigidTransform(),
     )
     return ColorRenderCamera(core, show_window=False)

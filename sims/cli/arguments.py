@@ -23,6 +23,12 @@ HELD, BROKEN, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 # The experiment whose machine is meant unless another one is named.
 _USUAL = "level"
 
+# Suffixes of what options write; what else there is, its writer refuses.
+_SUFFIXES = {"html": (".html", ".htm"), "json": (".json",), "video": (".mp4", ".webm", ".gif")}
+
+# Suffixes that no folder of figures has by intention.
+_FILES = (".svg", ".png", ".pdf", ".html", ".json")
+
 _EXIT_CODES = (
     "exit codes: 0 all bounds held, 1 a bound is broken, 2 a mistake in the command, a scenario "
     "or a path, 130 interrupted"
@@ -107,7 +113,7 @@ def check_outputs(
         folders: option -> folder in which files are written; likewise.
 
     Raises:
-        OutputError: names the file, or the two options that would write the same.
+        OutputError: a wrong suffix, or two options that would write the same; names them.
     """
     from parapod.sims.output.atomic import check_folder, check_writable
 
@@ -116,6 +122,12 @@ def check_outputs(
     for option, path in (*paths.items(), *folders.items()):
         if path is None:
             continue
+        suffix, admissible = path.suffix.lower(), _SUFFIXES.get(option)
+        name = quoted_path(path.name)
+        if suffix and admissible and suffix not in admissible:
+            raise OutputError(f"--{option} writes {' or '.join(admissible)}, not {name}", path)
+        if option in folders and suffix in _FILES and not path.is_dir():
+            raise OutputError(f"--{option} names a folder, not a file like {name}", path)
         check = check_folder if option in folders else check_writable
         check(path)
         other = taken.setdefault(os.path.realpath(path), option)

@@ -38,6 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     shown.add_argument(
         "--html", type=Path, metavar="FILE", help="write the page to FILE, which needs no network"
     )
+    shown.add_argument(
+        "--video",
+        type=Path,
+        metavar="FILE",
+        help="film the machine, in real time, to FILE (.mp4, .webm or .gif); plots are left out",
+    )
 
 
 def add_log_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,10 +77,13 @@ def between_of(arguments: argparse.Namespace) -> tuple[float, float] | None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
-    check_outputs({"html": arguments.html})
+    check_outputs({"html": arguments.html, "video": arguments.video})
     between = between_of(arguments)
 
     from rich.console import Console
+
+    if arguments.video is not None:
+        return _film(arguments, between)
 
     from parapod.sims.replay.drawing import record
     from parapod.sims.replay.page import make_page, span
@@ -107,4 +116,17 @@ def execute(arguments: argparse.Namespace) -> int:
             server.serve_forever()
         except KeyboardInterrupt:
             print()
+    return HELD
+
+
+def _film(arguments: argparse.Namespace, between: tuple[float, float] | None) -> int:
+    from rich.console import Console
+
+    from parapod.sims.replay.film import write_video
+
+    for option in ("against", "plot"):
+        if getattr(arguments, option):
+            raise UsageError(f"--{option} does not go with --video, which films one machine")
+    write_video(arguments.log, arguments.video, Console(stderr=True), between)
+    print(f"wrote {arguments.video}")
     return HELD

@@ -2,7 +2,9 @@
 
 import argparse
 import sys
+from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from parapod.sims.cli.arguments import (
@@ -14,6 +16,7 @@ from parapod.sims.cli.arguments import (
     count,
     load,
 )
+from parapod.systems.core.errors import OutputError
 
 if TYPE_CHECKING:
     from parapod.sims.lab.experiment import Experiment
@@ -32,9 +35,10 @@ _OUTPUTS = {
     "json": "the metrics in JSON",
     "log": "the signals (.npz for numpy, .mcap, .csv; of hardware .mcap)",
     "graphviz": "the system diagram (.dot, .svg, .png or .pdf)",
+    "video": "a film of the machine in real time (.mp4, .webm or .gif)",
 }
 # What shows a single run.
-_ALONE = ("meshcat", "html", "log", "graphviz", "figures", "plot")
+_ALONE = ("meshcat", "html", "log", "graphviz", "video", "figures", "plot")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -80,16 +84,33 @@ def execute(arguments: argparse.Namespace) -> int:
 
     from parapod.sims.output.options import RunOptions
 
-    options = RunOptions(
-        meshcat=arguments.meshcat,
-        live=arguments.live,
-        html=arguments.html,
-        log=arguments.log,
-        graphviz=arguments.graphviz,
-        console=Console(stderr=True),
-    )
-    result = experiment.execute(scenario, options)
-    _show(result, arguments)
+    console = Console(stderr=True)
+    with ExitStack() as stack:
+        log = arguments.log
+        if arguments.video is not None:
+            from parapod.sims.replay.film import check_video, write_video
+
+            check_video(arguments.video)
+            if not hasattr(experiment, "logged"):
+                raise OutputError(f"--video has nothing to film of '{experiment.name}'")
+            if log is None:
+                folder = stack.enter_context(TemporaryDirectory(prefix="parapod-"))
+                suffix = "mcap" if scenario.backend == "hardware" else "npz"
+                log = Path(folder) / f"{experiment.name}.{suffix}"
+        options = RunOptions(
+            meshcat=arguments.meshcat,
+            live=arguments.live,
+            html=arguments.html,
+            log=log,
+            graphviz=arguments.graphviz,
+            console=console,
+        )
+        result = experiment.execute(scenario, options)
+        try:
+            if arguments.video is not None:
+                write_video(log, arguments.video, console)
+        finally:
+            _show(result, arguments)
     if arguments.plot:
         _open(result)
     if result.afterwards is not None:

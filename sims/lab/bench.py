@@ -22,6 +22,7 @@ from parapod.diagrams.block_diagram import BlockDiagram
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.sims.lab.panel import Panel
 from parapod.sims.lab.run import Monitor, ReadOut, Run
+from parapod.sims.lab.stage import Stage
 from parapod.sims.lab.strip_chart import StripChart
 from parapod.sims.output.atomic import atomic_output, write_page
 from parapod.sims.output.options import RunOptions
@@ -92,7 +93,7 @@ def make_viewer(camera: Sequence[float], target: Sequence[float]) -> Meshcat:
     level = log.level
     log.setLevel(logging.WARNING)  # A recording needs no visitor, and a visitor is told by us.
     try:
-        meshcat = Meshcat(MeshcatParams(host=served_at.get(), show_stats_plot=False))
+        meshcat = Stage(MeshcatParams(host=served_at.get(), show_stats_plot=False))
     finally:
         log.setLevel(level)
     for path in ("/Axes", "/Grid"):

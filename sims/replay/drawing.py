@@ -59,7 +59,7 @@ def record(
     if not shown:
         return None
     host = shown[0].subject
-    meshcat = _scene(host)
+    meshcat = scene_of(host)
     rate = min(_FASTEST, max(_rate(each.digest) for each in shown))
     meshcat.StartRecording(rate)
     pale: dict[str, float] = {}
@@ -103,7 +103,7 @@ def _draw(
             report(done)
 
 
-def _scene(subject: Subject) -> "Meshcat":
+def scene_of(subject: Subject) -> "Meshcat":
     """The scene; that of the experiment that the machine names, where its own has none."""
     experiment: Any = subject.experiment
     scenario = subject.scenario

@@ -7,6 +7,7 @@ from parapod.systems.core.errors import MissingExtra
 
 # The extra of `pip install "parapod[extra]"` that brings each module.
 EXTRAS = {
+    "av": "video",
     "can": "can",
     "canopen": "can",
     "distributed": "cluster",

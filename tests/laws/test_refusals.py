@@ -112,6 +112,13 @@ REFUSALS = [
         "run level --graphviz x.xyz --backend kinematic",
         r"cannot write 'x\.xyz': a diagram's suffix must be one of \.dot, \.gv, \.svg, .*",
     ),
+    ("run level --html x.mp4", r"--html writes \.html or \.htm, not 'x\.mp4'"),
+    ("run level --json x.html", r"--json writes \.json, not 'x\.html'"),
+    ("run level --video x.avi", r"--video writes \.mp4 or \.webm or \.gif, not 'x\.avi'"),
+    ("run level --video x", r"--video writes .* not 'x'"),
+    ("run level --video x.gif --seeds 2", r"--video shows a single run .*"),
+    ("run workspace --video x.gif", r"--video has nothing to film of 'workspace'"),
+    ("run level --figures x.pdf", r"--figures names a folder, not a file like 'x\.pdf'"),
     ("run level --html x.html --backend mock", r"--html shows a simulated machine; .* is mock"),
     ("report --out no/x.html", r"cannot write 'no/x\.html': the folder 'no' does not exist"),
     ("report --seeds 0", r"argument --seeds: must be a whole number of 1 or more, not '0' .*"),
@@ -119,7 +126,7 @@ REFUSALS = [
     # --- many seeds
     *(
         (
-            f"run level --seeds 2 --{option} x.dot",
+            f"run level --seeds 2 --{option} x",
             rf"--{option} shows a single run and does not go with --seeds",
         )
         for option in ("html", "log", "graphviz", "figures")
@@ -295,6 +302,8 @@ REFUSALS = [
     # --- logs
     ("replay none.npz", r"cannot read log 'none\.npz': No such file or directory"),
     ("plot none.mcap", r"cannot read log 'none\.mcap': No such file or directory"),
+    ("replay none.npz --video a.gif --against b.npz", r"--against does not go with --video.*"),
+    ("replay none.npz --video a.gif", r"cannot read log 'none\.npz': .*"),
     ("replay none.npz --html a --meshcat", r"argument --meshcat: not allowed with argument .*"),
     ("replay none.npz --html nowhere/a.html", r"cannot write 'nowhere/a\.html': the folder .*"),
     ("replay none.npz --between 2 1", r"--between 2 1: the end must be after the beginning"),

@@ -7,8 +7,8 @@ from parapod.diagrams.levelling_platform.model import photograph
 from parapod.sims.levelling_platform.report.claims import CLAIMS
 from parapod.sims.levelling_platform.report.drawings import DRAWINGS
 from parapod.sims.levelling_platform.report.errata import ERRATA
+from parapod.sims.output.rendered import rendered
 from parapod.sims.report.chapter import Chapter, Component, Part, Picture
-from parapod.sims.report.rendered import rendered
 
 _HEIGHT = 0.477  # in the middle of what the stroke allows [m]
 _GROUND = (math.radians(2.0), math.radians(3.0))

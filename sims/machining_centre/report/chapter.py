@@ -8,8 +8,8 @@ from parapod.diagrams.machining_centre.scenario import CentreScenario
 from parapod.sims.machining_centre.report.claims import CLAIMS
 from parapod.sims.machining_centre.report.drawings import DRAWINGS
 from parapod.sims.machining_centre.report.errata import ERRATA
+from parapod.sims.output.rendered import rendered
 from parapod.sims.report.chapter import Chapter, Component, Part, Picture
-from parapod.sims.report.rendered import rendered
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.job import Swing
 from parapod.systems.machining_centre.paths import foot_at

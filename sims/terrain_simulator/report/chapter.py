@@ -4,8 +4,8 @@ import math
 
 from parapod.diagrams.drawing import View
 from parapod.diagrams.terrain_simulator.model import photograph
+from parapod.sims.output.rendered import rendered
 from parapod.sims.report.chapter import Chapter, Component, Part, Picture
-from parapod.sims.report.rendered import rendered
 from parapod.sims.terrain_simulator.report.claims import CLAIMS
 from parapod.sims.terrain_simulator.report.drawings import DRAWINGS
 from parapod.sims.terrain_simulator.report.errata import ERRATA

@@ -2,8 +2,8 @@
 
 from parapod.diagrams.drawing import View
 from parapod.diagrams.walking_chair.model import photograph
+from parapod.sims.output.rendered import rendered
 from parapod.sims.report.chapter import Chapter, Component, Part, Picture
-from parapod.sims.report.rendered import rendered
 from parapod.sims.walking_chair.report.claims import CLAIMS
 from parapod.sims.walking_chair.report.drawings import DRAWINGS
 from parapod.sims.walking_chair.report.errata import ERRATA

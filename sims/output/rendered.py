@@ -1,15 +1,16 @@
-"""Pictures that Drake's renderer takes, in a process of their own."""
+"""Work of Drake's renderer in a process of its own, which a missing OpenGL would end."""
 
 import multiprocessing
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 
-from parapod.sims.report.chapter import Picture
 
+def rendered[T](work: Callable[[], T]) -> T:
+    """Result of work that needs the renderer.
 
-def rendered(take: Callable[[], tuple[Picture, ...]]) -> tuple[Picture, ...]:
-    """Pictures that a function takes; without OpenGL the renderer ends its process.
+    Args:
+        work: a function of a module, or a `functools.partial` of one.
 
     Raises:
         RuntimeError: there is no OpenGL to render with.
@@ -17,7 +18,7 @@ def rendered(take: Callable[[], tuple[Picture, ...]]) -> tuple[Picture, ...]:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=context) as pool:
         try:
-            return pool.submit(take).result()
+            return pool.submit(work).result()
         except BrokenProcessPool:
             message = "Drake's renderer found no OpenGL through EGL (on Debian: libegl1)"
             raise RuntimeError(message) from None
