@@ -14,6 +14,7 @@ _STYLE: dict[Any, Any] = {
     "lines.linewidth": 1.2,
     "svg.fonttype": "none",  # text stays text
     "svg.hashsalt": "parapod",  # the same figure gives the same file
+    "pdf.fonttype": 42,  # TrueType: publishers refuse Matplotlib's usual Type 3
 }
 
 

@@ -16,6 +16,7 @@ from parapod.systems.core.quoting import escaped, quoted, quoted_path
 if TYPE_CHECKING:
     from parapod.diagrams.machine import Machine
     from parapod.sims.lab.experiment import Experiment
+    from parapod.sims.output.figures import Print
 
 # Longest text of argparse, which repeats what was typed [characters].
 _LONGEST = 300
@@ -28,6 +29,8 @@ _SUFFIXES = {"html": (".html", ".htm"), "json": (".json",), "video": (".mp4", ".
 
 # Suffixes that no folder of figures has by intention.
 _FILES = (".svg", ".png", ".pdf", ".html", ".json")
+
+_NARROWEST, _WIDEST = 40.0, 1000.0  # of figures [mm]
 
 _EXIT_CODES = (
     "exit codes: 0 all bounds held, 1 a bound is broken, 2 a mistake in the command, a scenario "
@@ -101,6 +104,65 @@ def finite(text: str) -> float:
     if not math.isfinite(number):
         raise argparse.ArgumentTypeError(f"must be a finite number, not {quoted(text)}")
     return number
+
+
+def width(text: str) -> float:
+    """A width of figures [mm], for `type=`."""
+    number = finite(text)
+    if not _NARROWEST <= number <= _WIDEST:
+        raise argparse.ArgumentTypeError(
+            f"must be from {_NARROWEST:g} to {_WIDEST:g} mm, not {quoted(text)}"
+        )
+    return number
+
+
+def add_print_options(parser: argparse.ArgumentParser, has_format: bool = False) -> None:
+    """Add options for figures in print; see `print_of`.
+
+    Args:
+        parser: parser of a command that writes figures.
+        has_format: true where the files' names do not tell their format.
+    """
+    if has_format:
+        parser.add_argument(
+            "--figure-format",
+            choices=("svg", "png", "pdf"),
+            default="svg",
+            help="format of --figures; default svg",
+        )
+    parser.add_argument(
+        "--width-mm",
+        type=width,
+        metavar="W",
+        help="width of figures in print, such as 84 for a column; letters keep their size",
+    )
+    parser.add_argument(
+        "--no-caption",
+        dest="caption",
+        action="store_false",
+        help="leave out title and caption below a figure",
+    )
+    parser.add_argument(
+        "--style", type=Path, metavar="FILE", help="Matplotlib's settings of your own (.mplstyle)"
+    )
+
+
+def print_of(arguments: argparse.Namespace, suffix: str) -> "Print":
+    """Format of figures.
+
+    Args:
+        arguments: of a command with `add_print_options`.
+        suffix: format of the files.
+
+    Raises:
+        OutputError: the file of settings cannot be read.
+    """
+    from parapod.sims.output.figures import Print
+
+    form = Print(suffix, arguments.caption, arguments.width_mm, arguments.style)
+    if arguments.style is not None:
+        form.settings()
+    return form
 
 
 def check_outputs(

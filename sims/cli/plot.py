@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from parapod.sims.cli.arguments import HELD, check_outputs
+from parapod.sims.cli.arguments import HELD, add_print_options, check_outputs, print_of
 from parapod.sims.cli.replay import add_log_arguments, between_of
 
 HELP = "plot signals of a log, into a file or a window"
@@ -32,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, metavar="FILE", help="write FILE (.svg, .png, .pdf), open no window"
     )
+    add_print_options(parser)
 
 
 def execute(arguments: argparse.Namespace) -> int:
@@ -65,7 +66,8 @@ def execute(arguments: argparse.Namespace) -> int:
     from parapod.sims.output.atomic import atomic_output
     from parapod.sims.output.figures import render
 
-    content = render(figure, arguments.out.suffix.removeprefix("."), with_caption=True)
+    suffix = arguments.out.suffix.lower().removeprefix(".")
+    content = render(figure, print_of(arguments, suffix))
     with atomic_output(arguments.out) as temporary:
         temporary.write_bytes(content)
     print(f"wrote {arguments.out}")

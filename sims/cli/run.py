@@ -11,10 +11,12 @@ from parapod.sims.cli.arguments import (
     BROKEN,
     HELD,
     UsageError,
+    add_print_options,
     add_scenario_arguments,
     check_outputs,
     count,
     load,
+    print_of,
 )
 from parapod.systems.core.errors import OutputError
 
@@ -57,8 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--figures",
         type=Path,
         metavar="DIR",
-        help="draw the figures into DIR, as SVG with their captions",
+        help="draw the figures into DIR",
     )
+    add_print_options(parser, has_format=True)
     parser.add_argument(
         "--plot", action="store_true", help="open a page with the figures and metrics in a browser"
     )
@@ -76,6 +79,7 @@ def execute(arguments: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     files = {option: getattr(arguments, option) for option in _OUTPUTS}
     check_outputs(files, {"figures": arguments.figures})
+    print_of(arguments, arguments.figure_format)  # refused before the run
     experiment, scenario = load(arguments)
     if arguments.seeds is not None:
         return _sweep(experiment, scenario, arguments)
@@ -126,13 +130,14 @@ def _show(result: "Result", arguments: argparse.Namespace) -> None:
     from parapod.sims.output.results import print_table
 
     drawn: list[Path] = []
+    form = print_of(arguments, arguments.figure_format)
     try:
         if arguments.json is not None:
             write_json(arguments.json, result.as_json())
         if arguments.figures is not None:
             from parapod.sims.output.figures import write_figures
 
-            drawn = write_figures(arguments.figures, result.figures)
+            drawn = write_figures(arguments.figures, result.figures, form)
     finally:
         # Even if the disk is full by now: the run may have been long.
         print_table(result, Console())

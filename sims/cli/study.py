@@ -9,10 +9,12 @@ from parapod.sims.cli.arguments import (
     BROKEN,
     HELD,
     UsageError,
+    add_print_options,
     add_scenario_arguments,
     check_outputs,
     count,
     load,
+    print_of,
 )
 
 if TYPE_CHECKING:
@@ -75,9 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--resume", action="store_true", help="go on with FILE: do only the runs that are missing"
     )
-    parser.add_argument(
-        "--figures", type=Path, metavar="DIR", help="draw the figures into DIR, as SVG"
-    )
+    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw the figures into DIR")
+    add_print_options(parser, has_format=True)
     for option, what in _OUTPUTS.items():
         parser.add_argument(f"--{option}", type=Path, metavar="FILE", help=f"write {what} to FILE")
 
@@ -86,6 +87,7 @@ def execute(arguments: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     files = {option: getattr(arguments, option) for option in (*_OUTPUTS, "out")}
     check_outputs(files, {"figures": arguments.figures})
+    print_of(arguments, arguments.figure_format)  # refused before the study
     if arguments.drivers is not None:
         raise UsageError("--drivers is for hardware; a study simulates")
     if arguments.resume and arguments.out is None:
@@ -149,6 +151,7 @@ def _show(result: "StudyResult", arguments: argparse.Namespace) -> int:
     from parapod.sims.study.page import make_page
     from parapod.sims.study.summary import print_summary
 
+    form = print_of(arguments, arguments.figure_format)
     written = [] if arguments.out is None else [arguments.out]
     try:
         if arguments.json is not None:
@@ -161,7 +164,7 @@ def _show(result: "StudyResult", arguments: argparse.Namespace) -> int:
                 )
             written.append(arguments.html)
         if arguments.figures is not None:
-            written += write_figures(arguments.figures, result.figures)
+            written += write_figures(arguments.figures, result.figures, form)
     finally:
         # Even if the disk is full by now: the study may have been long.
         print_summary(result.summary, Console())

@@ -53,4 +53,4 @@ def result_page(result: Result) -> str:
 
 def _drawn(figure: Figure) -> str:
     """A figure as a data URI."""
-    return "data:image/svg+xml;base64," + base64.b64encode(render(figure, "svg")).decode()
+    return "data:image/svg+xml;base64," + base64.b64encode(render(figure)).decode()

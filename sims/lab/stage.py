@@ -81,10 +81,10 @@ class Stage(Meshcat):
     def SetProperty(
         self,
         path: str,
-        property: str,
+        property: str,  # noqa: A002
         value: Any,
         *time: Any,
-        **options: Any,  # noqa: A002
+        **options: Any,
     ) -> None:
         """See `Meshcat`."""
         super().SetProperty(path, property, value, *time, **options)

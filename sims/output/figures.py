@@ -1,14 +1,18 @@
 """Figures of experiments: drawn when somebody wants them, as SVG or PNG."""
 
 import io
+import logging
+import math
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from parapod.diagrams.style import style
 from parapod.sims.output.atomic import atomic_output, check_folder
+from parapod.systems.core.errors import OutputError
+from parapod.systems.core.quoting import quoted_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -16,7 +20,7 @@ if TYPE_CHECKING:
 FORMATS = ("svg", "png", "pdf")
 # Size of a caption's letters [point], their mean width and the distance of lines by that size.
 _CAPTION_SIZE, _LETTER, _LINE = 8.0, 0.58, 1.3
-_POINTS = 72.0  # to an inch
+_POINTS, _MM = 72.0, 25.4  # to an inch
 
 
 @dataclass(frozen=True)
@@ -43,43 +47,113 @@ class Figure:
         return text[text.index("<svg") :]
 
 
-def draw(figure: Figure) -> "Canvas":
-    """The figure on a canvas of Matplotlib, in parapod's style."""
+@dataclass(frozen=True)
+class Print:
+    """Format of a figure in a file.
+
+    Attributes:
+        suffix: one of `FORMATS`.
+        has_caption: true if title and caption are written below the drawing, for a file that
+            stands alone.
+        width_mm: width of the drawing; None: the figure's own. Letters keep their size, and the
+            height follows with the root of the width, so that a narrow drawing stays readable.
+        style: file with settings of Matplotlib that go before parapod's (`.mplstyle`), or None.
+    """
+
+    suffix: str = "svg"
+    has_caption: bool = False
+    width_mm: float | None = None
+    style: Path | None = None
+
+    @property
+    def dpi(self) -> float:
+        """Pixels an inch: of print where the width is given, else of a page in a browser."""
+        return 150.0 if self.width_mm is None else 300.0
+
+    def size_of(self, figure: Figure) -> tuple[float, float]:
+        """Width and height of a figure's drawing [inch]."""
+        width, height = figure.size
+        if self.width_mm is None:
+            return width, height
+        scale = self.width_mm / _MM / width
+        return scale * width, math.sqrt(scale) * height
+
+    def settings(self) -> dict[Any, Any]:
+        """Settings of Matplotlib.
+
+        Raises:
+            OutputError: the file of settings cannot be read, or has a setting that there is not.
+        """
+        if self.style is None:
+            return style()
+        from matplotlib import rc_params_from_file
+
+        log = logging.getLogger("matplotlib")
+        level = log.level
+        log.setLevel(logging.CRITICAL)  # it would print what is raised here
+        try:
+            if not self.style.is_file():
+                raise OSError("no such file")
+            own = rc_params_from_file(self.style, fail_on_error=True, use_default_template=False)
+        except (OSError, KeyError, ValueError) as error:
+            reason = " ".join(str(error).strip("'\"").split())
+            raise OutputError(
+                f"cannot read the style {quoted_path(self.style)}: {reason}", self.style
+            ) from None
+        finally:
+            log.setLevel(level)
+        return {**style(), **own}
+
+
+def draw(figure: Figure, form: Print = Print()) -> "Canvas":
+    """The figure on a canvas of Matplotlib, in parapod's style or in one's own."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure as Canvas
 
-    with rc_context(style()):
-        canvas = Canvas(figsize=figure.size, layout="constrained")
+    with rc_context(form.settings()):
+        canvas = Canvas(figsize=form.size_of(figure), layout="constrained")
         figure.draw(canvas)
+        if form.width_mm is not None:
+            _fold_legends(canvas)
     return canvas
 
 
-def render(figure: Figure, suffix: str = "svg", with_caption: bool = False) -> bytes:
+def _fold_legends(canvas: "Canvas") -> None:
+    """Gives legends that are wider than a narrow canvas fewer columns."""
+    for legend in canvas.legends:
+        for columns in range(len(legend.get_texts()) - 1, 0, -1):
+            canvas.draw_without_rendering()
+            if legend.get_window_extent().width <= canvas.bbox.width:
+                break
+            legend.set_ncols(columns)
+
+
+def render(figure: Figure, form: Print = Print()) -> bytes:
     """The figure as a file's content.
 
-    Args:
-        figure: figure to draw.
-        suffix: one of `FORMATS`.
-        with_caption: whether title and caption are written below the drawing, for a file that
-            stands alone.
+    Raises:
+        OutputError: the file of settings cannot be read.
     """
     from matplotlib import rc_context
     from matplotlib.transforms import Bbox
 
-    canvas = draw(figure)
-    below = _add_caption(canvas, figure) if with_caption else 0.0
-    box = Bbox.from_extents(0.0, -below, *figure.size)
+    canvas = draw(figure, form)
+    size = form.size_of(figure)
+    below = _add_caption(canvas, figure, size) if form.has_caption else 0.0
+    box = Bbox.from_extents(0.0, -below, *size)
     buffer = io.BytesIO()
     # No date: the same figure gives the same file.
-    metadata = {"Date": None} if suffix == "svg" else None
-    with rc_context(style()):
-        canvas.savefig(buffer, format=suffix, metadata=metadata, dpi=150, bbox_inches=box)
+    metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(form.suffix)
+    with rc_context(form.settings()):
+        canvas.savefig(
+            buffer, format=form.suffix, metadata=metadata, dpi=form.dpi, bbox_inches=box
+        )
     return buffer.getvalue()
 
 
-def _add_caption(canvas: "Canvas", figure: Figure) -> float:
+def _add_caption(canvas: "Canvas", figure: Figure, drawn: tuple[float, float]) -> float:
     """Writes title and caption below the drawing; the height that they take [inch]."""
-    width, height = figure.size
+    width, height = drawn
     size = _CAPTION_SIZE / _POINTS
     words = ". ".join(text for text in (figure.title, figure.caption) if text)
     lines = textwrap.wrap(words, int((width - 2.0 * size) / (_LETTER * size)))
@@ -96,8 +170,12 @@ def _add_caption(canvas: "Canvas", figure: Figure) -> float:
     return size * (1.0 + _LINE * len(lines))
 
 
-def write_figures(folder: Path, figures: Sequence[Figure], suffix: str = "svg") -> list[Path]:
-    """Writes each figure, with its caption, to `<folder>/<name>.<suffix>`; returns the files.
+def write_figures(
+    folder: Path,
+    figures: Sequence[Figure],
+    form: Print = Print(has_caption=True),
+) -> list[Path]:
+    """Writes each figure to `<folder>/<name>.<suffix>`; returns the files.
 
     Raises:
         OutputError: a file or the folder cannot be written.
@@ -106,8 +184,8 @@ def write_figures(folder: Path, figures: Sequence[Figure], suffix: str = "svg") 
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for figure in figures:
-        path = folder / f"{figure.name}.{suffix}"
+        path = folder / f"{figure.name}.{form.suffix}"
         with atomic_output(path) as temporary:
-            temporary.write_bytes(render(figure, suffix, with_caption=True))
+            temporary.write_bytes(render(figure, form))
         paths.append(path)
     return paths

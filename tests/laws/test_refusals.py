@@ -118,6 +118,12 @@ REFUSALS = [
     ("run level --video x", r"--video writes .* not 'x'"),
     ("run level --video x.gif --seeds 2", r"--video shows a single run .*"),
     ("run workspace --video x.gif", r"--video has nothing to film of 'workspace'"),
+    (
+        "run level --figures x --width-mm 5",
+        r".*--width-mm: must be from 40 to 1000 mm, not '5' .*",
+    ),
+    ("run level --style none", r"cannot read the style 'none': no such file"),
+    ("run level --figures x --figure-format eps", r".*--figure-format: invalid choice: 'eps' .*"),
     ("run level --figures x.pdf", r"--figures names a folder, not a file like 'x\.pdf'"),
     ("run level --html x.html --backend mock", r"--html shows a simulated machine; .* is mock"),
     ("report --out no/x.html", r"cannot write 'no/x\.html': the folder 'no' does not exist"),

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from parapod.sims.output.figures import FORMATS, Figure, render, write_figures
+from parapod.sims.output.figures import FORMATS, Figure, Print, render, write_figures
+from parapod.sims.output.figures import draw as draw_figure
 from parapod.systems.core.errors import OutputError
 
 
@@ -63,7 +64,7 @@ def test_a_figure_that_is_written_has_its_caption_below_the_drawing(figure, tmp_
 
 
 def test_the_caption_is_as_wide_as_the_drawing_and_all_in_the_file(tmp_path):
-    (path,) = write_figures(tmp_path, [LONG], "png")
+    (path,) = write_figures(tmp_path, [LONG], Print("png", has_caption=True))
     pixels = imread(path)[..., :3].min(axis=2)
     height, width = pixels.shape
     above = round(150 * LONG.size[1])
@@ -76,10 +77,10 @@ def test_the_caption_is_as_wide_as_the_drawing_and_all_in_the_file(tmp_path):
     assert rows.max() < height - above - 5
 
 
-@pytest.mark.parametrize("suffix", ["svg", "png"])
+@pytest.mark.parametrize("suffix", FORMATS)
 def test_the_same_figure_is_the_same_file(suffix):
-    assert render(TILT, suffix) == render(TILT, suffix)
-    assert render(TILT, suffix) != render(OTHER, suffix)
+    assert render(TILT, Print(suffix)) == render(TILT, Print(suffix))
+    assert render(TILT, Print(suffix)) != render(OTHER, Print(suffix))
 
 
 @pytest.mark.parametrize(
@@ -87,7 +88,7 @@ def test_the_same_figure_is_the_same_file(suffix):
 )
 def test_every_format_is_what_its_suffix_says(tmp_path, suffix, start):
     assert suffix in FORMATS
-    (path,) = write_figures(tmp_path, [TILT], suffix)
+    (path,) = write_figures(tmp_path, [TILT], Print(suffix))
     assert path.name == f"tilt.{suffix}"
     assert path.read_bytes().startswith(start)
 
@@ -123,3 +124,45 @@ def test_a_drawing_that_fails_leaves_nothing(tmp_path):
     with pytest.raises(ZeroDivisionError):
         write_figures(tmp_path, [Figure("tilt", "Tilt", "", fail)])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_figure_in_print_has_its_width_and_letters_of_their_size():
+    alone, narrow = render(TILT), render(TILT, Print(width_mm=84.0))
+    width, height, _ = shown(narrow)
+    assert width == pytest.approx(84.0 / 25.4 * 72.0)
+    assert height == pytest.approx(72.0 * TILT.size[1] * np.sqrt(84.0 / 25.4 / TILT.size[0]))
+    sizes = [set(re.findall(rb"font-size: ([\d.]+)px", text)) for text in (alone, narrow)]
+    assert sizes[0] == sizes[1]
+    assert sizes[0]
+
+
+def test_letters_in_a_pdf_are_a_font_that_publishers_take():
+    content = render(TILT, Print("pdf"))
+    assert b"/FontFile2" in content  # TrueType
+    assert b"/Type3" not in content
+
+
+def test_settings_of_ones_own_go_before_parapods(tmp_path):
+    own = tmp_path / "thesis.mplstyle"
+    own.write_text("font.size: 13\n")
+    assert b"font-size: 13px" in render(TILT, Print(style=own))
+    assert Print(style=own).settings()["axes.grid"] is True
+    own.write_text("font.sise: 13\n")
+    with pytest.raises(OutputError, match=r"cannot read the style .*thesis\.mplstyle"):
+        render(TILT, Print(style=own))
+
+
+def test_a_legend_that_is_wider_than_a_narrow_figure_gets_fewer_columns():
+    def draw_wide(canvas):
+        axes = canvas.subplots()
+        for k in range(6):
+            axes.plot([0.0, 1.0], [0.0, k], label=f"a curve with a long name, {k}")
+        canvas.legend(loc="outside upper center", ncols=6)
+
+    wide = Figure("wide", "Wide", "", draw_wide)
+    _, _, words = shown(render(wide, Print(width_mm=84.0)))
+    canvas = draw_figure(wide, Print(width_mm=84.0))
+    canvas.draw_without_rendering()
+    (legend,) = canvas.legends
+    assert legend.get_window_extent().width <= canvas.bbox.width
+    assert "long name, 5" in words
