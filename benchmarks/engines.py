@@ -36,7 +36,7 @@ from benchmarks.merged import Machine, Merger
 from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.style import COLOURS
 from parapod.sims.output.atomic import atomic_output
-from parapod.sims.output.figures import Figure, render
+from parapod.sims.output.figures import Figure, Print, render
 from parapod.systems.core.extras import need
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
@@ -504,6 +504,8 @@ def main(arguments: Sequence[str]) -> int:
         compare_fastest(cases, longest, console)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     with atomic_output(options.out) as temporary:
-        temporary.write_bytes(render(picture(cases), options.out.suffix[1:], with_caption=True))
+        temporary.write_bytes(
+            render(picture(cases), Print(options.out.suffix[1:], has_caption=True))
+        )
     console.print(f"wrote {options.out}", highlight=False)
     return 0

@@ -6,16 +6,18 @@ import math
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from parapod.diagrams.style import style
 from parapod.sims.output.atomic import atomic_output, check_folder
 from parapod.systems.core.errors import OutputError
-from parapod.systems.core.quoting import quoted_path
+from parapod.systems.core.quoting import printable, quoted_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
+    from matplotlib.legend import Legend
 
 FORMATS = ("svg", "png", "pdf")
 # Size of a caption's letters [point], their mean width and the distance of lines by that size.
@@ -88,20 +90,28 @@ class Print:
             return style()
         from matplotlib import rc_params_from_file
 
+        # Matplotlib only logs a setting that it does not know.
+        complaints: list[str] = []
         log = logging.getLogger("matplotlib")
-        level = log.level
-        log.setLevel(logging.CRITICAL)  # it would print what is raised here
+
+        def keep(record: logging.LogRecord) -> bool:
+            complaints.append(record.getMessage())
+            return False
+
+        log.addFilter(keep)
         try:
             if not self.style.is_file():
                 raise OSError("no such file")
             own = rc_params_from_file(self.style, fail_on_error=True, use_default_template=False)
-        except (OSError, KeyError, ValueError) as error:
-            reason = " ".join(str(error).strip("'\"").split())
+            if complaints:
+                raise ValueError(complaints[0])
+        except (OSError, ValueError) as error:
+            reason = printable(error)
             raise OutputError(
                 f"cannot read the style {quoted_path(self.style)}: {reason}", self.style
             ) from None
         finally:
-            log.setLevel(level)
+            log.removeFilter(keep)
         return {**style(), **own}
 
 
@@ -112,20 +122,22 @@ def draw(figure: Figure, form: Print = Print()) -> "Canvas":
 
     with rc_context(form.settings()):
         canvas = Canvas(figsize=form.size_of(figure), layout="constrained")
-        figure.draw(canvas)
         if form.width_mm is not None:
-            _fold_legends(canvas)
+            canvas.legend = partial(_fitting_legend, canvas, canvas.legend)  # type: ignore[method-assign]
+        figure.draw(canvas)
     return canvas
 
 
-def _fold_legends(canvas: "Canvas") -> None:
-    """Gives legends that are wider than a narrow canvas fewer columns."""
-    for legend in canvas.legends:
-        for columns in range(len(legend.get_texts()) - 1, 0, -1):
-            canvas.draw_without_rendering()
-            if legend.get_window_extent().width <= canvas.bbox.width:
-                break
-            legend.set_ncols(columns)
+def _fitting_legend(
+    canvas: "Canvas", add: Callable[..., "Legend"], *items: Any, ncols: int = 1, **options: Any
+) -> "Legend":
+    """Adds a legend with as many columns, up to those that are asked for, as fit the canvas."""
+    for columns in range(ncols, 1, -1):
+        legend = add(*items, ncols=columns, **options)
+        if legend.get_window_extent().width <= canvas.bbox.width:
+            return legend
+        legend.remove()
+    return add(*items, ncols=1, **options)
 
 
 def render(figure: Figure, form: Print = Print()) -> bytes:
