@@ -5,9 +5,11 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("systems", "diagrams", "urdf", "sims")
@@ -128,3 +130,9 @@ def test_wheel_installed_elsewhere_runs_the_main_job(wheel, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "level.json").is_file()
+
+
+def test_the_citation_has_the_packages_version():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["version"] == version("parapod")
+    assert citation["title"].startswith("parapod")
