@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from parapod.diagrams.plots import Curve, Plot, Signals, choose
-from parapod.diagrams.style import COLOURS, style
+from parapod.diagrams.style import style
 
 _COLUMNS = 6  # of a legend
 _WIDTH, _ROW, _REST = 7.0, 1.7, 0.6  # of a figure, of one plot, of the axis of time [inch]
@@ -81,12 +81,12 @@ def draw_plots(
             label = plot.legend[place]
             axes.plot(
                 *line,
-                color=COLOURS[place % len(COLOURS)],
+                color=plot.colours[place],
                 linewidth=2.4 if plot.is_first(curve) else 1.1,
                 label=None if label in told else label,
                 **properties,
             )
-        axes.set_ylabel(f"[{plot.unit}]")
+        axes.set_ylabel(plot.quantity)
         above = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.1}
         columns = min(len(plot.curves), _COLUMNS)
         axes.legend(ncols=columns, fontsize="small", columnspacing=1.2, **above)

@@ -276,6 +276,10 @@ class Machine[S]:
             return "s" if name.endswith(".extra_age") else "0/1"
         return self.table[name].unit
 
+    def element_name(self, name: str, element: int) -> str:
+        """Name of an element of a signal for people; "" where there is none."""
+        return self.table[name].element_name(element) if name in self.table else ""
+
 
 def find_machine(name: str) -> Machine[Any]:
     """The machine of a name; loads no other one.
@@ -283,7 +287,8 @@ def find_machine(name: str) -> Machine[Any]:
     Raises:
         ParapodError: there is none of this name, or its package cannot be loaded.
     """
-    name, points = current_name(name), installed("parapod.machines")
+    group = "parapod.machines"
+    name, points = current_name(group, name), installed(group)
     found = [entry for entry in points if entry.name == name]
     if not found:
         known = ", ".join(sorted({entry.name for entry in points}))

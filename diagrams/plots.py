@@ -2,12 +2,13 @@
 
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from parapod.diagrams.style import COLOURS
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.quoting import did_you_mean, quoted
 from parapod.systems.core.units import READ, units_of
@@ -16,6 +17,20 @@ _ASKED = re.compile(r"(?P<name>[^\[\]+]+)(?:\[(?P<first>\d+)(?::(?P<end>\d+))?\]
 _NAMED = 20  # signals in a sentence
 # Plots of a log for which nothing is declared.
 _USUAL = 4
+
+# Ends of the names of signals that are asked for, and words for the others by how they are known.
+_ASKED_FOR = ("_desired", "_desired_state", "_command", "_asked", "_request", "_node")
+ASKED, MEASURED, TRUE = "asked for", "measured", "true"
+# The same colour for the same role in every plot.
+_OF_ROLES = {ASKED: COLOURS[0], MEASURED: COLOURS[1], TRUE: COLOURS[2]}
+
+
+def role_of(signal: str) -> str:
+    """Role of a signal by its name: asked for, measured (or estimated), or true."""
+    if signal.startswith("truth."):
+        return TRUE
+    return ASKED if signal.endswith(_ASKED_FOR) else MEASURED
+
 
 # Smallest and largest admissible value by signal, for all elements or for each; None: none.
 type Limits = Mapping[str, tuple[ArrayLike | None, ArrayLike | None]]
@@ -33,11 +48,14 @@ class Signals:
         owner: name of what has them, as sentences tell it.
         sizes: number of elements of each, by port name.
         units: units, by port name.
+        name_of: name of an element for people, by the name of its port and its index; "" where
+            there is none.
     """
 
     owner: str
     sizes: Mapping[str, int]
     units: Mapping[str, str]
+    name_of: Callable[[str, int], str] = lambda signal, element: ""
 
     def unit(self, curve: "Curve") -> str:
         """Unit of a curve; that of the whole signal where its elements' cannot be told."""
@@ -56,11 +74,13 @@ class Curve:
         signal: name of its port.
         element: its index.
         label: the name, with the index where there are several.
+        name: name of the element for people; "" where there is none.
     """
 
     signal: str
     element: int
     label: str
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -89,13 +109,46 @@ class Plot:
         )
 
     @property
+    def quantity(self) -> str:
+        """Label of the axis: what all curves are of, where it is the same, and the unit."""
+        names = {curve.name for curve in self.curves}
+        signals = {curve.signal for curve in self.curves}
+        of_all = names if len(names) == 1 and "" not in names else signals
+        return f"{of_all.pop()} [{self.unit}]" if len(of_all) == 1 else f"[{self.unit}]"
+
+    @property
     def legend(self) -> tuple[str, ...]:
-        """Labels of the curves; further elements of a signal are told by their index."""
+        """Labels of the curves: their roles, or the names of the elements, or the ports'."""
+        names = [curve.name for curve in self.curves]
+        if "" not in names and len(names) > 1:
+            if len(set(names)) == 1 and self._is_one_a_role:
+                return self._roles
+            if len({curve.signal for curve in self.curves}) == 1:
+                return tuple(names)
+            both = tuple(f"{name} {role}" for name, role in zip(names, self._roles, strict=True))
+            if len(set(both)) == len(both):
+                return both
         before = ("", *(curve.signal for curve in self.curves))
         return tuple(
             curve.label.removeprefix(last)
             for curve, last in zip(self.curves, before, strict=False)
         )
+
+    @property
+    def colours(self) -> tuple[str, ...]:
+        """Colours of the curves: of their roles where each has another one, else in turn."""
+        if self._is_one_a_role:
+            return tuple(_OF_ROLES[role] for role in self._roles)
+        return tuple(COLOURS[place % len(COLOURS)] for place in range(len(self.curves)))
+
+    @property
+    def _roles(self) -> tuple[str, ...]:
+        return tuple(role_of(curve.signal) for curve in self.curves)
+
+    @property
+    def _is_one_a_role(self) -> bool:
+        """True if no two curves have the same role."""
+        return len(set(self._roles)) == len(self.curves)
 
     def is_first(self, curve: Curve) -> bool:
         """Whether a curve is of the first of several signals."""
@@ -188,7 +241,8 @@ def _curves(signals: Signals, asked: str) -> Iterator[Curve]:
         last = f"elements 0 to {size - 1}" if size > 1 else "element 0 only"
         raise NoSignal(f"{quoted(name)} has {last}, not {quoted(asked.removeprefix(name))}")
     for element in elements:
-        yield Curve(name, element, f"{name}[{element}]" if size > 1 else name)
+        label = f"{name}[{element}]" if size > 1 else name
+        yield Curve(name, element, label, signals.name_of(name, element))
 
 
 def _named(asked: str, names: Collection[str]) -> str:

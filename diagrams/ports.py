@@ -56,6 +56,8 @@ class Port:
             devices, which take commands a moment later, the loop holds it. Other inputs are held
             by the controller.
         names: names of the values 0, 1, 2, ... of a signal that tells a phase.
+        elements: names of the elements for people, such as ("roll", "pitch", "height"); of a
+            state, whose further elements are rates, those of the first ones.
     """
 
     name: str
@@ -68,6 +70,7 @@ class Port:
     faults: tuple[Span, ...] = ()
     is_sampled: bool = False
     names: tuple[str, ...] = ()
+    elements: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for what in ("name", "unit", "meaning"):
@@ -78,11 +81,21 @@ class Port:
                 units_of(self.unit, self.size)
             except ValueError as error:
                 raise WiringError(f"port {self.name!r}: {error}") from None
+            if self.elements and self.size % len(self.elements):
+                count = len(self.elements)
+                raise WiringError(f"port {self.name!r} has {self.size} elements and {count} names")
 
     @property
     def part(self) -> str:
         """Part that the signal belongs to: the name before the dot."""
         return self.name.partition(".")[0]
+
+    def element_name(self, element: int) -> str:
+        """Name of an element for people; "" where the declaration has none."""
+        count = len(self.elements)
+        if element < count:
+            return self.elements[element]
+        return f"rate of {self.elements[element - count]}" if element < 2 * count else ""
 
     @property
     def limits(self) -> tuple[float, float] | None:
@@ -103,9 +116,13 @@ def In(
     idle: float = 0.0,
     faults: Sequence[Span] = (),
     is_sampled: bool = False,
+    elements: Sequence[str] = (),
 ) -> Port:
     """Command to the machine, an input of its station."""
-    return Port(name, size, unit, meaning, "in", idle, None, tuple(faults), is_sampled)
+    return Port(
+        *(name, size, unit, meaning, "in", idle, None, tuple(faults), is_sampled),
+        elements=tuple(elements),
+    )
 
 
 def Out(
@@ -116,14 +133,20 @@ def Out(
     *,
     default: float | None = None,
     faults: Sequence[Span] = (),
+    elements: Sequence[str] = (),
 ) -> Port:
     """Measurement, an output of the station."""
-    return Port(name, size, unit, meaning, "out", default=default, faults=tuple(faults))
+    return Port(
+        *(name, size, unit, meaning, "out"),
+        default=default,
+        faults=tuple(faults),
+        elements=tuple(elements),
+    )
 
 
-def Truth(name: str, size: int, unit: str, meaning: str) -> Port:
+def Truth(name: str, size: int, unit: str, meaning: str, *, elements: Sequence[str] = ()) -> Port:
     """Output `truth.<name>` of a simulated station; controllers cannot see it."""
-    return Port(f"truth.{name}", size, unit, meaning, "truth")
+    return Port(f"truth.{name}", size, unit, meaning, "truth", elements=tuple(elements))
 
 
 def Inner(
@@ -134,9 +157,15 @@ def Inner(
     size: int = 0,
     faults: Sequence[Span] = (),
     names: Sequence[str] = (),
+    elements: Sequence[str] = (),
 ) -> Port:
     """Signal of the controller or of a source of commands, named for logs and faults."""
-    return Port(name, size, unit, meaning, "inner", faults=tuple(faults), names=tuple(names))
+    return Port(
+        *(name, size, unit, meaning, "inner"),
+        faults=tuple(faults),
+        names=tuple(names),
+        elements=tuple(elements),
+    )
 
 
 def _nothing(root_context: Context, scenario: Any) -> None:

@@ -12,6 +12,7 @@ PARTS = ("legs", "imu", "wheels", "arm")
 
 _ACTUATOR, _IMU = LinearActuatorParams(), ImuParams()
 _SUPPLY = _ACTUATOR.supply_voltage
+_POSTURE = ("roll", "pitch", "height")
 _LENGTHS = "m, m, m, m, m/s, m/s, m/s, m/s"
 # NaN is no command: the reference keeps to the last one.
 _POSTURES = Span(
@@ -82,14 +83,22 @@ PORTS = (
     In("wheels.brake", 1, "-", "above 0.5: wheels stop and hold", idle=1.0),
     In("arm.position_command", 1, "rad", "arm angle, 0 upright, positive forward"),
     In("turntable.position_command", 1, "rad", "angle of the arm's base"),
-    Truth("posture", 3, "rad, rad, m", "roll, pitch, height above the ground's plane"),
+    Truth(
+        *("posture", 3, "rad, rad, m", "roll, pitch, height above the ground's plane"),
+        elements=_POSTURE,
+    ),
     Truth("extension", 4, "m", "positions of the actuators"),
     Truth("contact_force", 4, "N", "force of the ground on the feet, normal to the ground"),
     Truth("foot_height", 4, "m", "heights of the feet above the ground"),
     Truth("load_force", 4, "N", "holding forces of the actuators, positive to extend"),
     Truth("loop_error", 4, "m", "gap in the legs' closed loops"),
     # Commands.
-    Inner("posture_command", "rad, rad, m", "commanded posture", size=3, faults=[_POSTURES]),
+    Inner(
+        *("posture_command", "rad, rad, m", "commanded posture"),
+        size=3,
+        faults=[_POSTURES],
+        elements=_POSTURE,
+    ),
     Inner("posture_scale", "-", "share of the waypoints' size that fits the stroke"),
     Inner("estimate_ground", "-", "rises when the ground is to be estimated"),
     Inner("operator", "-", "command to the supervisor"),
@@ -100,6 +109,7 @@ PORTS = (
         "posture that the operator asks for",
         size=3,
         faults=[_POSTURES],
+        elements=_POSTURE,
     ),
     Inner("arm_request", "rad", "angles of turntable and arm that the operator asks for"),
     Inner("jog_request", "m/s", "rates of single legs that the operator asks for"),
@@ -113,14 +123,18 @@ PORTS = (
         "posture_desired_state",
         "rad, rad, m, rad/s, rad/s, m/s",
         "smooth reference and its rates",
+        elements=_POSTURE,
     ),
     Inner("extension_desired_state", _LENGTHS, "extensions that the legs are led to, and rates"),
     Inner("legs_arrived", "0/1", "whether the legs follow what is asked for"),
     Inner("feet_standing", "0/1", "feet that stand, or have lifted a moment ago only"),
-    Inner("ground_estimated", "rad", "roll and pitch of the ground"),
+    Inner(
+        *("ground_estimated", "rad", "roll and pitch of the ground"),
+        elements=("roll of the ground", "pitch of the ground"),
+    ),
     Inner("ground_valid", "0/1", "whether the ground is known"),
     Inner("foot_offsets_estimated", "m", "heights under the feet above the ground's plane"),
-    Inner("attitude_estimated", "rad", "roll and pitch"),
+    Inner("attitude_estimated", "rad", "roll and pitch", elements=("roll", "pitch")),
     # Supervision.
     Inner("phase", "-", "phase of the operation", names=[p.name.lower() for p in Phase]),
     Inner("findings", "0/1", "findings of the fault detector"),

@@ -8,6 +8,10 @@ from parapod.systems.machining_centre.sequence import Phase
 PARTS = ("legs",)
 
 
+_POSE = ("x", "y", "z", "roll", "pitch", "yaw")
+_UNITS = "m, m, m, rad, rad, rad"
+
+
 def ports_of_limbs(limbs: int) -> tuple[Port, ...]:
     """The table of a tripod or a quadruped.
 
@@ -45,17 +49,32 @@ def ports_of_limbs(limbs: int) -> tuple[Port, ...]:
         Out("locks.closed", locks, "0/1", "switches of the locks"),
         Out("clamps.closed", limbs, "0/1", "switches of the clamps"),
         Out("tool.force", 2, "N, N m", "thrust and torque of the drill", default=0.0),
-        Truth("pose", 6, "m, m, m, rad, rad, rad", "x, y, z, roll, pitch, yaw of the platform"),
-        Truth("feet", feet, "m, m, m, rad, rad, rad", "the same of each foot"),
+        Truth("pose", 6, _UNITS, "x, y, z, roll, pitch, yaw of the platform", elements=_POSE),
+        Truth("feet", feet, _UNITS, "the same of each foot"),
         Truth("joints", locks, "rad", "joints that carry locks"),
         Truth("leg_force", legs, "N", "forces of the legs, positive where they push"),
         Truth("clamp_gap", limbs, "m", "distances of the feet from their clamps"),
         Truth("loop_error", limbs, "m", "gaps in the limbs' closed loops"),
         Truth("tip_height", 1, "m", "of the drill's tip above the panel"),
-        Inner("pose_desired", "m, m, m, rad, rad, rad", "pose that the platform is to have"),
-        Inner("foot_desired", "m, m, m, rad, rad, rad", "pose that the loose foot is to have"),
-        Inner("pose_estimated", "m, m, m, rad, rad, rad", "pose that the lengths tell"),
-        Inner("feet_estimated", "m, m, m, rad, rad, rad", "feet that the lengths tell"),
+        Inner(
+            "pose_desired",
+            "m, m, m, rad, rad, rad",
+            "pose that the platform is to have",
+            elements=_POSE,
+        ),
+        Inner(
+            "foot_desired",
+            "m, m, m, rad, rad, rad",
+            "pose that the loose foot is to have",
+            elements=_POSE,
+        ),
+        Inner(
+            "pose_estimated",
+            "m, m, m, rad, rad, rad",
+            "pose that the lengths tell",
+            elements=_POSE,
+        ),
+        Inner("feet_estimated", _UNITS, "feet that the lengths tell"),
         Inner("length_error", "m", "lengths of the legs less those that they were led to"),
         Inner("phase", "-", "phase of the job", names=[p.name.lower() for p in Phase]),
         Inner("operation", "-", "operations that are done"),
@@ -64,7 +83,7 @@ def ports_of_limbs(limbs: int) -> tuple[Port, ...]:
         Inner("done", "0/1", "whether nothing more comes"),
         Inner("wrench_index", "-", "w_minmax of the posture"),
         Inner("wrench_margin", "N", "resisted in every direction, less what is needed"),
-        Inner("pose_asked", "m, m, m, rad, rad, rad", "pose that a person asks for"),
+        Inner("pose_asked", _UNITS, "pose that a person asks for", elements=_POSE),
         Inner("limb_asked", "-", "limb whose foot a person has lifted; 0: none"),
         Inner("stop", "0/1", "whether somebody has the job end"),
     )

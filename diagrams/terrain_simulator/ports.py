@@ -6,6 +6,9 @@ from parapod.diagrams.ports import In, Inner, Out, Port, Truth
 PARTS = ("sliders", "hip", "belt", "cells", "leg")
 
 
+_POSE, _LOAD = ("x", "z", "phi"), ("F_x", "F_z", "M_y")
+
+
 def ports_of_joints(joints: int) -> tuple[Port, ...]:
     """The table of a bench with a leg.
 
@@ -60,12 +63,15 @@ def ports_of_joints(joints: int) -> tuple[Port, ...]:
         Out("cells.force", 3, "N", "force cells under the plate: rear, front, along"),
         Out("leg.position", joints, "rad", "encoders of the leg's joints; m where they slide"),
         Out("leg.velocity", joints, "rad/s", "their rates"),
-        Truth("pose", 3, pose, "x, z, phi of the plate's middle; phi > 0 is front end down"),
+        Truth(
+            *("pose", 3, pose, "x, z, phi of the plate's middle; phi > 0 is front end down"),
+            elements=_POSE,
+        ),
         Truth("foot_force", 2, "N", "force of the ground on the foot, along x and upwards"),
         Truth("slider_force", 3, "N", "forces of the sliders' drives, forward"),
         Truth("loop_error", 2, "m", "gaps in the bench's closed loops"),
-        Inner("pose_asked", pose, "pose that a terrain asks for a period later"),
-        Inner("pose_desired", pose, "pose that the plate is led to a period later"),
+        Inner("pose_asked", pose, "pose that a terrain asks for a period later", elements=_POSE),
+        Inner("pose_desired", pose, "pose of the plate a period later", elements=_POSE),
         Inner("plate_motion", motion, "pose asked for now, its rates, and theirs", size=9),
         Inner("share", "-", "of the speed that is asked for; 1: not slowed down"),
         Inner(
@@ -76,9 +82,15 @@ def ports_of_joints(joints: int) -> tuple[Port, ...]:
         Inner("foot_force_desired", "N", "force that the foot is to bear"),
         Inner("hip_force", "N", "force that the other legs are to carry, on the hip, upwards"),
         Inner("hip_desired", "m, m/s", "height of the hip, and its rate"),
-        Inner("foot_load", "N, N, N m", "F_x, F_z, M_y on the plate by the force cells"),
-        Inner("load_estimated", "N, N, N m", "the same by the currents of the sliders"),
-        Inner("pose_estimated", pose, "pose that the sliders' encoders tell"),
+        Inner(
+            *("foot_load", "N, N, N m", "F_x, F_z, M_y on the plate by the force cells"),
+            elements=_LOAD,
+        ),
+        Inner(
+            *("load_estimated", "N, N, N m", "the same by the currents of the sliders"),
+            elements=_LOAD,
+        ),
+        Inner("pose_estimated", pose, "pose that the sliders' encoders tell", elements=_POSE),
         Inner("stance", "0/1", "whether the foot is to stand"),
         Inner("distance", "m", "way of the body over the terrain"),
         Inner("rise", "m", "height of the body above that of the distance zero"),

@@ -184,7 +184,7 @@ def find_entry(name: str) -> Entry:
     Raises:
         UnknownExperiment: there is none; names those that there are.
     """
-    name = current_name(name)
+    name = current_name(GROUP, name)
     # The first of a name: no other package takes the place of parapod's own.
     by_name = {entry.name: entry for entry in reversed(list_entries())}
     if name not in by_name:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from parapod.diagrams.plots import Plot
-from parapod.diagrams.style import COLOURS
 from parapod.systems.core.extras import need
 
 # Height of a plot, and of what stands above all of them and below [pixel].
@@ -38,7 +37,7 @@ def traces(plots: Sequence[Plot]) -> list[dict[str, Any]]:
             "legend": axis("legend", k),
             "legendgroup": f"{k} {curve.label}",  # one entry where a curve is drawn twice
             "line": {
-                "color": COLOURS[place % len(COLOURS)],
+                "color": plot.colours[place],
                 "width": _WIDE if plot.is_first(curve) else _NARROW,
             },
             "hovertemplate": f"%{{y:.5~g}} {plot.unit}<extra>{curve.label}</extra>",
@@ -80,7 +79,7 @@ def layout(plots: Sequence[Plot]) -> dict[str, Any]:
         made[axis("yaxis", k)] = {
             "domain": [max(0.0, top - _HEIGHT / inner), top],
             "anchor": axis("x", k),
-            "title": {"text": f"[{plot.unit}]", "standoff": 4},
+            "title": {"text": plot.quantity, "standoff": 4},
             "automargin": True,
             "exponentformat": "e",
         }
@@ -96,15 +95,14 @@ def layout(plots: Sequence[Plot]) -> dict[str, Any]:
     return made
 
 
-def limit_line(place: int, limit: float, of: int | None = None) -> dict[str, Any]:
+def limit_line(place: int, limit: float, colour: str = _LIMIT) -> dict[str, Any]:
     """A limit, drawn through the plot at a place.
 
     Args:
         place: of the plot, counted from 0.
         limit: value on its axis.
-        of: place of the curve whose colour it has; None: it is of all curves.
+        colour: that of the curve that it is of; by default it is of all curves.
     """
-    colour = _LIMIT if of is None else COLOURS[of % len(COLOURS)]
     return {
         "type": "line",
         "xref": f"{axis('x', place)} domain",

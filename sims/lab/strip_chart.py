@@ -46,7 +46,9 @@ class StripChart:
         known = [name for name in sizes if name in machine.table]
         units = {name: machine.unit(name) for name in known}
         ends = machine.limits_of_ports if limits is None else limits
-        there = Signals(machine.title, {name: sizes[name] for name in known}, units)
+        there = Signals(
+            machine.title, {name: sizes[name] for name in known}, units, machine.element_name
+        )
         plots = choose(there, usual(known, machine.plots), ends)
         curves = [(plot, curve) for plot in plots for curve in plot.curves]
         self.signals = tuple(dict.fromkeys(curve.signal for _, curve in curves))

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from parapod.diagrams.chart import draw_plots
 from parapod.diagrams.plots import Curve, Plot
-from parapod.diagrams.style import COLOURS
 from parapod.sims.output.figures import FORMATS as _FORMATS
 from parapod.sims.output.figures import Figure
 from parapod.sims.replay.replay import Replay, least_ends, near_limits
@@ -119,7 +118,7 @@ def _draw(canvas: Any, logs: list[Replay]) -> None:
     for k, (axes, plot) in enumerate(zip(rows, first.plots, strict=True)):
         for limit in near_limits(logs, k):
             of = plot.place_of_limit(limit)
-            colour = "0.35" if of is None else COLOURS[of % len(COLOURS)]
+            colour = "0.35" if of is None else plot.colours[of]
             axes.axhline(limit, color=colour, linestyle=":", linewidth=1.2)
         for number, phase in enumerate(first.digest.phases):
             band = _BANDS[number % 2]

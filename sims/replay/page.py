@@ -100,8 +100,11 @@ def _layout(logs: Sequence[Replay], ends: tuple[float, float]) -> dict[str, Any]
         made[axis("xaxis", k)]["range"] = list(ends)
         if least := least_ends(logs, k):
             made[axis("yaxis", k)]["autorangeoptions"] = {"include": list(least)}
-        of = logs[0].plots[k].place_of_limit
-        made["shapes"] += [limit_line(k, limit, of(limit)) for limit in near_limits(logs, k)]
+        plot = logs[0].plots[k]
+        for limit in near_limits(logs, k):
+            of = plot.place_of_limit(limit)
+            colours = () if of is None else (plot.colours[of],)
+            made["shapes"].append(limit_line(k, limit, *colours))
         made["shapes"] += [
             {
                 "type": "rect",

@@ -139,7 +139,12 @@ def open_replays(
     for each, _ in reversed(both):
         sizes |= each.sizes
         units |= each.units
-    signals = Signals(owner, sizes, units)
+    machine = subject.machine
+    signals = (
+        Signals(owner, sizes, units)
+        if machine is None
+        else Signals(owner, sizes, units, machine.element_name)
+    )
     measured = getattr(subject.experiment, "signals", ())
     wanted = list(asked) or usual(signals.sizes, subject.plots, measured)
     plots = choose(signals, wanted, subject.limits)

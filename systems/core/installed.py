@@ -8,22 +8,22 @@ from pathlib import Path
 
 type State = tuple[tuple[str, int], ...]
 
-# Former names of experiments and of a machine, which logs and scripts still hold; until 0.2.
-_FORMER = {
-    "center-locks": "centre-locks",
-    "center-machining": "centre-machining",
-    "center-walk": "centre-walk",
-    "center-workspace": "centre-workspace",
-    "machining_center": "machining_centre",
-}
+# Former and present spelling in names, which logs and scripts still hold; until 0.2.
+_SPELLINGS = ("center", "centre")
 
 
-def current_name(name: str) -> str:
-    """Present name of an experiment or a machine; warns of a former one (`FutureWarning`)."""
-    if name not in _FORMER:
+def current_name(group: str, name: str) -> str:
+    """Present name of what may be asked for by a former one, of which it warns (`FutureWarning`).
+
+    Args:
+        group: name of a group of entry points.
+        name: name of one of them.
+    """
+    names, present = {point.name for point in installed(group)}, name.replace(*_SPELLINGS)
+    if name in names or present not in names:
         return name
-    warnings.warn(f"'{name}' is now called '{_FORMER[name]}'", FutureWarning, stacklevel=3)
-    return _FORMER[name]
+    warnings.warn(f"'{name}' is now called '{present}'", FutureWarning, stacklevel=3)
+    return present
 
 
 def installed(group: str) -> tuple[EntryPoint, ...]:

@@ -11,7 +11,7 @@ def test_elements_of_different_units_are_drawn_apart_and_angles_in_degrees():
     samples = np.array([[0.0, 0.0, 0.4], [np.pi, 0.1, 0.5]])
     recording = Recording(TIME, {"posture": samples}, {"posture": "rad, rad, m"})
     angles, height = recording.plot("posture").axes
-    assert (angles.get_ylabel(), height.get_ylabel()) == ("[deg]", "[mm]")
+    assert (angles.get_ylabel(), height.get_ylabel()) == ("posture [deg]", "posture [mm]")
     assert [line.get_ydata()[-1] for line in angles.lines] == pytest.approx([180.0, 18.0 / np.pi])
     assert height.lines[0].get_ydata().tolist() == [400.0, 500.0]
     assert [text.get_text() for text in angles.get_legend().get_texts()] == ["posture[0]", "[1]"]
@@ -26,7 +26,7 @@ def test_positions_and_rates_of_one_signal_are_drawn_apart():
     samples = np.arange(12.0).reshape(2, 6)
     recording = Recording(TIME, {"lengths": samples}, {"lengths": "m, m/s"})
     lengths, rates = recording.plot().axes
-    assert (lengths.get_ylabel(), rates.get_ylabel()) == ("[mm]", "[mm/s]")
+    assert (lengths.get_ylabel(), rates.get_ylabel()) == ("lengths [mm]", "lengths [mm/s]")
     for axes, first in ((lengths, 0), (rates, 3)):
         drawn = [line.get_ydata().tolist() for line in axes.lines]
         assert drawn == [(1e3 * samples[:, first + i]).tolist() for i in range(3)]

@@ -89,7 +89,7 @@ def test_a_page_has_the_machine_its_plots_and_its_phases(log, capsys):
     np.testing.assert_allclose(numbers(height["y"]), 500.0 + 10.0 * np.arange(COUNT) / COUNT, 1e-6)
     assert "mm" in height["hovertemplate"]
     titles = [content["layout"][f"yaxis{k}"]["title"]["text"] for k in ("", 2, 3)]
-    assert titles == ["[mm]", "[deg]", "[mm]"]
+    assert titles == ["[mm]", "[deg]", "legs.position [mm]"]
 
 
 def test_two_logs_share_a_scene_and_the_other_one_is_dashed_and_translucent(log, capsys):
