@@ -36,22 +36,22 @@ from parapod.systems.core.errors import ParapodError
 
 _IDLE, _BUSY = 600.0, 60.0  # [s]
 _OTHERS = 4
-# A missed deadline is the computer's if within so long before it [s] cores woke nobody for this
-# part of a period, added up [-].
+# A missed deadline is the computer's if cores stood still for this part of a period, added up [-],
+# within this time before it [s].
 _SPAN, _EXCUSE = 0.1, 0.5
-_CYCLE = 50.0  # of the chair's gait, rounded down [s]
+_CYCLE = 50.0  # period of the chair's gait, rounded down [s]
 
 
 class Run(NamedTuple):
     """Outcome of a run on emulated devices.
 
     Attributes:
-        timing: of its loop.
+        timing: timing of its loop.
         ages: age of measurements when commands made of them had been written [s], by part.
         wake_ups: programs that only woke up meanwhile.
         ended: why it ended early; "": it did not.
-        begun: when the loop began, by the monotonic clock [s].
-        at: when it ended.
+        begun: time at which the loop began, by the monotonic clock [s].
+        at: time at which it ended.
     """
 
     timing: Timing
@@ -63,7 +63,7 @@ class Run(NamedTuple):
 
     @property
     def failures(self) -> list[tuple[float, float]]:
-        """Times of its being late, or ended, and for how long cores woke nobody before [s]."""
+        """Times of its being late, or ended, and times for which cores stood still before [s]."""
         at = np.array([*self.timing.missed_at, *([self.at] if self.ended else [])])
         return list(zip(at - self.begun, self.wake_ups.before(at, _SPAN), strict=True))
 
@@ -150,7 +150,7 @@ def _tell(words: str, found: Run, console: Console) -> None:
     console.print(f"  {words}: {ended}", highlight=False)
     for when, lost in found.failures:
         console.print(
-            f"  {words}: late at {when:.2f} s; cores woke nobody for {1e3 * lost:.1f} ms before",
+            f"  {words}: late at {when:.2f} s; cores stood still for {1e3 * lost:.1f} ms before",
             highlight=False,
         )
 
@@ -163,7 +163,7 @@ def _judged(words: str, found: Run, console: Console) -> list[Measurement]:
     results = [
         Measurement(f"{words}: driven", seconds, "s"),
         Measurement(f"{words}: deadlines missed", timing.missed, ""),
-        Measurement(f"{words}: a core woke nobody for", 1e3 * found.wake_ups.latest, "ms"),
+        Measurement(f"{words}: a core stood still for", 1e3 * found.wake_ups.latest, "ms"),
         Measurement(f"{words}: late or ended, cores on time", found.unexcused, "", 0, None, True),
     ]
     for part, ages in found.ages.items():
@@ -178,7 +178,7 @@ def _judged(words: str, found: Run, console: Console) -> list[Measurement]:
 
 @contextmanager
 def busy(count: int) -> Iterator[None]:
-    """While it lasts so many other programs compute."""
+    """Number of other programs that compute meanwhile."""
     command = [sys.executable, "-c", "while True: pass"]
     processes = [subprocess.Popen(command) for _ in range(count)]
     try:

@@ -48,19 +48,19 @@ from parapod.systems.physics.mujoco.model import MujocoModel
 type Floats = NDArray[np.float64]
 
 GROUND = (0.0, math.radians(5.0))
-DURATION = 5.0  # of the motion [s]
+DURATION = 5.0  # duration of the motion [s]
 # Accuracy that is asked for: what the paper's own co-simulation is off.
 ANGLE, HEIGHT = 0.07, 0.3  # [deg, mm]
 # Aim: Drake's speed by MuJoCo's, each the fastest of those that are accurate enough.
 AIM = 2.0
 _LEGS = ("full", "reduced")
 _STEPS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 1e-1)
-# With longer steps than that a motion this slow is kinematics: anything may be its dynamics [s].
+# Longest step that is compared: with longer ones a motion this slow is kinematics [s].
 _LONGEST = 2e-2
-_ACCURACIES = (1e-1, 1e-2, 1e-3)  # of Drake's error control
+_ACCURACIES = (1e-1, 1e-2, 1e-3)  # accuracies of Drake's error control
 _SETTLED = 0.5  # the platform has come to rest on its feet [s]
 _SAMPLES = 40  # postures that are judged
-_SPACING = 0.01  # of the references' knots [s]
+_SPACING = 0.01  # spacing of the references' knots [s]
 
 
 def posture_at(t: Floats) -> Floats:
@@ -187,7 +187,7 @@ class DrakeBench:
         leg: leg model.
         step: step; with an accuracy the longest one [s].
         contact: discrete contact approximation.
-        accuracy: of error control; None for steps of one length.
+        accuracy: accuracy of error control; None for steps of one length.
     """
 
     def __init__(
@@ -263,7 +263,7 @@ class MujocoBench:
         stops: rate at which friction stops what slides [1/s].
         ratio: ratio of the regularisations of normal and tangential forces.
         cone: friction cone.
-        iterations: of the solver.
+        iterations: iterations of the solver.
         integrator: integrator; all but "discrete" take constraints by MuJoCo's own parameters.
         solver: solver.
     """

@@ -16,10 +16,10 @@ def real_time_factor(
     """Best of some runs of the whole loop from its beginning, and the pace of the yardstick.
 
     Args:
-        loop: which records nothing.
+        loop: loop without a recording.
         duration: simulated time [s].
         yardstick: taken before, between and after the runs.
-        runs: how many; what a neighbour on the machine costs is in the slower ones.
+        runs: number of runs; what a neighbour on the machine costs is in the slower ones.
     """
     best, pace = yardstick.best_beside(lambda: _run(loop, duration), runs)
     return duration / best, pace

@@ -63,7 +63,7 @@ def run_jobs(name: str, count: int, backend: str, is_short: bool) -> Iterator[Jo
         name: experiment.
         count: number of jobs.
         backend: plant behind the devices.
-        is_short: whether they take some seconds only.
+        is_short: true if they take some seconds only.
     """
     own = _EMULATED.get(name, ()) if is_short else ()
     settings = (*find_entry(name).load().on_devices, *(_SHORT[name] if is_short else ()))

@@ -15,7 +15,7 @@ from parapod.systems.terrain_simulator import kinematics as bench
 
 _POSTURES = 500_000
 _NEWTON_POSTURES = 300
-_BLOCK = 4096  # which the second cache holds, as in the kinematics
+_BLOCK = 4096  # block that the second cache holds, as in the kinematics
 # On one core; unit, floor and aim.
 _BOUND = ("M/s", 5.0, 10.0)
 _BENCH_BOUND = 2.0

@@ -42,8 +42,8 @@ class Callback:
     Attributes:
         system: to which it belongs.
         name: name of the output port, or of the method.
-        calls: how often it was called; for an output, how often that was calculated anew.
-        reads: how many ports it read.
+        calls: number of calls; for an output, of those that calculated it anew.
+        reads: number of ports that it read.
         seconds: time in it, without the callbacks that its reads caused and without the reads.
         reading: time in its reads, without the callbacks that they caused.
     """
@@ -197,7 +197,7 @@ def main(arguments: Sequence[str]) -> int:
 def _report(console: Console, title: str, make: Callable[[], Diagram], scenario: Any) -> None:
     period = scenario.control.period
     plain = min(_seconds(Simulator(make())) for _ in range(_RUNS)) * period / _COUNTED
-    # Each callback is timed by the wall: the run that took least is the one that nobody disturbed.
+    # Each callback is timed by the wall: the fastest run is the least disturbed one.
     counted, tally = min((_counted(make) for _ in range(_RUNS)), key=lambda found: found[0])
     counted *= period / _COUNTED
     ticks = _COUNTED / period

@@ -37,7 +37,7 @@ class Machine:
         legs: the legs' model instances.
         balls: its ball joints.
         couplings: its coupled joints.
-        pose: where the platform's quaternion and position are among the positions.
+        pose: place of the platform's quaternion and position among the positions.
     """
 
     plant: MultibodyPlant

@@ -55,7 +55,7 @@ class Mutant:
         kind: sign, factor, index, comparison, off by one, boolean, dropped or swapped arguments.
         start: first character that is replaced, from the beginning of the file.
         end: first character after those.
-        text: what replaces them.
+        text: replacement.
         before: the code around, as it is.
         after: and as it becomes.
         block: first and last line of the statement.

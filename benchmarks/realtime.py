@@ -28,12 +28,12 @@ class Case:
     """A loop of the levelling platform.
 
     Attributes:
-        backend: of the scenario.
-        leg_model: of the multibody plant.
-        time_step: of the multibody plant [s].
-        yardstick: that most of its work resembles.
+        backend: backend of the scenario.
+        leg_model: leg model of the multibody plant.
+        time_step: time step of the multibody plant [s].
+        yardstick: yardstick that most of its work resembles.
         floor: bound of the real-time factor.
-        aim: where it should be.
+        aim: desired value.
     """
 
     backend: str

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from benchmarks.yardstick import Pace
 
-# Of tables that go into a file or a pipe [characters].
+# Width of tables that go into a file or a pipe [characters].
 _FILE_WIDTH = 130
 OK, MISSED, TOO_BUSY = "ok", "missed", "too busy to judge"
 

@@ -20,7 +20,7 @@ from parapod.sims.real_machine.privileges import KERNEL, PRIORITY
 from parapod.sims.real_machine.wake_up import wake_ups as wakings
 
 _PERIOD = 0.002  # [s]
-# What is told: as late as this it is no longer the scheduler's usual [s].
+# Later wake-ups than this are reported: they are not the scheduler's usual ones [s].
 _LATE = 0.001
 
 
@@ -28,8 +28,9 @@ class WakeUps:
     """Programs that wake up, one a core, while something else is measured.
 
     Attributes:
-        late: from when until when a core woke nobody, by the monotonic clock [s], (n, 2).
-        is_judge: whether all of them had the priority that makes them a yardstick.
+        late: begin and end of each time in which a core woke no program, by the monotonic clock
+            [s], (n, 2).
+        is_judge: true if all of them had the priority that makes them a yardstick.
     """
 
     def __init__(self) -> None:
@@ -38,15 +39,15 @@ class WakeUps:
 
     @property
     def latest(self) -> float:
-        """Longest time for which a core woke nobody [s]."""
+        """Longest time in which a core woke no program [s]."""
         return float(np.max(np.diff(self.late), initial=0.0))
 
     def before(self, instants: NDArray[np.float64], span: float) -> NDArray[np.float64]:
-        """For how long cores woke nobody shortly before each of some instants, added up [s], (m,).
+        """Sum of the times in which cores woke no program shortly before each instant [s], (m,).
 
         Args:
-            instants: by the monotonic clock [s], (m,).
-            span: how long before an instant counts [s].
+            instants: instants by the monotonic clock [s], (m,).
+            span: time before an instant that counts [s].
         """
         begin, end = self.late.T[:, :, None]
         overlap = np.minimum(end, instants) - np.maximum(begin, instants - span)

@@ -95,7 +95,7 @@ class Yardstick:
 
         Args:
             measured: measures something once and returns its duration [s].
-            runs: how often.
+            runs: number of runs.
         """
         self._pass()
         samples, durations = [self.sample()], []

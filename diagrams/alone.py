@@ -50,8 +50,8 @@ class Alone(Diagram):
 
         Args:
             system: a LeafSystem or Diagram, which from now on belongs to this one.
-            inputs: by port name a constant (a number stands for all elements), a trajectory (a
-                column over time), or a system with a single output.
+            inputs: input by port name: a constant (a number stands for all elements), a trajectory
+                (a column over time), or a system with a single output.
             period: time between two samples of a recording [s].
 
         Raises:

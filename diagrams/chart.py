@@ -12,8 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from parapod.diagrams.plots import Curve, Plot, Signals, choose
 from parapod.diagrams.style import style
 
-_COLUMNS = 6  # of a legend
-_WIDTH, _ROW, _REST = 7.0, 1.7, 0.6  # of a figure, of one plot, of the axis of time [inch]
+_COLUMNS = 6  # columns of a legend
+_WIDTH, _ROW, _REST = (
+    7.0,
+    1.7,
+    0.6,
+)  # of a figure; of a plot; of the rest
 
 
 class Chart(Figure):
@@ -36,12 +40,12 @@ def plot_signals(
 
     Args:
         time: (n) [s].
-        signals: by name (n, size).
-        units: by name the unit of the elements, separated by commas where they differ.
+        signals: samples (n, size) by signal.
+        units: unit of the elements by signal, separated by commas where they differ.
         asked: plots, as `choose` has them.
 
     Raises:
-        NoSignal: a signal or an element that there is not.
+        NoSignal: a signal or an element does not exist.
     """
     sizes = {name: samples.shape[1] for name, samples in signals.items()}
     plots = choose(Signals("the recording", sizes, units), asked, {})

@@ -131,8 +131,8 @@ class NotNeutral(ParapodError):
         """Words the error.
 
         Args:
-            ended: what has ended the work, if not its end.
-            unconfirmed: what each device says.
+            ended: error that ended the work; None if it ended as planned.
+            unconfirmed: errors of the devices that have not confirmed it.
         """
         said = [] if ended is None else [_words(ended)]
         live = []
@@ -230,7 +230,7 @@ def make_parts(
         device = driver.make(ports)
         for name in _ports(driver.part, device.commands):
             if name not in {spec.name for spec in inputs}:
-                text = f"{device.name} takes {name}, which is no port"
+                text = f"{device.name} takes {name}, which is not a port"
                 raise ScenarioError(f"hardware.drivers: {text}", "hardware.drivers")
         devices.append((driver.part, device))
     for specs, what in ((outputs, "measures"), (inputs, "commands")):

@@ -36,7 +36,7 @@ def publish(
     Args:
         builder: builder of the diagram that holds `scene_graph`.
         scene_graph: scene that is drawn.
-        meshcat: where; None: nowhere, for those who only ask for the poses.
+        meshcat: scene; None: nothing is published, for callers that only read the poses.
         prefix: prefix of the path there.
     """
     if meshcat is None:
@@ -134,7 +134,7 @@ def take(
     """Pictures (height, width, 3) of what a scene graph holds.
 
     Args:
-        scene_graph: with a renderer, part of a diagram.
+        scene_graph: scene graph with a renderer, part of a diagram.
         root_context: root context of the diagram.
         views: from where; one picture each.
     """

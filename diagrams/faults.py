@@ -93,7 +93,7 @@ def check_faults(
 
     Args:
         targets: the machine's.
-        faults: as in a scenario.
+        faults: faults of the scenario.
         seed: seed of garbage; faults with the same seed differ from each other.
         key: key of the scenario, for messages.
 

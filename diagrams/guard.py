@@ -24,7 +24,7 @@ class Trip:
         name: its name, as documents list it.
         sign: observation that shows it.
         distrusted: parts whose measurements may be wrong: what they show is remembered by no file.
-        ends: whether the job is ended; not if its own supervisor has seen to it.
+        ends: true if the job is ended; false if its own supervisor reacts.
     """
 
     name: str
@@ -143,7 +143,7 @@ class SignGuard(ABC):
         """Names of the signs of a tick, and the signs.
 
         Args:
-            is_regular: whether it comes a period after the one before.
+            is_regular: true if it comes a period after the one before.
             elapsed: time between the measurements and those before [s].
             values: see `Guard.check`.
         """
@@ -162,7 +162,7 @@ class SignGuard(ABC):
             is_regular: see `_signs`.
             elapsed: see there.
             values: see there.
-            limits: what is normal.
+            limits: limits of normal behaviour.
             named: words about the first leg of some.
         """
         stop, position = f"{self.part}.emergency_stop", values[f"{self.part}.position"]

@@ -29,7 +29,7 @@ type Watch = Callable[[Values], None]
 type Tell = Callable[[str], None]
 """Is told what is about to move, a line each time."""
 
-# How often an end is approached slowly.
+# Number of slow approaches to an end.
 APPROACHES = 3
 # Way to get away from an end, from where its sign has gone [m].
 _AWAY = 2e-3
@@ -120,7 +120,7 @@ class ByStandstill:
             velocity: signal of the velocities [m/s].
             current: signal of the motors' currents [A].
             pushing: current above which a motor pushes [A].
-            lasting: how long it must stand [s].
+            lasting: time for which it must stand [s].
             share: share of the commanded velocity below which it stands [-].
         """
         self._index, self._lasting = index, lasting
@@ -146,7 +146,7 @@ class Check:
         value: the number, in `unit`.
         unit: its unit.
         bound: largest admissible |value|; None: told only.
-        meaning: what it is, for people.
+        meaning: meaning of the value, for people.
     """
 
     key: str
@@ -192,7 +192,7 @@ class Homing:
         size: number of axes.
         others: signals that must not change while one axis moves, by which swapped wires show:
             names, and which of their elements.
-        in_turn: whether one axis moves after the other, and not all at once.
+        in_turn: true if one axis moves after the other, and not all at once.
         spread: largest difference between the approaches of an axis [m].
         begin: (homing, driver, period, tell) -> what is done before the search, without a
             reference; None: nothing.
@@ -202,8 +202,8 @@ class Homing:
             whether it can be; returns numbers with bounds. None: nothing.
         parts: parts whose devices the checks need beside this one.
         rest: further commands of the part, for which it moves.
-        prepare: what must be so before anything moves, in words.
-        checking: what moves for the checks, in words.
+        prepare: condition before anything moves, in words.
+        checking: motion during the checks, in words.
     """
 
     command: str
@@ -354,7 +354,7 @@ def find_ends(
     """Search of all axes of a part.
 
     Args:
-        homing: how.
+        homing: rule of the homing.
         driver: driver of the device that measures them; `sign` is made of it.
         part: part of the machine.
         period: time between two measurements [s].
@@ -395,11 +395,11 @@ def _axes(homing: Homing, driver: Any, part: str, period: float) -> list[_Axis]:
 
 
 def _unwatched(values: Values) -> None:
-    """Nobody looks."""
+    """Default watcher: none."""
 
 
 def _unheard(line: str) -> None:
-    """Nobody is told."""
+    """Default listener: discards what happens."""
 
 
 def _moved[T](

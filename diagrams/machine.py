@@ -39,7 +39,7 @@ class SelfTest:
         measures: signal of the part that is the command's integral, or follows it.
         gain: rate of the measured signal by command.
         rest: further commands of the part's devices, for which it moves.
-        is_position: whether the measured signal follows the command, which begins where it is;
+        is_position: true if the measured signal follows the command, which begins where it is;
             `usual` and `largest` are then rates of the command.
     """
 
@@ -100,13 +100,13 @@ class Machine[S]:
         sources: makes the systems that command the controller and the machine beside it.
         experiment: experiment whose scenario is used where only the machine is named.
         self_tests: moves of a part for the self-test of its devices, by part.
-        homings: how the axes of a part find their reference, by part.
+        homings: rules by which the axes of a part find their reference, by part.
         emulated: adapts a scenario for emulation: what emulated devices simulate themselves is
-            left out of the plant, and the plant is exchanged with them every so many seconds.
+            left out of the plant, and time between two exchanges of the plant with them [s].
         exchange: simulated backend -> period of the exchange with emulated devices [s].
         cut: values of commands while the emergency stop is pressed, whatever is commanded: what
             it does to the drives' supply.
-        drives: commands that reach motors through drives which are no device of their own; the
+        drives: commands that reach motors through drives which are not devices of their own; the
             emulator has them misbehave as `drives`.
         switches: measurements of switches, which the emulator breaks both ways as `switches`.
         guard: makes what watches every job on the real machine; None: only devices are watched.

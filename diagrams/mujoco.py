@@ -18,7 +18,7 @@ def make_plant(
     Args:
         builder: builder of the diagram, which gets the scene graph if there is something to draw.
         time_step: step of the plant [s].
-        meshcat: where it is drawn; None for no drawing.
+        meshcat: scene in which it is drawn; None for no drawing.
     """
     plant = MultibodyPlant(time_step)
     scene_graph = SceneGraph()

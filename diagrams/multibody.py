@@ -61,7 +61,7 @@ def drive_joints(
     Args:
         builder: builder of the diagram that holds the plant.
         plant: finalized; its actuators have gains, and are those of the instances alone.
-        instances: whose joints are driven, each as many of them.
+        instances: model instances whose joints are driven; all have the same number of joints.
         next_state: positions and then velocities of all servos one step ahead, so that the plant
             arrives where they will be, and does not trail them.
         sampled_every: period of the forces' samples [s]; None for the plant's step.

@@ -203,7 +203,7 @@ def parse(asked: str) -> tuple[str, range | None] | None:
 
 
 def usual(there: Collection[str], plots: Sequence[str], measured: Sequence[str] = ()) -> list[str]:
-    """Plots for which nobody has asked: the usual ones, as far as they are there.
+    """Plots by default: the usual ones, as far as they are there.
 
     Args:
         there: names of the signals that there are.

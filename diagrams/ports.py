@@ -21,10 +21,10 @@ class Span:
         high: largest plausible value; one for all elements or one for each.
         wrong: factor [-] and offset (in the port's unit) of a wrong value when a fault names none.
         off_value: value shown of a device that does not publish.
-        is_binary: whether its values are 0 and 1.
+        is_binary: true if its values are 0 and 1.
         target: name of the signal in scenarios; "" for the port's own.
-        only_whole: whether all elements fail together.
-        ages: whether a late signal makes its part older in `status.age`.
+        only_whole: true if all elements fail together.
+        ages: true if a late signal makes its part older in `status.age`.
     """
 
     low: float | tuple[float, ...]
@@ -51,7 +51,7 @@ class Port:
         idle: value of an input that nothing drives.
         default: value of an output that may be missing, shown where it is; None: it must be there.
         faults: plausible values and faults; empty where faults are not injected.
-        is_sampled: whether an input follows from the measurements of the controllers' instant at
+        is_sampled: true if an input follows from the measurements of the controllers' instant at
             once, so that it counts at that instant alone. A simulated plant samples it; for
             devices, which take commands a moment later, the loop holds it. Other inputs are held
             by the controller.
@@ -185,7 +185,7 @@ class Behind:
         active: entered while the machine is to obey; simulated ones always do.
         between_steps: does what Drake lets no system do while it steps, such as locking a joint;
             to be called with the root context after each step of a simulation; None: nothing.
-        handle: what experiments need to reach beside the ports; see `handle_as`.
+        handle: objects that experiments need to reach beside the ports; see `handle_as`.
     """
 
     inputs: Mapping[str, InputPort]

@@ -84,7 +84,7 @@ class Recording(Mapping[str, Floats]):
                 for all signals.
 
         Raises:
-            ParapodError: a signal that was not recorded, or an element that there is not.
+            ParapodError: a signal that was not recorded, or an element that does not exist.
         """
         from parapod.diagrams.chart import plot_signals
 

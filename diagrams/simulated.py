@@ -14,7 +14,7 @@ def ports_of_drives(
     """Inputs and outputs of drives that stand behind a part, by the station's names.
 
     Args:
-        drives: with `brake`, `position_measured` and `velocity_measured`.
+        drives: drives with `brake`, `position_measured` and `velocity_measured`.
         command: name of what they follow.
         part: the part.
     """

@@ -35,8 +35,8 @@ class Twin:
         stand_ins: signals that take the place of others in a recording that lacks these.
         tracked: further signals, which follow from all samples before; see `tracker`.
         meshcat: the scene; None: only the bodies' poses are computed, see `scene_graphs`.
-        builder: of its diagram, until `finish`.
-        time: of the newest drawing [s].
+        builder: builder of its diagram, until `finish`.
+        time: time of the newest drawing [s].
     """
 
     signals: ClassVar[frozenset[str]]
@@ -52,7 +52,7 @@ class Twin:
         `tracked` beside those of the recording, and has to do with every sample where it is not.
 
         Args:
-            scenario: of the machine.
+            scenario: scenario of the machine.
 
         Returns:
             A function of the samples of those of `signals` that there are; None: each sample
@@ -65,9 +65,9 @@ class Twin:
 
         Args:
             meshcat: the scene, or None.
-            scenario: of the machine.
-            prefix: of its paths there, where it is a guest in another machine's scene and has
-                surroundings already.
+            scenario: scenario of the machine.
+            prefix: prefix of its paths there, where it is a guest in another machine's scene and
+                has surroundings already.
         """
         self.meshcat, self._prefix = meshcat, prefix
         self.builder, self.time = DiagramBuilder(), 0.0
@@ -100,8 +100,8 @@ class Twin:
         Values of which too little is known, or not finite, leave the last picture.
 
         Args:
-            values: by signal.
-            time: of a recording of the scene [s].
+            values: values by signal.
+            time: time in a recording of the scene [s].
 
         Raises:
             WiringError: values of another machine, or of another scenario.

@@ -31,7 +31,7 @@ def add[S: System](builder: DiagramBuilder, system: S, name: str = "") -> S:
 
 
 def leaf_systems(diagram: Diagram) -> Iterator[System]:
-    """The systems in a diagram, of any depth, that are no diagrams themselves."""
+    """The systems in a diagram, of any depth, that are not diagrams themselves."""
     for system in diagram.GetSystems():
         if isinstance(system, Diagram):
             yield from leaf_systems(system)

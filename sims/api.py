@@ -84,8 +84,8 @@ def loop_of(experiment: Any, scenario: Any, **options: Any) -> ClosedLoop[Any]:
 
     Args:
         experiment: the experiment.
-        scenario: of its schema.
-        options: as of `closed_loop`.
+        scenario: scenario of the experiment's schema.
+        options: options of `closed_loop`.
 
     Raises:
         ScenarioError: a scenario that the experiment refuses.
@@ -125,7 +125,7 @@ def run(experiment: Any, *overrides: str, quiet: bool = False, **values: Any) ->
     Args:
         experiment: its name, or a scenario from `scenario`.
         overrides: changes as for `parapod run --set`.
-        quiet: whether no progress is shown.
+        quiet: true if no progress is shown.
         values: values of the scenario's own keys, such as `seed=3`.
 
     Raises:
@@ -163,7 +163,7 @@ def study(
 
     Args:
         experiment: its name, or a scenario from `scenario`, which the variables change.
-        vary: by dotted key the values: a sequence, or a text as for `parapod study --vary`, such
+        vary: values by dotted key: a sequence, or a text as for `parapod study --vary`, such
             as "-5:5:11", "0:200" or "normal(0, 0.3)".
         sampling: "grid", "latin" or "sobol".
         runs: number of runs; a grid has its own.
@@ -172,8 +172,8 @@ def study(
         executor: any other executor, such as mpi4py's or Ray's, which stays open.
         cluster: address of a Dask scheduler in place of both.
         out: Parquet table to which each run is appended; None: the result is only returned.
-        resume: whether to go on with a table that is there.
-        quiet: whether no progress is shown.
+        resume: true to go on with an existing table.
+        quiet: true if no progress is shown.
 
     Raises:
         UnknownExperiment: there is no such experiment.

@@ -50,7 +50,7 @@ class Driver(Variant):
 
     Attributes:
         part: part of the machine, as in the names of its ports.
-        is_timeless: whether the device has no time of its own, as one that is not fitted.
+        is_timeless: true if the device has no time of its own, as one that is not fitted.
     """
 
     is_timeless: ClassVar[bool] = False

@@ -38,7 +38,7 @@ def load_installed_drivers() -> tuple[str, ...]:
 def load_drivers(path: Path) -> None:
     """Import a Python file that defines drivers, by its name.
 
-    Its folder comes last on the path: what else is in it takes nobody's place.
+    Its folder comes last on the path: other modules in it replace no installed ones.
 
     Raises:
         ScenarioError: it is not there, has the name of another module, cannot be imported, or

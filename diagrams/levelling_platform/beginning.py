@@ -28,7 +28,7 @@ class Beginning:
     Attributes:
         ground: roll and pitch of the ground [rad].
         foot_offsets: heights under the feet (4) above the ground's plane [m].
-        on_wheels: whether the platform stands on its wheels instead of its feet.
+        on_wheels: true if the platform stands on its wheels instead of its feet.
         x: distance on wheels from the places of the feet, along the platform's x axis [m].
         extension: extensions of the legs (4) [m].
         posture: roll, pitch, height [rad, rad, m].

@@ -29,7 +29,8 @@ from parapod.systems.levelling_platform.supervisor import Supervisor
 from parapod.systems.levelling_platform.wheels import WheelGeometry
 from parapod.systems.sensors.attitude_estimator import AttitudeEstimator
 
-# Legs follow their references within a millimetre; what is further off is no leg [m].
+# Legs follow their references within a millimetre; tracking errors above this mean a failed
+# encoder [m].
 _ERROR_LIMIT = 0.02
 # Least damping of the position loops: with less they ring [-].
 _LEAST_DAMPING = 0.1
@@ -73,7 +74,7 @@ class PostureChain:
         reference: makes commands smooth.
         loop: corrects the inclination, or None.
         feedforward: inverse kinematics of the active legs.
-        passive: that of the fourth.
+        passive: inverse kinematics of the fourth leg.
     """
 
     extension: Extension
@@ -330,7 +331,7 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
 
     Args:
         scenario: its `control` part is used.
-        is_operated: whether a person operates it.
+        is_operated: true if a person operates it.
     """
     builder = DiagramBuilder()
     period, geometry = scenario.control.period, geometry_as_known(scenario.control)

@@ -31,7 +31,7 @@ _VALID, _FINDINGS = "ground_valid", "findings"
 # Without these the legs are compared with their voltages, but not with the ground.
 _ON_GROUND = ("attitude_estimated", "ground_estimated", "foot_offsets_estimated", _VALID)
 _UP = (0.0, 0.0, 1.0)
-# Without the supervised operation nobody keeps feet on the ground: a leg that is a tenth of a
+# Without the supervised operation nothing keeps feet on the ground: a leg that is a tenth of a
 # millimetre too short opens its switch.
 _NO_REASON = (Finding.FOOT_LOST,)
 

@@ -37,9 +37,9 @@ _FAST, _SLOW, _LOWERING = 1.0, 0.3, 0.5
 _STROKE = 0.085  # a little more than there is between the end stops [m]
 # Where a leg is up again [m], and how far below first contact the ground is looked for [m].
 _UP, _DEEPEST = 0.450, 0.012
-# How many times longer than by its voltage a leg may take on its way down [-].
+# Ratio of the longest time of a leg on its way down to that by its voltage [-].
 _SLOWEST = 2.0
-# How far the legs then retract, which lifts the platform by six times that [m].
+# Way by which the legs then retract, which lifts the platform by six times that [m].
 _RISE = 2e-3
 # Legs come up together: a leg that is ahead of another waits within the first of these, more than
 # the second is a fault; they go on for the third once no foot touches, and no further than the
@@ -62,7 +62,7 @@ def _sign(driver: Any, index: int, period: float) -> Sign:
 def _positions(driver: Any) -> list[float]:
     if driver.extended_mm is None:
         raise HomingError(
-            f"!{type(driver).__name__}.extended_mm = null: nobody knows where the switches close"
+            f"!{type(driver).__name__}.extended_mm = null: where the switches close is unknown"
         )
     return [1e-3 * driver.extended_mm] * LEG_COUNT
 
@@ -70,7 +70,7 @@ def _positions(driver: Any) -> list[float]:
 def raise_feet(homing: Homing, driver: Any, period: float, tell: Tell) -> Procedure[None]:
     """Raises all legs together, until the platform is on its wheels and no foot touches.
 
-    A platform whose program was killed stands on legs of which nobody knows how far they are out;
+    A platform whose program was killed stands on legs of unknown lengths;
     one that went up alone would tilt it. Encoders without a reference tell ways all the same: a
     leg that is ahead waits for the others. One that is at its end already, as a search that was
     broken off leaves it, stays there.

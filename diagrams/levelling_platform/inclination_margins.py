@@ -31,7 +31,7 @@ class Margins:
 
     Attributes:
         gain: factor by which the loop's gain may grow [-].
-        phase: by which the phase may fall at the crossover [rad].
+        phase: loss of phase at the crossover that is still stable [rad].
         crossover: frequency at which the loop's gain is 1 [rad/s].
     """
 

@@ -33,8 +33,8 @@ def make_leg_controller(
     Args:
         scenario: its `control` part is used.
         rate: largest rate of a leg that is led to a request [m/s].
-        keeps_contact: whether the passive leg is trimmed until all feet touch.
-        has_voltage: whether voltages are asked for.
+        keeps_contact: true if the passive leg is trimmed until all feet touch.
+        has_voltage: true if the controller takes voltages.
     """
     builder = DiagramBuilder()
     control = scenario.control

@@ -68,7 +68,7 @@ def _emulated(scenario: LevellingScenario, period: float) -> LevellingScenario:
 
 
 def _resets(scenario: LevellingScenario) -> tuple[str, ...]:
-    """Keys of a beginning; dimensions as built, which the seed decides too, are no part of it."""
+    """Keys of a beginning; dimensions as built, which the seed decides too, are not part of it."""
     plant = scenario.plant
     is_as_drawn = plant.length_error_mm == plant.angle_error_deg == 0.0
     # Bodies stand on pads, which are built in.
@@ -92,7 +92,7 @@ def _limits(scenario: LevellingScenario) -> Limits:
     }
 
 
-# What the optical tracker of Appendix B resolves [mm, deg].
+# Resolution of the optical tracker of Appendix B [mm, deg].
 _TRACKER = (0.05, 0.01)
 
 

@@ -53,7 +53,7 @@ _FOLDER = "package://parapod/levelling_platform"
 FAULT_DETECTOR = FaultDetectorParams(
     extended=LIMIT_SWITCHES.extended, retracted=LIMIT_SWITCHES.retracted
 )
-# Of the wheels' position servos [N m/rad, N m s/rad] (assumption).
+# Gains of the wheels' position servos [N m/rad, N m s/rad] (assumption).
 _WHEEL_GAINS = PdControllerGains(p=2000.0, d=50.0)
 
 
@@ -195,7 +195,7 @@ def add_visualization(
         model: the platform.
         positions: positions of the model's joints (or its whole state).
         scene_graph: scene that is drawn.
-        meshcat: where; None: nowhere.
+        meshcat: scene; None: not drawn.
         path: its path there.
     """
     links = add(builder, ParallelLinks(model, scene_graph, positions.size()), f"links_of_{path}")

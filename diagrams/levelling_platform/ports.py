@@ -14,7 +14,7 @@ _ACTUATOR, _IMU = LinearActuatorParams(), ImuParams()
 _SUPPLY = _ACTUATOR.supply_voltage
 _POSTURE = ("roll", "pitch", "height")
 _LENGTHS = "m, m, m, m, m/s, m/s, m/s, m/s"
-# NaN is no command: the reference keeps to the last one.
+# NaN is not a command: the reference keeps to the last one.
 _POSTURES = Span(
     target="posture_command",
     low=(math.radians(-10.0), math.radians(-10.0), 0.38),

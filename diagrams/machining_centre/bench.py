@@ -55,7 +55,7 @@ def make_centre_bench(geometry: CentreGeometry, time_step: float) -> CentreBench
 
     Args:
         geometry: tripod or quadruped, of the paper's dimensions.
-        time_step: of the plant [s].
+        time_step: time step of the plant [s].
     """
     builder = DiagramBuilder()
     plant, scene_graph = add_discrete_plant(builder, time_step, "lagged")

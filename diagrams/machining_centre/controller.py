@@ -23,7 +23,7 @@ _MEASURED = {
     "pose_asked": "pose_asked",
     "limb_asked": "limb_asked",
 }
-# Where the centre is counts only where it rests: it is looked at every so many periods.
+# Periods between two looks at whether the centre rests, where alone its pose is counted.
 _LOOKS = 4
 # And those that it shows.
 _SHOWN = {
@@ -57,7 +57,7 @@ def make_controller(scenario: CentreScenario, is_operated: bool = False) -> Diag
 
     Args:
         scenario: its job, `control`, `legs`, `begin` and `stop_at` are used.
-        is_operated: whether a person operates it once its job is done.
+        is_operated: true if a person operates it once its job is done.
     """
     geometry, plan, control = scenario.geometry, scenario.plan, scenario.control
     builder = DiagramBuilder()

@@ -118,7 +118,7 @@ def add_colours(
     Args:
         builder: builder of the diagram that holds the ports' systems.
         geometry: the centre.
-        switches: what tells which locks (4n) and clamps (n) are closed.
+        switches: ports of the closed locks (4n) and the closed clamps (n).
         meshcat: the scene.
         path: path of the drawing there.
     """
@@ -140,8 +140,8 @@ def add_drawing(
     Args:
         builder: builder of the diagram that holds the ports' systems.
         geometry: the centre.
-        pose: of the platform (6) [m, rad].
-        feet: of the feet (6n) [m, rad].
+        pose: pose of the platform (6) [m, rad].
+        feet: poses of the feet (6n) [m, rad].
         meshcat: scene in which to draw; None: poses are all that is asked for.
         path: its path in the scene.
     """

@@ -23,7 +23,7 @@ class CentreLimits:
         following: largest distance of a leg from where it was led [m].
         fastest: speed of a leg [m/s]; twice that of the drives as they are set, as encoders are
             read at instants that are not quite regular.
-        share: of the largest force of a leg that its current may mean [-].
+        share: share of the largest force of a leg that its current may mean [-].
         oldest: largest age of the measurements [s].
         persists: time for which a sign must last, but for a jump [s].
     """
@@ -49,7 +49,7 @@ class CentreGuard(SignGuard):
 
         Args:
             scenario: its `control.period`, `legs` and their speeds are taken.
-            limits: what is normal.
+            limits: limits of normal behaviour.
         """
         super().__init__(scenario.control.period, limits.oldest)
         self._limits, legs = limits, scenario.legs

@@ -43,7 +43,7 @@ class Plant:
     """Signals of a plant for the sensors and the truth.
 
     Attributes:
-        switches: what tells which locks and clamps are closed.
+        switches: ports of the closed locks and clamps.
         signals: ports by name: pose, feet, joints, leg_force, clamp_gap, loop_error.
         stand: puts the centre at rest, in a root context, where a plan begins.
         between_steps: see `Behind`.

@@ -69,7 +69,7 @@ class WalkScenario(Schema):
     """A walk between two rows of holes.
 
     Attributes:
-        advance_mm: by how much each foot goes on [mm]; 0: the centre stays.
+        advance_mm: way of each foot in one step of the walk [mm]; 0: the centre stays.
         direction_deg: direction, from the way along the panel's circumference [deg].
         steps: swings of each foot.
         lift_mm: height of a swing [mm].
@@ -211,7 +211,7 @@ class CentreControlScenario(Schema):
 
     Attributes:
         period: period of sequencer and feedforward [s].
-        knows_stiffness: whether the posture is reckoned with legs that yield to their forces, as
+        knows_stiffness: true if the posture is calculated with legs that yield to their forces, as
             the motors' currents tell them.
         settling: for which legs rest before anything is switched, and switches before anything
             moves [s].
@@ -242,7 +242,7 @@ class CentreScenario(Schema):
         limbs: 3 for the tripod, 4 for the quadruped.
         begin: time at which the first operation begins [s].
         end: time for which it stands afterwards [s].
-        stop_at: time at which somebody has the job end [s]; null: nobody.
+        stop_at: time at which somebody has the job end [s]; null: never.
         panel: see `PanelScenario`.
         holes: see `HolesScenario`.
         walk: see `WalkScenario`.
@@ -287,7 +287,7 @@ class CentreScenario(Schema):
         """The job that is to be done, and where it begins and ends.
 
         Raises:
-            ScenarioError: locks that are none.
+            ScenarioError: unknown locks.
             Refused: an operation that the centre cannot do.
         """
         radius = 1e-3 * self.panel.radius_mm

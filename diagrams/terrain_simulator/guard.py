@@ -68,7 +68,7 @@ class BenchGuard(SignGuard):
 
         Args:
             scenario: its `control.period`, bench and `sliders` are taken.
-            limits: what is normal.
+            limits: limits of normal behaviour.
         """
         super().__init__(scenario.control.period, limits.oldest)
         self._limits, sliders = limits, scenario.sliders

@@ -101,7 +101,7 @@ class LegUnderTest(Protocol):
         Args:
             plant: the plant.
             hip: the frame, x to the front and z up.
-            scene_graph: with which the plant is registered; None: nothing collides.
+            scene_graph: scene graph with which the plant is registered; None: nothing collides.
         """
 
     def make_controller(self, period: float) -> LeafSystem:
@@ -111,7 +111,7 @@ class LegUnderTest(Protocol):
         signals of the walk.
 
         Args:
-            period: with which it is sampled [s].
+            period: sampling period [s].
 
         Raises:
             ScenarioError: a period that is too long.
@@ -136,7 +136,7 @@ class LegUnderTest(Protocol):
 
         Args:
             walk: the walk.
-            period: with which its drives are commanded [s]; 0: nothing moves it.
+            period: period of the drives' commands [s]; 0: nothing moves it.
 
         Raises:
             ParapodError: why.
@@ -155,7 +155,7 @@ def add_leg(
         plant: not finalized.
         leg: its description.
         hip: the frame.
-        scene_graph: with which the plant is registered; None: nothing collides.
+        scene_graph: scene graph with which the plant is registered; None: nothing collides.
 
     Raises:
         ScenarioError: the file cannot be read, or has no link or joint of a name; names those that
@@ -177,7 +177,7 @@ def make_leg_model(leg: LegDescription) -> LegModel:
     """The leg alone, its hip fixed to the world.
 
     Raises:
-        ScenarioError: see `add_leg`; or it is no leg that stands.
+        ScenarioError: see `add_leg`; or the leg cannot stand.
     """
     plant = MultibodyPlant(time_step=0.0)
     added = add_leg(plant, leg, plant.world_frame())
@@ -199,7 +199,7 @@ class UrdfLeg:
     """Leg with a round foot that a URDF describes; see `LegUnderTest`.
 
     Attributes:
-        description: where, and what besides.
+        description: file of the leg, and its settings.
         gains: fields of `ImpedanceParams` that are given, and their values; the others are those
             of the default leg, in the proportion of the masses that the feet show.
     """
@@ -334,7 +334,7 @@ def _frame(
             sorted(plant.get_frame(i).name() for i in plant.GetFrameIndices(instance))
         )
         raise ScenarioError(
-            f"leg.{key} = {quoted(name)} is no link of {quoted(leg.urdf)}; there are: {known}",
+            f"leg.{key} = {quoted(name)} is not a link of {quoted(leg.urdf)}; there are: {known}",
             f"leg.{key}",
         )
     return plant.GetFrameByName(name, instance)
@@ -353,7 +353,7 @@ def _joints(
         if name not in there:
             known = ", ".join(there) or "none"
             raise ScenarioError(
-                f"{key}: {quoted(name)} is no moving joint of {quoted(leg.urdf)}; "
+                f"{key}: {quoted(name)} is not a moving joint of {quoted(leg.urdf)}; "
                 f"there are: {known}",
                 key,
             )

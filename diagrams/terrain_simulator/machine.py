@@ -29,7 +29,7 @@ def make_terrain(scenario: TerrainBenchScenario, task: Task | None = None) -> Di
 
     Args:
         scenario: its walk and `control.period` are taken.
-        task: what is asked for in the place of the walk.
+        task: task in the place of the walk.
     """
     builder = DiagramBuilder()
     asked = scenario.walk if task is None else task

@@ -30,7 +30,7 @@ from parapod.urdf import configure_parser
 
 # Stiffness of a slider's drive [N/m], and its damping [N s/m]: assumptions.
 STIFFNESS = PdControllerGains(p=1e7, d=2e4)
-# Of the drive that holds the column, or moves it: none of the bench's own.
+# Gains of the drive that holds the column or moves it, which is not one of the bench's own.
 _COLUMN = PdControllerGains(p=1e9, d=2e6)
 _FOLDER = "package://parapod/terrain_simulator"
 
@@ -126,11 +126,11 @@ def add_leg_on_slide(
         plant: the plant.
         leg: the leg.
         mass: mass that the slide has with its leg [kg].
-        scene_graph: with which the plant is registered; None: nothing collides.
-        ends: of the slide's way [m].
+        scene_graph: scene graph with which the plant is registered; None: nothing collides.
+        ends: ends of the slide's way [m].
 
     Raises:
-        ScenarioError: a leg that is none, or is heavier than that.
+        ScenarioError: the leg is not usable, or is heavier than that.
     """
     weight = mass - leg.mass
     if weight <= 0.0:

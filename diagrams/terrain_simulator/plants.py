@@ -448,7 +448,7 @@ def add_plate(
         builder: builder of the station.
         scenario: its bench is added.
         servo: drives of the sliders.
-        cells: what the force cells show (3).
+        cells: forces of the cells (3).
     """
     sliders = add(builder, servo, "sliders")
     inputs, outputs = ports_of_drives(sliders, "position_command", "sliders")

@@ -27,7 +27,7 @@ SIMULATED = (*BODIES, "kinematic")
 BACKENDS = (*SIMULATED, "mock", "hardware")
 LOADS = ("half sine", "even")
 LEGS = ("urdf", "walking_chair")
-_SCREWS = 3  # of a leg of the walking chair
+_SCREWS = 3  # screws of a leg of the walking chair
 # Places of the plate's middle on which each bench walks over level ground [mm].
 _PLACES = {"pedal": (513.0, 300.0), "treadmill": (880.0, 190.0)}
 
@@ -133,7 +133,7 @@ class HipScenario(Schema):
         damping_Ns_m: damping of these [N s/m]; null: 1100 N s/m for 30 kg, by the mass
             (assumption).
         washout_s: time constant with which a lasting force of these fades [s].
-        adds_inertia: whether the drive adds the force with which the body resists the acceleration
+        adds_inertia: true if the drive adds the force with which the body resists the acceleration
             of its rise over the terrain: on the bench it does not rise, the plate falls.
     """
 
@@ -163,7 +163,7 @@ class ChairLegScenario(Schema):
     """The walking chair's leg as the leg under test: its place on the slide, and its screws.
 
     Attributes:
-        turned: whether its hinge and the corner E_1 are at the rear, as with the rear legs of the
+        turned: true if its hinge and the corner E_1 are at the rear, as with the rear legs of the
             chair; otherwise they are ahead.
         lean_deg: angle by which the leg hangs inclined, as the chair does on a slope; positive
             uphill [deg].

@@ -36,7 +36,7 @@ from parapod.systems.terrain_simulator.walk import BenchWalk
 
 _THICK, _WIDE = 0.1, 0.3  # of the ground's pieces [m]
 _BEYOND = 0.5  # ground behind and ahead of the body's way [m]
-_ENDS = (-100.0, 100.0)  # of the slide [m]
+_ENDS = (-100.0, 100.0)  # ends of the slide [m]
 _GREEN = np.array((0.55, 0.62, 0.50, 1.0))
 
 

@@ -28,7 +28,7 @@ def make_controller(
 
     Args:
         scenario: its `gait`, `control`, `drives.max_velocity_mm_s` and `begin` are used.
-        is_operated: whether a person operates it.
+        is_operated: true if a person operates it.
         geometry: the chair.
     """
     builder = DiagramBuilder()

@@ -56,7 +56,7 @@ class ChairLimits:
     lowest: float = 3e-3
 
 
-# Currents are compared with the statics at every so many ticks: it takes most of a millisecond.
+# Ticks between two comparisons of currents with statics, which take most of a millisecond each.
 _STRIDE = 5
 # Time constant of the mean distance of a branch from its way [s].
 _AVERAGED = 0.3
@@ -85,7 +85,7 @@ class ChairGuard(SignGuard):
 
         Args:
             scenario: its `control.period` is that of the loop.
-            limits: what is normal.
+            limits: limits of normal behaviour.
         """
         super().__init__(scenario.control.period, limits.oldest)
         self._limits = limits

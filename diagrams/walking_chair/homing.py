@@ -22,7 +22,7 @@ _FAST, _SLOW = 0.02, 0.005
 _RETRACTED, _EXTENDED = np.tile(CHAIR_GEOMETRY.leg.strokes, (LEG_COUNT, 1)).T
 # Share of its limit that the current of a motor has which is held up [-].
 _PUSHING = 0.8
-# How far off their retracted ends branches stand afterwards [m].
+# Distance of the branches from their retracted ends afterwards [m].
 _OFF = 3e-3
 _STROKE_BOUND = 1e-3  # [m]
 
@@ -71,6 +71,6 @@ LEGS = Homing(
     in_turn=False,
     checks=check_strokes,
     rest={"brake": 0.0},
-    prepare="hung up, feet in the air, nobody on it",
+    prepare="hung up, feet in the air, without a person on it",
     checking="all legs go to their other ends, and come back",
 )

@@ -34,7 +34,7 @@ def add_chair(plant: MultibodyPlant, passenger: Passenger = Passenger()) -> Chai
 
     Args:
         plant: a plant with a registered scene graph and a time step above zero.
-        passenger: who sits on it in a default context; one without mass is not drawn.
+        passenger: person on the seat in a default context; one without mass is not drawn.
     """
     parser = Parser(plant)
     configure_parser(parser)
@@ -81,7 +81,7 @@ def photograph(
         views: from where; one picture each.
         walk: the gaits.
         time: since the walk began [s].
-        passenger: who sits on it; one without mass is not seen.
+        passenger: person on the seat; one without mass is not seen.
 
     Raises:
         RuntimeError: there is no OpenGL that Drake's renderer could use.

@@ -38,7 +38,7 @@ class Beginning:
     Attributes:
         lengths: lengths of the branches (4, 3) [m].
         body: centre of the body (3) in the world [m].
-        passenger: who sits on it.
+        passenger: person on the seat.
         gain: gains of the drives (12) [-].
         offset: velocities of the drives at a command of zero (12) [m/s].
     """

@@ -26,7 +26,7 @@ from parapod.urdf import configure_parser
 _DRAWN = {MEASURED: "legs.position", DESIRED: "position_node"}
 _SUPPORT = "support"
 _FOOTINGS = {drawing: f"footing_{drawing}" for drawing in _DRAWN}
-_SIZES = (3, len(BRANCHES), LEG_COUNT)  # of the parts of a footing
+_SIZES = (3, len(BRANCHES), LEG_COUNT)  # sizes of the parts of a footing
 
 
 class ChairTwin(Twin):

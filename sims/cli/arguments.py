@@ -151,7 +151,7 @@ def print_of(arguments: argparse.Namespace, suffix: str) -> "Print":
     """Format of figures.
 
     Args:
-        arguments: of a command with `add_print_options`.
+        arguments: arguments of a command with `add_print_options`.
         suffix: format of the files.
 
     Raises:
@@ -172,7 +172,7 @@ def check_outputs(
 
     Args:
         paths: option -> file, or None if it was not given.
-        folders: option -> folder in which files are written; likewise.
+        folders: option -> folder in which files are written, or None.
 
     Raises:
         OutputError: a wrong suffix, or two options that would write the same; names them.
@@ -306,7 +306,7 @@ def agreed(question: str, what: str) -> bool:
 
     Args:
         question: question without "[yes/no]".
-        what: what asks, for those who have no terminal.
+        what: name of the command that asks, for a message where there is no terminal.
 
     Raises:
         UsageError: there is no terminal.

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         nargs="+",
         metavar="HZ",
-        help="of the loop; default 100 200 500; on devices that of the scenario",
+        help="rates of the loop; default 100 200 500; on devices that of the scenario",
     )
     parser.add_argument(
         "--seconds",
@@ -49,10 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--backend",
         default="mock",
         choices=_BACKENDS,
-        help="of the station; hardware: emulated devices of its own; default mock",
+        help="backend of the station; hardware: emulated devices of its own; default mock",
     )
     parser.add_argument(
-        "--log", action="store_true", help="with a log of all ports and without, in turns"
+        "--log", action="store_true", help="measure with a log of all ports and without, in turns"
     )
     parser.add_argument(
         "--settings",

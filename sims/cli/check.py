@@ -28,11 +28,13 @@ EXAMPLES = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's arguments."""
-    parser.add_argument("part", metavar="PART", help="of the machine, such as legs, wheels or imu")
+    parser.add_argument(
+        "part", metavar="PART", help="part of the machine, such as legs, wheels or imu"
+    )
     add_machine_option(parser)
     add_scenario_options(parser)
     parser.add_argument(
-        "--seconds", type=float, default=2.0, metavar="S", help="how long to read; default 2"
+        "--seconds", type=float, default=2.0, metavar="S", help="seconds to read; default 2"
     )
     parser.add_argument(
         "--move", type=int, metavar="N", help="move actuator N, counted from 1, there and back"
@@ -42,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         dest="size",
         type=float,
         metavar="X",
-        help="with --move: motor voltage in V, wheel velocity in rad/s or velocity of a leg in "
+        help="command for --move: motor voltage in V, velocity of a wheel in rad/s or of a leg in "
         "m/s; default 1, 1 or 0.01",
     )
     parser.add_argument(
@@ -51,9 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=1.0,
         metavar="S",
-        help="with --move: how long it moves each way; default 1",
+        help="seconds of each way of --move; default 1",
     )
-    parser.add_argument("--yes", action="store_true", help="with --move: do not ask before")
+    parser.add_argument("--yes", action="store_true", help="do not ask before --move")
 
 
 def execute(arguments: argparse.Namespace) -> int:

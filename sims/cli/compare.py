@@ -21,7 +21,7 @@ EXAMPLES = (
     "parapod compare a.json b.json",
 )
 
-# What a result says of its run beside metrics and scenario.
+# Facts of a result about its run, beside metrics and scenario.
 _OF_THE_RUN = ("experiment", "backend", "seed", "parapod")
 
 

@@ -19,9 +19,9 @@ DESCRIPTION = (
     "Simulates the machine in real time behind emulators of its devices, which speak the makers' "
     "protocols. Another program then runs `parapod run NAME --backend hardware` as on the real "
     "machine. Lines on standard input, PART KIND, make a device misbehave, as in `imu garbage`, "
-    "and `imu well` ends it; `emergency_stop pressed`, `supply lost` and `switches open` are of "
-    "what is no device; `measure` prints the machine's true state as somebody with an instrument "
-    "reads it. The emulator ends with Ctrl-C, and with the program that began it; "
+    "and `imu well` ends it; `emergency_stop pressed`, `supply lost` and `switches open` act on "
+    "parts that are not devices; `measure` prints the machine's true state, as an instrument "
+    "beside it would. The emulator ends with Ctrl-C, and with the program that began it; "
     "`setsid --fork parapod emulate NAME` lets it outlive a shell."
 )
 EXAMPLES = (
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "computer's own clock, as beside real devices",
     )
     parser.add_argument(
-        "--for", dest="duration", type=float, metavar="S", help="end after so many seconds"
+        "--for", dest="duration", type=float, metavar="S", help="end after this number of seconds"
     )
     parser.add_argument(
         "--log", type=Path, metavar="FILE", help="write all signals, the true ones too, as MCAP"

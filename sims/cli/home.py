@@ -27,7 +27,7 @@ EXAMPLES = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's arguments."""
     parser.add_argument(
-        "part", metavar="PART", nargs="?", default="legs", help="of the machine; default legs"
+        "part", metavar="PART", nargs="?", default="legs", help="part of the machine; default legs"
     )
     add_machine_option(parser)
     add_scenario_options(parser)

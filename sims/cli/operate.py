@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "page's address; default: to this computer alone, with a token too",
     )
     parser.add_argument(
-        "--log", type=Path, metavar="FILE", help="of hardware: write all signals, as MCAP"
+        "--log", type=Path, metavar="FILE", help="write all signals of hardware, as MCAP"
     )
 
 

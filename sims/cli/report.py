@@ -26,7 +26,11 @@ _SEEDS = 20
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's arguments."""
     parser.add_argument(
-        "--out", type=Path, default=_DEFAULT, metavar="FILE", help=f"by default {_DEFAULT}"
+        "--out",
+        type=Path,
+        default=_DEFAULT,
+        metavar="FILE",
+        help=f"the report; default {_DEFAULT}",
     )
     parser.add_argument(
         "--quick",

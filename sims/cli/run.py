@@ -39,7 +39,7 @@ _OUTPUTS = {
     "graphviz": "the system diagram (.dot, .svg, .png or .pdf)",
     "video": "a film of the machine in real time (.mp4, .webm or .gif)",
 }
-# What shows a single run.
+# Options that show a single run.
 _ALONE = ("meshcat", "html", "log", "graphviz", "video", "figures", "plot")
 
 
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-live",
         dest="live",
         action="store_false",
-        help="with --meshcat: end with the scripted job instead of staying for the sliders",
+        help="end a --meshcat run with the scripted job instead of staying for the sliders",
     )
     parser.add_argument(
         "--figures",

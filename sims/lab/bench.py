@@ -132,7 +132,7 @@ def write_graphviz(path: Path, diagram: Diagram, depth: int = 1) -> None:
 
     Args:
         path: the file.
-        diagram: what is drawn.
+        diagram: diagram to draw.
         depth: levels of it that are shown, see `BlockDiagram`.
 
     Raises:
@@ -190,13 +190,13 @@ class Bench:
             duration: end of the run [s].
             read_out: says what the page shows.
             title: the machine's.
-            backend: what stands behind the machine's ports.
-            is_simulated: whether the machine is.
+            backend: backend behind the machine's ports.
+            is_simulated: true if the machine is simulated.
             scene: makes the scene around the machine.
             needed: ports whose signals are recorded where no log is written.
             structure: all that the loop is built from; None: it serves no other scenario.
             begin: machine's scenario that a loop of this structure is reset to.
-            watched: whether this is the run that the options show and write.
+            watched: true for the run that the options show and write.
             monitor: makes the simulator's monitor, which may end the run.
 
         Raises:

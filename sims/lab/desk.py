@@ -295,7 +295,7 @@ def _operated(panel: Panel) -> Mapping[str, Any]:
 def main() -> int:
     """Serves a page in a process of its own; its exit code."""
     sink = os.dup(sys.stdout.fileno())
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is no message
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # keeps stray prints out of the messages
     try:
         _serve(sink)
     except BrokenPipeError:

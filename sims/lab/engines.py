@@ -1,7 +1,7 @@
 """Two physics engines on one job: differences of their signals, and convergence of their steps.
 
-Both simulate the same bodies behind the same ports, from the same scenario and seed. What they
-agree on is no peculiarity of a solver; what they do not is explained, or is a fault of one.
+Both simulate the same bodies behind the same ports, from the same scenario and seed. Results on
+which they agree are not peculiar to a solver; what they do not is explained, or is a fault of one.
 """
 
 import math
@@ -29,7 +29,7 @@ ENGINES = {"multibody": "Drake", "mujoco": "MuJoCo"}
 # Up to this step of the plants their loops are closed to micrometres [s].
 FINE_STEP = 1e-3
 
-_COLUMNS = 4  # of a figure, at most
+_COLUMNS = 4  # largest number of columns of a figure
 
 type Floats = NDArray[np.float64]
 
@@ -46,9 +46,9 @@ class Quantity:
         meaning: meaning, for people.
         elements: elements of the signal that are compared.
         bound: largest admissible difference [unit]; None for none.
-        counts: whether its convergence is shown.
-        is_rough: whether single samples say little, as those of forces at a touchdown do: the
-            root mean square is measured instead of the largest.
+        counts: true if its convergence is shown.
+        is_rough: true if single samples say little, as those of forces at a touchdown do: the root
+            mean square is measured instead of the largest.
     """
 
     key: str
@@ -178,7 +178,7 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
                     f"{quantity.key}_difference_at_{1e6 * step:.0f}_us",
                     quantity.difference(pair, late),
                     quantity.unit,
-                    meaning=f"the same with steps of {1e3 * step:g} ms",
+                    meaning=f"difference between the engines with steps of {1e3 * step:g} ms",
                 )
 
     def draw(self, scenario: S, data: Engines) -> Iterator[Figure]:

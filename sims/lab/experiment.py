@@ -202,7 +202,7 @@ class Experiment[S, D]:
             path: the file; its suffix says the format.
             scenario: the scenario.
             time: (n) [s].
-            signals: by port, the samples (n, ...) and their unit.
+            signals: samples (n, ...) and their unit, by port.
 
         Raises:
             OutputError: the file cannot be written, or its suffix says no format.
@@ -343,7 +343,7 @@ class LoopExperiment[S, D](Experiment[S, D]):
         Args:
             scenario: the scenario.
             bench: runs it.
-            watched: whether this is the run that the options show and write.
+            watched: true for the run that the options show and write.
             monitor: makes the simulator's monitor, which may end the run.
 
         Raises:

@@ -46,7 +46,7 @@ def operate(
         host: address at which the page is served; see `Panel`.
 
     Raises:
-        OutputError: nobody can operate this experiment, or the page or the log cannot begin.
+        OutputError: this experiment cannot be operated, or the page or the log cannot begin.
         ParapodError: whatever ends a job on the real machine.
     """
     if type(experiment).operated is LoopExperiment.operated:

@@ -28,9 +28,9 @@ from parapod.sims.lab.strip_chart import StripChart
 PORTS = range(7100, 7200)
 # Between two looks of the service whether it is to end [s].
 _POLL = 0.05
-# Of what a browser sends [bytes].
+# Longest request of a browser [bytes].
 _LONGEST_REQUEST = 4096
-# A page of which nothing is heard for so long operates no more: another one may [s].
+# A page that is silent for this time stops operating: another one may begin [s].
 _LEASE = 1.0
 # A button that is held says so ten times a second [s].
 _HELD = 0.25
@@ -50,7 +50,7 @@ class Row:
         measured: value that the machine measures; None where it does not.
         true: true value, which only a simulation knows.
         unit: unit of all three.
-        decimals: that are shown.
+        decimals: number of decimals.
     """
 
     label: str
@@ -69,7 +69,7 @@ class Readout:
         state: state of the machine, in a few words.
         rows: its quantities.
         remarks: faults and refusals, a sentence each.
-        is_alarming: whether the state is one that a person should look at.
+        is_alarming: true if a person should look at the state.
         idle: names of sliders and buttons that do nothing in this state; they look so.
     """
 

@@ -99,9 +99,9 @@ def limit_line(place: int, limit: float, colour: str = _LIMIT) -> dict[str, Any]
     """A limit, drawn through the plot at a place.
 
     Args:
-        place: of the plot, counted from 0.
+        place: place of the plot, counted from 0.
         limit: value on its axis.
-        colour: that of the curve that it is of; by default it is of all curves.
+        colour: colour of the curve to which it belongs; by default it belongs to all curves.
     """
     return {
         "type": "line",

@@ -9,7 +9,7 @@ from pydrake.common import MemoryFile
 from pydrake.geometry import InMemoryMesh, Mesh, Meshcat, Rgba, Shape
 from pydrake.math import RigidTransform
 
-_ROOT = "/drake/"  # of paths that do not begin with a slash
+_ROOT = "/drake/"  # root of paths that do not begin with a slash
 
 
 def absolute(path: str) -> str:

@@ -16,7 +16,7 @@ from parapod.systems.core.extras import need
 
 # Between two samples, and from the oldest to the newest of them [s].
 PERIOD, LENGTH = 0.05, 20.0
-_DIGITS = 6  # of a number on the page
+_DIGITS = 6  # digits of a number on the page
 
 
 class StripChart:
@@ -84,7 +84,7 @@ class StripChart:
 
         Args:
             t: time [s].
-            values: of each of the signals.
+            values: values of each of the signals.
         """
         flat = {name: np.asarray(values[name], dtype=float).ravel() for name in self.signals}
         row = [round(t, 3), *(_short(f * flat[name][k]) for name, k, f in self._elements)]
@@ -99,7 +99,7 @@ class StripChart:
         """Samples that a page does not know yet.
 
         Args:
-            number: how many had been added when it asked before.
+            number: number of samples that had been added at the page's last request.
 
         Returns:
             `number` of those added by now, and the newest `rows`: the time and a value for each

@@ -32,7 +32,7 @@ class Subject:
         experiment: the experiment; None where the log names none that is installed.
         scenario: its scenario, or the machine's; None where it is not admissible here.
         machine: the machine in that scenario, or None.
-        drawn: how the machine is drawn; None: it is not.
+        drawn: drawing of the machine; None: it is not drawn.
         undrawn: reason for that.
         remarks: sentences on what differs from what a log of this parapod has.
     """
@@ -61,7 +61,7 @@ class Subject:
             label: name of the log in sentences.
             shapes: shape of one sample of each signal, by port name.
             metadata: data about the run.
-            is_drawn: whether somebody wants to see the machine.
+            is_drawn: true if the machine is to be drawn.
         """
         made = cls(label, shapes, metadata)
         try:

@@ -38,7 +38,7 @@ _PARCEL = 0.5
 _MOST_IN_PARCEL = 64
 # Parcels on their way for each worker: the one that it carries out, and one that it finds then.
 _AHEAD = 2
-# A piece that has lost so many workers, the last one alone, is given up.
+# A piece of work that has lost this number of workers, the last one alone, is given up.
 _MOST_LOST = 2
 
 

@@ -79,7 +79,7 @@ _NAMED = 1.5
 _ANGLE_BOUND, _HEIGHT_BOUND = 0.2, 2.0
 _PAPER = (0.2, 0.2, 2.0)
 _LIFTED = 0.5  # a foot that is back sooner has not been lost [s]
-_CLEARANCE = 20.0  # of the wheels while the platform works [mm]
+_CLEARANCE = 20.0  # clearance of the wheels while the platform works [mm]
 # A command that jumps is one that changes by more than this in a period [V].
 _VOLTAGE_STEP = 0.5
 
@@ -471,14 +471,14 @@ def _standing(scenario: DeployScenario, signals: Signals) -> list[Metric]:
             1e3 * _smallest(signals["stability_margin"][held]),
             "mm",
             at_least=1e3 * StabilityMonitorParams().margin,
-            meaning="of the zero-moment point from the edge between the feet, while held",
+            meaning="smallest margin of the zero-moment point inside the feet, while held",
         ),
         Metric(
             "wheel_clearance_mm",
             1e3 * _smallest(_clearance(scenario, signals)[:, held]),
             "mm",
             at_least=_CLEARANCE,
-            meaning="of the lowest wheel while held",
+            meaning="clearance of the lowest wheel while held",
         ),
         Metric(
             "lifted_s",
@@ -501,7 +501,7 @@ def _smallest(values: NDArray[np.float64]) -> float:
 
 
 def posture_of(scenario: DeployScenario, signals: Signals) -> NDArray[np.float64]:
-    """Postures (n, 3) [rad, rad, m]: the true ones, or where nobody knows them the measured ones.
+    """Postures (n, 3) [rad, rad, m]: the true ones, or on a real machine the measured ones.
 
     The measured ones follow from inertial sensor, extensions and estimated ground.
     """

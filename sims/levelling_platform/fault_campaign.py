@@ -36,7 +36,7 @@ from parapod.systems.levelling_platform.fault_detection import RULES, Finding
 from parapod.systems.levelling_platform.supervisor import Phase
 from parapod.systems.safety.faults import FaultKind, Severity
 
-# How the table of findings may call them.
+# Names of findings in the table.
 _NAMES: dict[str, tuple[str, ...]] = {
     "encoder": ("encoder",),
     "gyro": ("gyro", "inertial sensor"),
@@ -67,7 +67,7 @@ _REASONS: dict[tuple[str, str], str] = {
     ("gyro", "stuck"): "the platform turns so slowly that the accelerometer tells its attitude",
     ("accelerometer", "stuck"): "a platform at rest has nothing new to tell",
     ("contact switch", "off"): "the foot is in the air, or has touched already",
-    ("contact switch", "stuck"): "it shows what is so, until its foot moves",
+    ("contact switch", "stuck"): "its value is right, until its foot moves",
     ("contact switch", "garbage"): _TRIM,
     ("contact switch", "wrong"): "a foot that has touched is looked for no more",
     ("contact switch", "slow"): "a leg that stops a tenth of a second later goes back",
@@ -83,7 +83,7 @@ _REASONS: dict[tuple[str, str], str] = {
 }
 
 
-# What fails, by the name that people give it: port and element.
+# Failing thing by the name that people give it: port and element.
 DEVICES: dict[str, tuple[str, int]] = {
     "encoder": ("legs.extension", 2),
     "gyro": ("imu.gyro", 0),
@@ -94,7 +94,7 @@ DEVICES: dict[str, tuple[str, int]] = {
     "supply": ("supply", -1),
     "command": ("posture_command", -1),
 }
-# When a fault begins, from the beginning of its phase [s].
+# Instant at which a fault begins, from the beginning of its phase [s].
 _INTO: dict[Phase, float] = {
     Phase.TRANSPORT: 2.0,
     Phase.BRAKE: 0.2,
@@ -142,16 +142,16 @@ class Cell:
     """Outcome of a fault.
 
     Attributes:
-        device: what failed.
-        kind: how.
+        device: device that failed.
+        kind: kind of the failure.
         phase: in which phase.
-        injected: whether the signal really changed.
+        injected: true if the signal really changed.
         findings: names of what was found, in the order in which it was.
         delay: from the change of the signal to the first finding [s]; NaN without one.
         reaction: the worst severity that was reached.
-        stray_deg: how far roll and pitch left the path of the faultless run [deg].
+        stray_deg: largest distance of roll and pitch from the path of the faultless run [deg].
         stray_mm: the same of the height [mm].
-        bounded: whether all outputs stayed finite and within their limits.
+        bounded: true if all outputs stayed finite and within their limits.
     """
 
     device: str
@@ -403,17 +403,21 @@ def _metrics(cells: Sequence[Cell]) -> tuple[Metric, ...]:
     none = 0.0
     return (
         Metric("cells", len(cells), meaning="devices x kinds x phases"),
-        Metric("cells_injected", len(injected), meaning="whose signal really changed"),
-        Metric("cells_found", len(injected) - len(unnoticed), meaning="of these"),
+        Metric("cells_injected", len(injected), meaning="cells whose signal really changed"),
+        Metric("cells_found", len(injected) - len(unnoticed), meaning="faults detected"),
         Metric(
-            "cells_unexplained", len(unexplained), "", none, meaning="neither found nor explained"
+            "cells_unexplained",
+            len(unexplained),
+            "",
+            none,
+            meaning="faults neither detected nor explained",
         ),
         Metric(
             "cells_harmful",
             sum(cell.is_harmful for cell in injected),
             "",
             none,
-            meaning="not found although the platform left its path",
+            meaning="faults not detected although the platform left its path",
         ),
         Metric(
             "cells_misnamed",
@@ -427,27 +431,27 @@ def _metrics(cells: Sequence[Cell]) -> tuple[Metric, ...]:
             sum(cell.is_late for cell in injected),
             "",
             none,
-            meaning="found after the deadline, the platform having moved",
+            meaning="faults detected after the deadline, the platform having moved",
         ),
         Metric(
             "cells_unbounded",
             sum(not cell.bounded for cell in cells),
             "",
             none,
-            meaning="with an output that was not finite or beyond its limit",
+            meaning="cells with an output that was not finite or beyond its limit",
         ),
         Metric(
             "largest_stray_deg",
             max((cell.stray_deg for cell in caught), default=0.0),
             "deg",
             _TIPPED,
-            meaning="of roll and pitch from the faultless path, commands apart",
+            meaning="largest change of roll and pitch by a fault, without faults of commands",
         ),
         Metric(
             "largest_stray_mm",
             max((cell.stray_mm for cell in caught), default=0.0),
             "mm",
-            meaning="of the height from the faultless path, commands apart",
+            meaning="largest change of the height by a fault, without faults of commands",
         ),
     )
 

@@ -36,7 +36,7 @@ from parapod.systems.levelling_platform.geometry import LEG_COUNT
 AT_REST = 0.5
 # Extensions at which a platform on level ground stands on its feet [m].
 STANDING = (0.385, 0.425)
-# Where no controller holds the platform level, further than this it does not tilt [rad].
+# Largest tilt of the platform while no controller holds it level [rad].
 _TILT = np.radians(3.0)
 
 
@@ -107,7 +107,7 @@ class LegJob(LoopExperiment[LevellingScenario, Run]):
                 asked for.
             until: end of the job [s].
             rate: largest rate of a leg that is led to a request [m/s].
-            options: as those of `make_leg_controller`.
+            options: options of `make_leg_controller`.
         """
         super().__init__(name)
         self._sources, self._until = sources, until
@@ -131,8 +131,8 @@ class LegWatch:
     Attributes:
         tilt_limit: largest roll or pitch [rad].
         signals: names of the signals that it notes.
-        rows: by signal, its value at each tick; `t` is the time at which the legs were read [s].
-        is_over: whether the job is done before its end.
+        rows: values at each tick by signal; `t` is the time at which the legs were read [s].
+        is_over: true if the job is done before its end.
     """
 
     tilt_limit: ClassVar[float] = _TILT
@@ -148,7 +148,7 @@ class LegWatch:
         """Begins to watch.
 
         Args:
-            loop: of a `LegJob`.
+            loop: loop of a `LegJob`.
         """
         self._loop = loop
         self._readings: dict[str, Callable[[], NDArray[Any]]] = {}
@@ -248,7 +248,7 @@ def refuse_beginning(leg: int, what: str) -> RefusedRequest:
 
     Args:
         leg: index 0..3.
-        what: how the leg is, and how it is to be.
+        what: present and required state of the leg.
     """
     return RefusedRequest(f"leg {leg + 1} {what}", "place")
 

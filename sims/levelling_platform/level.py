@@ -33,15 +33,15 @@ from parapod.sims.output.results import Metric
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.reference import PostureReferenceParams
 
-# What the paper's closed loop stayed within (section 7), and what counts as level.
+# Errors of the paper's closed loop (section 7), and the bounds of "level".
 _ANGLE_BOUND = 0.2  # [deg]
 _HEIGHT_BOUND = 2.0  # [mm]
-# Of the position loops, after which they have caught up with a reference at rest.
+# Time after which the position loops have caught up with a reference at rest [time constants].
 _TIME_CONSTANTS = 5.0
 # A passive foot that is higher than this does not carry [mm].
 _LIFT_BOUND = 1.0
 _PASSIVE_LEG = 3  # index of leg 4
-# What the metrics are made of; everything else is recorded only for a log. What is true is known
+# Signals of the metrics; everything else is recorded only for a log. True values are known
 # of simulated machines only; of others what they measure.
 _NEEDED = (
     "truth.posture",
@@ -131,7 +131,7 @@ def _ground_metrics(scenario: LevellingScenario, run: Run) -> list[Metric]:
             float(error[i]),
             "deg",
             _ANGLE_BOUND,
-            meaning=f"of the estimate of the ground's {axis}",
+            meaning=f"error of the estimated ground {axis}",
         )
         for i, axis in enumerate(("roll", "pitch"))
     ]
@@ -151,7 +151,7 @@ def _posture_metrics(
             "deg",
             _ANGLE_BOUND,
             paper=0.2,
-            meaning="largest after settling, against gravity",
+            meaning="largest roll error after settling, against gravity",
         ),
         Metric(
             "pitch_error_deg",
@@ -159,7 +159,7 @@ def _posture_metrics(
             "deg",
             _ANGLE_BOUND,
             paper=0.2,
-            meaning="largest after settling, against gravity",
+            meaning="largest pitch error after settling, against gravity",
         ),
         Metric(
             "height_error_mm",
@@ -167,14 +167,14 @@ def _posture_metrics(
             "mm",
             _HEIGHT_BOUND,
             paper=2.0,
-            meaning="largest after settling, above the ground's plane",
+            meaning="largest height error after settling, above the ground's plane",
         ),
         Metric(
             "settling_time_s",
             _settling_time(scenario.job, run.time, posture, _scale(run)),
             "s",
             _settling_bound(scenario, run.time, posture),
-            meaning=f"until level within {_ANGLE_BOUND:g} deg and {_HEIGHT_BOUND:g} mm",
+            meaning=f"time until level within {_ANGLE_BOUND:g} deg and {_HEIGHT_BOUND:g} mm",
         ),
     ]
 
@@ -191,7 +191,7 @@ def _estimate_metrics(
             max(_largest(attitude, run.time >= scenario.job.estimate_at)),
             "deg",
             _ANGLE_BOUND,
-            meaning="largest of roll and pitch once levelling has begun",
+            meaning="largest error of the estimated roll and pitch once levelling has begun",
         )
     ]
 
@@ -215,14 +215,14 @@ def _leg_metrics(scenario: LevellingScenario, run: Run) -> list[Metric]:
             max(0.0, float(lift[_PASSIVE_LEG])),
             "mm",
             _LIFT_BOUND,
-            meaning="how far leg 4's foot leaves the ground",
+            meaning="largest height of leg 4's foot above the ground",
         ),
         Metric(
             "active_leg_lift_mm",
             max(0.0, float(active.max())),
             "mm",
             _LIFT_BOUND,
-            meaning="how far another foot leaves the ground",
+            meaning="largest height of another foot above the ground",
         ),
     ]
     if scenario.backend in BODIES and scenario.plant.leg_model == "full":
@@ -242,7 +242,7 @@ def _settled(job: JobScenario, time: NDArray[np.float64]) -> NDArray[np.bool_]:
     return time >= job.estimate_at + job.settled_after
 
 
-_LEVEL = np.array([_ANGLE_BOUND, _ANGLE_BOUND, _HEIGHT_BOUND])  # of what counts as level
+_LEVEL = np.array([_ANGLE_BOUND, _ANGLE_BOUND, _HEIGHT_BOUND])  # bounds of "level"
 
 
 def _settling_bound(

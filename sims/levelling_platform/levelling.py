@@ -145,7 +145,7 @@ def measured_posture(
 
     Args:
         signals: extensions, attitude and ground of a run, by the names of their ports.
-        control: what the controller knows of its machine.
+        control: machine as the controller knows it.
     """
     ground, valid = signals["ground_estimated"], signals["ground_valid"][:, 0] > 0.5
     posture = np.full((len(ground), 3), np.nan)
@@ -301,7 +301,7 @@ def read_posture(
     """The posture that is asked for, measured and true, in a loop that levels the platform.
 
     Args:
-        loop: with a controller that has the posture chain's outputs.
+        loop: loop with a controller that has the posture chain's outputs.
         root_context: root context of the simulator.
         asked_by: the controller's port that asks for the posture.
     """

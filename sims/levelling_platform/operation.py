@@ -33,7 +33,7 @@ from parapod.systems.levelling_platform.supervisor import (
     SupervisorParams,
 )
 
-_HEIGHT = 0.16  # of capital letters [m]
+_HEIGHT = 0.16  # height of capital letters [m]
 _PLACE = np.array([-2.0, 1.1, 1.75])  # lower left corner of the text, beside the arm [m]
 _PATH = "/phase"
 # A refusal ends the operation after this long, in which the machine is seen to stand [s].
@@ -151,7 +151,7 @@ class OperationWatch:
 
     @property
     def _is_faulty(self) -> bool:
-        """Whether nobody is there who could reset a fault."""
+        """True if no person could reset a fault."""
         return self._ends_at_fault and self._phase is Phase.FAULT
 
     def _is_refused(self, root_context: Context) -> bool:
@@ -169,7 +169,7 @@ class OperationWatch:
         """Says what was refused, or found to be wrong, if anything was.
 
         Raises:
-            Tripped: a fault that nobody resets.
+            Tripped: a fault that is not reset.
             UnreachablePosture: a ground that cannot be levelled, or a posture out of reach.
             RefusedRequest: anything else.
         """

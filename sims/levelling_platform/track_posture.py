@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
 _PAPER = (0.2, 0.2, 2.0)
-_OUTER_BOUND = 0.05  # of roll and pitch at rest [deg]
-# Of a real machine's actuators while they follow; some four times what the emulated ones do [mm].
+_OUTER_BOUND = 0.05  # bound of roll and pitch at rest [deg]
+# Errors of a real machine's actuators while they follow; some four times the emulated ones [mm].
 _EXTENSION_BOUND = 0.5
-# What an accelerometer bias of 0.25 mg on two axes makes of the inclination, which no loop can
+# Inclination error by an accelerometer bias of 0.25 mg on two axes, which no loop can
 # see: a machine that happens to be built better than that has nothing to gain [deg].
 _SENSOR = 0.02
 # After a posture has been reached the outer loop is given this long to settle [s].
@@ -60,7 +60,7 @@ class _Run:
 
     Attributes:
         run: recorded signals.
-        posture: (n, 3) true one, or where nobody knows it the measured one [deg, deg, mm].
+        posture: (n, 3) true one, or on a real machine the measured one [deg, deg, mm].
         desired: (n, 3) [deg, deg, mm].
         at_rest: (n) whether the reference has rested for a while.
         moving: (n) whether the reference moves, once the level posture has been taken.
@@ -189,7 +189,7 @@ class TrackPosture(LevellingExperiment[Runs]):
             yield AS_MEASURED
             yield (
                 "the inertial sensor's bias is in what the outer loop corrects as in what it is "
-                "measured by: nobody sees it here"
+                "measured by: it is not visible here"
             )
 
     def draw(self, scenario: LevellingScenario, data: Runs) -> Iterator[Figure]:
@@ -237,7 +237,7 @@ def _extension_error(run: _Run, port: str, whose: str, bound: float | None = Non
         "mm",
         bound,
         paper="almost perfect",
-        meaning=f"largest of any actuator against its reference, {whose}",
+        meaning=f"largest error of any actuator against its reference, {whose}",
     )
 
 
@@ -250,7 +250,7 @@ def _moving(nominal: _Run, perturbed: _Run, outer: _Run) -> list[Metric]:
             "deg",
             _PAPER[0],
             paper=_PAPER[0],
-            meaning="largest of roll and pitch while moving, legs as drawn",
+            meaning="largest error of roll and pitch while moving, legs as drawn",
         ),
         *_moving_errors(perturbed, outer),
     ]
@@ -273,14 +273,14 @@ def _moving_errors(perturbed: _Run, outer: _Run) -> list[Metric]:
         Metric(
             "outer_loop_moving_ratio",
             outer.moving_error / perturbed.moving_error,
-            meaning="with the outer loop over without, while moving",
+            meaning="inclination error with the outer loop by that without, while moving",
         ),
         Metric(
             "outer_loop_moving_loss_deg",
             max(0.0, outer.moving_error - perturbed.moving_error),
             "deg",
             _SENSOR,
-            meaning="by how much it is worse, beside what the sensor's bias makes of both axes",
+            meaning="increase of the inclination error by the outer loop, while moving",
         ),
     ]
 

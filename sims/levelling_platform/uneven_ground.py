@@ -86,6 +86,6 @@ def _feet(run: Run, heights: np.ndarray) -> list[Metric]:
             float(lift.max()),
             "mm",
             _LIFT_BOUND,
-            meaning="how far a foot leaves the ground",
+            meaning="largest height of a foot above the ground",
         ),
     ]

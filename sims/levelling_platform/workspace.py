@@ -228,7 +228,9 @@ def measure_volume(scenario: WorkspaceScenario) -> Finding:
     ]
     return Finding(
         (
-            Metric("volume_m3", volume, "m^3", meaning="of all points that the tip reaches"),
+            Metric(
+                "volume_m3", volume, "m^3", meaning="volume of all points that the tip reaches"
+            ),
             _resolution_error("volume", volume, coarser),
             *extents,
             Metric(
@@ -292,7 +294,7 @@ def compare_surfaces(scenario: WorkspaceScenario) -> Finding:
             "inside_fraction_best",
             share,
             paper=_PAPER_SHARE,
-            meaning="of the volume, with the arm's base where it is largest",
+            meaning="largest share of the volume inside, by the place of the arm's base",
         ),
         Metric(
             "unreachable_fraction",
@@ -300,7 +302,12 @@ def compare_surfaces(scenario: WorkspaceScenario) -> Finding:
             paper=0.0,
             meaning="share of what the surfaces enclose that the tip does not reach",
         ),
-        Metric("enclosed_volume_m3", cell * len(enclosed), "m^3", meaning="by the surfaces"),
+        Metric(
+            "enclosed_volume_m3",
+            cell * len(enclosed),
+            "m^3",
+            meaning="volume that the surfaces enclose",
+        ),
     )
     return Finding(metrics, (_about_base(arm, best, share), _about_rounding(scenario, best)))
 
@@ -390,7 +397,7 @@ def check_inclined_ground(scenario: WorkspaceScenario) -> Finding:
             1e3 * float(apart.max()),
             "mm",
             paper=0.0,
-            meaning="largest between the tip on inclined ground and Eq. (14), same extensions",
+            meaning="largest distance of the tip on inclined ground from Eq. (14)",
         ),
         Metric(
             "inclined_difference_fraction",
@@ -415,8 +422,12 @@ def measure_turntable(scenario: WorkspaceScenario) -> Finding:
     swept = swept_volume(GEOMETRY, arm, scenario.resolution)
     coarser = swept_volume(GEOMETRY, arm, scenario.resolution // 2)
     metrics = (
-        Metric("leaning_volume_m3", leaning, "m^3", meaning="reached by the leaning arm alone"),
-        Metric("swept_volume_m3", swept, "m^3", meaning="reached with the turntable turning it"),
+        Metric(
+            "leaning_volume_m3", leaning, "m^3", meaning="volume reached by the leaning arm alone"
+        ),
+        Metric(
+            "swept_volume_m3", swept, "m^3", meaning="volume reached with the turntable turning it"
+        ),
         _resolution_error("swept", swept, coarser),
         Metric("swept_gain", swept / leaning, meaning="swept by leaning volume"),
         Metric(

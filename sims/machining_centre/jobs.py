@@ -218,7 +218,7 @@ def common_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
             largest(run["truth.leg_force"]),
             "N",
             scenario.legs.max_force_N,
-            meaning="largest of any leg",
+            meaning="largest force of any leg",
         )
     machining = run["phase"][:, 0] == Phase.MACHINING
     if machining.any():
@@ -232,7 +232,7 @@ def common_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
             float(run["wrench_margin"][machining].min()),
             "N",
             at_least=0.0,
-            meaning="resisted in every direction, less drill and weight",
+            meaning="force resisted in every direction, less drill and weight",
         )
     yield Metric(
         "clamps_open",
@@ -246,7 +246,7 @@ def common_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
             1e3 * float(run["truth.tip_height"][-1, 0]),
             "mm",
             at_least=_RETRACTED * scenario.process.clearance_mm,
-            meaning="of the drill's tip above the panel at the end",
+            meaning="height of the drill's tip above the panel at the end",
         )
     yield realtime_metric(run)
 
@@ -322,7 +322,7 @@ def operated_loop(
     """A centre without a job, whose platform and feet a person moves.
 
     Args:
-        scenario: of the centre.
+        scenario: scenario of the centre.
         controls: owner of sliders and buttons.
         meshcat: scene in which it is drawn; None: none.
     """
@@ -339,7 +339,7 @@ class LiveCentre(Live):
     """A centre that a person moves until told otherwise.
 
     Args:
-        scenario: of the centre.
+        scenario: scenario of the centre.
         panel: the page with the scene.
         read_out: says what the page shows.
     """

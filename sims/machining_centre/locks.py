@@ -203,22 +203,26 @@ class CentreLocks(Experiment[CentreLocksScenario, Comparison]):
             1e3 * printed.sunk,
             "mm",
             1e3 * _FALLEN,
-            meaning="the paper's pair holds the platform all the same",
+            meaning="way by which the platform sinks with the paper's pair, which holds it",
         )
         yield Metric(
             "pairs_misjudged",
             sum(pair.holds == pair.has_fallen for pair in data.pairs),
             bound=0,
-            meaning="that hold and fall, or do neither",
+            meaning="pairs whose simulation contradicts the prediction",
         )
         fallen = sum(pair.has_fallen for pair in data.pairs)
-        yield Metric("pairs_fallen", fallen, meaning=f"of {len(data.pairs)}")
+        yield Metric(
+            "pairs_fallen",
+            fallen,
+            meaning=f"pairs with which the platform falls, of {len(data.pairs)}",
+        )
         yield Metric(
             "lock_drift_mrad",
             1e3 * max(pair.drift for pair in data.pairs),
             "mrad",
             1e3 * _DRIFT,
-            meaning="largest, of a locked joint",
+            meaning="largest drift of a locked joint",
         )
         yield Metric(
             "unlocked_sunk_mm",
@@ -227,7 +231,11 @@ class CentreLocks(Experiment[CentreLocksScenario, Comparison]):
             at_least=1e3 * _FALLEN,
             meaning="a tripod without any lock falls",
         )
-        yield Metric("quadruped_sigma", min(data.quadruped), meaning="without locks that stand")
+        yield Metric(
+            "quadruped_sigma",
+            min(data.quadruped),
+            meaning="smallest singular value of the quadruped without locks",
+        )
         yield Metric(
             "quadruped_sunk_mm",
             1e3 * data.quadruped_sunk,
@@ -298,7 +306,7 @@ def fall(
     Args:
         bench: the centre.
         pose: (6) at which it stands first [m, rad].
-        limb: whose foot is let go, counted from 1.
+        limb: limb whose foot is released, counted from 1.
         joints: locked joints (limb, joint).
         duration: after which the platform is looked at [s].
 

@@ -70,20 +70,20 @@ def _errors(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
         1e3 * rms(tip[machining]),
         "mm",
         _LOADED if has_thrust else _FREE,
-        meaning="of the drill's tip, root mean square while machining",
+        meaning="error of the drill's tip, root mean square while machining",
     )
     yield Metric(
         "position_error_free_mm",
         1e3 * rms(tip[machining & ~loaded]),
         "mm",
         _FREE,
-        meaning="the same outside the material",
+        meaning="error of the drill's tip, root mean square outside the material",
     )
     yield Metric(
         "angle_error_mrad",
         1e3 * rms(angle[machining]),
         "mrad",
-        meaning="of the platform, root mean square while machining",
+        meaning="angle error of the platform, root mean square while machining",
     )
     if has_thrust:
         yield Metric(
@@ -97,11 +97,14 @@ def _errors(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
             1e3 * (deepest - depth),
             "mm",
             _DEPTH,
-            meaning="of the deepest hole, along the panel's normal",
+            meaning="depth error of the deepest hole, along the panel's normal",
         )
         holes = len(scenario.plan.job.operations)
         yield Metric(
-            "holes", float(run["operation"][-1, 0]), at_least=holes, meaning="that are drilled"
+            "holes",
+            float(run["operation"][-1, 0]),
+            at_least=holes,
+            meaning="holes that are drilled",
         )
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _FOOT, _DRIFT, _JUMP = 1.0, 0.1, 0.1  # [mm, mrad, mm]
 _MACHINED = 0.5  # [mm]
-# What the feet may be short of their way, in sum over all steps [mm].
+# Largest distance of the feet from their way, in sum over all steps [mm].
 _SHORT = 1.0
 # Time after a clamp has closed in which its foot might jump [s].
 _AFTER = 1.0
@@ -70,7 +70,7 @@ def _walk_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
         1e3 * float(walked.min()),
         "mm",
         at_least=scenario.walk.advance_mm - _SHORT if whole else None,
-        meaning="of the foot that has gone least, in the direction of the walk",
+        meaning="smallest advance of any foot, in the direction of the walk",
     )
     yield Metric(
         "foot_error_mm",
@@ -85,7 +85,7 @@ def _walk_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
         1e3 * drift,
         "mrad",
         _DRIFT,
-        meaning="largest, of a joint while it is locked",
+        meaning="largest drift of a joint while it is locked",
     )
     yield Metric(
         "clamp_jump_mm",
@@ -104,7 +104,7 @@ def _walk_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
         "clamp_gap_mm",
         1e3 * float(run["truth.clamp_gap"][run["clamps.closed"] > 0.5].max()),
         "mm",
-        meaning="largest of a clamped foot from its clamp, which yields with the step",
+        meaning="largest distance of a clamped foot from its clamp, which yields with the step",
     )
     machining = run["phase"][:, 0] == Phase.MACHINING
     if machining.any():
@@ -116,7 +116,7 @@ def _walk_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
                 1e3 * rms(tip[after]),
                 "mm",
                 _MACHINED,
-                meaning="of the drill's tip after the walk, by the footholds that are known",
+                meaning="error of the drill's tip after the walk, by the known footholds",
             )
         first = machining & ~after
         yield Metric(
@@ -124,7 +124,7 @@ def _walk_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
             1e3 * rms(tip[first]),
             "mm",
             _MACHINED,
-            meaning="of the drill's tip before the walk",
+            meaning="error of the drill's tip before the walk",
         )
 
 

@@ -137,7 +137,7 @@ class CentreWorkspace(Experiment[CentreWorkspaceScenario, Workspaces]):
             data.largest_change,
             "points",
             _CONVERGED * (scenario.cell_mm / 12.5),
-            meaning="of a percentage with cells twice as large",
+            meaning="largest change of a percentage with cells twice as large",
         )
         if scenario.height_mm == 1e3 * CUBE_HEIGHT:
             yield from _comparison(data)
@@ -224,7 +224,7 @@ def _comparison(data: Workspaces) -> Iterator[Metric]:
         max(abs(counted[limbs] - printed[limbs]) for limbs in NAMES),
         "points",
         _NODES_ERROR,
-        meaning="of Table I's first row with these nodes",
+        meaning="largest error of Table I's first row with these nodes",
     )
     three, four = data.fine[3], data.fine[4]
     yield Metric(

@@ -12,7 +12,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 
-PIECE = 1 << 16  # that is read at once [bytes]
+PIECE = 1 << 16  # bytes that are read at once
 
 
 class Companion:

@@ -22,7 +22,7 @@ class LogDrawing:
     Attributes:
         machine: the machine of which the log tells something; it is drawn in the scenario that
             the experiment's `machine_scenario` makes.
-        stand_ins: by signal of the drawing, the one in the log that takes its place.
+        stand_ins: signals in the log that take the place of others, by signal of the drawing.
         twin: drawing of a part of the machine; None: the machine's own.
         plots: usual plots, as a machine declares them; none: the machine's.
     """
@@ -40,7 +40,7 @@ class DrawnLog:
     Attributes:
         twin: drawing of the machine, or of the part of it that the log tells about.
         scenario: the machine's.
-        sources: by signal of the drawing, the one in the log that tells it.
+        sources: signals in the log that the drawing follows, by signal of the drawing.
     """
 
     twin: type[Twin]
@@ -60,7 +60,7 @@ class DrawnLog:
         Args:
             machine: the machine as the scenario has it.
             scenario: the machine's.
-            drawing: what the experiment says about it, or None.
+            drawing: drawing that the experiment declares, or None.
             shapes: shape of one sample of each signal of the log, by name.
 
         Raises:

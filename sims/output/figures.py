@@ -84,7 +84,7 @@ class Print:
         """Settings of Matplotlib.
 
         Raises:
-            OutputError: the file of settings cannot be read, or has a setting that there is not.
+            OutputError: the file of settings cannot be read, or has an unknown setting.
         """
         if self.style is None:
             return style()

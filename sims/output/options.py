@@ -39,8 +39,8 @@ class RunOptions:
     """Ways to watch and record a run; none of them changes its numbers.
 
     Attributes:
-        meshcat: whether to show the machine in a browser.
-        live: whether to stay, with `meshcat`, after the run and let the viewer move the machine.
+        meshcat: true to show the machine in a browser.
+        live: true to stay, with `meshcat`, after the run and let the viewer move the machine.
         html: file for a recording that plays in a browser, or None.
         log: file for the signals, or None.
         graphviz: file for the diagram in Graphviz's language, or None.

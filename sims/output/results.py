@@ -40,7 +40,7 @@ class Metric:
         unit: unit of value and bound; "" for none.
         bound: largest admissible |value|; None for none.
         at_least: smallest admissible value; None for none.
-        is_timing: whether the clock has measured it: the same run gives another value each time.
+        is_timing: true if the clock has measured it: the same run gives another value each time.
         paper: value of the paper, in the same unit, or in words; None if it has none.
         meaning: meaning of the number, for people.
     """
@@ -114,7 +114,7 @@ class Result:
         afterwards: work that goes on once the result has been shown and written, or None.
         details: further content of the JSON document.
         scenario: the scenario that was run, or None.
-        identified: what was found out about the machine, by keys of its scenario.
+        identified: parameters of the machine that the run has identified, by keys of its scenario.
     """
 
     experiment: str

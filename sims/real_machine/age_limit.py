@@ -26,7 +26,7 @@ class Ages(NamedTuple):
 
     Attributes:
         oldest: largest age [s].
-        late: by how much the loop woke up too late, at most [s].
+        late: largest delay of the loop's wake-up [s].
     """
 
     oldest: float
@@ -44,7 +44,7 @@ def ages_of(
     Args:
         threads: threads of the devices; one at fault is left to whoever watches devices.
         period: period of the loop [s].
-        clock: that of the threads [s].
+        clock: clock of the threads [s].
         sleep: waits for a time of that clock [s].
     """
     held, oldest, late = hold(), 0.0, 0.0

@@ -77,7 +77,7 @@ class Answers(ABC):
         except queue.Empty:
             return None
         if answer is None:
-            raise NoAnswer("standard input has ended, and nobody answers any more")
+            raise NoAnswer("standard input has ended, and no answer can come")
         return answer
 
     @abstractmethod

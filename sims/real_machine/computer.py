@@ -29,13 +29,13 @@ class Computer:
 
     Attributes:
         kernel: release of the kernel.
-        preemption: how far the kernel lets itself be interrupted.
+        preemption: preemption model of the kernel.
         cores: cores that this program may use.
         isolated: cores that the kernel's command line keeps other programs from.
         nohz_full: cores without a periodic tick.
         governors: governors of the cores' frequencies.
         rt_period: period in which real-time programs get a share of each core [s].
-        rt_runtime: that share [s]; negative: all of it.
+        rt_runtime: time of that share [s]; negative: all of it.
         rtprio: largest real-time priority that the user may take; None: any.
         memlock: memory that the user may lock [bytes]; None: any.
         load: programs that want to compute, for each of the cores.
@@ -162,7 +162,7 @@ class Throttling:
         seconds: seconds that have been looked at.
         full: seconds in which a core was busy for longer.
         busiest: largest share of a second for which a core was busy [-].
-        is_told: whether the kernel has told it meanwhile.
+        is_told: true if the kernel has reported it meanwhile.
     """
 
     share: float

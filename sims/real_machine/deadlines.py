@@ -52,7 +52,7 @@ class Setting:
     Attributes:
         name: for people.
         asked: names of the privileges.
-        is_logged: whether all ports are logged.
+        is_logged: true if all ports are logged.
     """
 
     name: str
@@ -90,11 +90,11 @@ class Measured:
     Attributes:
         setting: the setting.
         rate: rate of the loop [Hz].
-        late: by how much each tick began after its deadline [s].
-        period_error: by how much the time between two ticks differed from the period [s].
+        late: delay of each tick after its deadline [s].
+        period_error: difference of the time between two ticks from the period [s].
         cost: duration of each tick [s].
         ages: age of measurements at the writes of commands made of them [s]; none in simulation.
-        wake_up: how late a program that does nothing woke up under the same setting [s].
+        wake_up: delay of a program that only wakes up, under the same setting [s].
         ticks: number of ticks.
         missed: deadlines without a tick.
         page_faults: pages that were touched first meanwhile.
@@ -167,7 +167,7 @@ def bench_settings(
         scenario: one of its scenarios; its `control.period` is replaced.
         rates: rates of the loop [Hz].
         seconds: duration of all turns of a setting at a rate [s].
-        settings: what is compared.
+        settings: settings to compare.
         console: console for progress.
 
     Raises:
@@ -234,7 +234,7 @@ def _emulated_turn(
     measured: Measured,
     log: Path | None,
 ) -> None:
-    """A job of so many seconds, on a machine at the beginning of its scenario."""
+    """A job of this number of seconds, on a machine at the beginning of its scenario."""
     timings: list[Timing] = []
     options = RunOptions(log=log, console=Console(quiet=True))
     simulated = "kinematic" if "kinematic" in machine.plants else next(iter(machine.plants))

@@ -20,7 +20,7 @@ WELL = "well"
 MEASURE = "measure"
 # Drives between a card's outputs and the motors, which answer no program.
 DRIVES = "drives"
-# What is no device, and what may happen to it; the last word ends it.
+# Things that fail without being devices, and their faults; the last word ends it.
 EMERGENCY_STOP, SWITCHES = "emergency_stop", "switches"
 CLOSED = "closed"
 CIRCUITS: Mapping[str, tuple[str, ...]] = {
@@ -34,7 +34,7 @@ class Circuit:
     """A button, the drives' supply, or switches: what is broken without a device that knows.
 
     Attributes:
-        state: what has happened to it; "" if nothing has.
+        state: present disturbance; "" for none.
     """
 
     def __init__(self) -> None:
@@ -91,7 +91,7 @@ def parsed_fault(text: str, parts: Sequence[str], at: float | None = None) -> De
 
     Args:
         text: text that was written.
-        parts: what can be disturbed, see `disturbable`.
+        parts: parts that can be disturbed, see `disturbable`.
         at: the time, if the text does not begin with it [s].
 
     Raises:
@@ -124,7 +124,7 @@ class Schedule:
         """Prepares it.
 
         Args:
-            misbehaviours: by the names of what can be disturbed.
+            misbehaviours: misbehaviours by the names of what can be disturbed.
             requests: faults that are asked for in advance.
             console: console for the faults.
         """

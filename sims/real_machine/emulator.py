@@ -56,12 +56,12 @@ from parapod.systems.hardware.emulation.harness import SUPPLY, Misbehaviour, Sha
 from parapod.systems.hardware.exclusive import InUse, is_kept, only_program
 from parapod.systems.hardware.signals import ended_by_signals
 
-# How long a process may take until its device answers: Drake is imported in each [s].
+# Longest time until the device of a process answers: Drake is imported in each [s].
 _TIMEOUT = 60.0
-# How long it may take to end [s].
+# Longest time of its end [s].
 _ENDING = 5.0
 _READY = "ready"
-# By how much the physics may come late and still follow the clock [s].
+# Delay up to which the physics still follow the clock [s].
 _PATIENCE = 0.2
 # Time between two looks at switches [s]: contacts bounce for some milliseconds, and those that
 # tell of forces have the plant's contacts solved for once more.
@@ -91,10 +91,10 @@ def emulated_devices(
     The processes end with this one, however it ends.
 
     Args:
-        groups: whose devices are emulated, by processes.
+        groups: groups of devices that are emulated, by processes.
         path: path of the wires, see `SharedHarness`; there already.
         sizes: sizes of the signals on them.
-        parts: whose misbehaviours they have.
+        parts: parts whose misbehaviours they have.
         seed: seed of garbage.
 
     Raises:
@@ -177,12 +177,12 @@ class EmulatedMachine:
     Attributes:
         machine: the machine.
         harness: the wires.
-        misbehaviours: by part of the machine.
-        circuits: what is no device and breaks all the same, by the names of `disturbed`.
+        misbehaviours: misbehaviours by part of the machine.
+        circuits: things that fail without being devices, by the names of `disturbed`.
         period: between two exchanges of wires and physics [s].
         clock: time by which all of it goes; None: the computer's.
         lost: time by which the physics have fallen behind the clock for good [s].
-        late: by how much they are behind it now [s].
+        late: delay of the physics behind the clock now [s].
     """
 
     def __init__(self, machine: Machine[Any], scenario: Any, rate: float | None = None):
@@ -334,7 +334,7 @@ class EmulatedMachine:
         return self.circuits[EMERGENCY_STOP].is_broken
 
     def _driven(self, asked: Sequence[float]) -> tuple[float, ...]:
-        """Commands that reach the motors through drives that are no device of their own."""
+        """Commands that reach the motors through drives that are not devices of their own."""
         now = monotonic()
         reached = self._drives.shown(asked, now)
         return reached if self._drives.answers(now) else (0.0,) * len(reached)
@@ -459,8 +459,8 @@ def emulate(
         duration: [s].
         log: file for all ports, the truth among them, in MCAP; or None.
         console: console for remarks.
-        experiment: that another program may run with it; None for the machine's own.
-        settings: with which it may, as for `--set`.
+        experiment: experiment that another program may run with it; None for the machine's own.
+        settings: settings of that experiment, as for `--set`.
         rate: see `EmulatedMachine` [-].
 
     Raises:

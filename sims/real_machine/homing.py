@@ -55,7 +55,7 @@ def home_part(
         What was measured, with bounds.
 
     Raises:
-        ScenarioError: a part that there is not, or that has no homing, or whose devices are those
+        ScenarioError: an unknown part, or one that has no homing, or whose devices are those
             of an emulator that does not run.
         HomingError: an axis does not find its end, or the emergency stop is pressed.
         DeviceError: a device is not there, is another one, or fails.
@@ -120,7 +120,7 @@ def _incremental(
 def _refer(
     thread: DeviceThread, device: IncrementalDevice, positions: NDArray[np.float64]
 ) -> None:
-    """Sets the reference of axes that stand; nobody else speaks to the device meanwhile."""
+    """Sets the reference of axes that stand; no other program speaks to the device meanwhile."""
     _stop(thread)
     device.set_reference(positions.tolist())
     thread.start()
@@ -150,7 +150,7 @@ class _Hands:
             part: part that is led.
             parts: it, and others that are measured.
             period: shortest time between two measurements [s].
-            clock: that of the devices [s].
+            clock: clock of the devices [s].
             sleep: waits for a time of that clock [s].
         """
         self._homing, self._part, self._parts, self._period = homing, part, parts, period
@@ -263,7 +263,7 @@ def _spread(found: Found, homing: Homing) -> Metric:
         1e3 * float(found.spread.max()),
         "mm",
         1e3 * homing.spread,
-        meaning=f"of {APPROACHES} approaches to an end",
+        meaning=f"largest spread of {APPROACHES} approaches to an end",
     )
 
 

@@ -40,7 +40,7 @@ from parapod.systems.hardware.signals import ended_by_signals
 
 # A device that has been wrong for so long does not come back by itself [s].
 _PATIENCE = 0.2
-# How much faster trust is lost than it comes back [-].
+# Ratio of the rates at which trust is lost and regained [-].
 _DISTRUST = 4.0
 
 
@@ -53,11 +53,11 @@ class _Over(Exception):
 
 
 def _nothing(now: float) -> None:
-    """Progress of work whose end nobody knows."""
+    """Progress of work whose end is unknown."""
 
 
 def _unheard(timing: Timing) -> None:
-    """For a timing that nobody looks at before the end."""
+    """Reader of a timing that is needed at the end only."""
 
 
 class DeviceWatch:

@@ -28,7 +28,7 @@ class Outcome:
 
     Attributes:
         name: one of `PRIVILEGES`.
-        is_taken: whether the program has it.
+        is_taken: true if the program has it.
         words: details of it, or the reason of the refusal with the limit that it is about.
     """
 
@@ -57,7 +57,7 @@ class Kernel:
     def lock_memory(self) -> None:
         """Locks the pages of the process that have been touched, and others once they are.
 
-        Nothing is read ahead: pages that nobody needs, such as the stacks of threads to come,
+        Nothing is read ahead: pages that are not needed, such as the stacks of threads to come,
         would take memory, and where that is short the kernel ends the program.
         """
         self._call("mlockall", _CURRENT | _FUTURE | _ON_FAULT)

@@ -33,11 +33,11 @@ class Punctuality:
 
     Attributes:
         rate: rate of the loop [Hz].
-        period_error: by how much the time between two ticks differed from the period.
+        period_error: difference of the time between two ticks from the period.
         cost: duration of a tick.
         missed: deadlines without a tick.
-        wake_up: how long after its deadline a program that does nothing woke up, in turns
-            with it, at the same rate.
+        wake_up: delay of a program that only wakes up after its deadline, in turns with it, at the
+            same rate.
     """
 
     rate: float

@@ -36,9 +36,9 @@ _WINDOW = 1.0  # [s]
 _LATE, _SLOW = 0.1, 0.5
 # Part of a period between two ticks that make up for lost time [-].
 _HURRIED = 0.8
-# What a thread may compute while others wait for the interpreter [s]; Python's own is 5 ms.
+# Longest time of a thread while others wait for the interpreter [s]; Python's own is 5 ms.
 SWITCH_INTERVAL = 1e-4
-# The timing of so many ticks is kept: a quarter of an hour at 100 Hz.
+# Number of ticks whose timing is kept: a quarter of an hour at 100 Hz.
 KEPT = 100_000
 # Privileges of every job.
 USUAL = (FIFO, MEMORY)
@@ -57,12 +57,12 @@ class Timing:
 
     Attributes:
         period: period of the loop [s].
-        kept: how many of the newest ticks `late` and `cost` are of; None for all.
-        late: by how much each tick began after its deadline [s].
+        kept: number of the newest ticks in `late` and `cost`; None for all.
+        late: delay of each tick after its deadline [s].
         cost: duration of each tick [s].
         ticks: number of ticks.
         missed: deadlines that passed without a tick.
-        missed_at: when ticks ended that left out deadlines, by the loop's clock [s]; the newest.
+        missed_at: ends of ticks that left out deadlines, by the loop's clock [s]; the newest.
         page_faults: pages of memory that the program touched first while the loop ran.
         disk_faults: pages that were read from the disk meanwhile.
         refused: privileges that the kernel has refused it.
@@ -91,7 +91,7 @@ class Timing:
         """Notes a tick.
 
         Args:
-            late: by how much it began after its deadline [s].
+            late: delay of its beginning after its deadline [s].
             cost: duration of the tick [s].
         """
         self.late.append(late)
@@ -144,10 +144,10 @@ class RealTimeLoop:
             clock: monotonic [s].
             sleep: waits for a time [s].
             kept: see `Timing`.
-            patience: how late ticks may be that are made up for, a quarter faster than the clock,
+            patience: largest delay of ticks that are made up for, a quarter faster than the clock,
                 and not left out [s]: for physics, whose time does not stop.
-            hold: with which an emulated time waits for the ticks; None for a new one.
-            slack: how late ticks may end before it waits for them [s]; None: they may begin a
+            hold: hold of an emulated time until the ticks are done; None for a new one.
+            slack: delay of a tick's end up to which it does not wait [s]; None: they may begin a
                 tenth of a period late, and then take half of one.
         """
         self._simulator, self._on_tick, self._patience = simulator, on_tick, patience
@@ -246,7 +246,7 @@ def rehearse(diagram: Diagram, context: Context) -> None:
     are calculated; events that publish, such as those that write to devices, are not triggered.
 
     Args:
-        diagram: of any depth.
+        diagram: diagram of any depth.
         context: one of its contexts, initialized.
     """
     copy = context.Clone()

@@ -15,8 +15,8 @@ from parapod.systems.core.quoting import quoted_path
 
 # Points of a curve that a page or a figure can show, two for each bucket.
 _BUCKETS = 2000
-_PICTURES = 900  # of the machine: a page of some MB
-_FLUENT = 0.25  # pictures that are further apart are no motion [s]
+_PICTURES = 900  # pictures of the machine: a page of some MB
+_FLUENT = 0.25  # longest time between two pictures of a fluent motion [s]
 _PHASES = 400  # more cannot be told apart
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 _OTHER = "other_"
-_ROOT = "/drake/"  # of paths in Meshcat's scene
+_ROOT = "/drake/"  # root of paths in Meshcat's scene
 _TRANSLUCENT = 0.4  # opacity
 _FASTEST = 64.0  # pictures a second
 

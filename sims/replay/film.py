@@ -43,8 +43,8 @@ _CODECS = {".mp4": ("libx264", "yuv420p"), ".webm": ("libvpx-vp9", "yuv420p")}
 _RATE, _GIF_RATE = 25.0, 12.5
 FORMATS = (*_CODECS, ".gif")
 _SIZE, _GIF_SIZE = (1280, 720), (640, 400)  # even, as codecs want it [pixel]
-_ANGLE = math.radians(36.0)  # of view from top to bottom, as the browser's camera has it
-_DEPTH = 12.0  # from the target to the edge of the widest floor [m]
+_ANGLE = math.radians(36.0)  # angle of view from top to bottom, that of the browser's camera
+_DEPTH = 12.0  # distance from the target to the edge of the widest floor [m]
 _SKY = (0.90, 0.93, 0.96)
 _GREY = Rgba(0.8, 0.8, 0.8, 1.0)
 _AWAY = RigidTransform(np.array((0.0, 0.0, -1e4)))  # place of what is hidden
@@ -183,7 +183,7 @@ class Film:
         """Picture (height, width, 3) of the scene as it is now.
 
         Args:
-            context: of the drawing's scene graph.
+            context: context of the drawing's scene graph.
             view: position of the camera.
         """
         drawing: Any = self._drawing.get_query_output_port().Eval(context)

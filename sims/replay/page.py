@@ -15,7 +15,7 @@ from parapod.sims.replay.drawing import RecordedScene
 from parapod.sims.replay.replay import Replay, least_ends, near_limits
 
 _SPEEDS = (0.1, 0.25, 0.5, 1, 2, 5, 10, 60, 600)
-# A log is played in so many seconds at most, unless somebody asks for another speed.
+# Longest time in which a log is played, unless another speed is chosen [s].
 _LONGEST = 300.0
 _NAMED = 0.012  # share of the width that a letter of a phase's name takes
 _BAND = ("rgba(90,120,150,0.16)", "rgba(90,120,150,0.04)")

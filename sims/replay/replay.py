@@ -14,7 +14,7 @@ from parapod.sims.output.logs.stored import StoredLog, open_log
 from parapod.sims.replay.digest import Digest, gather
 from parapod.systems.core.quoting import quoted_path
 
-# A limit is near that is no further from the curves than so many times their height.
+# Limits are drawn up to this distance from the curves, by the curves' height [-].
 _REACH = 2.0
 # Heights of plots by their units, below which there is nothing but rounding to be seen.
 _LEAST = {"deg": 0.01, "mm": 0.01, "deg/s": 0.1, "mm/s": 0.1, "N": 0.1, "V": 0.01, "A": 0.01}
@@ -25,7 +25,7 @@ class Replay:
     """A log with what is to be seen of it.
 
     Attributes:
-        subject: what it is of.
+        subject: machine and experiment of the log.
         plots: the plots, those of both where it is laid over another log.
         digest: its content.
     """
@@ -113,7 +113,7 @@ def open_replays(
         asked: plots, see `choose`; none: the usual ones.
         console: console for progress.
         between: first and last time that is wanted [s]; None: all.
-        is_drawn: whether the machines are drawn.
+        is_drawn: true if the machines are drawn.
 
     Returns:
         The log, and the other one with the same plots, or None. Each has those of the curves that
@@ -171,7 +171,7 @@ def _lay_by_clock(log: StoredLog, other: StoredLog, subject: Subject) -> None:
     Args:
         log: the first log.
         other: one that is laid over it.
-        subject: what the other one is of.
+        subject: machine and experiment of the other log.
 
     Raises:
         OutputError: a log cannot be read.

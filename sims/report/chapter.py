@@ -22,8 +22,8 @@ class Numbers:
     """Metrics of the experiments of a chapter.
 
     Attributes:
-        results: by the name of the chapter's part.
-        seeds: results of further seeds, likewise; may lack a part.
+        results: results by the name of the chapter's part.
+        seeds: results of further seeds by the name of the part; may lack a part.
     """
 
     results: Mapping[str, Result]
@@ -70,9 +70,9 @@ class Verdict:
     """The comparison in a word or two.
 
     Attributes:
-        word: how the two numbers compare.
-        tone: how good that is.
-        remark: what has to be said beside it; empty for nothing.
+        word: relation of the two numbers.
+        tone: judgement of that relation.
+        remark: remark beside it; empty for none.
     """
 
     word: str
@@ -98,7 +98,7 @@ class Claim:
         remark: remark beside it.
         show: text for the number here instead of its value, if it is more than one.
         spread: part and key of the metric whose values over the seeds hold the printed number.
-        is_measured: whether the paper measured it on its machine, where it is simulated here.
+        is_measured: true if the paper measured it on its machine, where it is simulated here.
     """
 
     where: str
@@ -180,7 +180,7 @@ class Check:
 
     Attributes:
         shows: the numbers, in a sentence or two.
-        passed: whether they bear the erratum out.
+        passed: true if the numbers confirm the erratum.
     """
 
     shows: str
@@ -194,8 +194,8 @@ class Erratum:
     Attributes:
         name: a short one.
         where: section or equation.
-        printed: as it stands.
-        meant: as it should read.
+        printed: printed form.
+        meant: correct form.
         check: computes what decides it.
     """
 
@@ -217,8 +217,8 @@ class Part:
         experiment: its name.
         overrides: `key=value` of the scenario.
         quick: more of them, for a report in a hurry.
-        quick_text: what is done here in a hurry, where `text` says more than that.
-        is_random: whether seeds make a difference.
+        quick_text: work of a quick report, where `text` says more than that.
+        is_random: true if seeds make a difference.
         adds_to: name of an earlier part; what that one shows too is not shown again.
     """
 
@@ -253,7 +253,7 @@ class Component:
     """A component of the machine in the paper, and what stands for it here.
 
     Attributes:
-        part: as the paper calls it.
+        part: part of the machine, by the paper's name.
         system: name of the system that simulates it; empty for none.
         remark: remark.
     """

@@ -26,8 +26,8 @@ def make_page(runs: Sequence[ChapterRun], quick: bool, date: str) -> str:
 
     Args:
         runs: the chapters.
-        quick: whether they were run in a hurry.
-        date: when.
+        quick: true for the quick report.
+        date: date of the report.
     """
     return render_page(
         "parapod.sims.report",

@@ -30,7 +30,7 @@ _PASSED = "all bounds held"
 # Height of a panel [inch].
 _PANEL = 1.7
 # Cells along each variable of a map, and mean number of runs in each that is aimed at, where runs
-# do not lie on a grid; there the border is that of shares smoothed over so many cells.
+# do not lie on a grid; there the border is that of shares smoothed over this number of cells.
 _CELLS, _IN_CELL = 24, 8
 _SMOOTHED = 1.0
 # Points of runs are drawn as pixels: as shapes a million of them would be a page of gigabytes.
@@ -42,7 +42,7 @@ def draw_study(study: Study, records: Records) -> Iterator[Figure]:
 
     Args:
         study: the study.
-        records: what came out.
+        records: runs of the study.
     """
     if not records.done.any():
         return

@@ -32,7 +32,7 @@ SUFFIX = ".parquet"
 _JOURNAL = ".journal"  # behind the name of the table
 # Key of the table's metadata under which the study stands.
 _STUDY = b"parapod.study"
-# The table is written anew after so many seconds, and seldom enough to take a small share of them.
+# Shortest time between two writings of the table, which take a small share of the time [s].
 _WRITE_PERIOD, _WRITE_SHARE = 5.0, 0.03
 _LIMITS = ("bound", "at_least")
 
@@ -102,7 +102,7 @@ def open_file(
         path: the table, *.parquet.
         study: the study, as JSON can say it.
         records: takes what the file has already.
-        resume: whether to go on with a file that is there.
+        resume: true to go on with an existing file.
 
     Raises:
         OutputError: the file is there and is not to be gone on with, is of another study, is being
@@ -144,7 +144,7 @@ def open_file(
 
 
 def check_path(path: Path) -> None:
-    """Refuses a path that is no table's, or that could not be written.
+    """Refuses a path that is not that of a table, or that could not be written.
 
     Raises:
         OutputError: says why.
@@ -221,7 +221,7 @@ def load_table(path: Path) -> "tuple[pyarrow.Table, dict[str, Any]]":
     try:
         table = need("pyarrow.parquet").read_table(path)
     except (OSError, arrow.ArrowException) as error:
-        reason = getattr(error, "strerror", None) or "it is no Parquet file"
+        reason = getattr(error, "strerror", None) or "it is not a Parquet file"
         raise OutputError(f"cannot read {quoted_path(path)}: {reason}", path) from None
     text = (table.schema.metadata or {}).get(_STUDY)
     if text is None:
@@ -257,7 +257,7 @@ def to_table(study: Mapping[str, Any], records: Records) -> "pyarrow.Table":
 
     Args:
         study: the study, as JSON can say it.
-        records: what came out.
+        records: runs of the study.
 
     Raises:
         MissingExtra: pyarrow is not installed.
@@ -294,8 +294,8 @@ def from_table(
     """Takes the rows of a table.
 
     Args:
-        table: as `to_table` makes it.
-        about: what its metadata say of the metrics.
+        table: table from `to_table`.
+        about: metrics in its metadata.
         records: takes them.
     """
     runs = table["run"].to_numpy()

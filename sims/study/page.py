@@ -15,7 +15,7 @@ def make_page(
 
     Args:
         study: the study.
-        summary: what came out.
+        summary: summary of the runs.
         figures: its figures.
         template: "page.html.jinja", or "part.html.jinja" for its body alone.
     """

@@ -24,7 +24,7 @@ class Column:
         values: its values (runs).
         bound: largest admissible |value| (runs).
         at_least: smallest admissible value (runs).
-        is_there: whether a run measured it (runs); a measured value may be NaN.
+        is_there: true where a run measured it (runs); a measured value may be NaN.
         place: first run that measured it, and its place among that run's metrics.
     """
 
@@ -101,7 +101,7 @@ class Records:
 
     Attributes:
         sampling: the runs.
-        done: whether a run has been carried out (runs).
+        done: true where a run has been carried out (runs).
         errors: reasons for which runs were refused or failed, by their numbers.
     """
 

@@ -77,7 +77,7 @@ class Order:
         experiment: name of the experiment.
         tree: the scenario, as plain data.
         keys: dotted keys of the variables.
-        software: what it is to be carried out with.
+        software: versions of the software that carries it out.
     """
 
     experiment: str
@@ -120,7 +120,7 @@ def carry_out_run(order: Order, piece: tuple[int, tuple[Any, ...]]) -> Outcome:
     """Carries out a run; what it refuses and where it fails is its outcome too.
 
     Args:
-        order: what all runs have in common.
+        order: facts that all runs share.
         piece: number of the run, and the values of its variables.
 
     Raises:

@@ -19,7 +19,7 @@ type Array = NDArray[np.float64]
 
 # A metric that varies by less than this share of its size does not vary.
 _CONSTANT = 1e-9
-_RESAMPLES = 200  # of the bootstrap
+_RESAMPLES = 200  # resamples of the bootstrap
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class Contributions:
         key: name of the metric.
         first: shares that the variables have alone.
         total: shares in which they have a part.
-        low: ends of the 95 % confidence interval of `total`; as `total` where that is exact.
-        high: likewise.
+        low: lower end of the 95 % confidence interval of `total`; `total` where that is exact.
+        high: upper end of it.
     """
 
     key: str

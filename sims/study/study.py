@@ -35,7 +35,7 @@ class Study:
         entry: the experiment.
         tree: the scenario that the variables change, as plain data.
         sampling: the runs.
-        software: what it is carried out with.
+        software: versions of the software that carries it out.
     """
 
     entry: Entry
@@ -58,7 +58,7 @@ class Study:
         Args:
             experiment: name of the experiment.
             scenario: the scenario that the variables change.
-            vary: by dotted key the values, see `variables`.
+            vary: values by dotted key, see `variables`.
             sampling: "grid", "latin" or "sobol".
             runs: number of runs; a grid has its own.
             sampling_seed: seed of the random samplings.
@@ -134,7 +134,7 @@ class Study:
             records: empty ones; they take what the file has, and what comes out.
             console: console for progress.
             path: the table that is written, *.parquet; None for none.
-            resume: whether to go on with one that is there.
+            resume: true to go on with an existing one.
 
         Raises:
             OutputError: the file cannot be written, or is not to be gone on with.

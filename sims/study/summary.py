@@ -31,7 +31,7 @@ class MetricSummary:
         key: its name.
         unit: its unit.
         meaning: its meaning.
-        quantiles: by the names of `QUANTILES`; NaN as soon as one value is.
+        quantiles: quantiles by the names of `QUANTILES`; NaN as soon as one value is.
         limits: its bounds as people write them; empty for none.
         held: number of runs in which the bounds were held.
         measured: number of runs that have measured it.

@@ -100,7 +100,7 @@ def read_variables(
     Args:
         schema: the scenario's dataclass.
         tree: the scenario that they change, as plain data.
-        given: by key, the values: a sequence, or a text as above.
+        given: values by key: a sequence, or a text as above.
 
     Raises:
         ScenarioError: a key that does not exist, values that are not admissible, or none.

@@ -66,7 +66,7 @@ class BenchCourseScenario(Schema):
         courses: terrains in their order.
         strides: strides at full speed over each.
         run_up: strides in which the leg speeds up before them, and slows down after them.
-        adds_inertia: whether the hip's drive adds the force with which the body resists the
+        adds_inertia: true if the hip's drive adds the force with which the body resists the
             acceleration of its rise, which the bench lacks.
         leg: see `LegScenario`.
         mass_kg: mass that the slide has with the leg [kg].
@@ -88,7 +88,7 @@ class BenchCourseScenario(Schema):
         """The walk over one terrain.
 
         Raises:
-            ScenarioError: a terrain that there is not.
+            ScenarioError: an unknown terrain.
         """
         found = scenario_of(name, self.leg, self.mass_kg)
         found.seed = self.seed
@@ -119,7 +119,7 @@ class Courses:
     """All walks.
 
     Attributes:
-        pairs: by the names of the terrains.
+        pairs: pairs by the names of the terrains.
     """
 
     pairs: dict[str, Pair]
@@ -154,7 +154,7 @@ class BenchCourse(LoopExperiment[BenchCourseScenario, Courses]):
         """Refuses a course before anything moves.
 
         Raises:
-            ScenarioError: a terrain that there is not, or twice, or none.
+            ScenarioError: an unknown terrain, the same one twice, or none.
             ParapodError: names the terrain, and why bench or leg cannot walk it.
         """
         if not scenario.courses:
@@ -211,7 +211,7 @@ class BenchCourse(LoopExperiment[BenchCourseScenario, Courses]):
             min(1e3 * clearance(pair.scenario.walk) for pair in data.pairs.values()),
             "mm",
             at_least=0.0,
-            meaning="of a swinging foot over the ground, as planned",
+            meaning="smallest planned clearance of a swinging foot over the ground",
         )
         for name, found in each.items():
             yield Metric(

@@ -63,12 +63,12 @@ def scenario_of(name: str, leg: LegScenario, mass_kg: float) -> TerrainBenchScen
     """The walk of a leg over one terrain of the course.
 
     Args:
-        name: of the terrain.
+        name: name of the terrain.
         leg: the leg.
         mass_kg: mass that the slide has with it [kg].
 
     Raises:
-        ScenarioError: a terrain that there is not.
+        ScenarioError: an unknown terrain.
     """
     if name not in COURSES:
         known = ", ".join(COURSES)

@@ -61,7 +61,7 @@ _REACH, _HEIGHT, _WEIGHT = 10.0, 50.0, 1e-3
 # Share of its distance from the hip by which a foot is tried farther away, and the steps of that.
 _FURTHER = 0.4
 _STEP = _FURTHER / 2**12
-_PLACES = 40  # of the foot on its way, from which the reach is told
+_PLACES = 40  # places of the foot on its way that give its reach
 _TITLES = {"step": "step", "jump": "jump", "chair": "the walking chair's leg"}
 TRIES = tuple(_TITLES)
 # Bound of the foot of the chair's leg, whose screws yield [mm].
@@ -70,7 +70,7 @@ _CHAIR_MM = 0.5
 # it stands [s].
 _TOUCH, _STANDS = 5.0, 0.2
 _SETTLES = 0.6  # time for which it stands after the step [s]
-_EDGE_M = 0.25  # of the step, from the beginning
+_EDGE_M = 0.25  # edge of the step, from the beginning
 # Way by which a leg is drawn up before it lands [m].
 _DRAWN_UP = 0.04
 # Way that is left until the foot of the chair's leg would stand flat [mm].
@@ -104,8 +104,8 @@ class BenchLegScenario(Schema):
         step_mm: height of the step [mm].
         strides: strides in which the leg walks onto it, and on.
         jump_mm: height of the jump [mm].
-        squat_mm: by how much the hip sinks before it jumps [mm].
-        stretch_mm: by how much it is higher at take-off than as it stands [mm].
+        squat_mm: way by which the hip sinks before it jumps [mm].
+        stretch_mm: rise of the hip at take-off above its height when it stands [mm].
         time_step: step of the rigid bodies, and period of the controllers [s]; with a longer one
             the foot rattles on the plate.
         tries: tasks in their order: "step", "jump", and "chair", which is a walk of the leg of the
@@ -184,7 +184,7 @@ class Trial:
     """Runs of a leg.
 
     Attributes:
-        runs: by what is tried.
+        runs: runs by the name of the trial.
     """
 
     runs: dict[str, Run]
@@ -228,7 +228,7 @@ class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
         """Refuses a leg before anything moves.
 
         Raises:
-            ScenarioError: a file, link or joint that there is not, or a leg that is too heavy.
+            ScenarioError: an unknown file, link or joint, or a leg that is too heavy.
             UnreachableFoot: it does not reach where it is to tread, or jump from.
             PathRefused: the bench cannot play the step.
         """
@@ -342,7 +342,7 @@ def _reach(scenario: BenchLegScenario, leg: LegModel, data: Trial) -> Iterator[M
         1e3 * reach_margin(leg, feet),
         "mm",
         at_least=_REACH,
-        meaning="by which the foot could be farther from the hip everywhere on its way",
+        meaning="distance by which the foot could be farther from the hip everywhere on its way",
     )
     low, high = leg.limits
     own = [run["leg.position"] for name, run in data.runs.items() if name != "chair"]
@@ -355,7 +355,7 @@ def _reach(scenario: BenchLegScenario, leg: LegModel, data: Trial) -> Iterator[M
         float(np.degrees(left)),
         "deg",
         at_least=0.0,
-        meaning="least of a joint from its limits",
+        meaning="least distance of a joint from its limits",
     )
 
 
@@ -367,7 +367,7 @@ def _step_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
         "hip_error_mm",
         1e3 * float(np.abs(height).max()),
         "mm",
-        meaning="largest of the hip's height on the step",
+        meaning="largest error of the hip's height on the step",
     )
 
 
@@ -380,7 +380,7 @@ def _standing(key: str, run: Run, walk: BenchWalk, when: str) -> Metric:
         float(carried[stands].mean()) / walk.support.weight,
         bound=1.0 + _WEIGHT,
         at_least=1.0 - _WEIGHT,
-        meaning=f"of the ground and of the slide's drive by the weight, {when}",
+        meaning=f"force of ground and slide drive by the weight, {when}",
     )
 
 
@@ -399,8 +399,8 @@ def _jump_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
         speed,
         "m/s",
         paper=2.5,
-        meaning=f"of the hip; {scenario.jump_mm:g} mm need {task.takeoff_speed:.3f} m/s; the "
-        "paper's is the plate's vertical speed",
+        meaning=f"speed of the hip; {scenario.jump_mm:g} mm need {task.takeoff_speed:.3f} m/s; "
+        "the paper's is the plate's vertical speed",
     )
     rise = float(height[off:].max() - task.hip[1] - (task.stretched - task.standing))
     yield Metric(
@@ -426,7 +426,7 @@ def _chair_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
         1e3 * float(np.linalg.norm(places - asked.foot[0], axis=-1).max()),
         "mm",
         _CHAIR_MM,
-        meaning="largest of the foot of the walking chair's leg from where it is to be",
+        meaning="largest error of the foot of the walking chair's leg",
     )
 
 

@@ -32,7 +32,7 @@ def operated_loop(
     """A bench whose plate a person moves under a leg that stands.
 
     Args:
-        scenario: of the bench.
+        scenario: scenario of the bench.
         controls: owner of the sliders.
         meshcat: scene in which it is drawn; None: none.
     """
@@ -44,7 +44,7 @@ class LiveBench:
     """A bench that a person moves, and on which a leg walks when told to, until told otherwise.
 
     Args:
-        scenario: of the bench; its leg walks, over the terrains of the course.
+        scenario: scenario of the bench; its leg walks, over the terrains of the course.
         panel: the page with the scene.
         read_out: says what the page shows.
         check: refuses a walk that bench or leg cannot do.

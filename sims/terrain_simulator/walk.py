@@ -129,13 +129,13 @@ class BenchWalking(LoopExperiment[TerrainBenchScenario, Run]):
             float(np.abs(speeds).max()),
             "m/s",
             scenario.sliders.max_velocity_m_s,
-            meaning="largest that the walk asks of a slider",
+            meaning="largest speed that the walk asks of a slider",
         )
         yield Metric(
             "least_share",
             float(run["share"][1:].min()),
             at_least=1.0,
-            meaning="of the speed that is asked for, which the guard has let pass",
+            meaning="smallest share of the commanded speed that the guard admitted",
         )
         if scenario.backend in BODIES:
             yield from force_metrics(walk, run, asked)
@@ -207,13 +207,13 @@ def plate_metrics(run: Run, asked: WalkMotion) -> Iterator[Metric]:
         1e3 * float(np.hypot(error[:, 0], error[:, 1]).max()),
         "mm",
         _PLATE_MM,
-        meaning="largest of the plate's middle",
+        meaning="largest error of the plate's middle",
     )
     yield Metric(
         "plate_angle_error_deg",
         float(np.degrees(np.abs(error[:, 2]).max())),
         "deg",
-        meaning="largest of its angle",
+        meaning="largest error of the plate's angle",
     )
     yield Metric(
         "loop_error_um",
@@ -234,7 +234,7 @@ def force_metrics(walk: BenchWalk, run: Run, asked: WalkMotion) -> Iterator[Metr
             float(upwards[steady].mean()) / walk.support.weight,
             bound=1.0 + _MEAN,
             at_least=1.0 - _MEAN,
-            meaning="mean of the force upwards by the weight, over whole strides",
+            meaning="mean force upwards by the weight, over whole strides",
         )
         meant = asked.force[steady]
         yield Metric(
@@ -243,7 +243,7 @@ def force_metrics(walk: BenchWalk, run: Run, asked: WalkMotion) -> Iterator[Metr
             meaning="impulse of the stances by that of the gait's force",
         )
     yield Metric(
-        "peak_force_N", float(upwards.max()), "N", meaning="largest of the ground upwards"
+        "peak_force_N", float(upwards.max()), "N", meaning="largest force of the ground upwards"
     )
     pressed = upwards > _PRESSED * walk.support.peak
     yield Metric(
@@ -263,7 +263,7 @@ def force_metrics(walk: BenchWalk, run: Run, asked: WalkMotion) -> Iterator[Metr
         "current_error_N",
         float(np.sqrt(np.mean(guessed[asked.stance] ** 2))),
         "N",
-        meaning="the same of the estimate by the sliders' currents",
+        meaning="error of the load by the sliders' currents",
     )
 
 
@@ -275,7 +275,7 @@ def leg_metrics(scenario: TerrainBenchScenario, run: Run, asked: WalkMotion) -> 
         "hip_error_mm",
         1e3 * float(np.abs(height).max()),
         "mm",
-        meaning="largest of the hip's height from that of the gait",
+        meaning="largest distance of the hip's height from that of the gait",
     )
     places = leg.places(run["leg.position"], asked.pose[0, :, 2])
     swings = ~asked.stance
@@ -285,7 +285,7 @@ def leg_metrics(scenario: TerrainBenchScenario, run: Run, asked: WalkMotion) -> 
             f"foot_{name}_error_mm",
             1e3 * float(off[which].max()),
             "mm",
-            meaning=f"largest of the foot from where it is to be in {name}",
+            meaning=f"largest error of the foot in {name}",
         )
     torque = np.abs(run["leg.torque_command"]).max(axis=0)
     yield Metric(

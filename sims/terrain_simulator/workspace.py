@@ -73,9 +73,9 @@ class Workspaces:
     """Workspaces of both benches.
 
     Attributes:
-        free: up to the singularities, by bench and way.
-        guarded: with the least sine of the transmission angle, by bench and way.
-        coarse: as `free`, with half as many cells.
+        free: workspaces up to the singularities, by bench and way.
+        guarded: workspaces with the least sine of the transmission angle, by bench and way.
+        coarse: workspaces as `free`, with half as many cells.
         common: guarded places that are possible at all angles of the range, by bench.
         offset_deg: largest whole offset alpha with which A_3 keeps away from A_2 [deg].
     """
@@ -122,24 +122,24 @@ class BenchWorkspace(Experiment[BenchWorkspaceScenario, Workspaces]):
             "area_change",
             data.largest_change,
             bound=_CONVERGED,
-            meaning="largest of an area with half as many cells",
+            meaning="largest change of an area with half as many cells",
         )
         wide = min(found.width for found in data.free.values())
         tall = min(found.extent.height for found in data.free.values())
         asked = SPECIFICATION
         yield Metric(
             "least_width_mm", 1e3 * wide, "mm", at_least=1e3 * asked.x_range,
-            paper=1e3 * asked.x_range, meaning="along the rail, of all orientations",
+            paper=1e3 * asked.x_range, meaning="smallest width of all orientations",
         )  # fmt: skip
         yield Metric(
             "least_height_mm", 1e3 * tall, "mm", paper=1e3 * asked.z_range,
-            meaning="of all orientations",
+            meaning="smallest height of all orientations",
         )  # fmt: skip
         boxes = [found.widest_box(asked.z_range) for found in data.free.values()]
         fitting = sum(box is not None and box.width >= asked.x_range for box in boxes)
         yield Metric(
             "orientations_with_box", fitting, bound=0,
-            meaning="of Fig. 6 in which both ranges of Table 1 are possible at once",
+            meaning="orientations of Fig. 6 with both ranges of Table 1 at once",
         )  # fmt: skip
         for name in BENCHES:
             yield from _boxes(name, scenario, data)
@@ -232,7 +232,7 @@ def _boxes(name: str, scenario: BenchWorkspaceScenario, data: Workspaces) -> Ite
     )  # fmt: skip
     yield Metric(
         f"{name}_turning_m_s", speeds[2], "m/s",
-        meaning=f"the same at {math.degrees(SPECIFICATION.speed[2]):.0f} deg/s",
+        meaning=f"speed at {math.degrees(SPECIFICATION.speed[2]):.0f} deg/s",
     )  # fmt: skip
     yield Metric(
         f"{name}_force_N", forces, "N",

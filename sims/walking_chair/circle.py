@@ -46,23 +46,23 @@ if TYPE_CHECKING:
 type Floats = NDArray[np.float64]
 # The paper's experiment is with leg 1, whose number the errors name.
 _LEGS = (1,)
-# By then the start is forgotten [s].
+# Time after which the start has no effect [s].
 SETTLING = 1.0
 _CHECKED = 1e-3  # between times at which strokes and speeds are checked [s]
-# What the laser tracker found, "comparing the radius" of the trajectories [mm].
+# Result of the laser tracker, "comparing the radius" of the trajectories [mm].
 PAPER_RADIAL_MM = 2.454
-# Of the compound mode, by the time between two nodes [mm/s]: its error is a lag, which goes with
+# Error of the compound mode by the time between two nodes [mm/s]: it is a lag, which goes with
 # that time.
 _ERROR_BY_PERIOD = 60.0
 _COMPOUND_BY_VELOCITY = 0.2
 _COMPOUND_BY_POSITION = 0.1
 _GROWTH_MM = 0.05
 _PLACES = 3601
-# How much larger errors of the radius are drawn than the circle.
+# Magnification of errors of the radius against the circle.
 _MAGNIFIED = 20.0
 _MODE_COLOURS = {"compound": COLOURS[0], "velocity": COLOURS[1], "position": COLOURS[2]}
 _PLANNED = "black"
-# Of the ripple: how long, and which branch, the one that moves fastest [s].
+# Length of the drawn ripple [s], and its branch, the one that moves fastest.
 _WINDOW = 0.4
 _FASTEST = 1
 _PANEL = 9  # font size of a panel's title
@@ -448,7 +448,7 @@ def _errors(scenario: ChairCircleScenario, recordings: dict[str, Recording]) -> 
             1e3 * float(recording.distance.max()),
             "mm",
             paper="at both ends" if mode == "compound" else None,
-            meaning=f"of the whole run, its steps of the speed included, mode {mode}",
+            meaning=f"largest error of the whole run with its steps of the speed, mode {mode}",
         )
     for mode, recording in recordings.items():
         yield Metric(
@@ -456,7 +456,7 @@ def _errors(scenario: ChairCircleScenario, recordings: dict[str, Recording]) -> 
             recording.radial_error_mm,
             "mm",
             paper=PAPER_RADIAL_MM if mode == "compound" else None,
-            meaning=f"largest of the trajectory's radius on the circle, mode {mode}",
+            meaning=f"largest error of the trajectory's radius on the circle, mode {mode}",
         )
     if scenario.circle.laps > 1:
         yield Metric(
@@ -511,18 +511,18 @@ def _effects(circle: FootCircle) -> Iterator[Metric]:
     yield Metric(
         "foot_error_by_branch_error",
         any_way,
-        meaning="largest of the foot by that of the lengths (root of squares), on the circle",
+        meaning="largest error of the foot on the circle by that of the lengths (root of squares)",
     )
     yield Metric(
         "radial_error_by_branch_error",
         radially,
-        meaning="largest of the radius by that of the lengths (root of squares)",
+        meaning="largest error of the radius by that of the lengths (root of squares)",
     )
     yield Metric(
         "branch_error_for_paper_mm",
         PAPER_RADIAL_MM / radially,
         "mm",
-        meaning="of the lengths (root of squares) that can explain the paper's radial error",
+        meaning="error of the lengths (root of squares) that explains the paper's radial error",
     )
 
 

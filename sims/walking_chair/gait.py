@@ -52,11 +52,11 @@ _MOST_CYCLES = 10
 type Floats = NDArray[np.float64]
 # Samples of a phase, both of its ends among them: what is between them exceeds them by 0.3 um.
 _SAMPLES = 1001
-# Steps that are none but for rounding [mm/s] and [mm/s^2].
+# Smaller steps are rounding [mm/s] and [mm/s^2].
 _NO_STEP = 1e-6
 # Lengths that are equal but for rounding [mm].
 _EQUAL_MM = 1e-6
-# How far a corner may be below the ground, by rounding [mm].
+# Depth of a corner below the ground that rounding may cause [mm].
 _BELOW_MM = 1e-3
 _QUANTITIES = (
     ("a", "length", "length [mm]", "Lengths"),
@@ -201,7 +201,7 @@ class ChairGait(Experiment[ChairGaitScenario, Walks]):
         return data.printed.time, signals
 
     def machine_scenario(self, scenario: ChairGaitScenario) -> ChairScenario:
-        """The chair at the beginning of the gait, nobody on it."""
+        """The chair at the beginning of the gait, without a passenger."""
         return ChairScenario(gait=scenario.gait, passenger=PassengerScenario(0.0))
 
     def limits(self, scenario: ChairGaitScenario) -> Limits:
@@ -305,7 +305,7 @@ def _speed_metrics(printed: SampledWalk, smooth: SampledWalk) -> tuple[Metric, .
             "mm/s",
             limit,
             paper=f"0..{limit:g}",
-            meaning="of all branches, with either law",
+            meaning="largest speed of all branches, with either law",
         ),
         *(
             Metric(
@@ -313,7 +313,7 @@ def _speed_metrics(printed: SampledWalk, smooth: SampledWalk) -> tuple[Metric, .
                 _largest(walk.branches.velocity[walk.during(*phases)]),
                 "mm/s",
                 limit,
-                meaning=f"largest while the body {moves}, {words}",
+                meaning=f"largest speed while the body {moves}, {words}",
             )
             for what, phases, moves in (
                 ("lift", (LIFT, LOWER), "is lifted or lowered"),
@@ -329,14 +329,14 @@ def _speed_metrics(printed: SampledWalk, smooth: SampledWalk) -> tuple[Metric, .
             _largest(smooth.velocity_steps),
             "mm/s",
             _NO_STEP,
-            meaning="largest between two phases, smooth law",
+            meaning="largest change of a velocity between two phases, smooth law",
         ),
         Metric(
             "velocity_step_printed_mm_s",
             _largest(printed.velocity_steps),
             "mm/s",
             paper="discontinuous",
-            meaning="largest between two phases, Eq. (45)",
+            meaning="largest change of a velocity between two phases, Eq. (45)",
         ),
     )
 
@@ -347,14 +347,14 @@ def _acceleration_metrics(printed: SampledWalk, smooth: SampledWalk) -> tuple[Me
             "swing_acceleration_mm_s2",
             _largest(smooth.branches.acceleration[smooth.swings]),
             "mm/s^2",
-            meaning="largest while feet swing, Eqs. (40) and (44)",
+            meaning="largest acceleration while feet swing, Eqs. (40) and (44)",
         ),
         *(
             Metric(
                 f"body_acceleration_{law}_mm_s2",
                 _largest(walk.branches.acceleration[~walk.swings]),
                 "mm/s^2",
-                meaning=f"largest within the body's phases, {words}",
+                meaning=f"largest acceleration within the body's phases, {words}",
             )
             for law, walk, words in (
                 ("printed", printed, "Eq. (45), beside its impulses"),
@@ -367,7 +367,7 @@ def _acceleration_metrics(printed: SampledWalk, smooth: SampledWalk) -> tuple[Me
             "mm/s^2",
             _NO_STEP,
             paper="smooth",
-            meaning="largest between two phases, smooth law",
+            meaning="largest change of an acceleration between two phases, smooth law",
         ),
     )
 
@@ -391,7 +391,7 @@ def _stroke_metrics(printed: SampledWalk, smooth: SampledWalk) -> tuple[Metric, 
                 "mm",
                 at_least=low_bound,
                 paper=f">= {low:g}",
-                meaning=f"of the {words}",
+                meaning=f"smallest length of the {words}",
             ),
             Metric(f"{name}_longest_mm", longest, "mm", high_bound, paper=f"<= {high:g}"),
         ]
@@ -406,7 +406,7 @@ def _law_metrics(printed: SampledWalk, smooth: SampledWalk) -> tuple[Metric, ...
             1e3 * min(float(walk.corners[..., 2].min()) for walk in walks),
             "mm",
             at_least=-_BELOW_MM,
-            meaning="of all feet's corners, above the ground",
+            meaning="lowest height of all feet's corners above the ground",
         ),
         Metric(
             "time_reversal_error_mm",
@@ -414,13 +414,13 @@ def _law_metrics(printed: SampledWalk, smooth: SampledWalk) -> tuple[Metric, ...
             "mm",
             _EQUAL_MM,
             paper="symmetric",
-            meaning="of legs 1 against 4 and 2 against 3, one of them run backwards",
+            meaning="difference of legs 1 and 4 and of legs 2 and 3, one of them run backwards",
         ),
         Metric(
             "same_time_difference_mm",
             max(_largest(_pairs_differ(walk.branches.length)) for walk in walks),
             "mm",
-            meaning="of the same legs at the same time: the symmetry is one of time",
+            meaning="difference of the same legs at the same time: the symmetry is one of time",
         ),
         Metric(
             "ups_difference_mm",
@@ -428,7 +428,7 @@ def _law_metrics(printed: SampledWalk, smooth: SampledWalk) -> tuple[Metric, ...
             "mm",
             _EQUAL_MM,
             paper="the same",
-            meaning="of each leg's two UPS branches",
+            meaning="difference of each leg's two UPS branches",
         ),
     )
 
@@ -456,8 +456,8 @@ def figures(printed: SampledWalk, smooth: SampledWalk, law: str) -> tuple[Figure
     """The paper's Figs. 7 and 8, and the feet's swing.
 
     Args:
-        printed: with the body moved by Eq. (45).
-        smooth: with the body moved by the law.
+        printed: gait with the body moved by Eq. (45).
+        smooth: gait with the body moved by the law.
         law: the law's name.
     """
     of_branches = tuple(

@@ -348,7 +348,7 @@ def payload_metrics(scenario: ChairPayloadScenario, instants: list[Instant]) -> 
                 max(_largest(getattr(instant, f"least_{name}")) for instant in instants),
                 "N",
                 limit,
-                meaning=f"smallest that the largest can be under {mass:g} kg, {words}",
+                meaning=f"least possible largest force of a branch under {mass:g} kg, {words}",
             )
             for name, words in _friction_words(scenario)
         ),
@@ -357,7 +357,7 @@ def payload_metrics(scenario: ChairPayloadScenario, instants: list[Instant]) -> 
             max(_balance_error(instant) for instant in instants),
             "N",
             _BALANCE,
-            meaning="largest of forces and moments [N m] that the found forces leave open",
+            meaning="largest force or moment [N m] that the solution leaves unbalanced",
         ),
     )
 
@@ -396,14 +396,14 @@ def paper_metrics(scenario: ChairPayloadScenario, instants: list[Instant]) -> tu
             "kg",
             PAPER_PAYLOAD,
             paper=PAPER_PAYLOAD,
-            meaning="largest with feet that stand on E1, so that two UP branches carry it all",
+            meaning="largest payload with feet on E1, so that two UP branches carry it all",
         ),
         Metric(
             "closed_form_error_kg",
             abs(on_up - closed_form),
             "kg",
             _SAME_PAYLOAD,
-            meaning="of that, against 2 F_N / g less the chair's mass",
+            meaning="difference of that payload from 2 F_N / g minus the chair's mass",
         ),
         Metric(
             "up_share",
@@ -411,12 +411,12 @@ def paper_metrics(scenario: ChairPayloadScenario, instants: list[Instant]) -> tu
             "",
             1.0,
             at_least=1.0 / 3.0,
-            meaning=f"of a leg's load on its UP branch with which {PAPER_PAYLOAD:g} kg reach F_N",
+            meaning=f"share of a leg's load on its UP branch if {PAPER_PAYLOAD:g} kg give F_N",
         ),
         Metric(
             "ups_stiffness",
             softness,
-            meaning="of a UPS branch, by that of a UP branch, which gives that share",
+            meaning="stiffness of a UPS branch by that of a UP branch, for that share",
         ),
         _paper_force(stand, softness),
     )
@@ -431,7 +431,7 @@ def _paper_force(stand: Stand, softness: float) -> Metric:
         (1.0 + _SAME_FORCE) * FORCE_LIMIT,
         at_least=(1.0 - _SAME_FORCE) * FORCE_LIMIT,
         paper=FORCE_LIMIT,
-        meaning=f"of a UP branch under {PAPER_PAYLOAD:g} kg with UPS branches that soft",
+        meaning=f"force of a UP branch under {PAPER_PAYLOAD:g} kg with UPS branches that soft",
     )
 
 

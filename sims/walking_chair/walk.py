@@ -204,7 +204,7 @@ def _truth_metrics(
             float(np.hypot(*error[-1, :2])),
             "mm",
             _DRIFT,
-            meaning="of the body along the ground, after all cycles",
+            meaning="drift of the body along the ground, after all cycles",
         ),
         Metric(
             "foot_below_ground_mm",
@@ -219,7 +219,7 @@ def _truth_metrics(
             "N",
             None if heavy else _FORCE,
             paper="427.3 N at most",
-            meaning="largest of any branch",
+            meaning="largest force of any branch",
         ),
         Metric(
             "loop_error_um",
@@ -253,14 +253,14 @@ def _controller_metrics(
             "mm/s",
             scenario.drives.max_velocity_mm_s,
             paper=80.0,
-            meaning="largest of any branch, by the encoders",
+            meaning="largest speed of any branch, by the encoders",
         ),
         Metric(
             "support_margin_mm",
             1e3 * float(signals["support_margin"][walking].min()),
             "mm",
             at_least=scenario.control.support_margin_mm,
-            meaning="smallest while walking, from the currents",
+            meaning="smallest margin while walking, from the currents",
         ),
     ]
     if scenario.backend in SIMULATED:
@@ -270,14 +270,19 @@ def _controller_metrics(
                 "payload_error_kg",
                 float(mass_error),
                 "kg",
-                meaning="largest while walking",
+                meaning="largest error of the payload while walking",
             ),
         ]
         if passenger.mass_kg > 0.0:
             x, y = 1e3 * payload[1:]
             away = math.hypot(x - passenger.x_mm, y - passenger.y_mm)
             metrics.append(
-                Metric("payload_place_error_mm", away, "mm", meaning="of the centre, at the end")
+                Metric(
+                    "payload_place_error_mm",
+                    away,
+                    "mm",
+                    meaning="error of the payload's centre, at the end",
+                )
             )
     return metrics
 

@@ -58,7 +58,7 @@ class LinearActuatorParams:
         return self.motor_constant / self.viscous_friction
 
 
-# A load beyond it is no actuator's, and would overflow [N].
+# Larger loads than any actuator bears, which would overflow, count as zero [N].
 _LARGEST_LOAD = 1e12
 
 

@@ -34,7 +34,7 @@ def make_position_loop(time_constant: float, channels: int, arrival: float) -> D
     builder = DiagramBuilder()
     parts = builder.AddSystem(Demultiplexer(2 * channels, channels))
     missing = builder.AddSystem(Adder(3, channels))
-    # Not matrices, with which a number that is none would come to all drives.
+    # Element-wise: a matrix product would spread NaN to every drive.
     gains = [builder.AddSystem(Gain(k * per_way, channels)) for k in (1.0, -1.0, -late)]
     for i, gain in enumerate(gains):
         builder.Connect(gain.get_output_port(), missing.get_input_port(i))

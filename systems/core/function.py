@@ -27,7 +27,8 @@ class FunctionSystem(LeafSystem):
 
     Args:
         inputs: sizes of the inputs by their names.
-        outputs: by name, size and a function of all inputs (arrays) that returns an array.
+        outputs: name and size of each output, and a function of all inputs (arrays) that returns
+            an array.
     """
 
     def __init__(

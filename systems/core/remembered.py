@@ -14,8 +14,8 @@ class Remembered[R]:
     Not for AutoDiffXd, whose comparison ignores derivatives. NaN is never what it was before.
 
     Args:
-        function: called with the arguments; nobody may change them or the result afterwards. It
-            must not know the system that holds it, which would never be freed.
+        function: called with the arguments; neither they nor the result may be changed afterwards.
+            It must not know the system that holds it, which would never be freed.
     """
 
     def __init__(self, function: Callable[..., R]):

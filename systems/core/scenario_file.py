@@ -232,7 +232,7 @@ def _refuse_multiplied(node: Any, source: str, counts: dict[int, int]) -> int:
     """Number of nodes below a node, each as often as aliases repeat it; refuses too many.
 
     Args:
-        node: as composed: an alias is the very node that it names.
+        node: composed node; an alias is the very node that it names.
         source: origin of the text, for messages.
         counts: numbers of the nodes that were counted, by their id; 0 while one is counted.
     """

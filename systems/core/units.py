@@ -26,11 +26,11 @@ def units_of(unit: str, size: int) -> list[str]:
     | rad, rad, m and rates | three elements, and then their rates |
 
     Args:
-        unit: as the signal is declared.
+        unit: unit of the declaration.
         size: number of elements.
 
     Raises:
-        ValueError: a unit that there is not, or as many units as do not fit the elements.
+        ValueError: an unknown unit, or a number of units that does not fit the elements.
     """
     base, rates = re.fullmatch(r"(.*?)(,? and (?:their )?rates)?", unit).groups()  # type: ignore[union-attr]
     each = [text.strip() for text in base.split(",")]
@@ -38,7 +38,10 @@ def units_of(unit: str, size: int) -> list[str]:
         known = _SYMBOL.fullmatch(text)
         if not known or not (known[1] or set(re.findall("[A-Za-z]+", text)) <= _SYMBOLS):
             admissible = ", ".join(sorted(_SYMBOLS))
-            raise ValueError(f"'{text}' is no unit: -, 0/1, or of {admissible} as in m/s^2 or N m")
+            raise ValueError(
+                f"'{text}' is not a unit; admissible are -, 0/1 and combinations of {admissible}, "
+                "such as m/s^2 or N m"
+            )
     if rates:
         each += [f"{text}/s" for text in each]
     times, rest = divmod(size, len(each))

@@ -16,7 +16,7 @@ from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import inline, parse
 from parapod.systems.core.schema import plain
 
-_INDENT = 2  # of keys below a new one
+_INDENT = 2  # indentation of keys below a new one
 
 
 def with_values(text: str, values: Mapping[str, Any], source: str = "the file") -> str:
@@ -28,12 +28,12 @@ def with_values(text: str, values: Mapping[str, Any], source: str = "the file") 
         source: origin of the text, for messages.
 
     Raises:
-        ScenarioError: text that is no mapping, or a key that cannot be changed in its place.
+        ScenarioError: text that is not a mapping, or a key that cannot be changed in its place.
     """
     expected = parse(text, source, private=True)
     expected = {} if expected is None else expected
     if not isinstance(expected, dict):
-        raise ScenarioError(f"{source} is no mapping of keys")
+        raise ScenarioError(f"{source} is not a mapping of keys")
     for key, value in values.items():
         path = key.split(".")
         expected = _assigned(expected, path, value, source)
@@ -70,7 +70,7 @@ def _assigned(tree: dict[str, Any], path: Sequence[str], value: Any, source: str
     below = tree.get(head)
     below = {} if below is None else below
     if not isinstance(below, dict):
-        raise ScenarioError(f"{source}: '{head}' is no mapping of keys", head)
+        raise ScenarioError(f"{source}: '{head}' is not a mapping of keys", head)
     return tree | {head: _assigned(below, rest, value, source)}
 
 

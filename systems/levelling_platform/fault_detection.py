@@ -52,8 +52,8 @@ class Rule:
         finding: its name.
         severity: reaction of the machine.
         persists: time for which the sign must last before it is believed [s].
-        deadline: by when it is found [s], from the moment at which the signal is wrong, if that
-            makes the platform move; what makes no difference may wait until it does.
+        deadline: time in which it is found [s], from the moment at which the signal is wrong, if
+            that makes the platform move; a fault without effect may wait until it has one.
         device: part that may have failed; more than one where they cannot be told apart.
         sign: observation that shows it.
     """
@@ -393,7 +393,7 @@ class _Look:
         self._limits = self._read("limits")
         self._attitude = self._read("attitude")
         number = self._read("phase")[0]
-        # In one that is none, as in a fault, nothing is compared that only some phases have.
+        # In an unknown phase, as in a fault, nothing is compared that only some phases have.
         self._phase = Phase(int(number)) if number in Phase else Phase.FAULT
         if self._phase not in _SEARCHING or not any(self._contact):
             # The estimate settles after the way here; from the first touch on it must not move.

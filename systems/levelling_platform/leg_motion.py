@@ -39,7 +39,7 @@ class LegRamp(LeafSystem):
         """Creates the ramp.
 
         Args:
-            acceleration: with which the rates change [m/s^2] (design choice).
+            acceleration: acceleration of a change of the rates [m/s^2] (design choice).
             period: period of the updates [s].
         """
         super().__init__()
@@ -135,8 +135,7 @@ class ContactKeeper(LeafSystem):
         Args:
             rate: rate of the trim [m/s]; 3 mm/s at the foot.
             limit: limit of the trim, either way [m].
-            press: how far it goes on when the switches are closed again [m]; a tenth of a
-                millimetre at the foot.
+            press: way beyond the closing of the switches [m]; a tenth of a millimetre at the foot.
             patience: time for which a switch may be open before its foot counts as lifted [s].
             period: period of the updates [s].
         """

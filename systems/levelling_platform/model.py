@@ -51,7 +51,7 @@ from parapod.systems.levelling_platform.statics import resting_posture
 from parapod.systems.physics.loops import Ball, Coupling
 from parapod.systems.sensors.limit_switches import LimitSwitchesParams
 
-# What the files in `parapod.urdf.levelling_platform` are drawn to: Tables 1 and 2, with rollers.
+# Geometry of the files in `parapod.urdf.levelling_platform`: Tables 1 and 2, with rollers.
 MODEL_GEOMETRY = PlatformGeometry(foot_radius=0.025)
 # Assumptions: half a millimetre inside the actuators' end stops at 0.380 m and 0.460 m; well below
 # a leg's share of the platform's weight, above the foot's own.

@@ -123,7 +123,7 @@ def omega(
         theta: pitch of the platform [rad].
         phi: roll of the platform [rad].
         h: height of F above the ground [m].
-        as_printed: with the misprint of Eqs. (23) and (24).
+        as_printed: true for the printed form with the misprint of Eqs. (23) and (24).
     """
     g = g_123(c_123(ground), theta, phi)
     return _rows(legs, d, as_printed=as_printed) @ g - np.array([0.0, 0.0, h])
@@ -181,7 +181,7 @@ def gradient_u(
         ground: roll and pitch [rad].
         theta: pitch of the platform [rad].
         phi: roll of the platform [rad].
-        dz: what the equations call so.
+        dz: the equations' dz.
     """
     g_1, g_2, g_3 = g_123(c_123(ground), theta, phi)
 

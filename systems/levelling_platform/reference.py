@@ -27,7 +27,7 @@ _COMMAND, _GROUND = slice(21, 24), slice(24, 26)
 _BRAKING = 26
 _planned_for = itemgetter(*range(_COMMAND.start, _GROUND.stop))
 _SIZE = 27
-# How long it takes to come to rest where the direct way to a command would leave the stroke [s].
+# Time to come to rest where the direct way to a command would leave the stroke [s].
 _BRAKE_TIME = 0.3
 # Points of a planned path that are checked.
 _CHECKS = np.linspace(0.0, 1.0, 17)

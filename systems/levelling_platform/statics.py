@@ -267,9 +267,9 @@ _MOST_STEPS = 60
 _BALANCED = 1e-7  # forces and moments that may be left [N, N m]
 _ROUNDED = 1e-15  # and what rounding leaves, in all springs' ways [m]
 _PRESSED = 3e-4  # [m]
-_FARTHEST = 0.2  # that one step may turn the plane [rad]
+_FARTHEST = 0.2  # largest turn of the plane in one step [rad]
 _UPRIGHT = math.cos(math.radians(30.0))  # beyond, against the ground, it has tipped over
-# As if everything hung from a spring that hardly pulls: for an instant nothing may carry [N/m].
+# Regularisation: keeps the system solvable while nothing carries load [N/m].
 _SOFT = 1e-3
 
 

@@ -131,7 +131,7 @@ class Refusal(IntEnum):
     UNSETTLED = 6  # the attitude does not come to rest, or there is none; detail: the phase
 
 
-_RESTS = 1e-9  # what rounding leaves of the rates of a reference at rest [rad/s, m/s]
+_RESTS = 1e-9  # smaller rates of a reference are rounding: it is at rest [rad/s, m/s]
 
 # Layout of the memory.
 _SINCE, _QUIET, _OPERATOR, _DESCENDING = range(4)

@@ -19,7 +19,7 @@ from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace,
 # Turns at which the ring's extent is taken, and points along an edge of a face there.
 _TURNS = 24
 _EDGE = 7
-# By how much the grid is larger than that extent.
+# Ratio of the grid's size to that extent.
 _RIM = 0.04
 # Turns that are tried for a point, and steps by which the best one is refined.
 _TRIED = 16

@@ -348,7 +348,7 @@ def enclosed_points(resolution: int) -> tuple[NDArray[np.float64], float]:
 
 
 _LEVEL = (0.0, 0.0)
-# By how much the grid of attitudes is larger than the rhombus of those that can be taken, whose
+# Ratio of the size of the grid of attitudes to that of the rhombus of admissible ones, whose
 # sides are slightly curved.
 _RIM = 1.05
 
@@ -442,7 +442,7 @@ def face(
     Args:
         geometry: the platform.
         leg: index 0..3 of the leg that is at an end.
-        is_long: whether it is the long end (that leg's corner of the platform is lowest).
+        is_long: true at the long end (that leg's corner of the platform is lowest).
         resolution: points along an edge.
 
     Returns:

@@ -35,12 +35,12 @@ class DrillingProcess(LeafSystem):
     State: discrete; depth of the hole [m], thrust as a share of the process's [-]; updated every
     period.
 
-    Bad input: a pose that is no number has no load.
+    Bad input: a pose that is not finite has no load.
 
     Args:
         process: the drill.
         panel: the panel.
-        feed: that is meant [m/s].
+        feed: intended feed [m/s].
         period: between two updates [s].
     """
 

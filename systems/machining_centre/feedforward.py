@@ -53,7 +53,7 @@ class CentreFeedforward(LeafSystem):
     State: discrete; lengths (2n), pose (6) and foot (6) for now, what lengths are more than those
     of the kinematics (2n), and whether there are any (1).
 
-    Bad input: targets that no lengths reach, or that are no numbers, are not followed; where
+    Bad input: targets out of reach, or not finite, are not followed; where
     nothing moves, what is known is shown as it is.
     """
 
@@ -130,7 +130,7 @@ class CentreFeedforward(LeafSystem):
         return self._whole("mode", context)
 
     def _whole(self, name: str, context: Context) -> int:
-        """A whole number at an input; 0 for one that is none."""
+        """Whole number at an input; 0 if it is not finite."""
         (value,) = read(self._ports[name], context)
         return round(value) if math.isfinite(value) else 0
 

@@ -74,10 +74,10 @@ class Process:
 
     Attributes:
         tool_length: from P_O to the drill's tip, along the platform's third axis backwards [m].
-        thrust: of the material on the drill at the feed that is meant [N].
-        torque: of the material on it [N m].
+        thrust: thrust of the material on the drill at the intended feed [N].
+        torque: torque of the material on the drill [N m].
         clearance: height of the tip above the panel, between holes [m].
-        largest_leg_force: of each leg, both ways [N].
+        largest_leg_force: largest force of each leg, pushing and pulling [N].
     """
 
     tool_length: float = 0.48
@@ -105,7 +105,7 @@ class Drill:
     Attributes:
         hole: (6) frame at the panel's surface, third axis out of the hole; the platform has its
             rotation [m, rad].
-        depth: of the hole [m].
+        depth: depth of the hole [m].
     """
 
     hole: Array
@@ -145,7 +145,7 @@ class Job:
 
     Attributes:
         operations: the operations.
-        panel: what is stood on and drilled.
+        panel: panel on which the centre stands and which it drills.
         process: the drill.
         speeds: limits of speed.
         lift: height of a swing [m].
@@ -167,7 +167,7 @@ class Carried(NamedTuple):
     """Wrench that a pose carries, and what is asked of it.
 
     Attributes:
-        w_minmax: of the posture [-].
+        w_minmax: wrench index w_minmax of the posture [-].
         capacity: magnitude that is resisted in every direction [N].
         needed: magnitude of drill and weight [N], moments divided by r_c.
     """
@@ -355,7 +355,7 @@ def swung_to(
 
     Args:
         geometry: the centre.
-        locks: that are closed.
+        locks: locks that are closed.
         foot: (6) of the loose foot now, see `foot_at` [m, rad].
         near: (6) of the platform a moment ago [m, rad].
         toward: see `swing_inverse`.
@@ -493,8 +493,8 @@ def row_of_holes(
         heading: direction of the row, from the way along [rad].
         count: number of holes.
         pitch: between two of them [m].
-        tilt: of the holes' axes from the panel's normals, towards the row's end [rad].
-        depth: of the holes [m].
+        tilt: angle of the holes' axes from the panel's normals, towards the row's end [rad].
+        depth: depth of the holes [m].
         yaw: heading of the platform over them [rad].
     """
     holes = []

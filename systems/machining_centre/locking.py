@@ -26,7 +26,7 @@ class Locking:
         Args:
             model: the bodies.
             switches: tells what is due, and is told what is closed.
-            panel: where clamps hold.
+            panel: panel to which the clamps hold.
         """
         self._model, self._switches, self._panel = model, switches, panel
 

@@ -189,7 +189,7 @@ class CentrePositions(LeafSystem):
 
     No state.
 
-    Bad input: a posture that is no number has positions that are none.
+    Bad input: a posture that is not finite gives positions that are not finite.
 
     Args:
         model: the bodies.

@@ -56,7 +56,7 @@ class CentreControls(LeafSystem):
         controls: owner of sliders and buttons.
         geometry: the centre.
         pose: (6) of the platform at first [m, rad].
-        period: of reading them [s].
+        period: time between two readings of them [s].
     """
 
     def __init__(

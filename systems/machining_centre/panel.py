@@ -39,7 +39,7 @@ class Panel:
             along: way along the circumference [m].
             across: way across it [m].
             yaw: turn about the third axis; at 0 the first one looks along the circumference [rad].
-            height: of its origin above the panel [m].
+            height: height of the frame's origin above the panel [m].
         """
         turn = 0.0 if math.isinf(self.radius) else along / self.radius
         rotation = Rotation.from_euler("YZ", (turn, yaw))

@@ -21,12 +21,12 @@ class Speeds:
     """Limits of speed.
 
     Attributes:
-        rapid: of the platform between operations [m/s].
-        turn: of its rotation [rad/s].
-        feed: of the drill in the material [m/s].
-        swing: of a foot, at its mean [m/s].
-        acceleration: of platform and feet [m/s^2].
-        leg: of a leg's length [m/s].
+        rapid: speed of the platform between operations [m/s].
+        turn: rate of its rotation [rad/s].
+        feed: speed of the drill in the material [m/s].
+        swing: mean speed of a foot [m/s].
+        acceleration: acceleration of platform and feet [m/s^2].
+        leg: largest rate of a leg's length [m/s].
     """
 
     rapid: float = 0.05
@@ -62,7 +62,7 @@ def platform_at(start: Array, by: Array, share: float) -> Array:
     Args:
         start: pose (6) where it begins [m, rad].
         by: `displacement` (6) to where it ends.
-        share: of the duration.
+        share: share of the duration that has passed.
     """
     done = float(quintic(np.array(min(max(share, 0.0), 1.0)))[0])
     return moved(start, done * by)
@@ -103,7 +103,7 @@ def foot_at(start: Array, end: Array, by: Array, lift: float, share: float) -> A
         end: pose (6) where it ends.
         by: `displacement` (6) from one to the other.
         lift: height of the swing [m].
-        share: of the duration.
+        share: share of the duration that has passed.
     """
     begin, finish = _ACROSS
     across = np.clip((share - begin) / (finish - begin), 0.0, 1.0)

@@ -140,8 +140,8 @@ class CentrePosture(LeafSystem):
     State: discrete; pose (6), feet (6n), values at which joints were locked (4n), which locks were
     closed (4n), and whether the posture was determined (1), updated every period.
 
-    Bad input: where nothing determines the posture, as with two loose feet or lengths that are no
-    numbers, the last one stays, and `is_determined` is 0.
+    Bad input: where nothing determines the posture, as with two loose feet or lengths that are
+    not finite, the last one stays, and `is_determined` is 0.
     """
 
     def __init__(
@@ -159,7 +159,7 @@ class CentrePosture(LeafSystem):
             period: between two updates [s].
             pose: (6) of the platform near which it begins in a default context [m, rad].
             footholds: (n, 6) on which it stands there; None for the paper's pattern.
-            is_sampled: whether the outputs are those of the last update.
+            is_sampled: true if the outputs are those of the last update.
         """
         super().__init__()
         self.set_name("centre_posture")

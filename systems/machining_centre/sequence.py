@@ -63,10 +63,10 @@ class Rule(NamedTuple):
     """Rule of a phase.
 
     Attributes:
-        moves: what moves: nothing, the platform, or a loose foot.
-        locks: whether the swing's locks are closed.
-        is_loose: whether the clamp of the swing's limb is open.
-        switches: what is being switched when it begins.
+        moves: the moving thing: nothing, the platform, or a loose foot.
+        locks: true if the swing's locks are closed.
+        is_loose: true if the clamp of the swing's limb is open.
+        switches: switches that are operated when it begins.
         follows: phase after it.
     """
 
@@ -168,12 +168,12 @@ class Seen(NamedTuple):
         pose: (6) of the platform that is asked for now [m, rad].
         error: (2n) lengths of the legs less those that they were led to [m].
         load: (2) thrust and torque [N, N m].
-        is_determined: whether it is known where the platform is.
-        is_stuck: whether no lengths lead on.
-        is_pressed: whether the emergency stop is.
-        is_stopped: whether somebody has the job end.
+        is_determined: true if the pose of the platform is known.
+        is_stuck: true if no lengths lead on.
+        is_pressed: true if the emergency stop is pressed.
+        is_stopped: true if an operator asks for the job's end.
         asked: (7) pose of the platform and limb that a person asks for once the job is done
-            [m, rad]; None: nobody does.
+            [m, rad]; None: there is none.
     """
 
     time: float
@@ -200,16 +200,16 @@ class Progress:
         move: number of the motion of a hole; the last one once what the operation is about is
             done.
         clock: time of the phase or motion; slower than real time where it is stopped [s].
-        rate: of that clock [-].
+        rate: rate of that clock [-].
         rest: for which everything has been as it should [s].
         waited: since the motion ended, or the phase began that has none [s].
-        duration: of the motion; 0 where nothing moves [s].
+        duration: duration of the motion; 0 where nothing moves [s].
         start: (6) pose of platform or foot where the motion began [m, rad].
         end: (6) pose where it ends.
         by: (6) displacement from one to the other [rad, m].
         fault: see `Fault`.
         where: limb, leg or operation that it is about.
-        limb: whose foot is loose, or will be, from 1; 0: none.
+        limb: limb whose foot is loose, or will be, from 1; 0: none.
         locked: locks that are closed while it is, a bit each.
         broken_off: phase in which the fault came: locks and clamps stay as they were in it.
     """
@@ -273,7 +273,7 @@ _NUMBERS: dict[str, Callable[[float], Any]] = {
 }
 
 
-# What is asked for counts from here on [m, rad].
+# Requested poses count from here on [m, rad].
 _ASKED = 5e-4
 # Poses at which a lift is looked at before it begins, between two ticks of a controller.
 _LOOKS_OF_LIFT = 8
@@ -312,7 +312,7 @@ class Sequence:
 
         Args:
             geometry: the centre.
-            job: what is to be done.
+            job: the job.
             period: between two instants [s].
             params: times and tolerances.
         """
@@ -410,7 +410,7 @@ class Sequence:
 
         Args:
             progress: now.
-            seen: what is seen now.
+            seen: measurements of this instant.
         """
         if progress.phase is Phase.FAULT:
             return progress

@@ -33,7 +33,7 @@ class CentreSequencer(LeafSystem):
     | in `is_stuck` | 1 | 0/1 | whether no lengths lead on |
     | in `tool_force` | 2 | N, N m | thrust and torque of the drill |
     | in `emergency_stop` | 1 | 0/1 | whether it is pressed |
-    | in `stop` | 1 | 0/1 | whether somebody has the job end; unconnected: nobody |
+    | in `stop` | 1 | 0/1 | whether end of the job is requested; unconnected: never |
     | in `pose_asked` | 6 | m, rad | asked for once the job is done; unconnected: never done |
     | in `limb_asked` | 1 | - | limb whose foot is to be lifted then; unconnected: none |
     | out `mode` | 1 | - | what moves: 0 nothing, 1 the platform, 2 the loose foot |
@@ -52,8 +52,8 @@ class CentreSequencer(LeafSystem):
 
     State: discrete, a `Progress`, updated every period.
 
-    Bad input: lengths, clamps, feet or a pose that are no numbers end the job by a fault, all
-    standing where it is; a lock that tells no number counts as open, a load that is none as none.
+    Bad input: lengths, clamps, feet or a pose that are not finite end the job by a fault, all
+    standing where it is; a lock that is not finite counts as open, such a load as zero.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class CentreSequencer(LeafSystem):
 
         Args:
             geometry: the centre.
-            job: what is to be done; None: nothing.
+            job: the job; None: nothing to do.
             period: between two updates [s].
             params: times and tolerances.
         """
@@ -145,7 +145,7 @@ class CentreSequencer(LeafSystem):
         )
 
     def _asked(self, context: Context) -> Array | None:
-        """Pose and limb that a person asks for; None where nobody could."""
+        """Pose and limb that a person asks for; None without such an input."""
         pose, limb = self._ports["pose_asked"], self._ports["limb_asked"]
         if not pose.HasValue(context):
             return None

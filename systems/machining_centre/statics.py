@@ -26,7 +26,7 @@ class CentreStatics(LeafSystem):
 
     No state.
 
-    Bad input: a posture that is no number has forces that are none.
+    Bad input: a posture that is not finite gives forces that are not finite.
 
     Args:
         geometry: the centre.

@@ -58,7 +58,8 @@ class SingularSwing(ParapodError):
 
     Attributes:
         limb: the loose limb, counted from 1.
-        smallest_singular_value: of the locked joints by the platform's motion.
+        smallest_singular_value: smallest singular value of the map from the platform's motion to
+            the locked joints.
     """
 
     def __init__(self, limb: int, smallest_singular_value: float, message: str):
@@ -122,7 +123,7 @@ class Locks:
     """Locks that are closed.
 
     Attributes:
-        lock_set: which joints.
+        lock_set: joints that are locked.
         values: their values (k) [rad].
         footholds: (n, 6) poses of the feet's frames when they were closed; the loose limb's foot
             moves from there.
@@ -159,7 +160,7 @@ def best_sets(
         footholds: (n, 6) poses of the feet's frames [m, rad].
         limb: the loose limb, counted from 1.
         least: singular value that each must have.
-        count: of sets, at most.
+        count: largest number of sets.
     """
     rated = []
     for lock_set in lock_sets(geometry, limb):
@@ -271,7 +272,7 @@ def lock_conditions(
         lock_set: joints that are locked.
         footholds: (..., n, 6) poses of the feet's frames; None for the paper's pattern.
         along: line of the limbs' chains.
-        turns: whether the loose foot may turn about its third axis, see `swing_inverse`.
+        turns: true if the loose foot may turn about its third axis, see `swing_inverse`.
 
     Raises:
         ValueError: wrong shapes, or a set that does not fit the centre.
@@ -309,8 +310,8 @@ def swing_inverse(
         foot_pose: (6) x, y, z, roll, pitch, yaw of the loose foot's frame [m, rad].
         locks: the closed locks.
         near: (6) the platform's pose nearby, at best that of the sample before.
-        turns: whether the foot may turn about its third axis: what stands on a surface need not
-            look anywhere, and of a tripod parallel to the ground that is what cannot be asked.
+        turns: true if the foot may turn about its third axis: the heading of a foot on a surface
+            does not matter, and a tripod parallel to the ground cannot choose it.
         freedom: longest way that the platform may make in directions which foot and locks leave
             open, to keep the legs in the middle of their stroke and, where three limbs stand,
             the wrench index high [m, and r_c rad]; 0: it makes none there.
@@ -339,7 +340,7 @@ def swing_inverse(
         missing = _wrapped(wanted - joints[chosen])
         left, values, right = decomposed(rates[chosen] * unit, full_matrices=True)
         if not np.isfinite(values).all():
-            raise SingularSwing(limb, 0.0, "a limb has no joint values there, or it is no number")
+            raise SingularSwing(limb, 0.0, "a limb has no joint values there, or it is not finite")
         kept = int((values > open_below * values[0]).sum())
         smallest, open_directions = float(values[-1]), right[kept:]
         move = right[:kept].T @ (left.T[:kept] @ missing / values[:kept])

@@ -10,7 +10,7 @@ from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.panel import FOOT_HEIGHT, Panel
 from parapod.systems.machining_centre.posture import LOCKS_OF_LIMB
 
-# A clamp holds a foot that is no farther from the panel and leans no more from it [m, rad].
+# A clamp holds a foot that is not farther from the panel and leans no more from it [m, rad].
 REACH, LEAN = 1.5e-3, 0.03
 
 
@@ -41,7 +41,7 @@ class Switches(LeafSystem):
         geometry: the centre.
         panel: the panel; None: it does not obey by itself.
         period: between two updates [s].
-        delay: that locks and clamps take [s].
+        delay: time that locks and clamps take [s].
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class Switches(LeafSystem):
         """Tells what is closed now.
 
         Args:
-            context: of this system.
+            context: context of this system.
             locks: (n, 4).
             clamps: (n).
         """

@@ -60,7 +60,7 @@ def plan_walk(
         beginning: platform and feet before.
         advance: ways along and across (2) that each foot goes on [m].
         steps: swings of each foot.
-        height: of the platform above the panel at the beginning of a swing [m].
+        height: height of the platform above the panel at the beginning of a swing [m].
         locked: joints of the standing limbs, (places after the loose limb, joint) each: 1 is the
             next limb, 2 the one after that; None: the best ones.
 

@@ -50,8 +50,8 @@ def cell_centres(size: tuple[float, float, float], height: float, cell: float) -
     """Centres (k, 3) of the cells of a box above the world's origin [m].
 
     Args:
-        size: of the box [m].
-        height: of its middle [m].
+        size: size of the box [m].
+        height: height of its middle [m].
         cell: largest edge of a cell [m].
     """
     counts = [max(1, round(edge / cell)) for edge in size]
@@ -62,8 +62,8 @@ def nodes(size: tuple[float, float, float], height: float, count: int) -> Array:
     """Nodes (k, 3) of a grid that includes the faces of a box above the world's origin [m].
 
     Args:
-        size: of the box [m].
-        height: of its middle [m].
+        size: size of the box [m].
+        height: height of its middle [m].
         count: number of nodes along each edge.
     """
     return _grid(size, height, [np.linspace(-0.5, 0.5, count)] * 3)

@@ -31,11 +31,11 @@ class WrenchMonitor(LeafSystem):
     State: discrete, the index (1), updated every period, as postures change slowly; the margin
     follows the drill's load at once.
 
-    Bad input: a posture that is no number, or that the legs do not hold, has index 0.
+    Bad input: a posture that is not finite, or that the legs do not hold, has index 0.
 
     Args:
         geometry: the centre.
-        largest_leg_force: of each leg, both ways [N].
+        largest_leg_force: largest force of each leg, pushing and pulling [N].
         period: between two looks at the posture [s].
     """
 
@@ -75,7 +75,7 @@ class WrenchMonitor(LeafSystem):
         output[0] = context.get_discrete_state(0).value()[0]
 
     def _calc_margin(self, context: Context, output: BasicVector) -> None:
-        # A load that is no number is none.
+        # A load that is not finite counts as zero.
         force = np.nan_to_num(read_array(self._force, context), posinf=0.0, neginf=0.0)
         thrust, torque = np.clip(force, -_HUGE, _HUGE).tolist()
         down = float(np.linalg.norm(weight(self._geometry)))

@@ -103,9 +103,10 @@ class ImuParams:
         mag_noise_density: 0.06 mgauss/sqrt(Hz) [T/sqrt(Hz)] (assumption).
         gyro_bias_instability: 14.5 deg/h [rad/s] (data sheet).
         accel_bias_instability: 0.25 mg [m/s2] (data sheet).
-        gyro_bias_correlation_time: of the Gauss-Markov process [s] (assumption, the value of
-            the RotorS simulator for this sensor).
-        accel_bias_correlation_time: that of the accelerometer's [s] (assumption, RotorS).
+        gyro_bias_correlation_time: correlation time of the Gauss-Markov process [s] (assumption,
+            the value of the RotorS simulator for this sensor).
+        accel_bias_correlation_time: correlation time of the accelerometer's process [s]
+            (assumption, RotorS).
         gyro_turn_on_bias: constant part of the bias [rad/s]; RotorS draws it with 0.5 deg/s
             (1 sigma), which is left to the user here.
         accel_turn_on_bias: accelerometer's [m/s2]; RotorS' 20 mg (1 sigma) are 1.15 deg.

@@ -25,8 +25,8 @@ class NoiseSource(LeafSystem):
 
     The numbers are those of Drake's `RandomSource` after `SetRandomContext` with a
     `RandomGenerator` of this seed, to the last bit where the logarithm of the C library is the
-    same. Unlike that, the default context has a seed, which is the constructor's; and a sample is
-    no unrestricted update, for which Drake would copy the state of the whole diagram.
+    same. Unlike that, the default context has a seed, which is the constructor's, and a sample
+    needs no unrestricted update, for which Drake would copy the state of the whole diagram.
 
     Sample 0 is shown until initialization, sample 1 from there to the first instant, at zero, and
     sample k + 2 after k periods: a discrete system that updates at an initialization and once a

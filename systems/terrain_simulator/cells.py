@@ -90,7 +90,7 @@ class ForceCells(LeafSystem):
 
     State: none.
 
-    Bad input: noise that is no number is shown as it is.
+    Bad input: noise that is not finite is shown as it is.
 
     Args:
         cells: their places.

@@ -45,7 +45,7 @@ class ChairLegMount:
     """Place of the leg on the slide.
 
     Attributes:
-        turned: whether E_1 is at the rear, as with the chair's rear legs 1 and 2; otherwise it is
+        turned: true if E_1 is at the rear, as with the chair's rear legs 1 and 2; otherwise it is
             ahead, as with the front legs 3 and 4.
         lean: angle by which the leg hangs inclined, as the chair does on a slope; positive uphill
             [rad].

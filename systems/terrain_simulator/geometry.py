@@ -20,7 +20,7 @@ class BenchGeometry:
         lever: length l_4 from P to T [m].
         plate: length l_5 from Q to T [m].
         offset: angle alpha of the plate against P T [rad].
-        strut_ahead: whether A_3 is ahead of T; the paper has a branch of either sign, and with the
+        strut_ahead: true if A_3 is ahead of T; the paper has a branch of either sign, and with the
             other one each bench has no workspace.
         slider_min: place of each slider at the rear end of its rail [m].
         slider_max: place at the front end [m].

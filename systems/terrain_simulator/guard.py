@@ -25,11 +25,11 @@ _LINE = LIMITS.index("line P T A_3")
 _TRIES = 6  # halvings of a step that comes too close to a limit, before none is taken
 _ROUNDING = 1e-6  # share of a limit that is met exactly
 _LEFT = 0.2  # share of a margin that a step leaves at least
-_SHORTER = 0.98  # of a step that is shortened
+_SHORTER = 0.98  # share of a step by which it is shortened
 # Parts of the state.
 _POSE, _ASKED, _RATES, _SHARE, _BEGUN = slice(0, 3), slice(3, 6), slice(6, 9), 9, 10
 _PLACES, _MARGINS, _SIZE = slice(11, 14), slice(14, 27), 27
-_SAME = 1e-5  # where it begins, a pose so near is the one that is asked for [m, rad]
+_SAME = 1e-5  # poses closer to the start than this are the requested one [m, rad]
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ class SingularityGuard(LeafSystem):
         going = slider_rates(self._geometry, pose, along).tolist()
         fastest = params.limits.slider_speed * (1.0 + _ROUNDING)
         if not all(abs(rate) <= fastest for rate in going):
-            along, going = [0.0] * 3, [0.0] * 3  # a jump is no motion
+            along, going = [0.0] * 3, [0.0] * 3  # a jump is not a motion
         elif before == pose:
             return along, going
         behind = [

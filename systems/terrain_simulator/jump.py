@@ -1,4 +1,4 @@
-"""Squat jump of a leg on the bench: the plate stands, the drive of the slide plays nobody."""
+"""Squat jump of a leg on the bench: the plate stands, and the slide's drive is idle."""
 
 import math
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class SquatJump:
         stretched: the same where the foot leaves the plate [m].
         landing: the same where it touches it again: so much bent that it can be drawn up at the
             speed at which the hip falls [m].
-        height: by which the hip flies higher than that [m].
+        height: rise of the hip in flight above that [m].
         foot_radius: radius of the round foot [m].
         begin: time for which the leg stands first [s].
         sinking: duration of the squat [s].

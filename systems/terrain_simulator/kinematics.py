@@ -48,7 +48,7 @@ __all__ = [
 
 type Assembly = Literal["upper", "lower"]
 
-# What limits a pose, in the order of `margins`.
+# Limits of a pose, in the order of `margins`.
 LIMITS = (
     "height of P",
     "height of T",
@@ -72,7 +72,7 @@ class UnreachablePlate(UnreachablePosture):
 
     Attributes:
         limit: the limit that it breaks, of `LIMITS`.
-        missing: by how much [m; - for the line P T A_3].
+        missing: amount by which the limit is exceeded [m; - for the line P T A_3].
         index: index of the first offending pose in a batch, or None for a single one.
     """
 

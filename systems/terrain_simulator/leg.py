@@ -116,7 +116,7 @@ class LegModel:
         """State of the foot at joint positions (n) and velocities (n).
 
         Args:
-            context: of `make_context`.
+            context: context from `make_context`.
             position: [rad or m].
             velocity: [rad/s or m/s].
         """

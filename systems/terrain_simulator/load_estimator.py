@@ -46,7 +46,7 @@ class BenchMasses:
     below: float
 
 
-# As `parapod.urdf.terrain_simulator` has them.
+# Masses of the bodies in `parapod.urdf.terrain_simulator`.
 MASSES = {
     "pedal": BenchMasses(2.0, 0.5, 1.0, 0.00123333, 0.01),
     "treadmill": BenchMasses(2.0, 0.5, 8.0, 0.241667, 0.025),
@@ -140,8 +140,8 @@ class LoadEstimator(LeafSystem):
 
     State: discrete, both outputs (6), updated every period, and once as a simulation begins.
 
-    Bad input: sliders that no pose belongs to give the pose that is asked for; with a number that
-    is none of a measurement the outputs are zero.
+    Bad input: sliders that no pose belongs to give the pose that is asked for; with a
+    measurement that is not finite the outputs are zero.
 
     Args:
         geometry: the bench.

@@ -27,7 +27,7 @@ from parapod.systems.terrain_simulator.kinematics import (
 )
 
 SLIDERS = ("slider_1", "slider_2", "slider_3")
-_CLOSED = ("link_2", "plate", "strut", "slider_3")  # what the loops are closed between
+_CLOSED = ("link_2", "plate", "strut", "slider_3")  # bodies between which the loops are closed
 _ON_RAIL, _CARRIED = (*SLIDERS, "link_1", "link_2"), ("plate", "strut")
 
 
@@ -199,7 +199,7 @@ class BenchPositions(LeafSystem):
 
     State: none.
 
-    Bad input: a pose that no sliders lead to gives positions that are none.
+    Bad input: a pose that no sliders lead to gives positions that are not finite.
 
     Args:
         model: the bench, with a leg on the slide.

@@ -56,8 +56,8 @@ class BenchControls(LeafSystem):
 
     Args:
         controls: owner of the sliders.
-        walk: whose beginning the bench stands in; None for `trot`.
-        period: of reading them [s].
+        walk: walk in whose beginning the bench stands; None for `trot`.
+        period: time between two readings of them [s].
     """
 
     def __init__(self, controls: Controls, walk: BenchWalk | None = None, period: float = 0.001):

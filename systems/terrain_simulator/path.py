@@ -38,15 +38,15 @@ __all__ = [
 ]
 
 _LINE = LIMITS.index("line P T A_3")
-_STRIDES = 10  # that are checked if no duration is given
+_STRIDES = 10  # strides that are checked if no duration is given
 _STANCE, _SWING = 48, 192  # least samples of each; even, so that the middle of a swing is one
 _LONGEST = 0.004  # longest step between samples [s], for the ground's own motion
-_ROUNDING = 1e-9  # of a limit that is met exactly
+_ROUNDING = 1e-9  # share of a limit that is still within it
 # Shares of the path's speed among which an admissible one is sought before bisection.
 _SCANNED = (*(n / 16 for n in range(15, 0, -1)), 1 / 32, 1 / 64)
 _BISECTIONS = 10
 _ACCEPTED = 0.99  # share of the named speed that is accepted for certain
-# What is limited besides `LIMITS`, and its unit.
+# Limits besides `LIMITS`, and their units.
 _RATES = (
     ("horizontal speed of the plate", "m/s"),
     ("vertical speed of the plate", "m/s"),
@@ -98,7 +98,7 @@ class PlatePath:
         dip: depth by which the plate keeps clear of the foot in the middle of the swing [m].
         phase: share of a stride that has passed at the time 0; 0 is touchdown [-].
         start: distance of the body at the time 0 [m].
-        treadmill: whether a belt carries the foot back, and the plate stays at x_c.
+        treadmill: true if a belt carries the foot back, and the plate stays at x_c.
         clock: time of a ground that moves, at the time 0 [s].
     """
 
@@ -213,8 +213,8 @@ class PathRefused(ParapodError):
 
     Attributes:
         limit: the limit that is broken first: of `LIMITS`, or as in "speed of slider 1".
-        instant: when it is broken first [s].
-        worst: what it would come to at worst: a speed [m/s; rad/s], acceleration [m/s^2] or length
+        instant: first instant at which it is broken [s].
+        worst: worst value on the path: a speed [m/s; rad/s], acceleration [m/s^2] or length
             [m]; for `LIMITS` the least margin, negative [m; sin mu for the line P T A_3].
         admissible: largest admissible speed of the body [m/s] at the same frequency of strides
             over the same way, 99 % of which is accepted too; None if there is no such speed.
@@ -247,8 +247,8 @@ def check_path(
     Args:
         geometry: the bench.
         path: the path.
-        limits: what it must keep besides `margins`; None for the defaults.
-        duration: how long it lasts from the time 0 [s]; None for ten strides.
+        limits: limits of the path besides `margins`; None for the defaults.
+        duration: duration from the time 0 on [s]; None for ten strides.
 
     Raises:
         PathRefused: names the limit that is broken first, when, and the admissible speed.
@@ -324,7 +324,7 @@ def first_broken(
         geometry: the bench.
         times: instants (k) [s].
         motion: (3, k, 3) poses, their rates and the rates of these [m, rad, s].
-        limits: what it must keep besides `margins`.
+        limits: limits of the path besides `margins`.
         belt: length (k) of the belt that is needed [m]; None: none.
     """
     pose, velocity, acceleration = motion

@@ -60,7 +60,7 @@ def printed_theta(
     Args:
         geometry: the bench.
         sliders: (..., 3) [m].
-        sign: of the arc cosine: 1.0 for the plus of the text, T above the line P A_3.
+        sign: sign of the arc cosine: 1.0 for the plus of the text, T above the line P A_3.
 
     Returns:
         NaN where the arc cosine has none.

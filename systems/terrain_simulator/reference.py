@@ -82,7 +82,7 @@ class TerrainReference(Diagram):
 
     Args:
         walk: the walk, or another task; None for `trot`.
-        period: by which the pose is ahead [s].
+        period: lead of the pose [s].
     """
 
     def __init__(self, walk: Task | None = None, period: float = 0.001):

@@ -27,7 +27,7 @@ class Support:
     Attributes:
         gait: the gait.
         mass: mass of the body that one leg carries, a quarter of a quadruped's [kg].
-        is_even: whether both pairs together always carry the weight, and the body does not bounce;
+        is_even: true if both pairs together always carry the weight, and the body does not bounce;
             otherwise each leg pushes with half a sine.
     """
 

@@ -268,8 +268,8 @@ class RecordedProfile(Terrain):
     """Ground whose heights were recorded; level before the first and after the last of them.
 
     Attributes:
-        distances: where, increasing [m].
-        heights: as many heights [m].
+        distances: distances along the way, increasing [m].
+        heights: heights at these distances [m].
         foot: length over which a foot takes the slope [m]; assumed.
     """
 

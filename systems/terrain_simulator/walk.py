@@ -26,7 +26,7 @@ from parapod.systems.terrain_simulator.path import (
 )
 from parapod.systems.terrain_simulator.support import Support
 
-_SAMPLES = 193  # of each swing between two speeds
+_SAMPLES = 193  # samples of each swing between two speeds
 
 
 class WalkMotion(NamedTuple):
@@ -84,9 +84,9 @@ class BenchWalk:
         shift: time in which it unloads, and in which it loads [s].
         strides: number of strides at the gait's speed [-].
         run_up: number of strides in which it speeds up before them, and slows down after them [-].
-        is_inertial: whether the hip's drive adds the force with which a body resists the
+        is_inertial: true if the hip's drive adds the force with which a body resists the
             acceleration of its rise: the bench's body does not rise, the ground falls.
-        is_even: whether the load is handed over evenly and the body does not bounce; see
+        is_even: true if the load is handed over evenly and the body does not bounce; see
             `Support`.
     """
 
@@ -291,7 +291,7 @@ def check_walk(geometry: BenchGeometry, walk: BenchWalk, limits: PathLimits | No
     Args:
         geometry: the bench.
         walk: the walk.
-        limits: what it must keep besides the mechanism's; None for the defaults.
+        limits: limits of the walk besides the mechanism's; None for the defaults.
 
     Raises:
         PathRefused: names the limit that is broken first, when, and the admissible speed.

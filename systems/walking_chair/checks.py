@@ -169,7 +169,7 @@ def _time(time: ArrayLike | None, shape: tuple[int, ...], index: tuple[int, ...]
     return None if time is None else float(np.broadcast_to(time, shape)[index[:-2]])
 
 
-# What the paper gives for each actuator [m/s].
+# Speed that the paper gives for each actuator [m/s].
 SPEED_LIMIT = 0.080
 # Times looked at in each phase; what is between them exceeds them by 0.3 um at most.
 _GAIT_TIMES = 1001
@@ -205,7 +205,7 @@ class ForceExceeded(ParapodError):
 
     Attributes:
         branch: its name, as in "branch 12".
-        time: when, in the gait's time [s].
+        time: instant in the gait's time [s].
         force: force, positive where it pushes [N].
         limit: largest force [N].
     """
@@ -232,7 +232,7 @@ def check_forces(
     Args:
         geometry: the chair.
         walk: the gaits.
-        passenger: who sits on it.
+        passenger: person on the seat.
         masses: masses of the chair.
         limit: largest force of a branch, either way [N].
 

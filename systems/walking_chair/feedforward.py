@@ -34,11 +34,11 @@ class ChairFeedforward(LeafSystem):
     | out `velocity` | 12 | m/s | their rates (Eqs. 33, 34, corrected) |
     | out `acceleration` | 12 | m/s^2 | theirs (Eqs. 35, 36, corrected) |
 
-    State: none. Lengths are calculated without the rates, which nobody needs who controls
-    positions from node to node.
+    State: none. Lengths are calculated without the rates, which a position controller does not
+    need from node to node.
 
-    Bad input: where a leg cannot reach, the outputs of its branches are NaN; a number of a corner
-    that there is not is a ValueError.
+    Bad input: where a leg cannot reach, the outputs of its branches are NaN; an unknown corner
+    is a ValueError.
     """
 
     def __init__(self, geometry: ChairGeometry = ChairGeometry()):
@@ -77,7 +77,7 @@ class ChairFeedforward(LeafSystem):
         output.SetFromVector(self._motion.of(self, context).acceleration.ravel())
 
 
-# How far off a branch may be at the start [m].
+# Largest distance of a branch from its length at the start [m].
 FARTHEST = 0.020
 
 
@@ -85,9 +85,9 @@ class NotAtStart(ParapodError):
     """A chair that does not stand where its walk begins.
 
     Attributes:
-        branch: that is furthest off, as in "branch 12".
-        length: that it has [m].
-        expected: that the walk begins with [m].
+        branch: the branch with the largest distance, as in "branch 12".
+        length: its length [m].
+        expected: its length at the beginning of the walk [m].
     """
 
     def __init__(self, branch: str, length: float, expected: float):

@@ -55,8 +55,8 @@ class TrotGait:
         step: length of the step S_0, and the body's way in a cycle [m].
         swing_height: height of the feet's swing H [m].
         phase_duration: duration of each phase, T_m [s].
-        body_law: how the body moves within a phase, by its name in `MOTION_LAWS`; "linear" is
-            Eq. (45).
+        body_law: law of the body's motion within a phase, by its name in `MOTION_LAWS`; "linear"
+            is Eq. (45).
         start: x and y of the body's centre S in the world at the start [m].
     """
 
@@ -138,7 +138,7 @@ class TrotGait:
 
         Args:
             time: since the gait began [s].
-            side: as for `locate`.
+            side: see `locate`.
         """
         return min(max(int(self.locate(time, side)[0]), 0), len(self.phases) - 1)
 
@@ -198,7 +198,7 @@ def gait_branches(
         geometry: the chair.
         gait: the gait.
         time: (...) since the gait began [s].
-        side: as for `gait_motion`.
+        side: see `gait_motion`.
 
     Returns:
         Arrays (..., 4, 3); NaN where a leg cannot reach. Strokes and speeds are not looked at
@@ -223,7 +223,7 @@ def gait_motion(
         geometry: the chair.
         gait: the gait.
         time: (...) since the gait began [s]; before and after it the chair rests.
-        side: which of two phases a time between them belongs to: "right" for the one that
+        side: the one of two phases to which a time between them belongs: "right" for the one that
             begins, "left" for the one that ends. It matters to what jumps there: with the law
             "linear" the body's velocity, and always which feet support.
 
@@ -367,7 +367,7 @@ class Walk:
 
         Args:
             time: since the walk began [s].
-            side: as for `TrotGait.locate`.
+            side: see `TrotGait.locate`.
         """
         k = self._gait_at(time, side)
         before = sum(len(gait.phases) for gait in self.gaits[:k])
@@ -379,7 +379,7 @@ class Walk:
         Args:
             geometry: the chair.
             time: since the walk began [s].
-            side: as for `gait_motion`.
+            side: see `gait_motion`.
         """
         k = self._gait_at(time, side)
         return gait_motion(geometry, self.gaits[k], time - self._begins[k], side)

@@ -138,7 +138,7 @@ class LegPlacement:
     Attributes:
         x: to the right of the body's centre S [m].
         y: ahead of S [m].
-        turned: whether the leg is turned by half a turn about z, so that its UP branch is the
+        turned: true if the leg is turned by half a turn about z, so that its UP branch is the
             rearmost; otherwise it is the foremost. No other angle makes branches 2 and 3 of each
             leg move alike, as the paper's do.
     """
@@ -198,7 +198,7 @@ class ChairGeometry:
         return _constant(centroids + self.R_SA @ to_hinge)
 
 
-# Of a leg: the UP branch, and the two UPS branches.
+# Branches of a leg: the UP branch, and the two UPS branches.
 BRANCHES_OF_LEG = (1, 2, 3)
 LEGS = tuple(range(1, LEG_COUNT + 1))
 

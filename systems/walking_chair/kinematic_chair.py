@@ -79,7 +79,7 @@ class KinematicChair(LeafSystem):
         Args:
             geometry: the chair.
             masses: masses of the chair.
-            passenger: who sits on it in a default context.
+            passenger: person on the seat in a default context.
             period: time between looks at what carries [s].
             place: x and y (2) of the body in a default context, where it looks ahead [m].
         """
@@ -120,7 +120,7 @@ class KinematicChair(LeafSystem):
         Args:
             root_context: context of the diagram that holds this system.
             place: x and y (2) of the body in the world [m].
-            passenger: who sits on it.
+            passenger: person on the seat.
         """
         self.put(root_context, _looking_ahead(place))
         self.seat(root_context, passenger)

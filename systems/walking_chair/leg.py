@@ -355,7 +355,7 @@ def leg_corners(geometry: LegGeometry, up: ArrayLike) -> NDArray[np.float64]:
 _ITERATIONS = 40
 _LARGEST_STEP = 1.0  # [rad]
 _SMALLEST_STEP = 1e-15  # [rad]
-# How far the lengths of what was found may be from the given ones [m].
+# Largest difference between the solution's lengths and the given ones [m].
 _TOLERANCE = 1e-10
 
 

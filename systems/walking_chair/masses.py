@@ -21,7 +21,7 @@ class ChairMasses:
         yoke: mass of each yoke of a leg's three universal joints [kg].
         cylinder: mass of each cylinder of a leg's three actuators [kg].
         rod: mass of each rod of a leg's two UPS branches [kg].
-        foot: with the rod of the UP branch [kg].
+        foot: mass of the foot with the rod of the UP branch [kg].
     """
 
     body: float = 17.6

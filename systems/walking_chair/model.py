@@ -35,7 +35,7 @@ from parapod.systems.walking_chair.geometry import (
 from parapod.systems.walking_chair.leg import up_of_lengths, ups_vectors
 from parapod.systems.walking_chair.masses import Passenger
 
-# What the files in `parapod.urdf.walking_chair` are drawn to.
+# Geometry of the files in `parapod.urdf.walking_chair`.
 CHAIR_GEOMETRY = ChairGeometry()
 # Radius of gyration of a sitting person [m] (assumption).
 _GYRATION = 0.26
@@ -131,7 +131,7 @@ class ChairModel:
             context: the plant's context.
             lengths: (4, 3) of the branches [m].
             body_position: (3) of S in the world [m].
-            passenger: who sits on it.
+            passenger: person on the seat.
         """
         self.plant.SetPositions(context, self.standing_positions(lengths, body_position))
         self.plant.SetVelocities(context, np.zeros(self.plant.num_velocities()))
@@ -178,7 +178,7 @@ class ChairModel:
 
         Args:
             context: the plant's context.
-            passenger: who sits on the chair from here on.
+            passenger: person on the seat from here on.
         """
         seat: Any = self.plant.GetFrameByName("seat")
         seat.SetPoseInParentFrame(context, RigidTransform(passenger.place))

@@ -29,8 +29,8 @@ from parapod.systems.walking_chair.statics import corner_jacobians
 # F_N of Eq. (53) [N].
 FORCE_LIMIT = 427.3
 
-# How much more the balance of forces weighs than the energy in `elastic_forces`, and by how much
-# of the weight it may still be missed.
+# Weight of the balance of forces against the energy in `elastic_forces`, and largest error of the
+# balance as a share of the weight.
 _BALANCE = 1e4
 _MISSED = 1e-4
 

@@ -70,7 +70,7 @@ def force_map(geometry: ChairGeometry, lengths: ArrayLike) -> NDArray[np.float64
 
 # Stiffness of a branch [N/m], as in the model of rigid bodies (assumption).
 STIFFNESS = 1e6
-# How much the balance weighs against the springs' energy.
+# Weight of the balance against the springs' energy.
 _BALANCE = 1e3
 # Share of the weight below which a corner carries nothing.
 _UNLOADED = 1e-7

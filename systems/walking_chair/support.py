@@ -168,7 +168,7 @@ class SupportMonitorParams:
     Attributes:
         required: smallest margin with which a step is begun [m]. Feet and branches give way: of a
             margin computed rigidly some 4 mm are lost under 57 kg.
-        regained: by how much more the margin must be before the gait goes on [m].
+        regained: increase of the margin after which the gait goes on [m].
     """
 
     required: float = 0.010

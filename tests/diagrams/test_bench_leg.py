@@ -88,10 +88,13 @@ def test_places_out_of_reach_are_refused_with_what_is_missing():
     ("given", "words"),
     [
         ({"urdf": "nowhere.urdf"}, r"leg.urdf = 'nowhere.urdf': there is no such file"),
-        ({"hip_frame": "pelvis"}, r"leg.hip_frame = 'pelvis' is no link of .*: .*thigh"),
-        ({"foot_frame": "toe"}, r"leg.foot_frame = 'toe' is no link of"),
+        ({"hip_frame": "pelvis"}, r"leg.hip_frame = 'pelvis' is not a link of .*: .*thigh"),
+        ({"foot_frame": "toe"}, r"leg.foot_frame = 'toe' is not a link of"),
         ({"joints": ("hip",)}, r"leg.joints: 'knee' moves, so it must be among them"),
-        ({"joints": ("hip", "kneee")}, r"'kneee' is no moving joint of .*; there are: hip, knee"),
+        (
+            {"joints": ("hip", "kneee")},
+            r"'kneee' is not a moving joint of .*; there are: hip, knee",
+        ),
         ({"joints": ("hip", "knee", "hip")}, r"names a joint twice"),
         ({"posture": (0.1,)}, r"leg.posture must have 2 numbers, as leg.joints, not 1"),
         ({"max_torque": (1.0,)}, r"leg.max_torque must have 2 numbers"),

@@ -383,7 +383,7 @@ CENTRE = "EPOS2 on slcan"
 def test_signals_of_other_parts_that_make_no_machine_are_refused():
     without = [p for p in ports_of_centre() if p.name != "clamps.command"]
     assert said(parts_of, screws(), ports=without).endswith(
-        " takes clamps.command, which is no port"
+        " takes clamps.command, which is not a port"
     )
     unlocked = screws(lock_nodes=[], lock_outputs=[], lock_inputs=[])
     assert said(parts_of, unlocked) == (

@@ -202,7 +202,7 @@ CARD = "PXIe-6363 PXI1Slot2 at unix:"
         ),
         (
             [*fakes(), _Fake("arm", measures={}, commands={"grip": 1})],
-            r"fake arm takes arm.grip, which is no port",
+            r"fake arm takes arm.grip, which is not a port",
         ),
         (
             with_fakes(NotFittedPart("legs")),

@@ -378,7 +378,7 @@ ENTRIES: dict[str, Entry] = {
         shares=True,
     ),
     "CentrePositions": Entry(
-        of_model(add_tripod), inputs=CENTRE, passes={"positions that are none": "positions"}
+        of_model(add_tripod), inputs=CENTRE, passes={"positions that are not finite": "positions"}
     ),
     "CentrePosture": Entry(
         variants=({"is_sampled": True},),
@@ -412,7 +412,7 @@ ENTRIES: dict[str, Entry] = {
     "BenchPositions": Entry(
         of_model(add_pedal_and_leg, order=lambda: (7, 8, 9, 10)),
         inputs={**BENCH, "hip": around((0.5, 0.9), 0.01), "leg": around((0.6, -1.2), 0.1)},
-        passes={"positions that are none": "positions"},
+        passes={"positions that are not finite": "positions"},
     ),
     "BenchTruth": Entry(
         of_model(add_pedal),
@@ -447,7 +447,7 @@ ENTRIES: dict[str, Entry] = {
         shares=True,
     ),
     "TerrainReference": Entry(limits={"stance": BINARY, "done": BINARY}),
-    "CentreStatics": Entry(inputs=CENTRE, passes={"forces that are none": "leg_force"}),
+    "CentreStatics": Entry(inputs=CENTRE, passes={"forces that are not finite": "leg_force"}),
     "CentreTruth": Entry(
         of_model(add_tripod),
         inputs={port: of_bodies(port) for port in ("body_poses", "state")},

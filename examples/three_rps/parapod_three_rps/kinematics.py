@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 _SPOKES = np.radians([0.0, 120.0, 240.0])
 _RADIAL = np.column_stack([np.cos(_SPOKES), np.sin(_SPOKES), np.zeros(3)])
-_STEP = 1e-6  # of the differences that make a Jacobian; their error is 1e-10
+_STEP = 1e-6  # step of the differences that make a Jacobian; their error is 1e-10
 
 
 @dataclass(frozen=True)

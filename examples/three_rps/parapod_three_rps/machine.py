@@ -18,7 +18,7 @@ from parapod_three_rps.kinematics import jacobian, leg_forces, platform_joints
 
 GEOMETRY = Geometry()
 HOME = np.array([0.0, 0.0, 0.50])  # pose [rad, rad, m]
-STROKE = 0.08  # of a leg to either side of its length at home [m]
+STROKE = 0.08  # stroke of a leg to either side of its length at home [m]
 _MIDDLE = inverse(GEOMETRY, HOME)[0]
 ACTUATOR = LinearActuatorParams(stop_min=_MIDDLE - STROKE, stop_max=_MIDDLE + STROKE)
 

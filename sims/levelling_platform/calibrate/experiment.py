@@ -65,13 +65,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
 type Floats = NDArray[np.float64]
-# How much better the calibrated machine must predict its posture than the drawing does.
+# Improvement of the predicted posture over that by the drawing that calibration must give.
 IMPROVEMENT = 5.0
-# What the paper calls an almost exact model: its errors against the simulated machine (section 7).
+# Errors of the model that the paper calls almost exact, against the simulated machine (section 7).
 _EXACT = {"height": 0.3, "roll": 0.07, "pitch": 0.07}  # [mm, deg, deg]
 # The paper's errors of the drawing against its prototype (section 7).
 _PROTOTYPE = {"height": 1.0, "roll": 0.2, "pitch": 0.1}  # [mm, deg, deg]
-# How many of its standard deviations chi^2 may be above its mean.
+# Standard deviations by which chi^2 may be above its mean.
 _CHI2_SPREAD = 5.0
 
 
@@ -263,7 +263,7 @@ def prediction_metrics(
     Args:
         comparison: comparison of poses that were not used.
         least: smallest improvement allowed, or None.
-        is_bounded: whether the calibrated errors have bounds.
+        is_bounded: true if the calibrated errors have bounds.
         where: words that say of which poses and against what.
     """
     metrics = [
@@ -274,7 +274,12 @@ def prediction_metrics(
             meaning="error of the four feet's heights that a predicted posture implies, root mean "
             f"square: drawing by calibrated; {where}",
         ),
-        Metric("foot_error_mm", 1e3 * comparison.calibrated.size, "mm", meaning="calibrated"),
+        Metric(
+            "foot_error_mm",
+            1e3 * comparison.calibrated.size,
+            "mm",
+            meaning="error of a foot, calibrated",
+        ),
         Metric("nominal_foot_error_mm", 1e3 * comparison.nominal.size, "mm", meaning="drawing"),
     ]
     for prefix, prediction in (("", comparison.calibrated), ("nominal_", comparison.nominal)):
@@ -291,7 +296,7 @@ def prediction_metrics(
                     unit,
                     _EXACT[name] if is_bounded and not prefix else None,
                     paper=_PROTOTYPE[name] if prefix else None,
-                    meaning="largest; " + ("drawing" if prefix else "calibrated"),
+                    meaning="largest error, " + ("drawing" if prefix else "calibrated"),
                 )
             )
     return metrics
@@ -325,11 +330,15 @@ def fit_metrics(calibration: Calibration) -> list[Metric]:
             "accel_bias_std_mg",
             1e3 * float(deviations[BIAS].max()),
             "mg",
-            meaning="of the bias, the larger of roll and pitch",
+            meaning="standard deviation of the bias, the larger of roll and pitch",
         ),
-        Metric("accel_bias_roll_mg", roll, "mg", meaning="that makes the roll too large"),
-        Metric("accel_bias_pitch_mg", pitch, "mg", meaning="that makes the pitch too large"),
-        Metric("condition", calibration.condition, meaning="of the sensitivity, in tolerances"),
+        Metric("accel_bias_roll_mg", roll, "mg", meaning="bias by which the roll is too large"),
+        Metric("accel_bias_pitch_mg", pitch, "mg", meaning="bias by which the pitch is too large"),
+        Metric(
+            "condition",
+            calibration.condition,
+            meaning="condition number of the sensitivity, in tolerances",
+        ),
     ]
 
 
@@ -344,20 +353,20 @@ def truth_metrics(
             "sensed_improvement_factor",
             sensed.improvement,
             at_least=IMPROVEMENT,
-            meaning="largest, against the posture that the corrected inertial sensor shows",
+            meaning="largest improvement, against the posture of the corrected inertial sensor",
         ),
         Metric(
             "accel_bias_error_mg",
             1e3 * float(bias),
             "mg",
             0.25 if is_tracked else None,
-            meaning="the larger of roll and pitch",
+            meaning="error of roll or pitch, the larger one",
         ),
         Metric(
             "offset_error_mm",
             1e3 * float(offset),
             "mm",
-            meaning="of the worst encoder; l_3, l_4 and alpha make up for it",
+            meaning="error of the worst encoder offset; l_3, l_4 and alpha make up for it",
         ),
     ]
 
@@ -391,9 +400,9 @@ def _notes(calibration: Calibration, recording: PoseRecording) -> list[str]:
 
 _DEG = float(np.degrees(1.0))
 _CALIBRATED, _OTHER = COLOURS[0], COLOURS[1]
-# What is shown of the largest error's decades.
+# Range of errors in the drawing, as a share of the largest one.
 _DECADES = 1e-3
-# As people write the parameters.
+# Parameters as people write them.
 _SYMBOLS = {"beta": r"$\beta$", "alpha": r"$\alpha$", "offset": "offset"}
 
 

@@ -70,7 +70,7 @@ def parsed_answer(text: str, expected: Floats, is_tracked: bool) -> Outside:
         text: numbers with blanks between them: height [mm], and where tracked roll and pitch
             [deg].
         expected: roll, pitch and height (3) by the machine's own sensors [rad, rad, m].
-        is_tracked: whether roll and pitch are asked for.
+        is_tracked: true if roll and pitch are asked for.
 
     Raises:
         ValueError: an answer that cannot be; says what can.
@@ -131,7 +131,7 @@ class PoseWatch(LegWatch):
         """Begins with the first pose.
 
         Args:
-            loop: of a `LegJob` with `hand` as its source.
+            loop: loop of a `LegJob` with `hand` as its source.
             scenario: the scenario.
             commands: extensions (n, 4) of the poses [m].
             answers: asks for what was measured from outside.
@@ -268,7 +268,7 @@ def ask_for(hand: Diagram, root: Context, extension: Floats, is_led: bool) -> No
         hand: made by `make_hand`.
         root: root context.
         extension: extensions (4) [m].
-        is_led: whether the legs are led there; otherwise they have no command.
+        is_led: true if the legs are led there; otherwise they have no command.
     """
     for name, value in (
         ("extension_request", [*extension, *[0.0] * LEG_COUNT]),
@@ -310,8 +310,8 @@ def record_poses(
 
     Raises:
         RefusedRequest: the machine does not stand on its feet; nothing has moved.
-        NoAnswer: nobody is there who could answer.
-        Tripped: the machine tilts, or its guard has found what cannot be.
+        NoAnswer: no person can answer. Tripped: the machine tilts, or its guard has found what
+            cannot be.
         OutputError: the recording cannot be written.
     """
     commands = pose_commands(scenario, machine)

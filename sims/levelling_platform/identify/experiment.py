@@ -62,13 +62,14 @@ from parapod.systems.sensors.encoder import Encoder
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-STROKE = (0.385, 0.425)  # where the feet carry and the leg model holds [m]
+STROKE = (0.385, 0.425)  # stroke in which the feet carry and the leg model holds [m]
 CASES = ("unloaded", "loaded")
 SHARE = 0.15  # largest deviation from the nominal K that the paper found
-# A load that moves from leg to leg during the steps is no constant friction; over gain errors of
-# up to 15 % that puts the estimate off by 0.7 % at most [%].
+# A load that moves from leg to leg during the steps is not a constant friction; over gain errors
+# of up to 15 % that puts the estimate off by 0.7 % at most [%].
 _SEPARATED_BOUND = 1.0
-# Of both cases of a real machine, whose longer steps move more load from leg to leg [%].
+# Difference of both cases of a real machine, whose longer steps move more load from leg to leg
+# [%].
 _DIFFERENCE_BOUND = 2.0
 _MARKERS = ("o", "x")
 # Both cases of a step stand side by side [steps].
@@ -250,7 +251,7 @@ def check_steps(scenario: IdentifyActuatorsScenario) -> None:
     for i, voltage in enumerate(steps.voltages):
         key = f"steps.voltages.{i}"
         if voltage == 0.0:
-            raise ScenarioError(f"{key} = 0 is no step", key)
+            raise ScenarioError(f"{key} = 0 is not a step", key)
         if abs(voltage) > scenario.actuators.supply_voltage:
             supply = scenario.actuators.supply_voltage
             raise ScenarioError(f"{key} = {voltage:g} V is above the supply, {supply:g} V", key)
@@ -359,7 +360,7 @@ def gain_metrics(unloaded: Steps, loaded: Steps, is_bounded: bool = True) -> tup
     Args:
         unloaded: the steps without load.
         loaded: those with load.
-        is_bounded: whether single steps are to be as near to the nominal K as in the paper; a real
+        is_bounded: true if single steps are to be as near to the nominal K as in the paper; a real
             machine's actuators are what they are.
     """
     means = [float(case.gain.mean()) for case in (unloaded, loaded)]
@@ -380,7 +381,7 @@ def gain_metrics(unloaded: Steps, loaded: Steps, is_bounded: bool = True) -> tup
                 "%",
                 100.0 * SHARE if is_bounded else None,
                 paper=100.0 * SHARE,
-                meaning="largest of a step's K from 0.01, any leg",
+                meaning="largest deviation of a step's K from 0.01, any leg",
             )
             for case, found in zip(CASES, (unloaded, loaded), strict=True)
         ),
@@ -390,7 +391,7 @@ def gain_metrics(unloaded: Steps, loaded: Steps, is_bounded: bool = True) -> tup
                 found.spread_percent,
                 "%",
                 paper="similar",
-                meaning="of the four legs' mean K, largest less smallest",
+                meaning="spread of the four legs' mean K, largest less smallest",
             )
             for case, found in zip(CASES, (unloaded, loaded), strict=True)
         ),
@@ -404,7 +405,7 @@ def separated_metrics(
 
     Args:
         cases: without load and with it.
-        truth: (4) the actuators' K [(m/s)/V]; None where nobody knows it.
+        truth: (4) the actuators' K [(m/s)/V]; None where it is unknown.
     """
     if truth is None:
         unloaded, loaded = (found.gain for found in cases)
@@ -419,7 +420,7 @@ def separated_metrics(
             100.0 * float(np.abs(found.gain / truth - 1.0).max()),
             "%",
             _SEPARATED_BOUND,
-            meaning="of K with friction separated, against the true K, largest of a leg",
+            meaning="largest error of K of a leg with friction separated, against the true K",
         )
         for case, found in zip(CASES, cases, strict=True)
     )

@@ -24,7 +24,8 @@ from parapod.sims.levelling_platform.leg_job import (
 from parapod.systems.levelling_platform.eased_legs import easing_time
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 
-# Where the feet of a machine on its wheels are in the air, before the end switches close [m].
+# Positions at which the feet of a machine on its wheels are in the air, before the end switches
+# [m].
 LIFTED = (0.428, 0.458)
 # Rest after each way [s], and largest rate of a lifted leg [m/s].
 _SETTLE, _LIFTING = 2.0, 5e-3
@@ -100,7 +101,7 @@ class _StepsWatch(LegWatch):
 
         Args:
             span: beginning and end of its steps [s].
-            is_loaded: whether the attitude counts.
+            is_loaded: true if the attitude counts.
         """
         period = self._loop.scenario.control.period
         # At the very beginning the controller's last voltage is still there.

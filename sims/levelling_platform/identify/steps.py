@@ -12,7 +12,7 @@ from parapod.systems.core.schema import Schema, quantity
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 
 NOMINAL = LinearActuatorParams().gain  # K of Eq. (18) [(m/s)/V]
-FEWEST_SAMPLES = 5  # that make a ramp
+FEWEST_SAMPLES = 5  # samples that make a ramp
 
 
 @dataclass
@@ -159,7 +159,7 @@ def find_steps(recording: Recording, transient: float) -> Steps:
     for begin, end in pairwise([0, *edges.tolist(), time.size]):
         if voltage[begin] == 0.0:
             continue
-        # Parts of a rise or fall are no steps.
+        # Parts of a rise or fall are not steps.
         if end - begin < FEWEST_SAMPLES:
             continue
         ramp = slice(begin + int(np.searchsorted(time[begin:end], time[begin] + transient)), end)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _PLATFORM = PlatformGeometry()
 _STROKE = (_PLATFORM.extension_min, _PLATFORM.extension_max)
-_MIDDLE = 0.405  # of the stroke [m]
+_MIDDLE = 0.405  # middle of the stroke [m]
 _BLUE, _ORANGE, _GREEN = COLOURS[:3]
 _GREY = "0.65"
 

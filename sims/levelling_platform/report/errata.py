@@ -25,8 +25,8 @@ _LEGS = _PLATFORM.legs[:3]
 # A posture away from every symmetry, on ground away from every symmetry.
 _GROUND = (math.radians(2.0), math.radians(3.0))
 _THETA, _PHI, _HEIGHT = math.radians(-1.0), math.radians(1.5), 0.48
-_STEP = 1e-6  # of central differences [rad, m]
-_EXACT = 1e-9  # what rounding and differences leave of an equation that holds
+_STEP = 1e-6  # step of central differences [rad, m]
+_EXACT = 1e-9  # error of differences in an equation that holds
 
 
 def _extension() -> list[float]:

@@ -2,7 +2,7 @@
 
 Encoders say how far the feet move against each other, inertial sensor and encoders whether the
 platform moves while the actuators are braked. What all feet have in common, the platform that
-drifts or turns as a whole, moves neither; nobody on board sees it.
+drifts or turns as a whole, moves neither; no sensor on board sees it.
 """
 
 from collections.abc import Iterator
@@ -62,7 +62,7 @@ type Floats = NDArray[np.float64]
 _SETTLE, _RATE = 1.0, 4e-3
 # Two counts of the encoders: braked actuators do not move [mm].
 _HELD = 0.021
-_RESIDUAL = 1.0  # of a foot from the plane of all four [mm]
+_RESIDUAL = 1.0  # residual of a foot from the plane of all four [mm]
 _BEFORE = 0.5  # over which the state before the swing is averaged [s]
 
 
@@ -110,7 +110,7 @@ class Measured:
 
     Attributes:
         times: see `Times`.
-        has_arm: whether there is an arm that has swung.
+        has_arm: true if there is an arm that has swung.
         geometry: the machine as its controller knows it.
         time: (n) [s].
         extension: (n, 4) with the encoders' offsets [m].
@@ -256,7 +256,7 @@ def measured_metrics(scenario: SlipScenario, data: Measured) -> Iterator[Metric]
         most,
         paper=3.0,
         at_least=least,
-        meaning="largest of a foot against the others while the actuators lift the platform, by "
+        meaning="largest slip of a foot against the others while the platform is lifted, by "
         "the encoders",
     )
     at = int(np.argmax(data.time >= times.swing))
@@ -266,7 +266,7 @@ def measured_metrics(scenario: SlipScenario, data: Measured) -> Iterator[Metric]
         1e3 * height - scenario.lift.height_mm,
         "mm",
         HEIGHT_BOUND,
-        meaning="when the arm begins to swing, against the commanded height, by the encoders",
+        meaning="height above the commanded one when the arm begins to swing, by the encoders",
     )
     until = data.between(times.lift, times.swing)
     tilt = np.degrees(np.abs(data.attitude[until] - data.attitude[until][0]).max())
@@ -278,7 +278,7 @@ def measured_metrics(scenario: SlipScenario, data: Measured) -> Iterator[Metric]
         1e3 * float(residual.max()),
         "mm",
         _RESIDUAL,
-        meaning="largest of a foot from the plane of all four, by the encoders",
+        meaning="largest distance of a foot from the plane of all four, by the encoders",
     )
     # The rods come to rest first.
     held = data.extension[data.between(times.braked + 0.1, times.end)]
@@ -287,7 +287,7 @@ def measured_metrics(scenario: SlipScenario, data: Measured) -> Iterator[Metric]
         1e3 * float(np.ptp(held, axis=0).max()),
         "mm",
         _HELD,
-        meaning="largest of an actuator while it is braked, by its encoder",
+        meaning="largest motion of a braked actuator, by its encoder",
     )
     if data.has_arm:
         yield from _swing_metrics(data)

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
 
-_PERIOD = 0.01  # of the recording [s]
+_PERIOD = 0.01  # period of the recording [s]
 # After the brakes close the rods come to rest first [s].
 _STOPPING = 0.1
 
@@ -187,7 +187,7 @@ def slip_metrics(scenario: SlipScenario, recording: Recording) -> tuple[Metric, 
             "mm",
             0.01,
             paper="< 0.01",
-            meaning="largest of a leg from the arm's swing on, actuators braked",
+            meaning="largest slip of a leg from the arm's swing on, actuators braked",
         ),
         Metric("arm_slip_left_mm", float(swinging[-1].max()), "mm", meaning="at the end"),
         Metric(
@@ -197,7 +197,7 @@ def slip_metrics(scenario: SlipScenario, recording: Recording) -> tuple[Metric, 
             ACTUATOR_SLIP[1],
             paper=3.0,
             at_least=ACTUATOR_SLIP[0],
-            meaning="largest of a leg while the actuators lift the platform",
+            meaning="largest slip of a leg while the actuators lift the platform",
         ),
         Metric("rest_slip_mm", float(waiting.max()), "mm", meaning="between lift and swing"),
     )
@@ -214,9 +214,9 @@ def lift_metrics(scenario: SlipScenario, recording: Recording) -> tuple[Metric, 
             reached - scenario.lift.height_mm,
             "mm",
             HEIGHT_BOUND,
-            meaning="when the arm begins to swing, against the commanded height",
+            meaning="height above the commanded one when the arm begins to swing",
         ),
-        Metric("lift_tilt_deg", float(tilt.max()), "deg", meaning="largest until the swing"),
+        Metric("lift_tilt_deg", float(tilt.max()), "deg", meaning="largest tilt until the swing"),
     )
 
 

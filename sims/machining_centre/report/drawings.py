@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
 
-_HEIGHT = 0.48  # of the platform [m]
+_HEIGHT = 0.48  # height of the platform [m]
 
 
 def _project(points: Array) -> Array:

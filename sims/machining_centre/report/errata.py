@@ -19,7 +19,7 @@ from parapod.systems.machining_centre.workspace import cell_centres, survey
 from parapod.systems.machining_centre.wrench import wrench_indices
 
 _TRIPOD = CentreGeometry(3)
-_STEP = 1e-6  # of central differences [m, rad]
+_STEP = 1e-6  # step of central differences [m, rad]
 _EXACT = 1e-9
 # Poses away from every symmetry: x, y, z [m], roll, pitch, yaw [rad].
 _POSES = np.hstack(

@@ -87,7 +87,7 @@ def write_experiment_log(
         experiment: its name.
         scenario: scenario that was run.
         time: (n) [s].
-        signals: by port, the samples (n, ...) and their unit.
+        signals: samples (n, ...) and their unit, by port.
         draw: draws the machine into an *.mcap; None: it is not drawn.
 
     Raises:

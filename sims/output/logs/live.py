@@ -28,7 +28,7 @@ from parapod.systems.hardware.clock import calendar_time_ns
 
 # Longest time for which what has been read is not in the file [s].
 FLUSH_PERIOD = 0.2
-_CAPACITY = 1 << 20  # of the pipe, as much as the kernel gives to everybody [bytes]
+_CAPACITY = 1 << 20  # capacity of the pipe, the most that an ordinary user gets [bytes]
 # How long the process may take to begin, and to write what is left with the drawing [s]; how often
 # one looks.
 _BEGINNING, _ENDING, _LOOK = 60.0, 60.0, 0.01

@@ -113,7 +113,7 @@ class McapWriter:
         """Writes the values of all ports at one time.
 
         Args:
-            stamp: of the messages [ns].
+            stamp: stamp of the messages [ns].
             t: time of the loop [s].
             values: numbers of each port.
         """

@@ -287,7 +287,7 @@ class McapLog(StoredLog):
     """A log in an MCAP file, also one whose writer was killed; what was not finite is NaN.
 
     The metadata have, beside what the writer was given, the units and, under `wall_time`, the
-    wall clock at the first sample [s]. Topics that are no signals, such as drawings, are left out.
+    wall clock at the first sample [s]. Topics without signals, such as drawings, are left out.
     """
 
     def _describe(self) -> None:

@@ -42,7 +42,7 @@ class Extremes:
         Args:
             columns: number of columns.
             most: number of buckets that it ends with at most, and half of it at least, if there
-                are so many rows.
+                are this number of rows.
         """
         self._columns, self._most = columns, most
         self._size = 1  # rows in a bucket
@@ -63,7 +63,7 @@ class Extremes:
         time = np.concatenate((self._rest[0], time))
         values = np.concatenate((self._rest[1], values))
         count = len(time) // self._size
-        # So many that buckets can be merged in pairs until there are not too many.
+        # The number with which buckets can be merged in pairs until there are few enough.
         merges = max(0, math.ceil(math.log2((len(self._times) + count) / self._most or 1)))
         count -= (len(self._times) + count) % 2**merges
         end = count * self._size
@@ -118,7 +118,7 @@ class Extremes:
 
 
 class Snapshots[R]:
-    """Every so many-th row, from the first on.
+    """Every n-th row, from the first on.
 
     Attributes:
         rows: the rows that are kept.
@@ -128,8 +128,8 @@ class Snapshots[R]:
         """Holds nothing yet.
 
         Args:
-            most: number of rows that it ends with at most, and half of it at least, if there are
-                so many.
+            most: largest number of rows at the end; at least half of it, if there are that
+                many.
         """
         self.rows: list[R] = []
         self._step, self._most, self._seen = 1, most, 0

@@ -12,7 +12,7 @@ from parapod.systems.walking_chair.masses import Passenger
 
 # From so far that lines parallel in space nearly stay so [m].
 _FAR = 30.0
-_MID_SWING = 7.5  # of legs 1 and 3 [s]
+_MID_SWING = 7.5  # middle of the swing of legs 1 and 3 [s]
 
 
 def pictures() -> tuple[Picture, ...]:

@@ -24,8 +24,8 @@ _LEG = CHAIR_GEOMETRY.leg
 _GAIT = TrotGait()
 # A posture away from every symmetry: l_11 [m], alpha, beta [rad].
 _UP = np.array((0.70, math.radians(10.0), math.radians(15.0)))
-_STEP = 1e-6  # of central differences [m, s]
-_EXACT = 1e-7  # what differences leave of an equation that holds
+_STEP = 1e-6  # step of central differences [m, s]
+_EXACT = 1e-7  # error of differences in an equation that holds
 
 
 def _corner(number: int) -> NDArray[np.float64]:
@@ -114,7 +114,7 @@ def _body_acceleration() -> Check:
     corrected, differences = printed_point_acceleration()
     good = np.abs(corrected - differences).max()
     return Check(
-        f"The printed terms with the body's angular velocity squared are no accelerations: T_1 "
+        f"The printed terms with the body's angular velocity squared are not accelerations: T_1 "
         f"T_3 S(w) and 2 S(w) p' mix frames and lack a velocity. The corrected ones agree with "
         f"differences to {good:.0e} m/s^2.",
         bool(good < 1e-5),

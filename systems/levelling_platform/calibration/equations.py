@@ -50,7 +50,7 @@ IDENTIFIABLE = ("l_x", "l_y", "l_z", "beta", "l_3", "l_4", "alpha")
 LEG_PARAMETERS = (*IDENTIFIABLE, "offset")
 LEG_WIDTH = len(LEG_PARAMETERS)
 _LEGS_END = LEG_COUNT * LEG_WIDTH
-# Where the bias of roll and pitch, and the ground's roll and pitch, stand among the parameters.
+# Places of the bias of roll and pitch, and of the ground's roll and pitch, among the parameters.
 BIAS = slice(_LEGS_END, _LEGS_END + 2)
 GROUND = slice(_LEGS_END + 2, _LEGS_END + 4)
 PARAMETER_COUNT = GROUND.stop

@@ -45,8 +45,8 @@ class Comparison:
     """The same poses predicted with the drawing and with the calibrated machine.
 
     Attributes:
-        nominal: by the drawing.
-        calibrated: by the calibration.
+        nominal: error with the lengths of the drawing.
+        calibrated: error with the calibrated lengths.
     """
 
     nominal: Prediction

@@ -49,7 +49,7 @@ from parapod.systems.levelling_platform.kinematics import forward_kinematics, pa
 NEGLIGIBLE = math.sqrt(LEG_COUNT) * 0.05e-3
 # A parameter takes part in a direction from this share of the largest one's part on [-].
 _PART = 0.25
-# So many poses usually do, if they differ.
+# This number of poses usually suffices, if they differ.
 _ENOUGH_POSES = 15
 # Below these spreads a recording hardly leaves one pose.
 _SPREAD_ANGLE = math.radians(3.0)
@@ -203,11 +203,12 @@ class Calibration:
         prior: (36) standard deviation of the parameters before any data.
         residuals: (n, 4) how far each foot is from the ground [m]; zero in the air.
         chi2: sum of squares of the whitened residuals.
-        degrees_of_freedom: of `chi2`, which it should be near: the equations less the parameters,
-            of which one that data and tolerance share counts by the data's share.
+        degrees_of_freedom: expected value of `chi2`: the equations less the parameters, of which
+            one that data and tolerance share counts by the data's share.
         condition: largest over smallest singular value of the data's sensitivity to the parameters
             in tolerances.
-        determined: of how many directions the data alone are surer than a tolerance.
+        determined: number of parameter directions that the data determine better than the
+            tolerances.
     """
 
     geometry: PlatformGeometry

@@ -89,7 +89,7 @@ class MujocoPlant(LeafSystem):
         """Begins where a context of the translated plant is.
 
         Args:
-            context: of this system.
+            context: context of this system.
             plant_context: its positions, velocities, anchored poses and loads are taken.
         """
         loads, physics, forces = self._beginning(plant_context)

@@ -214,7 +214,7 @@ def test_a_file_of_other_software_is_not_gone_on_with(study, work):
 def test_a_file_that_is_no_table_is_left_as_it_is(study, work, content):
     path = work / "xy.parquet"
     path.write_bytes(content)
-    with pytest.raises(OutputError, match="it is no Parquet file"):
+    with pytest.raises(OutputError, match="it is not a Parquet file"):
         carry_out(study(XY), path, resume=True)
     assert path.read_bytes() == content
     assert list(work.iterdir()) == [path]

@@ -57,8 +57,8 @@ def test_tags_of_other_keys_are_kept():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[1, 2]\n", "is no mapping"),
-        ("control: [1]\n", "'control' is no mapping"),
+        ("[1, 2]\n", "is not a mapping"),
+        ("control: [1]\n", "'control' is not a mapping"),
         ("a: &a {pole: 9}\ncontrol: *a\n", "cannot be changed in its place"),
         ("control: {pole: 9\n", "line"),
     ],
