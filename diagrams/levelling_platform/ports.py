@@ -61,7 +61,7 @@ PORTS = (
         "legs.emergency_stop",
         1,
         "0/1",
-        "whether the emergency stop is pressed",
+        "1 while the emergency stop is pressed",
         default=0.0,
         faults=[Span(0.0, 1.0, is_binary=True)],
     ),
@@ -126,13 +126,13 @@ PORTS = (
         elements=_POSTURE,
     ),
     Inner("extension_desired_state", _LENGTHS, "extensions that the legs are led to, and rates"),
-    Inner("legs_arrived", "0/1", "whether the legs follow what is asked for"),
+    Inner("legs_arrived", "0/1", "1 while the legs follow their references"),
     Inner("feet_standing", "0/1", "feet that stand, or have lifted a moment ago only"),
     Inner(
         *("ground_estimated", "rad", "roll and pitch of the ground"),
         elements=("roll of the ground", "pitch of the ground"),
     ),
-    Inner("ground_valid", "0/1", "whether the ground is known"),
+    Inner("ground_valid", "0/1", "1 once the ground is known"),
     Inner("foot_offsets_estimated", "m", "heights under the feet above the ground's plane"),
     Inner("attitude_estimated", "rad", "roll and pitch", elements=("roll", "pitch")),
     # Supervision.
@@ -141,7 +141,7 @@ PORTS = (
     Inner("severity", "-", "gravest finding"),
     Inner("refusal", "-", "reason for which the last request is refused, and its detail"),
     Inner("arm_command", "rad", "angles of turntable and arm"),
-    Inner("arm_refused", "0/1", "whether the requested move is refused"),
+    Inner("arm_refused", "0/1", "1 while the requested move is refused"),
     Inner("arm_margin", "m", "least stability margin along the requested move"),
     Inner("stability_margin", "m", "stability margin now"),
 )

@@ -43,7 +43,7 @@ class UnevenGround(LevellingExperiment[Run]):
         yield from error_metrics(
             (_truth(scenario, run) - _desired(run))[settled],
             bounds=_BOUNDS,
-            meaning="largest after settling, against gravity and the feet's mean height",
+            meaning="largest error after settling, against gravity and the feet's mean height",
         )
         yield from _feet(run, np.array(scenario.ground.foot_heights_mm))
 

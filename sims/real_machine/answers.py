@@ -18,15 +18,15 @@ from rich.console import Console
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.quoting import quoted_path
 
-# Between two looks for an answer, or at whether nobody wants one any more [s].
+# Interval at which a reader looks for an answer, or for the end of the questions [s].
 _PAUSE = 0.2
-_PIECE = 4096  # read at once [bytes]
+_PIECE = 4096  # bytes that are read at once
 # Column that says of which question a row is the answer.
 NUMBER = "pose"
 
 
 class NoAnswer(ParapodError):
-    """Nobody is there any more who could answer."""
+    """No source is left that could answer."""
 
 
 class Answers(ABC):
@@ -82,7 +82,7 @@ class Answers(ABC):
 
     @abstractmethod
     def _listen(self) -> None:
-        """Puts answers into the queue until nobody wants one any more."""
+        """Puts answers into the queue until no reader needs one any more."""
 
 
 class ConsoleAnswers(Answers):

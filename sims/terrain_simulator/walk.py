@@ -80,7 +80,7 @@ class BenchWalking(LoopExperiment[TerrainBenchScenario, Run]):
         """Refuses a walk before anything moves.
 
         Raises:
-            ScenarioError: settings that do not fit together, or a leg that is none.
+            ScenarioError: settings that do not fit together, or an unusable leg.
             PathRefused: a limit of the bench, when, and the largest admissible speed.
             UnreachableFoot: the leg does not reach.
         """

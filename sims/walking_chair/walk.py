@@ -444,7 +444,7 @@ def _read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
     settings = loop.scenario
     seat, (mass, x, y) = settings.passenger, read("payload_estimated")
     margin, (is_held,), (gait_time,) = read("support_margin")[0], read("hold"), read("gait_time")
-    is_known = mass > 1.0  # [kg]; nobody has no centre
+    is_known = mass > 1.0  # [kg]; an empty seat has no centre
     rows = (
         Row("passenger", seat.mass_kg, mass, unit="kg", decimals=1),
         Row("to the right", seat.x_mm, 1e3 * x if is_known else None, unit="mm", decimals=0),

@@ -67,7 +67,7 @@ HEARTBEAT_PRODUCED = Entry(0x1017, 0, "<H")  # [ms]; 0: none
 
 
 def wrapped(value: int, bits: int = 32) -> int:
-    """A number as a signed one of so many bits shows it that has overflowed."""
+    """Value of a number after overflow in a signed integer of `bits` bits."""
     half = 1 << bits - 1
     return (value + half) % (1 << bits) - half
 
@@ -80,7 +80,7 @@ class Pdo(NamedTuple):
         communication: index of its communication parameters.
         mapping: index of its mapping parameters.
         transmission: its transmission type.
-        entries: that it carries.
+        entries: objects that it carries.
     """
 
     base: int
@@ -114,7 +114,7 @@ class Pdo(NamedTuple):
 
 # The receiving thread looks this often whether it should end [s].
 _RECEIVE_CYCLE = 0.05
-# How long nodes may take to answer a search [s].
+# Longest time until nodes answer a search [s].
 _SEARCH_TIME = 0.1
 # Every cycle sends a few frames at most: a bus that does not take one for so long is gone [s].
 _SEND_TIMEOUT = 0.05
@@ -137,7 +137,7 @@ class BufferedPort:
         self._buffer = bytearray()
 
     def read(self, size: int = 1) -> bytes:
-        """Up to so many bytes; fewer if the port's timeout passes meanwhile."""
+        """Up to `size` bytes; fewer if the port's timeout passes meanwhile."""
         if not self._buffer:
             self._buffer += self._port.read(max(size, self._port.in_waiting))
         taken = bytes(self._buffer[:size])
@@ -191,7 +191,7 @@ class CanopenBus:
 
         Args:
             name: name in errors.
-            node_ids: that are spoken to.
+            node_ids: node ids that are used.
             sdo_timeout: longest wait for the answer to a service data request [s].
         """
         self._name = name

@@ -52,7 +52,7 @@ class Hold:
     """Time at which the emulated clock waits for a thread; with real devices it does nothing.
 
     Attributes:
-        is_kept: whether there is a clock that waits.
+        is_kept: true if there is a clock that waits.
     """
 
     is_kept = False
@@ -297,7 +297,7 @@ def wait_until(event: threading.Event, at: float) -> bool:
 
     Args:
         event: the event.
-        at: as `monotonic` shows it [s].
+        at: instant by `monotonic` [s].
     """
     if _clock is None:
         return event.wait(max(0.0, at - time.monotonic()))

@@ -19,7 +19,7 @@ from parapod.systems.hardware.exclusive import InUse, only_program
 type Signals = Mapping[str, Sequence[float]]
 
 
-_LONGEST_NAME = 240  # of a device with its address, in messages [characters]
+_LONGEST_NAME = 240  # longest name of a device with its address, in messages [characters]
 
 
 class DeviceFault(IntEnum):
@@ -70,11 +70,11 @@ class Device(ABC):
 
     Attributes:
         name: kind and place of the device, as errors call it.
-        watchdog: what makes the outputs neutral when nobody speaks to the device any more, as in
-            "without heartbeats its drives stop within 0.1 s"; "": nothing does.
+        watchdog: mechanism that makes the outputs neutral when no program speaks to the device, as
+            in "without heartbeats its drives stop within 0.1 s"; "": nothing does.
         remarks: facts that whoever starts the device has to know, once it is configured or active,
             such as a fault from before; sentences without the device's name.
-        place: what no two programs may command, see `only_program`; "": nothing.
+        place: resource that only one program may command, see `only_program`; "": none.
         measures: the signals that `read` returns, and their sizes.
         commands: the signals that `write` takes, and their sizes.
         fail_safe: those of the commands that are switches; 1 is the safe side of each (stopped,

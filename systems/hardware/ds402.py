@@ -108,7 +108,7 @@ def obeyed(state: DriveState, previous: int, controlword: int) -> DriveState:
     Args:
         state: before.
         previous: controlword before: a fault is reset by an edge.
-        controlword: that has come.
+        controlword: received controlword.
     """
     match state:
         case DriveState.FAULT:

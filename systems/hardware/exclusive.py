@@ -18,7 +18,7 @@ from pathlib import Path
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.hardware.places import normal_form
 
-# Where programs of all users find each other's locks.
+# Folder in which programs of all users find each other's locks.
 _SHARED = Path("/run/lock")
 # How long [s] and how often one waits for a program that only looks whether there is a lock.
 _LOOK, _LOOKS = 5e-3, 10

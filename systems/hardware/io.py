@@ -37,16 +37,16 @@ COMMAND_TIMEOUT = 0.1
 _IN_TIME = 0.995
 _MARGIN = 5e-4
 _LARGEST_LEAD = 0.7
-# By how much the estimate of what a reading takes, once it is due, follows each one [s].
+# Step by which the estimate of a reading's duration, once it is due, follows each one [s].
 _LEARNING = 2e-4
 # Reading times that differ by less are equal [s].
 _ROUNDING = 1e-6
-# How many of the newest ages are kept: some minutes.
+# Number of the newest ages that are kept: some minutes.
 _KEPT = 30_000
 # An emulated time waits for readings and commands that are not done after so much of a period [-]:
 # what is read while time goes on is newer than its stamp by as much.
 _HELD = 0.2
-# How long a thread may take to end once it is asked to; a device's calls are shorter [s].
+# Longest time until a thread ends once it is asked to; a device's calls are shorter [s].
 _JOIN_TIMEOUT = 2.0
 
 
@@ -97,7 +97,7 @@ class DeviceThread:
         """Prepares the thread.
 
         Args:
-            device: that is read and written.
+            device: device that is read and written.
             period: period of the loop and of the readings [s].
             command_timeout: see the class [s].
             clock: monotonic [s].
@@ -377,7 +377,7 @@ class PartReader(LeafSystem):
             threads: threads of its devices; none for a part without.
             period: period of the loop [s].
             stale_after: see the class [s].
-            clock: that of the threads [s].
+            clock: clock of the threads [s].
         """
         super().__init__()
         self.set_name(f"{part}_reader")

@@ -10,7 +10,7 @@ from functools import cache
 
 # Name of a server on this computer.
 _HERE = "localhost"
-# How long one waits for a name server that does not answer, as without a network [s].
+# Longest wait for a name server that does not answer, as without a network [s].
 _PATIENCE = 1.0
 # Names that gRPC has for its ways to find a server.
 _SCHEME = re.compile(r"^(dns:(//[^/]*/)?|ipv4:|ipv6:)", re.IGNORECASE)

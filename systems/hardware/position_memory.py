@@ -20,7 +20,7 @@ from parapod.systems.hardware.device import Device, DeviceError
 _COASTING = 0.05
 # Keys of the file beside the positions.
 _SAVED, _PROGRAMS, _REFERENCE = "saved", "programs_since_measured", "reference"
-# How positions that the settings give have been found.
+# Origin of positions that the settings give.
 _BY_HAND = "measured by hand"
 # Largest number of looks whether it stands; an encoder on an edge may never be quiet.
 _LOOKS = 10
@@ -35,7 +35,7 @@ class PositionMemory:
 
     Attributes:
         path: path of the file; its folder must exist.
-        signal: that is remembered, as "position": errors and the scenario's keys are named
+        signal: signal that is remembered, as "position": errors and the scenario's keys are named
             after it.
     """
 
@@ -79,9 +79,9 @@ class PositionMemory:
             raise self._refused(f"cannot be read: {error}") from None
         if known is None:
             raise self._refused(
-                "says that the last program ended while the drives had power, so nobody knows the "
-                f"{self.signal}s; find them with `parapod home`, or measure them, and delete the "
-                f"file to begin with what you measured, given as {self.signal}_at_start_mm"
+                "says that the last program ended while the drives had power, so the "
+                f"{self.signal}s are unknown; find them with `parapod home`, or measure them, and "
+                f"delete the file to begin with measured ones, given as {self.signal}_at_start_mm"
             )
         is_list = isinstance(known, list) and len(known) == self._size
         if not is_list or not all(isinstance(x, float) and math.isfinite(x) for x in known):
@@ -100,8 +100,8 @@ class PositionMemory:
         """The drives have no power and the actuators stand still, here [m].
 
         Args:
-            positions: of the actuators [m].
-            reference: how this program's own reference has been found, such as "measured by
+            positions: positions of the actuators [m].
+            reference: origin of this program's own reference, such as "measured by
                 hand"; None: it began with the positions of the file.
 
         Raises:
@@ -226,7 +226,7 @@ class IncrementalDevice(Device):
         elif not self.is_referenced:
             raise DeviceError(
                 self.name,
-                f"nobody knows the {self._part}' {signal}s: find them with `parapod home`, or "
+                f"the {self._part}' {signal}s are unknown: find them with `parapod home`, or "
                 f"measure them and give {signal}_at_start_mm (there is no "
                 f"{quoted_path(memory.path)} that knows them)",
             )
@@ -246,7 +246,7 @@ class IncrementalDevice(Device):
         """Has the memory know where the actuators stand without power, by a reference that is set.
 
         Args:
-            reference: how it has been found, such as "homed, again within 0.05 mm".
+            reference: origin of the reference, such as "homed, again within 0.05 mm".
 
         Raises:
             DeviceError: the file cannot be written, or the device not be read.

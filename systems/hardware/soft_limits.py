@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 def check_order(lower: Sequence[float], upper: Sequence[float]) -> None:
-    """Refuses limits that are none.
+    """Refuses limits in the wrong order, or not finite.
 
     Args:
         lower: (n) smallest positions [m or rad].
@@ -35,7 +35,7 @@ class SoftLimits:
         upper: (n) largest positions [m or rad].
         lead: the longest time from a measurement until an axis that it should stop begins to
             slow down [s]: age of measurements, bus and the lag of the drive.
-        deceleration: with which axes stop [m/s^2 or rad/s^2].
+        deceleration: deceleration of stopping axes [m/s^2 or rad/s^2].
     """
 
     lower: tuple[float, ...]

@@ -1048,9 +1048,9 @@ def test_positions_that_are_not_known_are_refused_without_power(rig, place):
     key = f"{rig.row.truth[0]}_at_start_mm"
     with opened(rig.device()) as killed:
         until(lambda: killed.activate() is None)  # and never deactivated
-    assert rig.row.memory in refusal(rig, f"nobody knows the .*, given as {key}")
+    assert rig.row.memory in refusal(rig, f"are unknown; .*, given as {key}")
     os.remove(f"{place}/{rig.row.memory}")
-    refusal(rig, f"nobody knows the legs' .*give {key}")
+    refusal(rig, f"the legs' .* are unknown: .*give {key}")
     until(rig.is_at_rest)
     known = [1e3 * value for value in rig.row.truth[1]]
     with opened(rig.device(**{key: known})) as measured:

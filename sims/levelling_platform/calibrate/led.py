@@ -153,7 +153,7 @@ class PoseWatch(LegWatch):
         """See `LegWatch`.
 
         Raises:
-            NoAnswer: nobody is there who could answer.
+            NoAnswer: no person can answer.
         """
         is_new = super().look(root)
         now = root.get_time()

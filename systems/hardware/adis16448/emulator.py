@@ -214,7 +214,7 @@ def imu_counts(
     ]
 
 
-# How often the server looks whether its cable is in its place [s].
+# Time between two looks of the server at its cable [s].
 _POLL = 0.002
 _CHUNK = 4096
 

@@ -22,8 +22,8 @@ from parapod.systems.hardware.adis16448.settings import IioSettings
 from parapod.systems.hardware.clock import answer_time
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
 
-# What IIO's units are in ours (Linux, Documentation/ABI/testing/sysfs-bus-iio): the driver's
-# channels of rad/s, m/s^2, gauss, and thousandths of a degree Celsius.
+# IIO's units in ours (Linux, Documentation/ABI/testing/sysfs-bus-iio): the driver's channels of
+# rad/s, m/s^2, gauss, and thousandths of a degree Celsius.
 _CHANNELS = {"gyro": ("anglvel", 1.0), "accel": ("accel", 1.0), "mag": ("magn", 1e-4)}
 _TEMPERATURE, _MILLI = "temp0", 1e-3
 
@@ -33,14 +33,14 @@ _DRIVER = "adis16448"
 # of the ADIS16400 (Linux 6.14, drivers/iio/imu/adis16400.c), 3.5 times too much.
 _MAG_RESOLUTION = SCALES["mag"].resolution
 
-# Where iiod listens unless it is told otherwise.
+# Default port of iiod.
 _PORT = 30431
 _NETWORK = re.compile(r"ip:(\[[^]]+\]|[^:]+)(?::(\d+))?")
 
 # A register read from a line that is not driven: all bits set, or none.
 _STUCK = {-1: "high", 0: "low"}
 
-# What libiio answers when the connection or the device behind it is gone, besides the errors of
+# Answers of libiio when the connection or the device behind it is gone, besides the errors of
 # connections that Python has classes for.
 _GONE = (
     errno.ENODEV,
@@ -219,7 +219,7 @@ def _number(attribute: Any) -> float:
     try:
         return float(text)
     except ValueError as error:
-        raise ValueError(f"{attribute.filename} reads {text!r}, which is no number") from error
+        raise ValueError(f"{attribute.filename} reads {text!r}, which is not a number") from error
 
 
 def _probe(uri: str, timeout: float) -> None:

@@ -30,7 +30,7 @@ mount --bind "$1" /sys/bus/iio/devices
 exec setpriv --pdeathsig KILL iiod --port "$2"
 """
 
-# What the driver says (Linux 6.14, drivers/iio/imu/adis16400.c): scales and offset are the
+# Values of the driver (Linux 6.14, drivers/iio/imu/adis16400.c): scales and offset are the
 # integers of its macros, the magnetometer's is that of the ADIS16400.
 SCALES = {
     "in_anglvel_scale": "0.000698",

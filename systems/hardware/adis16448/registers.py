@@ -12,7 +12,7 @@ from typing import NamedTuple
 from parapod.systems.core.physics import STANDARD_GRAVITY
 from parapod.systems.core.vectors import Axes, Vector3
 
-# What register PROD_ID says: 16448.
+# Content of register PROD_ID: 16448.
 PRODUCT_ID = 0x4040
 # From power on to the first valid output (data sheet, "Specifications") [s]; after a reset by
 # software 90 ms would do.

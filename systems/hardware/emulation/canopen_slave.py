@@ -15,7 +15,7 @@ from parapod.systems.hardware.canopen import (
 )
 from parapod.systems.hardware.emulation.harness import Misbehaviour
 
-# Every so many frames of a garbled node is cut short.
+# Frames of a garbled node from one that is cut short to the next.
 _GARBLED = 5
 # Objects that say what process data carry (CiA 301).
 _OF_PROCESS_DATA = range(0x1400, 0x1C00)
@@ -30,7 +30,7 @@ class SlaveLine:
     One thread calls `step` and everything else.
 
     Attributes:
-        is_connected: whether the node is on the bus: otherwise it hears and says nothing.
+        is_connected: true if the node is on the bus: otherwise it neither receives nor sends.
     """
 
     def __init__(self, can_bus: Any, misbehaviour: Misbehaviour, clock: Callable[[], float]):

@@ -220,7 +220,7 @@ class SharedHarness(Harness):
         Args:
             path: path of the file.
             sizes: the number of elements of each signal, by its port's name.
-            parts: whose misbehaviours are shared as well.
+            parts: parts that share its misbehaviours.
             is_new: makes the file, with all wires at zero.
         """
         self._layout: dict[str, tuple[int, struct.Struct]] = {}

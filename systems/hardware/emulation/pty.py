@@ -51,7 +51,7 @@ class PtyPort:
         """Plugs in or unplugs, unless it is so already.
 
         Args:
-            is_unplugged: whether it is to be unplugged.
+            is_unplugged: true to unplug it, false to plug it in.
         """
         if is_unplugged:
             self.unplug()

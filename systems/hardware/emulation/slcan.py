@@ -34,7 +34,7 @@ class Frame(NamedTuple):
     Attributes:
         can_id: its identifier.
         data: up to eight bytes.
-        is_extended: whether the identifier has 29 bits.
+        is_extended: true if the identifier has 29 bits.
     """
 
     can_id: int
@@ -66,11 +66,11 @@ def decoded(line: str) -> Frame:
     return Frame(can_id, data, digits == 8)
 
 
-# How often the threads look whether they should end or are unplugged [s].
+# Time between two looks of the threads at their end and the plug [s].
 _CYCLE = 0.005
-# A line cannot be longer; what is was never one.
+# Longest SLCAN line; longer input is discarded [bytes].
 _LONGEST_LINE = 64
-# Before every so many frames of a garbled adapter there is a damaged line.
+# Frames of a garbled adapter between two damaged lines.
 _GARBLED = 7
 _DAMAGED = b"t1G4\xfez\r"
 

@@ -86,10 +86,10 @@ class Condition(NamedTuple):
     """Condition in which a drive should be.
 
     Attributes:
-        is_active: whether it has been activated.
-        is_running: whether it should have obeyed by now that it is not to stop.
-        is_stopped: whether the emergency stop is pressed: it may stop, and lose its supply.
-        has_power: whether its motor should have power by now.
+        is_active: true if it has been activated.
+        is_running: true if it should have obeyed a command to run by now.
+        is_stopped: true if the emergency stop is pressed: it may stop, and lose its supply.
+        has_power: true if its motor should have power by now.
     """
 
     is_active: bool
@@ -114,7 +114,7 @@ class Epos2Controller:
         """Describes a node.
 
         Args:
-            bus: that it is on.
+            bus: bus with the node.
             node_id: its address.
             settings: settings of the drives.
             timing: times of bus and drives.

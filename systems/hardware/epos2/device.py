@@ -25,11 +25,11 @@ from parapod.systems.hardware.epos2.switches import SwitchBoard, check_switches
 from parapod.systems.hardware.position_memory import IncrementalDevice
 from parapod.systems.hardware.soft_limits import check_order
 
-# How long a drive may take to leave a quick stop that was ours [s].
+# Longest time until a drive leaves a quick stop of this program [s].
 _OBEYING = 0.05
-# So many times a node may be silent while axes stop, before that is an error.
+# Silences of a node while axes stop after which that is an error.
 _SILENCES = 2
-# How long nodes are asked whether their power is gone, once one of them was silent [s].
+# Time for which nodes are asked whether their power is gone, once one of them was silent [s].
 _CONFIRMING = 0.3
 
 
@@ -67,7 +67,7 @@ class Epos2Device(IncrementalDevice):
     `stop_node`, whose status frame carries it. While it is open all drives have a quick stop,
     whatever is commanded. After its release they keep it until a `brake` of 1 has been
     commanded, or `activate` called: nothing moves on by itself. Drives that then stop by
-    themselves, or lose their motors' supply, are no error while it is pressed: readings go on.
+    themselves, or lose their motors' supply, are not errors while it is pressed: readings go on.
     Without power none is an error for want of its supply. `activate` refuses a pressed one.
 
     **One for all.** Where axes share a load (`stops_together`), one that fails, loses its power
@@ -521,7 +521,7 @@ def together(remarks: Mapping[str, Sequence[str]]) -> list[str]:
     """Remarks of nodes, each once with the names of all that say the same.
 
     Args:
-        remarks: by the node's name.
+        remarks: remarks by the node's name.
     """
     who: dict[str, list[str]] = {}
     for name, said in remarks.items():
@@ -534,7 +534,7 @@ def unwrapped(counts: int, previous: int | None) -> int:
     """A position without the jumps of a 32-bit counter that overflows [counts].
 
     Args:
-        counts: as counted in 32 bits.
+        counts: counts as a 32-bit counter has them.
         previous: position before; None if this is the first.
     """
     if previous is None:

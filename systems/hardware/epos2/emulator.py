@@ -55,7 +55,7 @@ class EmulatedMotor(NamedTuple):
     """Identity of an emulated controller, and the motor that it drives.
 
     Attributes:
-        gear: by how much the motor turns [rad] for one unit of the axis, rad or m.
+        gear: turn of the motor [rad] for one unit of the axis, rad or m.
         pulses: encoder pulses per turn of the motor; four counts each.
         vendor: maxon, unless somebody tests what becomes of another one.
         hardware: version of the hardware, the EPOS2 24/5's unless a test has another.
@@ -106,7 +106,7 @@ class Epos2Node:
         Args:
             node_id: its address.
             line: the bus.
-            motor: that it drives.
+            motor: motor that it drives.
             switched_on_at: position of the axis [rad or m], from which it counts.
         """
         self._motor, self._zero = motor, switched_on_at
@@ -193,7 +193,7 @@ class Epos2Node:
 
         Args:
             number: number of the input, from 1.
-            has_voltage: whether there is voltage.
+            has_voltage: true if there is voltage.
         """
         self._inputs[number - 1] = has_voltage
 
@@ -369,7 +369,7 @@ def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
 
 # Signal of the emergency stop within its part.
 EMERGENCY_STOP = "emergency_stop"
-# What a node does, by the signal of a machine whose axes are commanded that.
+# Mode of a node by the signal with which a machine commands its axes.
 _COMMANDS = {
     "velocity_command": "velocity",
     "position_command": "position",
@@ -381,7 +381,7 @@ _TICK = 0.002
 # Service data (CiA 301): identifiers of requests, the command that reads, and the objects that say
 # how a node communicates.
 _REQUESTS, _UPLOAD, _COMMUNICATION_OBJECTS = range(0x600, 0x680), 0x40, range(0x1000, 0x2000)
-# How long capacitors feed the drives when their supply has been cut [s] (assumption).
+# Time for which capacitors feed the drives when their supply has been cut [s] (assumption).
 _HOLD_UP = 0.02
 
 
@@ -423,7 +423,7 @@ class Epos2Nodes:
     Attributes:
         nodes: the nodes.
         adapter: emulated serial adapter, or None.
-        is_stop_wire_broken: whether the wire of the emergency stop's contact is broken.
+        is_stop_wire_broken: true if the wire of the emergency stop's contact is broken.
         broken_wires: switches, as a group's part and a number from 0, whose contact's wire is
             broken.
     """
@@ -452,14 +452,14 @@ class Epos2Nodes:
             channel: channel of the interface `virtual`.
             link: path for a symbolic link to the adapter's port; None: no adapter.
             misbehaviour: faults of the devices.
-            motor: that each of them drives.
+            motor: motor that each of them drives.
             part: part of the machine.
             signs: signs of the motors, in place of the `motor`'s; empty: none.
-            measures_current: whether the machine has the wire `current`; else it is zero.
+            measures_current: true if the machine has the wire `current`; else it is zero.
             clock: monotonic [s].
             stop_contact: address of the node, and number of its digital input, at which the
                 contact of the emergency stop is; None: nowhere.
-            hold_up: how long the drives are fed when their supply has been cut [s].
+            hold_up: time for which the drives are fed when their supply has been cut [s].
             switches: locks and clamps at digital outputs and inputs.
         """
         self._stop_contact, self._hold_up = stop_contact, hold_up

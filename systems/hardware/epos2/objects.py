@@ -25,9 +25,9 @@ PRODUCT = Entry(0x1018, 2, "<I")  # hardware version << 16 | application
 # Actual current behind a low-pass of 50 Hz [mA]: unlike 0x6078, which is not filtered, it can be
 # sampled at 100 Hz without the ripple of the current controller showing up as something slow.
 CURRENT = Entry(0x2027, 0, "<h")
-# What each digital input means: the number of a functionality, which is its bit in the four words
+# Meaning of each digital input: the number of a functionality, which is its bit in the four words
 # below; no two inputs may have the same.
-INPUT_COUNT = 6  # of an EPOS2 24/5
+INPUT_COUNT = 6  # digital inputs of an EPOS2 24/5
 INPUT_FUNCTION = tuple(Entry(0x2070, k, "<H") for k in range(1, INPUT_COUNT + 1))
 INPUT_STATE = Entry(0x2071, 1, "<H")  # 1: active; the only one of them that can be mapped
 INPUT_MASK = Entry(0x2071, 2, "<H")  # 0: the bit of the state is always 0
@@ -37,15 +37,17 @@ INPUT_EXECUTION = Entry(0x2071, 4, "<H")  # 1: the drive itself does what the fu
 POSITION_SETTING = Entry(0x2062, 0, "<i")
 # Set value of current mode [mA]: the motor has this current at once, whatever its velocity.
 CURRENT_SETTING = Entry(0x2030, 0, "<h")
-# What each digital output shows: the number of a functionality, which is its bit in the three
+# Meaning of each digital output: the number of a functionality, which is its bit in the three
 # words below; no two outputs may have the same.
-OUTPUT_COUNT = 4  # of an EPOS2 24/5 (assumption: all of them can be general purpose)
+OUTPUT_COUNT = (
+    4  # digital outputs of an EPOS2 24/5 (assumption: all of them can be general purpose)
+)
 OUTPUT_FUNCTION = tuple(Entry(0x2079, k, "<H") for k in range(1, OUTPUT_COUNT + 1))
 OUTPUT_STATE = Entry(0x2078, 1, "<H")  # 1: active; the only one of them that can be mapped
 OUTPUT_MASK = Entry(0x2078, 2, "<H")  # 0: what is written to the bit of the state is ignored
 OUTPUT_POLARITY = Entry(0x2078, 3, "<H")  # 0: on while active; 1: off while active
 ENCODER_PULSES = Entry(0x2210, 1, "<I")  # per turn, of which an edge detector makes four counts
-ABORT_CONNECTION = Entry(0x6007, 0, "<h")  # what a lost heartbeat does
+ABORT_CONNECTION = Entry(0x6007, 0, "<h")  # reaction to a lost heartbeat
 CONTROLWORD = Entry(0x6040, 0, "<H")
 STATUSWORD = Entry(0x6041, 0, "<H")
 MODE = Entry(0x6060, 0, "<b")
@@ -63,7 +65,7 @@ MAX_MOTOR_VELOCITY = Entry(0x6410, 4, "<I")  # [rpm] of the motor data, in curre
 
 MAXON = 0xFB
 EPOS2_24_5 = 0x6220
-QUICK_STOP_FUNCTION = 5  # of a digital input: it stops the drive
+QUICK_STOP_FUNCTION = 5  # functionality of a digital input: it stops the drive
 ABORT_BY_QUICK_STOP = 3
 
 
@@ -83,7 +85,7 @@ TARGET = Pdo(0x300, 0x1401, 0x1601, ON_ARRIVAL, (TARGET_VELOCITY,))
 # while the axes are braked as well.
 OUTPUTS = Pdo(0x400, 0x1402, 0x1602, ON_ARRIVAL, (OUTPUT_STATE,))
 STATUS = Pdo(0x180, 0x1800, 0x1A00, ON_SYNC, (STATUSWORD, POSITION))
-# With the digital inputs, of a node at which some are measured: they fill the eight bytes.
+# Process data with the digital inputs of a node that measures some: they fill the eight bytes.
 STATUS_AND_INPUTS = STATUS._replace(entries=(STATUSWORD, POSITION, INPUT_STATE))
 MOTION = Pdo(0x280, 0x1801, 0x1A01, ON_SYNC, (VELOCITY,))
 # In the same frame: two bytes cost less there than a frame of their own.

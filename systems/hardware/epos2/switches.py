@@ -123,10 +123,10 @@ def check_switches(
     Args:
         groups: all groups of a device.
         node_ids: its nodes.
-        taken: what else is at an input: its name by (node, input).
+        taken: name of a further thing at an input, by (node, input).
 
     Raises:
-        ValueError: a node that there is not, or an output or input that is given twice.
+        ValueError: an unknown node, or an output or input that is given twice.
     """
     outputs: dict[tuple[int, int], str] = {}
     inputs = dict(taken)
@@ -176,7 +176,7 @@ class SwitchBoard:
         """Whether commands say of each switch, if they say anything, that it is closed or open.
 
         Args:
-            commands: as those of `obey`.
+            commands: commands of `obey`.
         """
         given = (commands.get(each.command, ()) for each in self._groups)
         return all(switched(wanted) is not None for values in given for wanted in values)
@@ -186,8 +186,8 @@ class SwitchBoard:
 
         Args:
             commands: signals; 1: closed, 0: open; the switches of one that is missing stay.
-            may_open: whether one that is closed may be opened.
-            stands: whether nothing moves, so that closing one that nobody has commanded closed
+            may_open: true if a closed one may be opened.
+            stands: true if nothing moves, so that closing a switch that was not commanded closed
                 breaks nothing.
         """
         for each in self._groups:
@@ -208,7 +208,7 @@ class SwitchBoard:
         """Signals of the contacts.
 
         Args:
-            inputs: by node, whether there is voltage at its inputs 1, 2, ...
+            inputs: states of a node's inputs 1, 2, ..., by node: true where there is voltage.
         """
         for each in self._groups:
             closed = [float(inputs[node][number - 1]) for node, _, number in each.switches]

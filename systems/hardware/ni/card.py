@@ -87,7 +87,7 @@ class NiDaq(IncrementalDevice):
 
         Args:
             settings: channels of the card, and its place.
-            drives_motors: whether it takes voltages; otherwise its outputs stay neutral, and
+            drives_motors: true if it takes voltages; otherwise its outputs stay neutral, and
                 nothing should be connected to them.
 
         Raises:

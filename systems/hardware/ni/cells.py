@@ -25,12 +25,12 @@ class NiForceCells(Device):
     A force is the sensitivity times the voltage above that without a force; each is the mean of
     the settings' `samples`.
 
-    **What is no force.** A voltage at an end of the range, of one sample alone, is an overload or
-    an amplifier whose cell has a broken wire: `read` raises, and names cell and channel. So it
-    does for one that is not a number. A wire that breaks between amplifier and card leaves the
-    input open, and an open input may show anything: a resistor of some 100 kOhm from each input
-    to a voltage beyond the range makes it one of these. No force is shown in place of a bad one,
-    nor those of the other cells.
+    **Values without a force.** A voltage at an end of the range, even of one sample, is an
+    overload or an amplifier whose cell has a broken wire: `read` raises, and names cell and
+    channel. So it does for one that is not a number. A wire that breaks between amplifier and card
+    leaves the input open, and an open input may show anything: a resistor of some 100 kOhm from
+    each input to a voltage beyond the range makes it one of these. No force is shown in place of a
+    bad one, nor those of the other cells.
 
     **Sessions.** As of `NiDaq`; cells and legs may share a card, since analog inputs are a task of
     their own. Two devices with analog inputs of one card cannot: it has one converter.
@@ -67,7 +67,7 @@ class NiForceCells(Device):
         """Forces of the cells.
 
         Raises:
-            DeviceError: there are none, or a voltage is no force's.
+            DeviceError: there are none, or a voltage does not belong to a force.
         """
         session = begun(self._session, self.name, self._settings.timeout)
         rows = zip(self._cells, session.read().tolist(), strict=True)

@@ -12,7 +12,7 @@ from parapod.systems.core.extras import need
 from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.ni.terminals import COUNTERS, OUTPUTS, NiWiring
 
-# What NI-DAQmx says; the numbers are those of nidaqmx.error_codes.
+# Texts of NI-DAQmx; the numbers are those of nidaqmx.error_codes.
 _TEXTS = {
     -50103: "The specified resource is reserved. The operation could not be completed as "
     "specified.",
@@ -61,7 +61,7 @@ class NiRefusal(Exception):
         super().__init__(self.text)
 
 
-# Of a 6363 (its specifications): analog inputs and outputs, counters, lines of each port.
+# Channels of a 6363 (its specifications): analog inputs and outputs, counters, lines of each port.
 _CHANNELS = {"ai": 32, "ao": OUTPUTS, "ctr": COUNTERS}
 _LINES = (32, 8, 8)
 

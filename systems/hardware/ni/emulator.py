@@ -14,7 +14,7 @@ from parapod.systems.hardware.ni.terminals import NiWiring
 
 _SERVICE = "nidaqmx_grpc.NiDAQmx"
 
-# How often it looks whether it may answer, or whether its cable is in its place [s].
+# Time between two looks at whether it may answer, or whether its cable is in its place [s].
 _POLL = 0.002
 
 # Calls that hang occupy a thread each until their caller gives up.

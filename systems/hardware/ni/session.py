@@ -21,7 +21,7 @@ _CONNECTION = (
     # A machine is on no other side of a proxy, whatever the environment says.
     ("grpc.enable_http_proxy", 0),
 )
-# How long a connection may take to be made [s].
+# Longest time until a connection is made [s].
 _CONNECTING = 0.1
 
 # DAQmx errors that are not a refusal; the numbers are those of nidaqmx.error_codes.
@@ -47,7 +47,7 @@ class BoundedChannel:
     The driver library sets no deadlines, so a server that stalls would stop its caller for ever.
 
     Attributes:
-        until: that instant, of the computer's monotonic clock [s].
+        until: end of the call, by the computer's monotonic clock [s].
     """
 
     def __init__(self, channel: Any):
@@ -112,7 +112,7 @@ class NiSession(ABC):
             self._channel = BoundedChannel(grpc.insecure_channel(self._target, options))
 
     def begin(self, seconds: float) -> None:
-        """Begins a call of the device: all that follows is over after so many seconds."""
+        """Begins a call of the device and limits the time of all that follows."""
         self._waits = seconds
         if self._channel is not None:
             self._channel.until = time.monotonic() + answer_time(seconds)

@@ -26,7 +26,7 @@ class NiTasks(NiSession):
     """Analog outputs, relay, counters, inputs and watchdog of one card.
 
     Attributes:
-        had_expired: whether the watchdog of an earlier program had opened the relay.
+        had_expired: true if the watchdog of an earlier program had opened the relay.
     """
 
     def __init__(self, settings: NiDaqSettings, name: str):
@@ -139,7 +139,7 @@ class NiTasks(NiSession):
         """Gives the channels back and ends the connection; never raises.
 
         Args:
-            is_stopped: whether the relay is known to be open; otherwise the watchdog is left
+            is_stopped: true if the relay is known to be open; otherwise the watchdog is left
                 armed, and opens it.
         """
         if is_stopped:

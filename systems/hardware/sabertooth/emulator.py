@@ -23,7 +23,7 @@ from parapod.systems.hardware.sabertooth.settings import BAUDS
 
 # Longest time between two looks at timeouts and misbehaviour [s].
 _CYCLE = 0.002
-# On a garbled line every so many bytes are damaged, in these bits.
+# Bytes of a garbled line from one that is damaged to the next, and the damaged bits.
 _GARBLED, _DAMAGE = 7, 0x2A
 # A driver restarts so long after a change of its baud rate (the maker's library for Arduino) [s].
 _RESTART = 0.2

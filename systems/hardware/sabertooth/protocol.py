@@ -50,7 +50,7 @@ class Command(IntEnum):
     MOTOR_2_BACKWARDS = 5
 
     SERIAL_TIMEOUT = 14
-    """Both motors stop when no packet has come for so many tenths of a second; 0: never, which is
+    """Both motors stop without a packet for this many tenths of a second; 0: never, which is
     what the driver does after power-on."""
 
     BAUD_RATE = 15

@@ -32,7 +32,7 @@ _REFRESH_INTERVAL, _ARMING_INTERVAL = 0.05, 1.0
 # A driver restarts after a change of its baud rate, for some 200 ms according to the maker's
 # library for Arduino [s].
 _RESTART = 0.5
-# How often a port that is being emptied is looked at [s].
+# Time between two looks at a port that is being emptied [s].
 _POLL = 0.001
 
 
@@ -47,7 +47,7 @@ class SabertoothSerial(Device):
     Voltages are rounded to 1/127 of the supply. The drivers' own dead band and ramps, as they are
     in their EEPROM, come on top of it.
 
-    **Identity.** The line goes one way. `configure` refuses a port that is not there, is no
+    **Identity.** The line goes one way. `configure` refuses a port that is not there, is not a
     serial port, or is another program's; whether any driver hears it, at this speed and these
     addresses, in packet serial mode and with power, only the motors' motion tells. V2 drivers
     have their baud rate in EEPROM and need no bauding character (170), and none is sent: older
@@ -234,7 +234,7 @@ class SabertoothSerial(Device):
             raise DeviceError(self.name, text, DeviceFault.SILENT)
 
     def _due(self, wanted: Sequence[Power], room: int, now: float) -> list[int]:
-        """The actuators whose turn it is, if there is room for so many packets."""
+        """The actuators whose turn it is, if there is room for their packets."""
         if room >= self._size:
             return [*self._turns]
         interval = _REFRESH_INTERVAL

@@ -136,7 +136,7 @@ def test_without_the_file_nobody_knows_the_lengths(here, capsys):
     check = ["check", "legs", "--of", "chair-walk", "--seconds", "0.1"]
     assert main(check) == 2
     line = capsys.readouterr().err
-    assert re.fullmatch(r"parapod: error: EPOS2 .*: nobody knows the legs' positions: .*\n", line)
+    assert re.fullmatch(r"parapod: error: EPOS2 .*: the legs' positions are unknown: .*\n", line)
     given = ", ".join(f"{1e3 * x:.3f}" for x in here.wires.get("legs.position"))
     override = f"hardware.drivers.0.position_at_start_mm=[{given}]"
     assert main([*check, "--set", override]) in (0, 1)

@@ -547,7 +547,7 @@ def test_a_first_run_knows_the_extensions_of_a_machine_that_stands_elsewhere(
         machine.memory.path.unlink()
         assert main(["check", "legs", "--seconds", "0.1"]) == 2
         line = capsys.readouterr().err
-        assert re.fullmatch(r"parapod: error: PXIe-6363 .*: nobody knows the legs' .*\n", line)
+        assert re.fullmatch(r"parapod: error: PXIe-6363 .*: the legs' .* are unknown: .*\n", line)
         assert "extension_at_start_mm" in line
         given = "hardware.drivers.0.extension_at_start_mm=[405, 405, 405, 405]"
         assert main(["check", "legs", "--seconds", "0.1", "--set", given]) in (0, 1)

@@ -103,7 +103,7 @@ def test_what_was_forgotten_is_refused_with_what_to_do(memory):
         memory.recall()
     text = str(caught.value)
     assert "\n" not in text
-    assert "nobody knows the extensions" in text
+    assert "so the extensions are unknown" in text
     assert "delete the file" in text
     memory.save(EXTENSION)
     assert memory.recall() == EXTENSION
@@ -305,7 +305,7 @@ def test_while_a_reference_is_looked_for_the_file_knows_nothing_until_it_is_told
         assert extension(homing) != pytest.approx(EXTENSION)  # the file is not believed
         homing.activate()
         homing.deactivate()
-        with pytest.raises(DeviceError, match="nobody knows the extensions"):
+        with pytest.raises(DeviceError, match="extensions are unknown"):
             PositionMemory(path, 4, "extension").recall()
         homing.set_reference(EXTENSION)
         turn(homing, [100] * 4)
