@@ -67,7 +67,7 @@ _REASONS: dict[tuple[str, str], str] = {
     ("gyro", "stuck"): "the platform turns so slowly that the accelerometer tells its attitude",
     ("accelerometer", "stuck"): "a platform at rest has nothing new to tell",
     ("contact switch", "off"): "the foot is in the air, or has touched already",
-    ("contact switch", "stuck"): "its value is right, until its foot moves",
+    ("contact switch", "stuck"): "it shows the true state until its foot moves",
     ("contact switch", "garbage"): _TRIM,
     ("contact switch", "wrong"): "a foot that has touched is looked for no more",
     ("contact switch", "slow"): "a leg that stops a tenth of a second later goes back",

@@ -36,7 +36,7 @@ from parapod.systems.levelling_platform.reference import PostureReferenceParams
 # Errors of the paper's closed loop (section 7), and the bounds of "level".
 _ANGLE_BOUND = 0.2  # [deg]
 _HEIGHT_BOUND = 2.0  # [mm]
-# Time after which the position loops have caught up with a reference at rest [time constants].
+# Number of time constants in which the position loops reach a reference at rest.
 _TIME_CONSTANTS = 5.0
 # A passive foot that is higher than this does not carry [mm].
 _LIFT_BOUND = 1.0

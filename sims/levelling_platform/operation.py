@@ -151,7 +151,7 @@ class OperationWatch:
 
     @property
     def _is_faulty(self) -> bool:
-        """True if no person could reset a fault."""
+        """Whether a fault has occurred that cannot be reset."""
         return self._ends_at_fault and self._phase is Phase.FAULT
 
     def _is_refused(self, root_context: Context) -> bool:
@@ -169,7 +169,7 @@ class OperationWatch:
         """Says what was refused, or found to be wrong, if anything was.
 
         Raises:
-            Tripped: a fault that is not reset.
+            Tripped: a fault that ends the run, since it is not reset.
             UnreachablePosture: a ground that cannot be levelled, or a posture out of reach.
             RefusedRequest: anything else.
         """

@@ -188,8 +188,8 @@ class TrackPosture(LevellingExperiment[Runs]):
         if data.nominal is None:
             yield AS_MEASURED
             yield (
-                "the inertial sensor's bias is in what the outer loop corrects as in what it is "
-                "measured by: it is not visible here"
+                "the outer loop and these measurements use the same inertial sensor, so that its "
+                "bias does not show here"
             )
 
     def draw(self, scenario: LevellingScenario, data: Runs) -> Iterator[Figure]:

@@ -27,7 +27,7 @@ from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 _BOUNDS = (0.02, 0.1)
-# Errors in the paper: in its co-simulation, and between its model and its prototype.
+# Errors that the paper found: in its co-simulation, and between its model and its prototype.
 _SIMULATED = (0.07, 0.07, 0.3)
 _MEASURED = (0.2, 0.1, 1.0)
 # Ground of the experiment with the prototype (section 3.3.2).

@@ -26,7 +26,7 @@ class Ages(NamedTuple):
 
     Attributes:
         oldest: largest age [s].
-        late: largest delay of the loop's wake-up [s].
+        late: largest delay with which the loop woke up [s].
     """
 
     oldest: float
@@ -42,7 +42,7 @@ def ages_of(
     """Takes samples as a loop does, for half a second, and commands nothing.
 
     Args:
-        threads: threads of the devices; one at fault is left to whoever watches devices.
+        threads: threads of the devices; a failed one is left to the watch of the devices.
         period: period of the loop [s].
         clock: clock of the threads [s].
         sleep: waits for a time of that clock [s].

@@ -20,13 +20,13 @@ from parapod.systems.core.quoting import quoted_path
 
 # Interval at which a reader looks for an answer, or for the end of the questions [s].
 _PAUSE = 0.2
-_PIECE = 4096  # bytes that are read at once
-# Column that says of which question a row is the answer.
+_PIECE = 4096  # read at once [bytes]
+# Column with the number of the question that a row answers.
 NUMBER = "pose"
 
 
 class NoAnswer(ParapodError):
-    """No source is left that could answer."""
+    """The source of the answers has ended."""
 
 
 class Answers(ABC):
@@ -77,12 +77,12 @@ class Answers(ABC):
         except queue.Empty:
             return None
         if answer is None:
-            raise NoAnswer("standard input has ended, and no answer can come")
+            raise NoAnswer("standard input has ended, so that no answers can arrive any more")
         return answer
 
     @abstractmethod
     def _listen(self) -> None:
-        """Puts answers into the queue until no reader needs one any more."""
+        """Puts answers into the queue until no more are wanted."""
 
 
 class ConsoleAnswers(Answers):

@@ -35,7 +35,7 @@ class Computer:
         nohz_full: cores without a periodic tick.
         governors: governors of the cores' frequencies.
         rt_period: period in which real-time programs get a share of each core [s].
-        rt_runtime: time of that share [s]; negative: all of it.
+        rt_runtime: real-time programs' share of that period [s]; negative: all of it.
         rtprio: largest real-time priority that the user may take; None: any.
         memlock: memory that the user may lock [bytes]; None: any.
         load: programs that want to compute, for each of the cores.
@@ -153,7 +153,7 @@ def _list(cores: Sequence[int]) -> str:
 class Throttling:
     """Whether real-time programs have been stopped, as far as a program can know that.
 
-    The kernel tells it once after it has started, in its log, which root may read. Otherwise it
+    The kernel reports it once after its start, in its log, which root may read. Otherwise it
     is certain only that it was not: where no core was busy for longer than real-time programs may
     be.
 
@@ -162,7 +162,7 @@ class Throttling:
         seconds: seconds that have been looked at.
         full: seconds in which a core was busy for longer.
         busiest: largest share of a second for which a core was busy [-].
-        is_told: true if the kernel has reported it meanwhile.
+        is_told: true if the kernel's log has reported it meanwhile.
     """
 
     share: float

@@ -94,7 +94,7 @@ class Measured:
         period_error: difference of the time between two ticks from the period [s].
         cost: duration of each tick [s].
         ages: age of measurements at the writes of commands made of them [s]; none in simulation.
-        wake_up: delay of a program that only wakes up, under the same setting [s].
+        wake_up: delays of a program that does nothing but wake up, under the same setting [s].
         ticks: number of ticks.
         missed: deadlines without a tick.
         page_faults: pages that were touched first meanwhile.
@@ -234,7 +234,7 @@ def _emulated_turn(
     measured: Measured,
     log: Path | None,
 ) -> None:
-    """A job of this number of seconds, on a machine at the beginning of its scenario."""
+    """Runs a job of a given duration, on a machine at the beginning of its scenario."""
     timings: list[Timing] = []
     options = RunOptions(log=log, console=Console(quiet=True))
     simulated = "kinematic" if "kinematic" in machine.plants else next(iter(machine.plants))

@@ -20,7 +20,7 @@ WELL = "well"
 MEASURE = "measure"
 # Drives between a card's outputs and the motors, which answer no program.
 DRIVES = "drives"
-# Things that fail without being devices, and their faults; the last word ends it.
+# Circuits beside the devices, and what may happen to each; the last word ends it.
 EMERGENCY_STOP, SWITCHES = "emergency_stop", "switches"
 CLOSED = "closed"
 CIRCUITS: Mapping[str, tuple[str, ...]] = {
@@ -31,10 +31,10 @@ CIRCUITS: Mapping[str, tuple[str, ...]] = {
 
 
 class Circuit:
-    """A button, the drives' supply, or switches: what is broken without a device that knows.
+    """A button, the drives' supply, or switches: no device detects that they break.
 
     Attributes:
-        state: present disturbance; "" for none.
+        state: kind of its fault; "" if it has none.
     """
 
     def __init__(self) -> None:
@@ -91,7 +91,7 @@ def parsed_fault(text: str, parts: Sequence[str], at: float | None = None) -> De
 
     Args:
         text: text that was written.
-        parts: parts that can be disturbed, see `disturbable`.
+        parts: names of what can be disturbed, see `disturbable`.
         at: the time, if the text does not begin with it [s].
 
     Raises:
@@ -124,7 +124,7 @@ class Schedule:
         """Prepares it.
 
         Args:
-            misbehaviours: misbehaviours by the names of what can be disturbed.
+            misbehaviours: misbehaviours, by the names of what can be disturbed.
             requests: faults that are asked for in advance.
             console: console for the faults.
         """

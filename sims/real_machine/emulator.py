@@ -56,12 +56,12 @@ from parapod.systems.hardware.emulation.harness import SUPPLY, Misbehaviour, Sha
 from parapod.systems.hardware.exclusive import InUse, is_kept, only_program
 from parapod.systems.hardware.signals import ended_by_signals
 
-# Longest time until the device of a process answers: Drake is imported in each [s].
+# Time a process may take until its device answers: Drake is imported in each [s].
 _TIMEOUT = 60.0
-# Longest time of its end [s].
+# Time it may take to end [s].
 _ENDING = 5.0
 _READY = "ready"
-# Delay up to which the physics still follow the clock [s].
+# Delay with which the physics still follows the clock [s].
 _PATIENCE = 0.2
 # Time between two looks at switches [s]: contacts bounce for some milliseconds, and those that
 # tell of forces have the plant's contacts solved for once more.
@@ -91,10 +91,10 @@ def emulated_devices(
     The processes end with this one, however it ends.
 
     Args:
-        groups: groups of devices that are emulated, by processes.
-        path: path of the wires, see `SharedHarness`; there already.
+        groups: drivers whose devices are emulated, one group for each process.
+        path: path of the wires, see `SharedHarness`; it must exist.
         sizes: sizes of the signals on them.
-        parts: parts whose misbehaviours they have.
+        parts: parts of the machine that can misbehave.
         seed: seed of garbage.
 
     Raises:
@@ -177,8 +177,8 @@ class EmulatedMachine:
     Attributes:
         machine: the machine.
         harness: the wires.
-        misbehaviours: misbehaviours by part of the machine.
-        circuits: things that fail without being devices, by the names of `disturbed`.
+        misbehaviours: misbehaviour of the devices, by part of the machine.
+        circuits: circuits beside the devices that can break too, by the names of `disturbed`.
         period: between two exchanges of wires and physics [s].
         clock: time by which all of it goes; None: the computer's.
         lost: time by which the physics have fallen behind the clock for good [s].
@@ -450,17 +450,17 @@ def emulate(
     """Runs emulated devices until Ctrl-C, or for a time.
 
     Meanwhile each line on standard input, such as "imu garbage" or "imu well", begins or ends a
-    device's misbehaviour; "measure" prints what an instrument beside the machine tells.
+    device's misbehaviour; "measure" prints what an instrument beside the machine shows.
 
     Args:
         machine: the machine.
         scenario: one of its scenarios, with the drivers whose devices are emulated.
         requests: misbehaviours at their times.
-        duration: [s].
+        duration: duration of the emulation [s].
         log: file for all ports, the truth among them, in MCAP; or None.
         console: console for remarks.
-        experiment: experiment that another program may run with it; None for the machine's own.
-        settings: settings of that experiment, as for `--set`.
+        experiment: experiment that another program may run with it; None: the machine's own.
+        settings: settings with which that program may run it, as for `--set`.
         rate: see `EmulatedMachine` [-].
 
     Raises:

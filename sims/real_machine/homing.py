@@ -55,8 +55,8 @@ def home_part(
         What was measured, with bounds.
 
     Raises:
-        ScenarioError: an unknown part, or one that has no homing, or whose devices are those
-            of an emulator that does not run.
+        ScenarioError: the part does not exist, has no homing, or has the devices of an emulator
+            that does not run.
         HomingError: an axis does not find its end, or the emergency stop is pressed.
         DeviceError: a device is not there, is another one, or fails.
     """
@@ -120,7 +120,7 @@ def _incremental(
 def _refer(
     thread: DeviceThread, device: IncrementalDevice, positions: NDArray[np.float64]
 ) -> None:
-    """Sets the reference of axes that stand; no other program speaks to the device meanwhile."""
+    """Sets the reference of axes at rest; the device's thread is stopped meanwhile."""
     _stop(thread)
     device.set_reference(positions.tolist())
     thread.start()
@@ -263,7 +263,7 @@ def _spread(found: Found, homing: Homing) -> Metric:
         1e3 * float(found.spread.max()),
         "mm",
         1e3 * homing.spread,
-        meaning=f"largest spread of {APPROACHES} approaches to an end",
+        meaning=f"spread of {APPROACHES} approaches to an end",
     )
 
 

@@ -40,7 +40,7 @@ from parapod.systems.hardware.signals import ended_by_signals
 
 # A device that has been wrong for so long does not come back by itself [s].
 _PATIENCE = 0.2
-# Ratio of the rates at which trust is lost and regained [-].
+# Ratio of the rates at which trust is lost and comes back [-].
 _DISTRUST = 4.0
 
 
@@ -53,11 +53,11 @@ class _Over(Exception):
 
 
 def _nothing(now: float) -> None:
-    """Progress of work whose end is unknown."""
+    """Ignores the progress of work of unknown duration."""
 
 
 def _unheard(timing: Timing) -> None:
-    """Reader of a timing that is needed at the end only."""
+    """Ignores a timing that is not used before the end."""
 
 
 class DeviceWatch:

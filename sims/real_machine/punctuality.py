@@ -36,8 +36,8 @@ class Punctuality:
         period_error: difference of the time between two ticks from the period.
         cost: duration of a tick.
         missed: deadlines without a tick.
-        wake_up: delay of a program that only wakes up after its deadline, in turns with it, at the
-            same rate.
+        wake_up: delay after its deadline of a program that does nothing but wake up, in turns
+            with the loop, at the same rate.
     """
 
     rate: float

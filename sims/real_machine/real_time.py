@@ -36,7 +36,8 @@ _WINDOW = 1.0  # [s]
 _LATE, _SLOW = 0.1, 0.5
 # Part of a period between two ticks that make up for lost time [-].
 _HURRIED = 0.8
-# Longest time of a thread while others wait for the interpreter [s]; Python's own is 5 ms.
+# Time for which a thread may compute while others wait for the interpreter [s]; Python's own
+# is 5 ms.
 SWITCH_INTERVAL = 1e-4
 # Number of ticks whose timing is kept: a quarter of an hour at 100 Hz.
 KEPT = 100_000
@@ -52,8 +53,8 @@ class DeadlineError(ParapodError):
 class Timing:
     """Punctuality of a loop.
 
-    A loop may run for days: `late` and `cost` are of its newest 100 000 ticks unless something
-    else is said, and so is whatever is made of them. The counts are of all ticks.
+    A loop may run for days: `late`, `cost`, and the values calculated from them cover its newest
+    100 000 ticks unless `kept` says otherwise. The counts cover all ticks.
 
     Attributes:
         period: period of the loop [s].
@@ -62,7 +63,7 @@ class Timing:
         cost: duration of each tick [s].
         ticks: number of ticks.
         missed: deadlines that passed without a tick.
-        missed_at: ends of ticks that left out deadlines, by the loop's clock [s]; the newest.
+        missed_at: ends of the newest ticks that left out deadlines, by the loop's clock [s].
         page_faults: pages of memory that the program touched first while the loop ran.
         disk_faults: pages that were read from the disk meanwhile.
         refused: privileges that the kernel has refused it.
@@ -91,7 +92,7 @@ class Timing:
         """Notes a tick.
 
         Args:
-            late: delay of its beginning after its deadline [s].
+            late: delay of the tick after its deadline [s].
             cost: duration of the tick [s].
         """
         self.late.append(late)
@@ -139,16 +140,16 @@ class RealTimeLoop:
         Args:
             simulator: initialized.
             period: period of the diagram's controllers [s].
-            on_tick: told the context after each tick; raises to end the loop.
+            on_tick: function called with the context after each tick; raises to end the loop.
             is_strict: missed deadlines end the loop, as said above.
             clock: monotonic [s].
             sleep: waits for a time [s].
             kept: see `Timing`.
-            patience: largest delay of ticks that are made up for, a quarter faster than the clock,
-                and not left out [s]: for physics, whose time does not stop.
-            hold: hold of an emulated time until the ticks are done; None for a new one.
-            slack: delay of a tick's end up to which it does not wait [s]; None: they may begin a
-                tenth of a period late, and then take half of one.
+            patience: delay up to which ticks are made up for, a quarter faster than the clock, and
+                not left out [s]: for physics, whose time does not stop.
+            hold: hold by which an emulated time waits for the ticks; None for a new one.
+            slack: delay with which ticks may end before it waits for them [s]; None: they may
+                begin a tenth of a period late, and then take half of one.
         """
         self._simulator, self._on_tick, self._patience = simulator, on_tick, patience
         self._slack = _LATE * period if slack is None else slack

@@ -78,8 +78,8 @@ def check_part(
         What was measured, with bounds; nothing if it may not move, or measures nothing.
 
     Raises:
-        ScenarioError: a part that is unknown, that is not fitted, or that cannot be moved so,
-            or whose devices are those of an emulator that does not run.
+        ScenarioError: a part does not exist, is not fitted, cannot be moved so, or has the
+            devices of an emulator that does not run.
         DeviceError: a device is not there, is another one, or fails.
     """
     drivers: list[Driver] = scenario.hardware.drivers
@@ -216,9 +216,7 @@ def _at_rest(accel: NDArray[np.float64], gyro: NDArray[np.float64]) -> list[Metr
             _GRAVITY_ERROR,
             meaning="error of the specific force",
         ),
-        Metric(
-            "gyro_at_rest_deg_s", rate, "deg/s", _RATE_AT_REST, meaning="largest mean angular rate"
-        ),
+        Metric("gyro_at_rest_deg_s", rate, "deg/s", _RATE_AT_REST, meaning="largest mean rate"),
         Metric(
             "upside_down", float(up <= 0.0), bound=0.0, meaning="1: the z axis does not point up"
         ),
@@ -263,18 +261,13 @@ def _move(
     way = np.array(measured) - measured[0]
     turn = int(np.argmax(np.abs(commanded)))
     moved, expected = way[:, move.index], motion.gain * commanded[turn]
-    # The way back does not count: an axis at its end makes that alone.
+    # The way back does not count: an axis at its end makes only that.
     there = moved[: turn + round(_LAG / _STEP)]
     reached = float(there[np.argmax(np.abs(there))])
     others = np.delete(np.abs(way).max(axis=0), move.index)
     unit = move.measured_unit
     return [
-        Metric(
-            "reached",
-            reached,
-            unit,
-            meaning=f"way of the actuator; expected {expected:.3g} {unit}",
-        ),
+        Metric("reached", reached, unit, meaning=f"expected {expected:.3g} {unit}"),
         Metric(
             "wrong_sign",
             float(reached * expected <= 0.0),
@@ -286,14 +279,14 @@ def _move(
             100.0 * abs(abs(reached / expected) - 1.0),
             "%",
             _SCALE_ERROR,
-            meaning="error of the way",
+            meaning="error of the measured way",
         ),
         Metric(
             "others_moved_percent",
             100.0 * float(others.max(initial=0.0)) / max(abs(reached), 1e-9),
             "%",
             100.0 * _CROSSTALK,
-            meaning="largest way of another one",
+            meaning="largest way of another axis",
         ),
     ]
 

@@ -114,7 +114,7 @@ def test_every_figure_of_the_paper_is_drawn_or_said_to_be_missing(quick):
 @each_chapter
 def test_the_page_holds_every_figure_once_and_numbers_of_every_part(quick, monkeypatch):
     # Each has been drawn where its experiment is tested.
-    monkeypatch.setattr(pages, "render", lambda figure, suffix: b"<svg/>")
+    monkeypatch.setattr(pages, "render", lambda figure: b"<svg/>")
     page = report_page.make_page([quick], quick=True, date="2020-02-02")
     shown = len(quick.chapter.drawings)
     for run in quick.parts:

@@ -268,7 +268,8 @@ def test_every_figure_is_drawn_says_what_it_shows_and_has_one_unit_an_axis(
 ):
     drawn = []  # each once: the report's figures take a minute
     monkeypatch.setattr(
-        "parapod.sims.output.figures.draw", lambda f: drawn.append(draw(f)) or drawn[-1]
+        "parapod.sims.output.figures.draw",
+        lambda *given: drawn.append(draw(*given)) or drawn[-1],
     )
     figures = finished(part).result.figures
     names = [figure.name for figure in figures]

@@ -131,7 +131,7 @@ class PoseWatch(LegWatch):
         """Begins with the first pose.
 
         Args:
-            loop: loop of a `LegJob` with `hand` as its source.
+            loop: closed loop of a `LegJob` with `hand` as its source.
             scenario: the scenario.
             commands: extensions (n, 4) of the poses [m].
             answers: asks for what was measured from outside.
@@ -153,7 +153,7 @@ class PoseWatch(LegWatch):
         """See `LegWatch`.
 
         Raises:
-            NoAnswer: no person can answer.
+            NoAnswer: the source of the answers has ended.
         """
         is_new = super().look(root)
         now = root.get_time()
@@ -310,8 +310,8 @@ def record_poses(
 
     Raises:
         RefusedRequest: the machine does not stand on its feet; nothing has moved.
-        NoAnswer: no person can answer. Tripped: the machine tilts, or its guard has found what
-            cannot be.
+        NoAnswer: the source of the answers has ended.
+        Tripped: the machine tilts, or its guard has found what cannot be.
         OutputError: the recording cannot be written.
     """
     commands = pose_commands(scenario, machine)

@@ -26,7 +26,7 @@ _LEGS = _PLATFORM.legs[:3]
 _GROUND = (math.radians(2.0), math.radians(3.0))
 _THETA, _PHI, _HEIGHT = math.radians(-1.0), math.radians(1.5), 0.48
 _STEP = 1e-6  # step of central differences [rad, m]
-_EXACT = 1e-9  # error of differences in an equation that holds
+_EXACT = 1e-9  # residual of an equation that holds, from rounding and differences
 
 
 def _extension() -> list[float]:

@@ -1,8 +1,8 @@
-"""The part of slip that a real machine's own sensors tell: lift, brakes and the arm's swing.
+"""The part of slip that a real machine's own sensors measure: lift, brakes, arm's swing.
 
-Encoders say how far the feet move against each other, inertial sensor and encoders whether the
-platform moves while the actuators are braked. What all feet have in common, the platform that
-drifts or turns as a whole, moves neither; no sensor on board sees it.
+Encoders show how far the feet move against each other; inertial sensor and encoders show whether
+the platform moves while the actuators are braked. A drift or turn of the whole platform changes
+neither; the machine's own sensors cannot measure it.
 """
 
 from collections.abc import Iterator

@@ -220,7 +220,7 @@ class Attribute:
     [
         (FakeIio(channels=False), DeviceFault.CORRUPT, "has no channel anglvel_x"),
         (FakeIio(rate=False), DeviceFault.CORRUPT, "has no attribute 'sampling_frequ"),
-        (FakeIio("x"), DeviceFault.CORRUPT, "in_anglvel_x_scale reads 'x', which is no num"),
+        (FakeIio("x"), DeviceFault.CORRUPT, "in_anglvel_x_scale reads 'x', which is not a num"),
         (FakeIio(OSError(errno.EIO, "EIO")), DeviceFault.FAILED, "EIO"),
         (FakeIio(OSError(errno.EACCES, "EACCES")), DeviceFault.FAILED, "EACCES"),
         (FakeIio(OSError(errno.ENODEV, "ENODEV")), DeviceFault.UNPLUGGED, "ENODEV"),
