@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, MeshcatAnimation, MeshcatParams
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram, EventStatus, System
+from pydrake.systems.framework import Context, EventStatus, System
 from rich.console import Console
 
 from parapod.diagrams.block_diagram import BlockDiagram
@@ -127,19 +127,18 @@ def recording(meshcat: Meshcat, path: Path, title: str) -> Iterator[None]:
         meshcat.SetAnimation(MeshcatAnimation(_FRAMES_PER_SECOND))
 
 
-def write_graphviz(path: Path, diagram: Diagram, depth: int = 1) -> None:
-    """Writes a diagram as Graphviz text (.dot, .gv) or picture (.svg, .png, .pdf).
+def write_graphviz(path: Path, drawn: BlockDiagram) -> None:
+    """Writes a drawing of a diagram as Graphviz text (.dot, .gv) or picture (.svg, .png, .pdf).
 
     Args:
         path: the file.
-        diagram: diagram to draw.
-        depth: levels of it that are shown, see `BlockDiagram`.
+        drawn: the drawing.
 
     Raises:
         OutputError: the file cannot be written, its suffix says no format, or a picture is asked
             for where Graphviz is missing.
     """
-    suffix, drawn = path.suffix.lower(), BlockDiagram(diagram, depth)
+    suffix = path.suffix.lower()
     if suffix not in (*_AS_TEXT, *_RENDERED):
         known = ", ".join((*_AS_TEXT, *_RENDERED))
         raise OutputError(
@@ -216,7 +215,7 @@ class Bench:
             built = self.options.loops.of((structure, log), partial(loop, log=log))
             reset_to = begin
         if options.graphviz is not None:
-            write_graphviz(options.graphviz, built)
+            write_graphviz(options.graphviz, BlockDiagram(built))
         simulator = Simulator(built)
 
         def again() -> float:

@@ -26,6 +26,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context
 from rich.console import Console
 
+from parapod.diagrams.block_diagram import BlockDiagram
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machine import Machine
 from parapod.diagrams.plots import Limits
@@ -227,7 +228,8 @@ class Experiment[S, D]:
     def _before(self, scenario: S, options: RunOptions) -> None:
         """Writes the diagram, before a run is spent on a file that cannot be written."""
         if options.graphviz is not None:
-            write_graphviz(options.graphviz, self.loop(scenario))  # type: ignore[attr-defined]
+            drawn = BlockDiagram(self.loop(scenario))  # type: ignore[attr-defined]
+            write_graphviz(options.graphviz, drawn)
 
     def _after(self, scenario: S, options: RunOptions) -> None:
         """Writes the scene."""
