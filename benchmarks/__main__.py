@@ -80,15 +80,15 @@ def main(arguments: list[str]) -> int:
         admissible = ", ".join([*_GROUPS, *_PROGRAMS])
         parser.exit(2, f"there is no benchmark '{unknown[0]}'; there are: {admissible}\n")
     console = make_console()
-    missed: list[str] = []
+    failures: list[str] = []
     for name in options.groups or [name for name in _GROUPS if name != _LONG]:
         console.print(f"[bold]{name}[/]")
         measured = _GROUPS[name](console)
         print_measurements(name, measured, console)
-        missed += [measurement.name for measurement in measured if not measurement.passed]
-    if missed:
-        console.print(f"missed: {', '.join(missed)}", highlight=False)
-    return 1 if missed and options.strict else 0
+        failures += [measurement.name for measurement in measured if not measurement.passed]
+    if failures:
+        console.print(f"missed: {', '.join(failures)}", highlight=False)
+    return 1 if failures and options.strict else 0
 
 
 if __name__ == "__main__":

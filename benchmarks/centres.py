@@ -67,7 +67,7 @@ def run(console: Console) -> list[Measurement]:
 def _jobs(limbs: int, name: str, console: Console) -> list[Measurement]:
     """Whole jobs of rigid bodies, and jobs that are stopped at equal distances of time."""
     quiet = RunOptions(console=Console(file=io.StringIO()))
-    found = []
+    jobs = []
     for what, experiment in (
         ("centre-machining", CentreMachining("centre-machining")),
         ("centre-walk", CentreWalk("centre-walk")),
@@ -76,7 +76,7 @@ def _jobs(limbs: int, name: str, console: Console) -> list[Measurement]:
         result, pace = DRAKE.beside(partial(experiment.execute, scenario, quiet))
         metrics = {metric.key: metric.value for metric in result.metrics}
         factor = metrics["realtime_factor"]
-        found += [
+        jobs += [
             Measurement(f"{what}, {name}", factor, "x", _LOOP_BOUND, pace=pace),
             Measurement("  bounds broken", float(len(result.broken)), "", 0.0, at_most=True),
         ]
@@ -90,10 +90,10 @@ def _jobs(limbs: int, name: str, console: Console) -> list[Measurement]:
         for number, is_safe in enumerate(pool.map(_ends_safely, repeat(limbs), instants)):
             ended += is_safe
             tell(number + 1)
-    found.append(
+    jobs.append(
         Measurement(f"stopped {_STOPS} times, {name}: clamped, retracted", ended, "", _STOPS)
     )
-    return found
+    return jobs
 
 
 def _ends_safely(limbs: int, instant: float) -> bool:

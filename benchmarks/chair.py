@@ -38,7 +38,7 @@ def run(console: Console) -> list[Measurement]:
 def _ten_cycles(console: Console) -> list[Measurement]:
     """A long way forward and back, with bodies and contact."""
     gait = GaitScenario(cycles=_CYCLES, way="forward and back")
-    found = (
+    times = (
         ChairWalk("chair-walk")
         .execute(ChairScenario(gait=gait), RunOptions(console=console))
         .as_json()
@@ -50,7 +50,7 @@ def _ten_cycles(console: Console) -> list[Measurement]:
         ("loop error", "loop_error_um", "um", 1.0),
     )
     return [
-        Measurement(f"chair, {_CYCLES} cycles and back: {name}", found[key], unit, bound,
+        Measurement(f"chair, {_CYCLES} cycles and back: {name}", times[key], unit, bound,
                     at_most=True)
         for name, key, unit, bound in bounds
     ]  # fmt: skip

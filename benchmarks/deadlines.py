@@ -71,7 +71,7 @@ class Run(NamedTuple):
     def unexcused(self) -> int:
         """Number of times that it was late, or ended, although the computer was on time."""
         least = _EXCUSE * self.timing.period if self.wake_ups.is_judge else np.inf
-        return sum(lost < least for _, lost in self.failures)
+        return sum(lost_time < least for _, lost_time in self.failures)
 
 
 def run(console: Console) -> list[Measurement]:
@@ -126,7 +126,7 @@ def driven(
     with emulator, tempfile.TemporaryDirectory() as folder:
         loop = ClosedLoop(machine, scenario, log=())
         options = RunOptions(console=console, log=Path(folder, "log.mcap"))
-        with wake_ups() as found:
+        with wake_ups() as counts:
             try:
                 run_on_hardware(
                     *(loop, Simulator(loop), duration, options, "deadlines"), begun=begun
@@ -140,33 +140,34 @@ def driven(
         if any(thread.device.measures and thread.write_ages for thread in threads)
     }
     timing, since = timings[0]
-    return Run(timing, ages, found, ended, since, at)
+    return Run(timing, ages, counts, ended, since, at)
 
 
-def _tell(words: str, found: Run, console: Console) -> None:
+def _tell(words: str, run: Run, console: Console) -> None:
     """Says when a run was late, and whether it was ended."""
-    seconds = found.timing.ticks * found.timing.period
-    ended = f"ended after {seconds:.0f} s: {found.ended}" if found.ended else "to its end"
+    seconds = run.timing.ticks * run.timing.period
+    ended = f"ended after {seconds:.0f} s: {run.ended}" if run.ended else "to its end"
     console.print(f"  {words}: {ended}", highlight=False)
-    for when, lost in found.failures:
+    for when, lost_time in run.failures:
         console.print(
-            f"  {words}: late at {when:.2f} s; cores stood still for {1e3 * lost:.1f} ms before",
+            f"  {words}: late at {when:.2f} s; cores stood still for "
+            f"{1e3 * lost_time:.1f} ms before",
             highlight=False,
         )
 
 
-def _judged(words: str, found: Run, console: Console) -> list[Measurement]:
+def _judged(words: str, run: Run, console: Console) -> list[Measurement]:
     """Judges a run on a computer that nothing else uses."""
-    _tell(words, found, console)
-    timing = found.timing
+    _tell(words, run, console)
+    timing = run.timing
     seconds = timing.ticks * timing.period
     results = [
         Measurement(f"{words}: driven", seconds, "s"),
         Measurement(f"{words}: deadlines missed", timing.missed, ""),
-        Measurement(f"{words}: a core stood still for", 1e3 * found.wake_ups.latest, "ms"),
-        Measurement(f"{words}: late or ended, cores on time", found.unexcused, "", 0, None, True),
+        Measurement(f"{words}: a core stood still for", 1e3 * run.wake_ups.latest, "ms"),
+        Measurement(f"{words}: late or ended, cores on time", run.unexcused, "", 0, None, True),
     ]
-    for part, ages in found.ages.items():
+    for part, ages in run.ages.items():
         young = 100.0 * float(np.mean(np.array(ages) < timing.period))
         median = 1e3 * float(np.median(ages))
         results += [

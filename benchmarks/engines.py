@@ -70,8 +70,8 @@ def posture_at(t: Floats) -> Floats:
     roll = math.radians(1.0) * np.sin(2.0 * math.pi * t / 5.0)
     pitch = math.radians(0.8) * np.sin(2.0 * math.pi * t / 4.0)
     height = 6e-3 * np.sin(2.0 * math.pi * t / 3.0)
-    moved = eased[:, None] * np.column_stack((roll, pitch, height))
-    return moved + np.array((0.0, math.radians(3.0), 0.477))
+    posture = eased[:, None] * np.column_stack((roll, pitch, height))
+    return posture + np.array((0.0, math.radians(3.0), 0.477))
 
 
 def references(leg: str) -> tuple[Floats, Floats, Floats]:
@@ -90,8 +90,8 @@ def references(leg: str) -> tuple[Floats, Floats, Floats]:
 def spline(t: Floats, position: Floats, rate: Floats) -> PiecewisePolynomial:
     """One joint's positions (n) and rates (n) at times (n), as cubics."""
     cubics: Any = PiecewisePolynomial
-    made: PiecewisePolynomial = cubics.CubicHermite(t, position[None], rate[None])
-    return made
+    polynomial: PiecewisePolynomial = cubics.CubicHermite(t, position[None], rate[None])
+    return polynomial
 
 
 def errors(t: Floats, poses: Floats) -> tuple[float, float]:
@@ -347,8 +347,8 @@ class MujocoBench:
         self._mujoco.mj_resetData(self._model, self._data)
         start, control = self._start[None], self._control[None]
         states, _ = self._rollout.rollout(self._model, self._data, start, control)
-        found: Floats = states[0]
-        return found
+        state: Floats = states[0]
+        return state
 
     def seconds(self) -> float:
         started = time.perf_counter()
@@ -409,14 +409,16 @@ def search(candidates: Sequence[Case]) -> list[Case]:
             case.clock()
             groups.setdefault((case.leg, case.step), []).append(case)
         case.__dict__.pop("bench")  # hundreds of models at once are too many
-    found = []
+    candidate_times = []
     for cases in groups.values():
         accurate = [case for case in cases if case.is_accurate]
         if accurate:
-            found += sorted(accurate, key=lambda case: -case.factor)[:2]
+            candidate_times += sorted(accurate, key=lambda case: -case.factor)[:2]
         else:
-            found.append(min(cases, key=lambda c: max(c.error[0] / ANGLE, c.error[1] / HEIGHT)))
-    return found
+            candidate_times.append(
+                min(cases, key=lambda c: max(c.error[0] / ANGLE, c.error[1] / HEIGHT))
+            )
+    return candidate_times
 
 
 def measure(cases: Sequence[Case], rounds: int) -> None:

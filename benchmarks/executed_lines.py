@@ -94,11 +94,11 @@ class _Record:
         lines: dict[str, dict[int, list[int]]] = defaultdict(dict)
         for (path, line), tests in self._lines.items():
             lines[path.removeprefix(self._root)][line] = tests
-        found = [
+        contexts = [
             (name, self._duration[name], name in self._passed, shared)
             for name, shared in zip(self._tests, self._shared, strict=True)
         ]
-        self._out.write_text(json.dumps({"tests": found, "lines": lines}))
+        self._out.write_text(json.dumps({"tests": contexts, "lines": lines}))
 
 
 class _Choice:
@@ -180,8 +180,8 @@ class Tests:
             self._index(path, child, is_called or is_body)
 
     def _at(self, path: str, lines: Sequence[int]) -> set[int]:
-        seen = self._lines.get(path, {})
-        return {test for line in lines for test in seen.get(str(line), ())}
+        contexts = self._lines.get(path, {})
+        return {test for line in lines for test in contexts.get(str(line), ())}
 
     def _is_near(self, test: str, module: str) -> bool:
         """Whether a test's file imports a module."""
@@ -211,29 +211,33 @@ class Tests:
         module = "parapod." + mutant.path.removesuffix(".py").replace("/", ".")
         near = {i for i, name in enumerate(self._names) if self._is_near(name, module)}
         if mutant.names is None:
-            found = self._at(mutant.path, [mutant.line])
-            found = found or self._at(mutant.path, range(mutant.block[0], mutant.block[1] + 1))
+            covering = self._at(mutant.path, [mutant.line])
+            covering = covering or self._at(
+                mutant.path, range(mutant.block[0], mutant.block[1] + 1)
+            )
         else:
-            known, new = set(mutant.names), set(mutant.names)
+            names, new = set(mutant.names), set(mutant.names)
             while new:
-                new = set().union(*(self._passed_on[name] for name in new)) - known
-                known |= new
-            places = [place for name in known for place in self._mentions[name]]
-            found = near.union(*(self._at(path, [line]) for path, line in places))
-        found |= {t for i in set(found) for key in self._shared[i] for t in self._sharing[key]}
-        used = [i for i in found if self._is_used[i]]
+                new = set().union(*(self._passed_on[name] for name in new)) - names
+                names |= new
+            places = [place for name in names for place in self._mentions[name]]
+            covering = near.union(*(self._at(path, [line]) for path, line in places))
+        covering |= {
+            t for i in set(covering) for key in self._shared[i] for t in self._sharing[key]
+        }
+        used = [i for i in covering if self._is_used[i]]
         used.sort(key=lambda i: (i not in near, self._duration[i], i))
         chosen, total = [], 0.0
-        files, begun = set[str](), set[tuple[str, ...]]()
+        files, starting = set[str](), set[tuple[str, ...]]()
         for i in used:
             file = self._names[i].partition("::")[0]
             # Who begins what is shared pays for it.
-            shared = [self._largest[key] for key in self._shared[i] - begun]
+            shared = [self._largest[key] for key in self._shared[i] - starting]
             cost = self._duration[i] + sum(shared) + (0.0 if file in files else _COLLECTED)
             if total + cost <= _CHOSEN:
                 total += cost
                 files.add(file)
-                begun |= self._shared[i]
+                starting |= self._shared[i]
                 chosen.append(self._names[i])
         return chosen or [self._names[i] for i in used[:1]], len(used)
 

@@ -34,7 +34,7 @@ def _logging(console: Console) -> list[Measurement]:
     """Deadlines that are missed with a log and without, in turns; alone and on a busy computer."""
     results = []
     for others in (0, 2 * len(os.sched_getaffinity(0))):
-        missed: dict[bool, list[float]] = {False: [], True: []}
+        misses: dict[bool, list[float]] = {False: [], True: []}
         late: dict[bool, list[float]] = {False: [], True: []}
         # In the computer's own time, by which it is judged.
         emulator = own_emulator(PLATFORM.experiment, "--rate=1", *_PHYSICS)
@@ -42,16 +42,16 @@ def _logging(console: Console) -> list[Measurement]:
             for is_logged in (False, True) * _TURNS:
                 log = Path(folder, "log.mcap") if is_logged else None
                 timing = _timing_of_a_turn(RunOptions(console=console, log=log))
-                missed[is_logged].append(timing.missed)
+                misses[is_logged].append(timing.missed)
                 late[is_logged] += timing.period_error
         where = f"{others} busy processes" if others else "alone"
         for is_logged, words in ((False, "no log"), (True, "a log")):
-            turns = ", ".join(f"{count:g}" for count in missed[is_logged])
+            turns = ", ".join(f"{count:g}" for count in misses[is_logged])
             error = 1e3 * float(np.percentile(late[is_logged], 99.0))
             results += [
                 Measurement(
                     f"missed of {_TURNS} x {_TURN:g} s with {words}, {where} ({turns})",
-                    sum(missed[is_logged]),
+                    sum(misses[is_logged]),
                     "",
                 ),
                 Measurement(f"period error, 99 %, with {words}, {where}", error, "ms"),

@@ -72,7 +72,7 @@ def run_jobs(name: str, count: int, backend: str, is_short: bool) -> Iterator[Jo
         (rate,) = re.findall(r"^time: rate ([\d.]+)", "\n".join(emulator.said), re.MULTILINE)
         for _ in range(count):
             of_job = ("--set", *settings) if settings else ()
-            done = subprocess.run(
+            process = subprocess.run(
                 [*_PARAPOD, "run", name, "--backend", "hardware", *of_job],
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
@@ -80,13 +80,13 @@ def run_jobs(name: str, count: int, backend: str, is_short: bool) -> Iterator[Jo
                 timeout=_LONGEST,
             )
             waits = re.findall(
-                r"emulated time .* waited ([\d.]+) s .* and ([\d.]+) s", done.stderr
+                r"emulated time .* waited ([\d.]+) s .* and ([\d.]+) s", process.stderr
             )
             waited = sum(map(float, waits[0])) if waits else 0.0
-            *_, words = done.stderr.strip().splitlines() or ("",)
+            *_, words = process.stderr.strip().splitlines() or ("",)
             words = words.removeprefix("parapod: error: ")
-            yield Job(done.returncode, float(rate), waited, words)
-            if done.returncode:
+            yield Job(process.returncode, float(rate), waited, words)
+            if process.returncode:
                 return
 
 
@@ -99,28 +99,30 @@ def main(arguments: list[str]) -> int:
     parser.add_argument(
         "--beside", type=int, nargs="+", default=[0, 1], metavar="K", help="busy programs beside"
     )
-    asked = parser.parse_args(arguments)
-    if unknown := [name for name in asked.names if name not in _SHORT]:
+    options = parser.parse_args(arguments)
+    if unknown := [name for name in options.names if name not in _SHORT]:
         parser.error(f"there are no jobs of '{unknown[0]}'; there are: {', '.join(_SHORT)}")
     console = Console()
     table = Table(box=box.SIMPLE)
     for heading in ("job", "beside", "ended well", "rate", "waited [s]", "last words"):
         table.add_column(heading)
     is_well = True
-    for beside in asked.beside:
-        for name in asked.names or _SHORT:
+    for beside in options.beside:
+        for name in options.names or _SHORT:
             jobs = []
             with busy(beside):
-                for job in run_jobs(name, asked.jobs, asked.backend, asked.short):
+                for job in run_jobs(name, options.jobs, options.backend, options.short):
                     jobs.append(job)
-                    said = f"{name}, {beside} busy: job {len(jobs)} of {asked.jobs} has ended"
-                    console.print(f"{said} with {job.code}, rate {job.rate:g}", markup=False)
+                    progress = (
+                        f"{name}, {beside} busy: job {len(jobs)} of {options.jobs} has ended"
+                    )
+                    console.print(f"{progress} with {job.code}, rate {job.rate:g}", markup=False)
             well = sum(job.code == 0 for job in jobs)
-            is_well = is_well and well == asked.jobs
+            is_well = is_well and well == options.jobs
             waits = [job.waited for job in jobs]
-            words = "" if well == asked.jobs else jobs[-1].words
+            words = "" if well == options.jobs else jobs[-1].words
             table.add_row(
-                *(name, f"{beside} busy", f"{well} of {asked.jobs}", f"{jobs[-1].rate:g}"),
+                *(name, f"{beside} busy", f"{well} of {options.jobs}", f"{jobs[-1].rate:g}"),
                 f"{min(waits):.2f}..{max(waits):.2f}",
                 words,
             )

@@ -56,7 +56,7 @@ def run() -> list[Measurement]:
 def _limits(posture: NDArray[np.float64], ground: NDArray[np.float64]) -> list[Measurement]:
     """Rates that numpy reaches with the sines and cosines only, or moving the numbers only."""
     angles = [np.ascontiguousarray(column) for column in (*posture.T[:2], *ground.T)]
-    shown = np.empty((_POSTURES, 4))
+    limits = np.empty((_POSTURES, 4))
     blocks = [slice(start, start + _BLOCK) for start in range(0, _POSTURES, _BLOCK)]
 
     def turn() -> None:
@@ -68,7 +68,7 @@ def _limits(posture: NDArray[np.float64], ground: NDArray[np.float64]) -> list[M
     def move() -> None:
         for block in blocks:
             for leg in range(4):
-                shown[block, leg] = posture[block, leg % 3]
+                limits[block, leg] = posture[block, leg % 3]
 
     trigonometric, _ = rate(turn, _POSTURES, NUMPY)
     moving, _ = rate(move, _POSTURES, NUMPY)
@@ -85,13 +85,13 @@ def _bench() -> list[Measurement]:
     pose = random.uniform((0.40, 0.25, -0.3), (0.58, 0.31, 0.3), (_POSTURES, 3))
     sliders = bench.inverse_kinematics(geometry, pose)
     results = []
-    for what, function, given in (
+    for what, function, inputs in (
         ("terrain simulator, inverse with all limits", bench.inverse_kinematics, pose),
         ("  forward", bench.forward_kinematics, sliders),
         ("  Jacobian", bench.jacobian, pose),
     ):
-        found, pace = rate(partial(function, geometry, given), _POSTURES, NUMPY)
-        results.append(Measurement(what, found / 1e6, "M/s", _BENCH_BOUND, pace=pace))
+        pace_here, pace = rate(partial(function, geometry, inputs), _POSTURES, NUMPY)
+        results.append(Measurement(what, pace_here / 1e6, "M/s", _BENCH_BOUND, pace=pace))
     worst = float(np.abs(bench.forward_kinematics(geometry, sliders) - pose).max())
     return [
         *results,

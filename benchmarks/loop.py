@@ -146,8 +146,8 @@ def _declaring(tally: Tally, declare: Callable[..., Any]) -> Callable[..., Any]:
     is_output = "Output" in declare.__name__
 
     def call(system: Any, *args: Any, **kwargs: Any) -> Any:
-        given = [*args, *kwargs.values()]
-        name = next((x for x in given if isinstance(x, str)), "") if is_output else ""
+        values = [*args, *kwargs.values()]
+        name = next((x for x in values if isinstance(x, str)), "") if is_output else ""
 
         def counted(x: Any) -> Any:
             if not callable(x) or isinstance(x, type):
@@ -198,7 +198,7 @@ def _report(console: Console, title: str, make: Callable[[], Diagram], scenario:
     period = scenario.control.period
     plain = min(_seconds(Simulator(make())) for _ in range(_RUNS)) * period / _COUNTED
     # Each callback is timed by the wall: the fastest run is the least disturbed one.
-    counted, tally = min((_counted(make) for _ in range(_RUNS)), key=lambda found: found[0])
+    counted, tally = min((_counted(make) for _ in range(_RUNS)), key=lambda result: result[0])
     counted *= period / _COUNTED
     ticks = _COUNTED / period
     of_systems: dict[str, list[Callback]] = {}

@@ -120,12 +120,15 @@ class Merger:
     def _outwards(self) -> list[Joint]:
         """All joints, those nearer to the world first."""
         joints = joints_of(self._whole)
-        known, ordered = {0}, list[Joint]()
+        joined_bodies, ordered = {0}, list[Joint]()
         while len(ordered) < len(joints):
             for joint in joints:
                 child = int(joint.child_body().index())
-                if child not in known and int(joint.parent_body().index()) in known:
-                    known.add(child)
+                if (
+                    child not in joined_bodies
+                    and int(joint.parent_body().index()) in joined_bodies
+                ):
+                    joined_bodies.add(child)
                     ordered.append(joint)
         return ordered
 
@@ -173,12 +176,12 @@ class Merger:
         damping = float(joint.GetDampingVector(self._context)[0])
         if isinstance(joint, RevoluteJoint):
             axis = joint.revolute_axis()
-            made: Any = RevoluteJoint(joint.name(), *frames, axis, damping)
+            revolute: Any = RevoluteJoint(joint.name(), *frames, axis, damping)
         else:
             assert isinstance(joint, PrismaticJoint)
             axis = joint.translation_axis()
-            made = PrismaticJoint(joint.name(), *frames, axis, damping=damping)
-        copy = self._plant.AddJoint(made)
+            revolute = PrismaticJoint(joint.name(), *frames, axis, damping=damping)
+        copy = self._plant.AddJoint(revolute)
         for i in self._whole.GetJointActuatorIndices():
             drive = self._whole.get_joint_actuator(i)
             if drive.joint().index() == joint.index():

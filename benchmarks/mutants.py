@@ -170,17 +170,17 @@ def _record(copy: _Copy, console: Console) -> dict[str, Any]:
     for name in _files():
         if PurePosixPath(name).suffix in _SEEN and not name.startswith("benchmarks/"):
             digest.update(name.encode() + (_ROOT / name).read_bytes())
-    kept = _ROOT / "build" / "mutants" / f"{digest.hexdigest()[:16]}.json"
-    if not kept.exists():
+    record_path = _ROOT / "build" / "mutants" / f"{digest.hexdigest()[:16]}.json"
+    if not record_path.exists():
         console.print("recording the lines that each test executes: one run of all tests")
         began = time.monotonic()
         code, text = copy.pytest({"root": str(copy.packages / "parapod")}, (), None)
         if not text:
             raise SystemExit(f"the tests cannot be recorded: pytest ended with {code}")
         console.print(f"recorded in {time.monotonic() - began:.0f} s")
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        kept.write_text(text)
-    record: dict[str, Any] = json.loads(kept.read_text())
+        record_path.parent.mkdir(parents=True, exist_ok=True)
+        record_path.write_text(text)
+    record: dict[str, Any] = json.loads(record_path.read_text())
     return record
 
 
@@ -213,12 +213,12 @@ def _try(mutant: Mutant, tests: Tests, copy: _Copy) -> Outcome:
 
 def shares(outcomes: Sequence[Outcome]) -> dict[str, tuple[int, int]]:
     """Killed and all mutants by folder, and in total."""
-    found: dict[str, list[int]] = defaultdict(lambda: [0, 0])
+    tallies: dict[str, list[int]] = defaultdict(lambda: [0, 0])
     for outcome in outcomes:
         for key in (str(PurePosixPath(outcome.mutant.path).parent), "total"):
-            found[key][0] += outcome.verdict in _KILLED
-            found[key][1] += 1
-    return {key: (killed, count) for key, (killed, count) in sorted(found.items())}
+            tallies[key][0] += outcome.verdict in _KILLED
+            tallies[key][1] += 1
+    return {key: (killed, count) for key, (killed, count) in sorted(tallies.items())}
 
 
 def _print(outcomes: Sequence[Outcome], console: Console) -> None:
@@ -256,32 +256,34 @@ def main(arguments: Sequence[str]) -> int:
         print(f"there is no '{missing[0]}' in {_ROOT}")
         return 2
     console = Console()
-    drawn = draw(list_mutants(_ROOT, options.paths), options.count, options.seed, _ROOT)
+    mutants = draw(list_mutants(_ROOT, options.paths), options.count, options.seed, _ROOT)
     if options.list:
-        for mutant in drawn:
+        for mutant in mutants:
             print(f"{mutant.kind:18} {mutant}")
         return 0
     # What is begun is ended and removed in both cases, and what is known is shown.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     outcomes: list[Outcome] = []
     with contextlib.suppress(KeyboardInterrupt):
-        _run(drawn, outcomes, options.json, console)
+        _run(mutants, outcomes, options.json, console)
     _print(outcomes, console)
-    return 0 if len(outcomes) == len(drawn) else 130
+    return 0 if len(outcomes) == len(mutants) else 130
 
 
 def _run(
-    drawn: Sequence[Mutant], outcomes: list[Outcome], report: Path | None, console: Console
+    mutants: Sequence[Mutant], outcomes: list[Outcome], report: Path | None, console: Console
 ) -> None:
     """Tries mutants one by one, and adds what became of them."""
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         copy = _Copy(Path(folder))
         tests = Tests(_record(copy, console), copy.tree)
-        for number, mutant in enumerate(drawn, 1):
+        for number, mutant in enumerate(mutants, 1):
             outcome = _try(mutant, tests, copy)
             outcomes.append(outcome)
-            told = f"{number}/{len(drawn)} {outcome.verdict:11} {outcome.seconds:5.1f} s  {mutant}"
-            console.print(told, highlight=False, markup=False, soft_wrap=True)
+            line = (
+                f"{number}/{len(mutants)} {outcome.verdict:11} {outcome.seconds:5.1f} s  {mutant}"
+            )
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
             if report:
                 _write(outcomes, report)
 

@@ -103,17 +103,17 @@ def is_cached(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
 
 def optional_arguments(trees: Iterable[ast.Module]) -> dict[str, set[str]]:
     """Arguments that have a default, by the name of the function or class."""
-    found: dict[str, set[str]] = defaultdict(set)
+    arguments: dict[str, set[str]] = defaultdict(set)
     for node in (node for tree in trees for node in ast.walk(tree)):
         if isinstance(node, ast.ClassDef):
             for child in node.body:
                 if isinstance(child, ast.AnnAssign) and child.value is not None:
-                    found[node.name].update(targets_of(child))
+                    arguments[node.name].update(targets_of(child))
                 if isinstance(child, ast.FunctionDef) and child.name == "__init__":
-                    found[node.name].update(_with_default(child.args))
+                    arguments[node.name].update(_with_default(child.args))
         elif isinstance(node, ast.FunctionDef):
-            found[node.name].update(_with_default(node.args))
-    return found
+            arguments[node.name].update(_with_default(node.args))
+    return arguments
 
 
 def _with_default(arguments: ast.arguments) -> Iterator[str]:
@@ -134,11 +134,11 @@ class _Finder(ast.NodeVisitor):
         for line in self._lines:
             self._begins.append(self._begins[-1] + len(line))
         tokens = tokenize.generate_tokens(io.StringIO(source).readline)
-        wanted = (tokenize.OP, tokenize.NAME)
+        kinds = (tokenize.OP, tokenize.NAME)
         self._tokens = [
             (self._begins[t.start[0] - 1] + t.start[1], t.string)
             for t in tokens
-            if t.type in wanted
+            if t.type in kinds
         ]
         self._names: tuple[str, ...] | None = ()
         self._block = (1, 1)
@@ -354,8 +354,10 @@ class _Finder(ast.NodeVisitor):
 
 def list_mutants(root: Path, paths: Sequence[str]) -> list[Mutant]:
     """All changes that the .py files under some paths of a tree admit, in order."""
-    found = (file for path in paths for file in (root / path, *sorted((root / path).rglob("*"))))
-    files = sorted({file for file in found if file.suffix == ".py" and file.is_file()})
+    python_files = (
+        file for path in paths for file in (root / path, *sorted((root / path).rglob("*")))
+    )
+    files = sorted({file for file in python_files if file.suffix == ".py" and file.is_file()})
     sources = {file: file.read_text(encoding="utf-8") for file in files}
     trees = {file: ast.parse(source) for file, source in sources.items()}
     optional = optional_arguments(trees.values())
@@ -382,19 +384,19 @@ def draw(mutants: Sequence[Mutant], count: int, seed: int, root: Path) -> list[M
     for path in by_file:
         folders[str(PurePosixPath(path).parent)].append(path)
     sizes = {folder: sum(lines[path] for path in paths) for folder, paths in folders.items()}
-    drawn: list[Mutant] = []
+    drawn_mutants: list[Mutant] = []
     for folder, quota in _shares(sizes, count).items():
         chance = random.Random(f"{seed} {folder}")
-        left = {path: list(by_file[path]) for path in folders[folder]}
-        wanted = len(drawn) + quota
-        while len(drawn) < wanted and left:
-            (path,) = chance.choices(list(left), [lines[path] for path in left])
-            mutant = left[path].pop(chance.randrange(len(left[path])))
-            if not left[path]:
-                del left[path]
+        files_left = {path: list(by_file[path]) for path in folders[folder]}
+        target = len(drawn_mutants) + quota
+        while len(drawn_mutants) < target and files_left:
+            (path,) = chance.choices(list(files_left), [lines[path] for path in files_left])
+            mutant = files_left[path].pop(chance.randrange(len(files_left[path])))
+            if not files_left[path]:
+                del files_left[path]
             if _is_other(sources[path], mutant):
-                drawn.append(mutant)
-    return sorted(drawn, key=lambda mutant: (mutant.path, mutant.start, mutant.text))
+                drawn_mutants.append(mutant)
+    return sorted(drawn_mutants, key=lambda mutant: (mutant.path, mutant.start, mutant.text))
 
 
 def _shares(sizes: Mapping[str, int], count: int) -> dict[str, int]:

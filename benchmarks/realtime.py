@@ -102,7 +102,7 @@ def platform_loop(case: Case) -> ClosedLoop[LevellingScenario]:
 
 def _with_larger_cache_of_blocks(case: Case) -> Measurement:
     """The same loop in a program that the C library gives a larger cache of blocks."""
-    found = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "benchmarks.realtime", str(CASES.index(case))],
         env=os.environ | {"GLIBC_TUNABLES": _TUNABLES},
         cwd=Path(__file__).parents[1],
@@ -110,7 +110,7 @@ def _with_larger_cache_of_blocks(case: Case) -> Measurement:
         capture_output=True,
         text=True,
     )
-    return Measurement(f"  {case.name}, GLIBC_TUNABLES={_TUNABLES}", float(found.stdout), "x")
+    return Measurement(f"  {case.name}, GLIBC_TUNABLES={_TUNABLES}", float(process.stdout), "x")
 
 
 def moving_controller(scenario: LevellingScenario) -> Diagram:

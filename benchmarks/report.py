@@ -46,8 +46,8 @@ class Measurement:
     def verdict(self) -> str:
         if self.floor is None:
             return OK
-        held = self.judged <= self.floor if self.at_most else self.judged >= self.floor
-        if held:
+        is_held = self.judged <= self.floor if self.at_most else self.judged >= self.floor
+        if is_held:
             return OK
         return MISSED if self.pace is None or self.pace.is_steady else TOO_BUSY
 

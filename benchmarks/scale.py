@@ -64,8 +64,8 @@ def run(console: Console) -> list[Measurement]:
         ]
     console.print(f"  {_MANY} runs with one worker ...", highlight=False)
     many = _timed(1, _BRIEF, _MANY)
-    begun = int(_FIRST * _MANY)
-    grown = max(many.memory[begun:]) - many.memory[begun]
+    count = int(_FIRST * _MANY)
+    grown = max(many.memory[count:]) - many.memory[count]
     cost = 1e3 * many.cost
     name = f"memory of a worker that grows over {_MANY} runs"
     return [

@@ -63,14 +63,14 @@ def wake_ups() -> Iterator[WakeUps]:
         subprocess.Popen([*command, str(core)], stdin=pipe, stdout=pipe, text=True)
         for core in sorted(os.sched_getaffinity(0))
     ]
-    found = WakeUps()
+    counts = WakeUps()
     try:
-        yield found
+        yield counts
     finally:
-        said = [program.communicate()[0].splitlines() for program in programs]
-        found.is_judge = all(lines[:1] == ["fifo"] for lines in said)
-        rows = [[float(word) for word in line.split()] for lines in said for line in lines[1:]]
-        found.late = np.array(rows).reshape(-1, 2)
+        outputs = [program.communicate()[0].splitlines() for program in programs]
+        counts.is_judge = all(lines[:1] == ["fifo"] for lines in outputs)
+        rows = [[float(word) for word in line.split()] for lines in outputs for line in lines[1:]]
+        counts.late = np.array(rows).reshape(-1, 2)
 
 
 def _wake_up(core: int) -> None:

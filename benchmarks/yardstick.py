@@ -108,8 +108,8 @@ class Yardstick:
         """The result of some work, and the yardstick before and after it."""
         self._pass()
         before = self.sample()
-        found = work()
-        return found, Pace(self.name, (before, self.sample()), self.quiet)
+        result = work()
+        return result, Pace(self.name, (before, self.sample()), self.quiet)
 
     @functools.cached_property
     def _pass(self) -> Callable[[], object]:
@@ -182,9 +182,9 @@ def _drake_plant() -> Callable[[], object]:
     plant.Finalize()
     X_WB = RigidTransform(np.array([0.0, 0.0, _LINKS * _LENGTH + _RADIUS]))
     plant.SetDefaultFloatingBaseBodyPose(base, X_WB)
-    held = builder.AddSystem(ConstantVectorSource(np.zeros(2 * plant.num_actuators())))
+    sources = builder.AddSystem(ConstantVectorSource(np.zeros(2 * plant.num_actuators())))
     drives = plant.get_desired_state_input_port(default_model_instance())
-    builder.Connect(held.get_output_port(), drives)
+    builder.Connect(sources.get_output_port(), drives)
     simulator = Simulator(builder.Build())
     simulator.Initialize()
     simulator.AdvanceTo(0.2)  # until it stands

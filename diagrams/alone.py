@@ -68,10 +68,10 @@ class Alone(Diagram):
             name: _drive(builder, ports, name, value, system.get_name())
             for name, value in inputs.items()
         }
-        shown = {**driven, **dict(_vectors(system))}
-        self._units = {name: unit for name, unit in _units(system).items() if name in shown}
+        sources = {**driven, **dict(_vectors(system))}
+        self._units = {name: unit for name, unit in _units(system).items() if name in sources}
         self.logs: dict[str, VectorLogSink] = {}
-        for name, port in shown.items():
+        for name, port in sources.items():
             # Not `LogVectorOutput`, whose sink would never let go of the diagram.
             self.logs[name] = add(builder, VectorLogSink(port.size(), period), f"log.{name}")
             connect(builder, port, self.logs[name].get_input_port())
@@ -98,8 +98,8 @@ def _drive(
 ) -> OutputPort:
     """Connects an input to a source of its own; the source's output."""
     if name not in ports:
-        known = ", ".join(ports) or "none"
-        raise WiringError(f"'{system}' has no input '{name}'; there are: {known}")
+        port_names = ", ".join(ports) or "none"
+        raise WiringError(f"'{system}' has no input '{name}'; there are: {port_names}")
     size = ports[name].size()
     if isinstance(value, System):
         source = value

@@ -227,11 +227,11 @@ def render(text: str, suffix: str = "svg") -> bytes:
     """
     need("pygraphviz")
     command = [sys.executable, "-c", _GRAPHVIZ, suffix]
-    done = subprocess.run(command, input=text.encode(), capture_output=True, check=False)
-    if done.returncode != 0:
-        complaints = done.stderr.decode().strip().splitlines()
-        raise ParapodError(f"Graphviz: {complaints[-1] if complaints else done.returncode}")
-    return done.stdout
+    process = subprocess.run(command, input=text.encode(), capture_output=True, check=False)
+    if process.returncode != 0:
+        complaints = process.stderr.decode().strip().splitlines()
+        raise ParapodError(f"Graphviz: {complaints[-1] if complaints else process.returncode}")
+    return process.stdout
 
 
 def type_name(system: Any) -> str:
@@ -390,12 +390,12 @@ class _Picture:
         name, kind = html.escape(system.get_name()), html.escape(type_name(system))
         # In the order in which their wires come, so that these cross less.
         inputs = sorted(block.ins, key=lambda i: (block.ins[i], i))
-        left = [(f"i{i}", system.get_input_port(i).get_name()) for i in inputs]
+        inputs_at_left = [(f"i{i}", system.get_input_port(i).get_name()) for i in inputs]
         right = [(f"o{i}", system.get_output_port(i).get_name()) for i in sorted(block.outs)]
         rows = []
-        for k in range(max(len(left), len(right)) if self._has_ports else 0):
+        for k in range(max(len(inputs_at_left), len(right)) if self._has_ports else 0):
             cells = []
-            for side, align in ((left, "LEFT"), (right, "RIGHT")):
+            for side, align in ((inputs_at_left, "LEFT"), (right, "RIGHT")):
                 port, text = side[k] if k < len(side) else ("", "")
                 here = f' PORT="{port}"' if port else ""
                 cells.append(f'<TD{here} ALIGN="{align}" BORDER="0">{html.escape(text)}</TD>')

@@ -34,7 +34,7 @@ def plot_signals(
     time: NDArray[np.float64],
     signals: Mapping[str, NDArray[np.float64]],
     units: Mapping[str, str],
-    asked: Sequence[str],
+    names: Sequence[str],
 ) -> Chart:
     """Draws signals over time, one plot below the other, in the units that people read.
 
@@ -42,13 +42,13 @@ def plot_signals(
         time: (n) [s].
         signals: samples (n, size) by signal.
         units: unit of the elements by signal, separated by commas where they differ.
-        asked: plots, as `choose` has them.
+        names: plots, as `choose` has them.
 
     Raises:
         NoSignal: a signal or an element does not exist.
     """
     sizes = {name: samples.shape[1] for name, samples in signals.items()}
-    plots = choose(Signals("the recording", sizes, units), asked, {})
+    plots = choose(Signals("the recording", sizes, units), names, {})
 
     def line(plot: Plot, curve: Curve) -> tuple[ArrayLike, ArrayLike]:
         return time, plot.factor * signals[curve.signal][:, curve.element]
@@ -78,7 +78,7 @@ def draw_plots(
     """
     rows = canvas.axes or canvas.subplots(len(plots), 1, sharex=True, squeeze=False)[:, 0]
     for axes, plot in zip(rows, plots, strict=True):
-        told = [text.get_label() for text in axes.lines]
+        labels = [text.get_label() for text in axes.lines]
         for place, curve in enumerate(plot.curves):
             if (line := lines(plot, curve)) is None:
                 continue
@@ -87,7 +87,7 @@ def draw_plots(
                 *line,
                 color=plot.colours[place],
                 linewidth=2.4 if plot.is_first(curve) else 1.1,
-                label=None if label in told else label,
+                label=None if label in labels else label,
                 **properties,
             )
         axes.set_ylabel(plot.quantity)

@@ -161,17 +161,17 @@ class ClosedLoop[S](Diagram):
         """
         table = self.machine.table
 
-        held: dict[str, OutputPort] = {}
+        held_ports: dict[str, OutputPort] = {}
 
         def seen(name: str, port: OutputPort) -> OutputPort:
             if name not in table:
                 return port
             if table[name].is_sampled and self._commands_devices:
-                port = held[name] = self._hold(builder, name, port)
+                port = held_ports[name] = self._hold(builder, name, port)
             return self.faults.seen(port, table[name])
 
         systems = (self.station, self.controller, *self.sources)
-        outputs = connect_by_name(builder, systems, seen, skip=(_AGE,)) | held
+        outputs = connect_by_name(builder, systems, seen, skip=(_AGE,)) | held_ports
         for name, port in outputs.items():
             if name in table and self.faults.is_missing(table[name]):
                 self.faults.seen(port, table[name])  # for the recording only
@@ -180,10 +180,10 @@ class ClosedLoop[S](Diagram):
         for system in systems:
             for name, sink in inputs_of(system).items():
                 if not builder.IsConnectedOrExported(sink):
-                    known = ", ".join(sorted(outputs))
+                    names = ", ".join(sorted(outputs))
                     raise WiringError(
                         f"nothing drives the input '{name}' of '{system.get_name()}'; "
-                        f"there are the outputs: {known}"
+                        f"there are the outputs: {names}"
                     )
         return outputs | self.faults.ports()
 
@@ -232,8 +232,8 @@ class ClosedLoop[S](Diagram):
     ) -> dict[str, VectorLogSink]:
         for name in names or ():
             if name not in self.ports:
-                known = ", ".join(sorted(self.ports))
-                raise WiringError(f"there is no port '{name}' to record; there are: {known}")
+                port_names = ", ".join(sorted(self.ports))
+                raise WiringError(f"there is no port '{name}' to record; there are: {port_names}")
         sinks = {}
         for name, port in self.ports.items():
             if names is None or name in names:

@@ -60,8 +60,10 @@ class Parts:
 
     def news(self) -> list[str]:
         """Remarks of the devices that have not been given before, with the devices' names."""
-        said = [f"{t.device.name}: {text}" for t in self.all_threads for text in t.device.remarks]
-        news = [text for text in said if text not in self.told]
+        messages = [
+            f"{t.device.name}: {text}" for t in self.all_threads for text in t.device.remarks
+        ]
+        news = [text for text in messages if text not in self.told]
         self.told.update(news)
         return news
 
@@ -80,10 +82,10 @@ class Parts:
         Args:
             patience: longest wait [s]; what has not come by then is as old as its age says.
         """
-        begun = monotonic()
+        started = monotonic()
         for thread in self.all_threads:
-            while thread.device.measures and not thread.error and thread.sample.stamp < begun:
-                if monotonic() > begun + patience:
+            while thread.device.measures and not thread.error and thread.sample.stamp < started:
+                if monotonic() > started + patience:
                     return
                 sleep(_NEWS_PAUSE)
 
@@ -134,19 +136,19 @@ class NotNeutral(ParapodError):
             ended: error that ended the work; None if it ended as planned.
             unconfirmed: errors of the devices that have not confirmed it.
         """
-        said = [] if ended is None else [_words(ended)]
+        messages = [] if ended is None else [_words(ended)]
         live = []
         for thread, error in unconfirmed.items():
-            if str(error) not in said:
-                said.append(str(error))
+            if str(error) not in messages:
+                messages.append(str(error))
             if thread.device.watchdog:
-                said.append(thread.device.watchdog)
+                messages.append(thread.device.watchdog)
             else:
                 live.append(thread.device.name)
         if live:
             outputs = f"OUTPUTS OF {' AND '.join(live)} MAY STILL BE LIVE"
-            said.append(f"{outputs}: press the emergency stop")
-        super().__init__("; ".join(said))
+            messages.append(f"{outputs}: press the emergency stop")
+        super().__init__("; ".join(messages))
 
 
 def _words(error: BaseException) -> str:
@@ -173,7 +175,7 @@ def add_devices(
     drivers: Sequence[Driver],
     inputs: Sequence[Port],
     outputs: Sequence[Port],
-    told: Sequence[str],
+    signals_used: Sequence[str],
     period: float,
 ) -> Behind:
     """Adds the devices of drivers; nothing is opened yet.
@@ -184,7 +186,7 @@ def add_devices(
         inputs: inputs of the station; each must be driven.
         outputs: outputs of the station but `status.*`; each that has no default must be measured,
             once.
-        told: parts of `status.age` and `status.fault`, in order.
+        signals_used: parts of `status.age` and `status.fault`, in order.
         period: period of the loop [s].
 
     Raises:
@@ -193,8 +195,8 @@ def add_devices(
     parts = make_parts(drivers, inputs, outputs, period)
     driven, measured = _add_parts(builder, parts, {port.name for port in outputs}, period)
     for name in ("age", "fault"):
-        each = add(builder, Multiplexer(len(told)), f"status_{name}")
-        for i, part in enumerate(told):
+        each = add(builder, Multiplexer(len(signals_used)), f"status_{name}")
+        for i, part in enumerate(signals_used):
             port = parts.readers[parts.behind(part)].GetOutputPort(name)
             connect(builder, port, each.get_input_port(i))
         measured[f"status.{name}"] = each.get_output_port(0)
@@ -260,22 +262,22 @@ def _check(spec: Port, devices: Sequence[tuple[str, Device]], what: str) -> None
     """Refuses a port that no device, or more than one, stands behind."""
     owner = spec.name.partition(".")[0]
     sizes = [(part, device, _ports(part, getattr(device, what))) for part, device in devices]
-    found = [
+    missing = [
         (part, device, ports[spec.name]) for part, device, ports in sizes if spec.name in ports
     ]
     key = "hardware.drivers"
     verb = "measured" if what == "measures" else "driven"
-    if not found and (what == "commands" or spec.default is None):
+    if not missing and (what == "commands" or spec.default is None):
         among = ", ".join(device.name for part, device in devices if part == owner) or "none"
         raise ScenarioError(
             f"{key}: {spec.name} is {verb} by no driver (those with part: {owner}: {among})", key
         )
     # Commands are handed to the devices of one part at a time.
-    if len({part for part, _, _ in found} if what == "commands" else found) > 1:
-        names = " and ".join(device.name for _, device, _ in found)
+    if len({part for part, _, _ in missing} if what == "commands" else missing) > 1:
+        names = " and ".join(device.name for _, device, _ in missing)
         one = "one" if what == "measures" else "of one part"
         raise ScenarioError(f"{key}: {spec.name} is {verb} by {names}; it must be {one}", key)
-    for _, device, size in found:
+    for _, device, size in missing:
         if size != spec.size:
             raise ScenarioError(
                 f"{key}: {device.name} has {size} elements of {spec.name}, the port {spec.size}",
@@ -284,7 +286,7 @@ def _check(spec: Port, devices: Sequence[tuple[str, Device]], what: str) -> None
 
 
 def _add_parts(
-    builder: DiagramBuilder, parts: Parts, shown: Set[str], period: float
+    builder: DiagramBuilder, parts: Parts, visible: Set[str], period: float
 ) -> tuple[dict[str, InputPort], dict[str, OutputPort]]:
     """Adds a reader, which shows these measurements, and for commands a writer, for each part."""
     inputs: dict[str, InputPort] = {}
@@ -293,7 +295,7 @@ def _add_parts(
         reader = add(builder, PartReader(part, threads, period))
         parts.readers[part] = reader
         for signal, name in _named(part, threads, "measures"):
-            if name in shown:
+            if name in visible:
                 outputs[name] = reader.GetOutputPort(signal)
         if commanded := _named(part, threads, "commands"):
             writer = add(builder, PartWriter(part, threads, period))

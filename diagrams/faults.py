@@ -112,7 +112,7 @@ def check_faults(
         own_seed = int(np.random.SeedSequence((seed, i)).generate_state(1)[0])
         by_target[fault.target].append(_made(fault, target.span, own_seed))
     points = dict.fromkeys(target.point for target in targets.values())
-    found = {
+    problems_by_point = {
         point: tuple(
             fault
             for name, target in targets.items()
@@ -121,7 +121,7 @@ def check_faults(
         )
         for point in points
     }
-    return {point: made for point, made in found.items() if made}
+    return {point: problems for point, problems in problems_by_point.items() if problems}
 
 
 def make_fault_injector(
@@ -194,8 +194,8 @@ class FaultPoints:
         injector = add(self._builder, make_fault_injector(target, self._period, faults))
         connect(self._builder, port, injector.GetInputPort("signal"))
         self.injectors[target.point] = injector
-        shown: OutputPort = injector.GetOutputPort("faulted")
-        return shown
+        faulted: OutputPort = injector.GetOutputPort("faulted")
+        return faulted
 
     def is_missing(self, spec: Port) -> bool:
         """Whether faults of a signal are wanted and it has no injector yet."""
@@ -214,12 +214,12 @@ class FaultPoints:
 
     def ports(self) -> dict[str, OutputPort]:
         """Signals for a log: those with faults as they are seen, and the injectors' others."""
-        found: dict[str, OutputPort] = {}
+        by_name: dict[str, OutputPort] = {}
         for name, injector in self.injectors.items():
-            found[name] = injector.GetOutputPort("faulted")
+            by_name[name] = injector.GetOutputPort("faulted")
             for signal in ("extra_age", "changed"):
-                found[f"fault.{name}.{signal}"] = injector.GetOutputPort(signal)
-        return found
+                by_name[f"fault.{name}.{signal}"] = injector.GetOutputPort(signal)
+        return by_name
 
     def set_faults(
         self, root_context: Context, faults: Sequence[FaultScenario], seed: int = 0

@@ -73,8 +73,8 @@ class Stopwatch:
     def lap(self, values: Values) -> float:
         """Time since the measurement before [s]."""
         before, self._stamp = self._stamp, stamp_of(self._signal, values)
-        passed = self._stamp - before
-        return passed if passed > 0.0 else 0.0
+        lap_time = self._stamp - before
+        return lap_time if lap_time > 0.0 else 0.0
 
 
 class Sign(Protocol):
@@ -132,8 +132,8 @@ class ByStandstill:
         velocity, current = (values[name][self._index] for name in (self._velocity, self._current))
         stands = command != 0.0 and abs(velocity) < self._share * abs(command)
         pushes = abs(current) >= self._pushing and current * command > 0.0
-        passed = self._watch.lap(values)
-        self._standing = self._standing + passed if stands and pushes else 0.0
+        lap_time = self._watch.lap(values)
+        self._standing = self._standing + lap_time if stands and pushes else 0.0
         return self._standing >= self._lasting
 
 
@@ -250,12 +250,12 @@ class _Way:
     def go(self, values: Values) -> None:
         """Takes a measurement that answers the command."""
         self.before, self.here = self.here, self._axis.at(values)
-        passed = self._watch.lap(values)
+        lap_time = self._watch.lap(values)
         if self._begun is None:
             self._begun = self.here
-        self.length, self.elapsed = self.here - self._begun, self.elapsed + passed
+        self.length, self.elapsed = self.here - self._begun, self.elapsed + lap_time
         moves = abs(self.here - self.before) >= _STANDING
-        self.standing = 0.0 if moves else self.standing + passed
+        self.standing = 0.0 if moves else self.standing + lap_time
 
 
 @dataclass
@@ -313,14 +313,14 @@ class _Axis:
     def _leave(self) -> Motion[None]:
         """Goes away from the end until its sign has gone, and a little further."""
         command = -self.homing.fast
-        way, gone = _Way(self, (yield 0.0)), None
-        while gone is None or abs(way.here - gone) < _AWAY:
+        way, distance = _Way(self, (yield 0.0)), None
+        while distance is None or abs(way.here - distance) < _AWAY:
             values = yield command
             way.go(values)
             self._check_way(way, command, None)
-            if gone is None and not self._sign()(values, self.homing.fast):
-                gone = way.here
-            if gone is None and abs(way.length) > _LONGEST_AWAY:
+            if distance is None and not self._sign()(values, self.homing.fast):
+                distance = way.here
+            if distance is None and abs(way.length) > _LONGEST_AWAY:
                 raise HomingError(
                     f"{self.name}: the sign of its end stays for {1e3 * abs(way.length):.0f} mm; "
                     "is its switch stuck?"
@@ -329,18 +329,18 @@ class _Axis:
 
     def _check_way(self, way: _Way, command: float, sign: Sign | None) -> None:
         """Refuses an axis that does not go where it is commanded."""
-        asked = self.homing.gain * command * way.elapsed
-        if way.length * asked < 0.0 and abs(way.length) > _STILL:
+        expected_way = self.homing.gain * command * way.elapsed
+        if way.length * expected_way < 0.0 and abs(way.length) > _STILL:
             raise HomingError(
                 f"{self.name} moves against its command: motor or encoder is swapped"
             )
         # One that waits for a standstill may stand.
         if isinstance(sign, ByStandstill) and way.elapsed > _GRACE:
             return
-        if way.elapsed > _GRACE and abs(way.length) < _SHARE * abs(asked):
+        if way.elapsed > _GRACE and abs(way.length) < _SHARE * abs(expected_way):
             raise HomingError(
                 f"{self.name} has moved {1e3 * abs(way.length):.1f} mm and should have moved "
-                f"{1e3 * abs(asked):.1f} mm: encoder, drive or supply"
+                f"{1e3 * abs(expected_way):.1f} mm: encoder, drive or supply"
             )
 
     def _wait(self, duration: float) -> Motion[None]:
@@ -365,8 +365,8 @@ def find_ends(
     """
     axes = _axes(homing, driver, part, period)
     watch = _unwatched if homing.watch is None else homing.watch(period)
-    found = yield from _moved(homing, part, [axis.find for axis in axes], tell, watch)
-    edge, spread = np.array(found).T
+    positions = yield from _moved(homing, part, [axis.find for axis in axes], tell, watch)
+    edge, spread = np.array(positions).T
     for axis, value in zip(axes, spread, strict=True):
         if value > homing.spread:
             raise HomingError(
@@ -410,25 +410,25 @@ def _moved[T](
     watch: Watch = _unwatched,
 ) -> Procedure[list[T]]:
     """Motions of all axes, one after the other or at once, while those not moved must stand."""
-    found: dict[int, T] = {}
+    results: dict[int, T] = {}
     every = list(range(homing.size))
     for group in [[i] for i in every] if homing.in_turn else [every]:
         tell(f"{part} {_listed(group)}: to the end")
         going = {i: motions[i]() for i in group}
-        asked = {i: next(motion) for i, motion in going.items()}
+        requests = {i: next(motion) for i, motion in going.items()}
         first: Values | None = None
         while going:
-            values = yield [asked.get(i, 0.0) for i in every]
+            values = yield [requests.get(i, 0.0) for i in every]
             first = first or values
             watch(values)
             _check_others(homing, part, group, first, values)
             for i, motion in list(going.items()):
                 try:
-                    asked[i] = motion.send(values)
+                    requests[i] = motion.send(values)
                 except StopIteration as over:
-                    found[i] = over.value
-                    del going[i], asked[i]
-    return [found[i] for i in every]
+                    results[i] = over.value
+                    del going[i], requests[i]
+    return [results[i] for i in every]
 
 
 def _check_others(
@@ -474,19 +474,19 @@ def lead(homing: Homing, signal: str, goal: Sequence[float]) -> Procedure[Values
     largest, nearest = abs(homing.fast), np.full(homing.size, np.inf)
     waited = np.zeros(homing.size)
     while True:
-        left = np.asarray(goal, dtype=float) - np.asarray(values[signal])
-        far = np.abs(left) >= _ARRIVED
+        way_left = np.asarray(goal, dtype=float) - np.asarray(values[signal])
+        far = np.abs(way_left) >= _ARRIVED
         if not far.any():
             return (yield [0.0] * homing.size)
-        nearer = ~far | (np.abs(left) < nearest - _PROGRESS)
-        nearest = np.where(nearer, np.abs(left), nearest)
+        nearer = ~far | (np.abs(way_left) < nearest - _PROGRESS)
+        nearest = np.where(nearer, np.abs(way_left), nearest)
         waited = np.where(nearer, 0.0, waited + watch.lap(values))
         i = int(np.argmax(waited))
         if waited[i] > _PATIENCE:
             raise HomingError(
                 f"{signal.partition('.')[0]} {i + 1} does not come nearer to where it is led, "
-                f"{1e3 * abs(left[i]):.1f} mm away"
+                f"{1e3 * abs(way_left[i]):.1f} mm away"
             )
         # Below its slow command friction may hold an axis.
-        size = np.clip(_APPROACH * np.abs(left / homing.gain), abs(homing.slow), largest)
-        values = yield np.where(far, np.copysign(size, left / homing.gain), 0.0).tolist()
+        size = np.clip(_APPROACH * np.abs(way_left / homing.gain), abs(homing.slow), largest)
+        values = yield np.where(far, np.copysign(size, way_left / homing.gain), 0.0).tolist()

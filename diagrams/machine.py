@@ -252,8 +252,8 @@ class Machine[S]:
         settings: Any = scenario
         backend = settings.backend
         if backend not in self.backends:
-            known = ", ".join(self.backends)
-            raise ScenarioError(f"backend {backend!r} is not one of {known}", "backend")
+            backends = ", ".join(self.backends)
+            raise ScenarioError(f"backend {backend!r} is not one of {backends}", "backend")
         if backend in self.plants:
             return self.plants[backend](builder, scenario, meshcat)
         if backend == "mock":
@@ -289,11 +289,11 @@ def find_machine(name: str) -> Machine[Any]:
     """
     group = "parapod.machines"
     name, points = current_name(group, name), installed(group)
-    found = [entry for entry in points if entry.name == name]
-    if not found:
-        known = ", ".join(sorted({entry.name for entry in points}))
-        raise ParapodError(f"there is no machine '{name}'; there are: {known}")
-    (entry, *_) = found
+    matches = [entry for entry in points if entry.name == name]
+    if not matches:
+        names = ", ".join(sorted({entry.name for entry in points}))
+        raise ParapodError(f"there is no machine '{name}'; there are: {names}")
+    (entry, *_) = matches
     try:
         machine: Machine[Any] = entry.load()
     except Exception as error:

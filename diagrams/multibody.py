@@ -70,9 +70,9 @@ def drive_joints(
     for port, instance in zip(parts, instances, strict=True):
         connect(builder, port, plant.get_desired_state_input_port(instance))
     hold = ZeroOrderHold(sampled_every or plant.time_step(), plant.num_actuators())
-    held = add(builder, hold, "holding_force")
-    connect(builder, plant.get_net_actuation_output_port(), held.get_input_port())
-    return held.get_output_port()
+    holding = add(builder, hold, "holding_force")
+    connect(builder, plant.get_net_actuation_output_port(), holding.get_input_port())
+    return holding.get_output_port()
 
 
 def add_ground(parser: Parser) -> ModelInstanceIndex:

@@ -158,14 +158,14 @@ class Plot:
 
 def choose(
     signals: Signals,
-    asked: Sequence[str],
+    names: Sequence[str],
     limits: Limits,
 ) -> list[Plot]:
     """The plots that somebody has asked for.
 
     Args:
         signals: those that there are.
-        asked: `signal`, `signal[0]` or `signal[0:3]`, several joined by +; elements of different
+        names: `signal`, `signal[0]` or `signal[0:3]`, several joined by +; elements of different
             units become plots of their own.
         limits: smallest and largest admissible value of signals, in their unit, for all elements
             or for each.
@@ -174,7 +174,7 @@ def choose(
         NoSignal: names those that there are, and one that is near.
     """
     plots = []
-    for text in asked:
+    for text in names:
         by_unit: dict[str, list[Curve]] = {}
         for each in text.split("+"):
             for curve in _curves(signals, each.strip()):
@@ -184,22 +184,22 @@ def choose(
     return plots
 
 
-def parse(asked: str) -> tuple[str, range | None] | None:
+def parse(name: str) -> tuple[str, range | None] | None:
     """Name and elements of `signal`, `signal[0]` or `signal[0:3]`; None elements: all of them.
 
     Args:
-        asked: the text.
+        name: the text.
 
     Returns:
         None where the text is nothing of the kind.
     """
-    found = _ASKED.fullmatch(asked.strip())
-    if found is None:
+    match = _ASKED.fullmatch(name.strip())
+    if match is None:
         return None
-    if found["first"] is None:
-        return found["name"], None
-    first = int(found["first"])
-    return found["name"], range(first, int(found["end"]) if found["end"] else first + 1)
+    if match["first"] is None:
+        return match["name"], None
+    first = int(match["first"])
+    return match["name"], range(first, int(match["end"]) if match["end"] else first + 1)
 
 
 def usual(there: Collection[str], plots: Sequence[str], measured: Sequence[str] = ()) -> list[str]:
@@ -210,13 +210,13 @@ def usual(there: Collection[str], plots: Sequence[str], measured: Sequence[str] 
         plots: the usual ones, of a machine or of an experiment.
         measured: those that the experiment measures, for when none of the usual ones is there.
     """
-    found = []
+    names = []
     for text in plots:
         parts = [each for each in text.split("+") if _name(each) in there]
         if parts:
-            found.append("+".join(parts))
-    if found:
-        return found
+            names.append("+".join(parts))
+    if names:
+        return names
     return ([name for name in measured if name in there] or [*there])[:_USUAL]
 
 
@@ -226,28 +226,30 @@ def limit_of(limit: ArrayLike, element: int) -> float:
     return float(numbers[element] if numbers.size > 1 else numbers[0])
 
 
-def _name(asked: str) -> str:
-    return asked.partition("[")[0]
+def _name(name: str) -> str:
+    return name.partition("[")[0]
 
 
-def _curves(signals: Signals, asked: str) -> Iterator[Curve]:
-    name, elements = parse(asked) or (asked, None)
+def _curves(signals: Signals, text: str) -> Iterator[Curve]:
+    name, elements = parse(text) or (text, None)
     if name not in signals.sizes:
-        hint, known = did_you_mean(name, signals.sizes), _named(name, signals.sizes)
-        raise NoSignal(f"no signal {quoted(name)} in {signals.owner}{hint}; there are: {known}")
+        hint, close_names = did_you_mean(name, signals.sizes), _named(name, signals.sizes)
+        raise NoSignal(
+            f"no signal {quoted(name)} in {signals.owner}{hint}; there are: {close_names}"
+        )
     size = signals.sizes[name]
     elements = range(size) if elements is None else elements
     if not elements or elements[-1] >= size:
         last = f"elements 0 to {size - 1}" if size > 1 else "element 0 only"
-        raise NoSignal(f"{quoted(name)} has {last}, not {quoted(asked.removeprefix(name))}")
+        raise NoSignal(f"{quoted(name)} has {last}, not {quoted(text.removeprefix(name))}")
     for element in elements:
         label = f"{name}[{element}]" if size > 1 else name
         yield Curve(name, element, label, signals.name_of(name, element))
 
 
-def _named(asked: str, names: Collection[str]) -> str:
+def _named(text: str, names: Collection[str]) -> str:
     """Names that there are, those of the same part first; of many the first."""
-    part = asked.partition(".")[0]
+    part = text.partition(".")[0]
     by_part = sorted(names, key=lambda name: name.partition(".")[0] != part)
     more = len(by_part) - _NAMED
     return ", ".join(by_part[:_NAMED]) + (f" and {more} more" if more > 0 else "") or "none"
@@ -258,11 +260,11 @@ def _plot(
     unit: str,
     limits: Limits,
 ) -> Plot:
-    shown, factor = READ.get(unit, (unit or "-", 1.0))
+    unit_shown, factor = READ.get(unit, (unit or "-", 1.0))
     ends: dict[float, list[int]] = {}
     for place, curve in enumerate(curves):
         for each in limits.get(curve.signal, ()):
             if each is not None and math.isfinite(end := limit_of(each, curve.element)):
                 ends.setdefault(factor * end, []).append(place)
     order = sorted(ends)
-    return Plot(curves, shown, factor, tuple(order), tuple(tuple(ends[end]) for end in order))
+    return Plot(curves, unit_shown, factor, tuple(order), tuple(tuple(ends[end]) for end in order))

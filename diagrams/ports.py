@@ -202,6 +202,8 @@ class Behind:
             WiringError: the backend has a handle of another kind, or none.
         """
         if not isinstance(self.handle, kind):
-            found = type(self.handle).__name__ if self.handle is not None else "no handle"
-            raise WiringError(f"this backend has {found}, not {kind.__name__}, behind its ports")
+            kind_found = type(self.handle).__name__ if self.handle is not None else "no handle"
+            raise WiringError(
+                f"this backend has {kind_found}, not {kind.__name__}, behind its ports"
+            )
         return self.handle

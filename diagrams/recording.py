@@ -36,8 +36,8 @@ class Recording(Mapping[str, Floats]):
             ParapodError: a signal that was not recorded.
         """
         if name not in self.signals:
-            known = ", ".join(sorted(self.signals)) or "none"
-            raise ParapodError(f"no signal '{name}' was recorded; there are: {known}")
+            names = ", ".join(sorted(self.signals)) or "none"
+            raise ParapodError(f"no signal '{name}' was recorded; there are: {names}")
         return self.signals[name]
 
     def __iter__(self) -> Iterator[str]:

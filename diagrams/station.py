@@ -97,36 +97,36 @@ def _export(builder: DiagramBuilder, machine: Machine[Any], behind: Behind) -> N
     """
     is_simulated = any(name in behind.outputs for name in (port.name for port in machine.truth))
     outputs = (*machine.outputs, *(machine.truth if is_simulated else ()))
-    found = dict(behind.outputs)
+    ports_found = dict(behind.outputs)
     for port in machine.outputs:
-        if port.default is not None and port.name not in found:
+        if port.default is not None and port.name not in ports_found:
             default = np.full(port.size, port.default)
             source = add(builder, ConstantVectorSource(default), port.name)
-            found[port.name] = source.get_output_port()
+            ports_found[port.name] = source.get_output_port()
     _compare(machine, machine.inputs, behind.inputs, "input")
-    _compare(machine, outputs, found, "output")
+    _compare(machine, outputs, ports_found, "output")
     for port in machine.inputs:
         builder.ExportInput(behind.inputs[port.name], port.name)
     for port in outputs:
-        builder.ExportOutput(found[port.name], port.name)
+        builder.ExportOutput(ports_found[port.name], port.name)
 
 
 def _compare(
     machine: Machine[Any],
     declared: tuple[Port, ...],
-    found: Mapping[str, Any],
+    outputs: Mapping[str, Any],
     kind: str,
 ) -> None:
     names = [port.name for port in declared]
     has = machine.inputs if kind == "input" else (*machine.outputs, *machine.truth)
-    for name in found:
+    for name in outputs:
         if name not in names:
-            known = ", ".join(port.name for port in has)
-            raise WiringError(f"{machine.title} has no {kind} '{name}'; it has: {known}")
+            declared_names = ", ".join(port.name for port in has)
+            raise WiringError(f"{machine.title} has no {kind} '{name}'; it has: {declared_names}")
     for port in declared:
-        if port.name not in found:
+        if port.name not in outputs:
             raise WiringError(f"nothing stands behind the {kind} '{port.name}' of {machine.title}")
-        size = found[port.name].size()
+        size = outputs[port.name].size()
         if size != port.size:
             raise WiringError(
                 f"{kind} '{port.name}' of {machine.title} has {port.size} elements, "
@@ -153,9 +153,11 @@ def check_ports(
     """
     driven = set(outputs_of(controller))
     read = {name for system in (controller, *sources) for name in inputs_of(system)}
-    for kind, declared, found, used in (
+    for kind, declared, outputs, names_used in (
         ("input", machine.inputs, inputs_of(plant), driven),
         ("output", (*machine.outputs, *machine.truth), outputs_of(plant), read),
     ):
-        needed = tuple(port for port in declared if port.name in found or port.name in used)
-        _compare(machine, needed, found, kind)
+        ports_needed = tuple(
+            port for port in declared if port.name in outputs or port.name in names_used
+        )
+        _compare(machine, ports_needed, outputs, kind)

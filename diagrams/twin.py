@@ -137,8 +137,8 @@ class Twin:
 
     def scene_graphs(self) -> dict[str, tuple[SceneGraph, Context]]:
         """The scene graph of each drawing, with its context as it was shown last."""
-        found = {}
+        scene_graphs = {}
         for drawing in (MEASURED, DESIRED):
             graph: Any = self._diagram.GetSubsystemByName(f"drawing_of_{self.path(drawing)}")
-            found[drawing] = (graph, graph.GetMyContextFromRoot(self._context))
-        return found
+            scene_graphs[drawing] = (graph, graph.GetMyContextFromRoot(self._context))
+        return scene_graphs

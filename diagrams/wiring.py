@@ -92,7 +92,7 @@ def connect_by_name(
                 both = f"'{_owner(outputs[name])}' and '{_owner(port)}'"
                 raise WiringError(f"two systems have an output port '{name}': {both}")
             outputs[name] = port
-    seen: dict[str, OutputPort] = {}
+    sources: dict[str, OutputPort] = {}
     for system in systems:
         for name, sink in inputs_of(system).items():
             if name not in outputs or name in skip or builder.IsConnectedOrExported(sink):
@@ -103,9 +103,9 @@ def connect_by_name(
                     f"'{name}' has {source.size()} elements as an output of '{_owner(source)}', "
                     f"but {sink.size()} as an input of '{_owner(sink)}'"
                 )
-            if name not in seen:
-                seen[name] = through(name, source)
-            connect(builder, seen[name], sink)
+            if name not in sources:
+                sources[name] = through(name, source)
+            connect(builder, sources[name], sink)
     return outputs
 
 

@@ -46,11 +46,11 @@ def scenario(experiment: str, *overrides: str, **values: Any) -> Any:
     schema = entry.load().schema
     for problem in load_installed_drivers():
         warnings.warn(problem, stacklevel=2)
-    made: Any = load_scenario(schema, entry.default_scenario, None, overrides)
+    scenario: Any = load_scenario(schema, entry.default_scenario, None, overrides)
     for key, value in values.items():
-        setattr(made, key, value)
-    object.__setattr__(made, "_experiment", experiment)
-    return made
+        setattr(scenario, key, value)
+    object.__setattr__(scenario, "_experiment", experiment)
+    return scenario
 
 
 def closed_loop(
@@ -93,10 +93,10 @@ def loop_of(experiment: Any, scenario: Any, **options: Any) -> ClosedLoop[Any]:
     """
     experiment.check(scenario)
     loop = getattr(experiment, "loop", None)
-    built = loop(scenario, **options) if loop else None
-    if not isinstance(built, ClosedLoop):
+    closed_loop = loop(scenario, **options) if loop else None
+    if not isinstance(closed_loop, ClosedLoop):
         raise ParapodError(f"the experiment '{experiment.name}' has no closed loop of a machine")
-    return built
+    return closed_loop
 
 
 def viewer(scenario: Any) -> Meshcat:
@@ -113,10 +113,10 @@ def viewer(scenario: Any) -> Meshcat:
     """
     experiment = _experiment_of(scenario)
     check(scenario)
-    made: Meshcat | None = experiment.scene(scenario) if hasattr(experiment, "scene") else None
-    if made is None:
+    meshcat: Meshcat | None = experiment.scene(scenario) if hasattr(experiment, "scene") else None
+    if meshcat is None:
         raise ParapodError(f"the experiment '{experiment.name}' has no scene")
-    return made
+    return meshcat
 
 
 def run(experiment: Any, *overrides: str, quiet: bool = False, **values: Any) -> Result:
@@ -192,8 +192,8 @@ def study(
         raise ParapodError("either an executor or a cluster does the work, not both")
     settings = scenario(experiment) if isinstance(experiment, str) else experiment
     name = _experiment_of(settings).name
-    made = Study.of(name, settings, vary, sampling, runs, sampling_seed)
-    records = Records(made.sampling)
+    study = Study.of(name, settings, vary, sampling, runs, sampling_seed)
+    records = Records(study.sampling)
     if executor is not None:
         size = workers or getattr(executor, "_max_workers", None) or os.cpu_count() or 1
         crew = Crew(executor, size)
@@ -201,8 +201,8 @@ def study(
         crew = LocalCrew(workers) if cluster is None else ClusterCrew(cluster)
     with crew:
         path = None if out is None else Path(out)
-        made.carry_out(crew, records, Console(stderr=True, quiet=quiet), path, resume)
-    return StudyResult(made, records)
+        study.carry_out(crew, records, Console(stderr=True, quiet=quiet), path, resume)
+    return StudyResult(study, records)
 
 
 def _experiment_of(scenario: Any) -> Experiment[Any, Any]:
@@ -213,10 +213,10 @@ def _experiment_of(scenario: Any) -> Experiment[Any, Any]:
 
         usual = [m.experiment for m in list_machines() if isinstance(scenario, m.scenario)]
         if not usual:
-            known = ", ".join(entry.name for entry in list_entries())
+            names = ", ".join(entry.name for entry in list_entries())
             raise ScenarioError(
                 f"a {type(scenario).__name__} is not the scenario of an experiment; make one with "
-                f"parapod.scenario(NAME), where NAME is one of {known}"
+                f"parapod.scenario(NAME), where NAME is one of {names}"
             )
         name = usual[0]
     return find_entry(name).load()

@@ -106,9 +106,9 @@ class _Epos2Screws(StrokeSettings, _Epos2):
         from parapod.systems.hardware.position_memory import PositionMemory
 
         emulator = super().emulate(harness, misbehaviour)
-        kept = resolved(self.position_file)
-        if kept != self.position_file:  # a file elsewhere is of another machine
-            memory = PositionMemory(Path(kept), len(self.node_ids))
+        position_file_path = resolved(self.position_file)
+        if position_file_path != self.position_file:  # a file elsewhere is of another machine
+            memory = PositionMemory(Path(position_file_path), len(self.node_ids))
             memory.save(harness.get(f"{self.part}.position"))
         return emulator
 

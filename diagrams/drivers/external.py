@@ -50,8 +50,8 @@ def load_drivers(path: Path) -> None:
     folder = str(path.resolve().parent)
     if folder not in sys.path:
         sys.path.append(folder)
-    found = importlib.util.find_spec(path.stem)
-    origin = found.origin if found is not None else None
+    spec = importlib.util.find_spec(path.stem)
+    origin = spec.origin if spec is not None else None
     if origin is None or not os.path.isfile(origin) or not os.path.samefile(origin, path):
         raise ScenarioError(
             f"drivers {quoted_path(path)}: there is another module of that name, "

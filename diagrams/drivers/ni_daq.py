@@ -39,9 +39,9 @@ class NiDaqLegs(NiDaqSettings, Driver):
         from parapod.systems.hardware.position_memory import PositionMemory
 
         path = _socket(self)
-        kept = resolved(self.extension_file)
-        if kept != self.extension_file:  # a file elsewhere is of another machine
-            memory = PositionMemory(Path(kept), len(self.counter_names), "extension")
+        position_store = resolved(self.extension_file)
+        if position_store != self.extension_file:  # a file elsewhere is of another machine
+            memory = PositionMemory(Path(position_store), len(self.counter_names), "extension")
             memory.save(harness.get(f"{self.part}.extension"))
         with named(self):
             device = self.device

@@ -70,10 +70,10 @@ class PlatformGuard:
         """See `Guard`."""
         is_supervised = _FINDINGS in values
         findings = values[_FINDINGS] if is_supervised else self._findings(now, values)
-        found = [rule for rule in RULES if findings[rule.finding] > 0.5]
+        broken_rules = [rule for rule in RULES if findings[rule.finding] > 0.5]
         grave = [
             rule
-            for rule in found
+            for rule in broken_rules
             if rule.severity >= Severity.HOLD and rule.finding not in _NO_REASON
         ]
         if not grave:
@@ -96,14 +96,14 @@ class PlatformGuard:
 
     def _seen(self, values: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         """Inputs of the detector."""
-        seen: dict[str, Any] = {
+        values_by_name: dict[str, Any] = {
             name: values[signal] for name, signal in _SIGNALS.items() if signal in values
         }
-        if "extension" in seen:
-            seen["extension"] = seen["extension"] + self._offsets
+        if "extension" in values_by_name:
+            values_by_name["extension"] = values_by_name["extension"] + self._offsets
         knows_ground = all(name in values for name in _ON_GROUND) and values[_VALID][0] > 0.5
-        seen["phase"] = [float(Phase.POSTURE if knows_ground else Phase.FAULT)]
+        values_by_name["phase"] = [float(Phase.POSTURE if knows_ground else Phase.FAULT)]
         if not knows_ground:  # nor is the estimated attitude there yet
-            force = seen.get("accel", _UP)
-            seen["attitude"] = attitude_seeing(force if np.any(force) else _UP, _UP)
-        return seen
+            force = values_by_name.get("accel", _UP)
+            values_by_name["attitude"] = attitude_seeing(force if np.any(force) else _UP, _UP)
+        return values_by_name

@@ -82,14 +82,14 @@ def raise_feet(homing: Homing, driver: Any, period: float, tell: Tell) -> Proced
     if not _touching(values).any():
         return
     tell("feet touch the ground: all legs come up together")
-    begun, elapsed, free = np.array(values[_EXTENSION]), 0.0, np.inf
+    start_values, elapsed, free = np.array(values[_EXTENSION]), 0.0, np.inf
     watch = Stopwatch(_EXTENSION)
     watch.lap(values)
     while True:
         going = np.array(values[_LIMITS])[_EXTENDED] < 0.5
         if not going.any():
             return
-        way = np.array(values[_EXTENSION]) - begun
+        way = np.array(values[_EXTENSION]) - start_values
         last = int(np.argmin(np.where(going, way, np.inf)))
         first = int(np.argmax(np.where(going, way, -np.inf)))
         if not way[first] - way[last] <= _APART:
@@ -141,9 +141,9 @@ class Tilting:
         force = np.array(values[_ACCEL])
         if not self._force.any():
             self._force = force
-        passed = self._watch.lap(values)
-        self._force = self._force + passed / _SMOOTHED * (force - self._force)
-        self._left -= passed
+        lap_time = self._watch.lap(values)
+        self._force = self._force + lap_time / _SMOOTHED * (force - self._force)
+        self._left -= lap_time
         if self._left > 1e-9:
             return
         down = self._force / np.linalg.norm(self._force)

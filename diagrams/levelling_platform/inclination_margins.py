@@ -91,8 +91,8 @@ def open_loop(scenario: LevellingScenario, gain_scale: float = 1.0) -> OpenLoop:
     diagram, context = _settled(scenario, gain_scale)
     size = sum(_group_sizes(context))
     gradient = _derivatives(diagram, context)
-    moved, posture = gradient[:size], gradient[size:]
-    return OpenLoop(moved[:, :size], moved[:, size:], posture[:2, :size], scenario.control.period)
+    rates, posture = gradient[:size], gradient[size:]
+    return OpenLoop(rates[:, :size], rates[:, size:], posture[:2, :size], scenario.control.period)
 
 
 def _derivatives(diagram: Diagram, context: Context) -> NDArray[np.float64]:
@@ -147,10 +147,10 @@ def _margins(frequency: NDArray[np.float64], gain: NDArray[np.complex128]) -> Ma
     falls = magnitude <= 1.0
     crossover = _crossing(frequency, np.log(magnitude), 0.0) if falls.any() else math.nan
     at_crossover = float(np.interp(crossover, frequency, phase))
-    turned = _crossing(frequency, phase, -math.pi) if (phase <= -math.pi).any() else math.nan
-    at_turn = float(np.interp(turned, frequency, magnitude))
+    margin_phase = _crossing(frequency, phase, -math.pi) if (phase <= -math.pi).any() else math.nan
+    at_turn = float(np.interp(margin_phase, frequency, magnitude))
     return Margins(
-        gain=1.0 / at_turn if math.isfinite(turned) else math.inf,
+        gain=1.0 / at_turn if math.isfinite(margin_phase) else math.inf,
         phase=math.pi + at_crossover,
         crossover=crossover,
     )

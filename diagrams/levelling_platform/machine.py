@@ -100,9 +100,9 @@ def _instrument(signals: Mapping[str, NDArray[Any]]) -> str:
     """The posture as the optical tracker of Appendix B tells it."""
     roll, pitch, height = signals["truth.posture"].tolist()
     length, angle = _TRACKER
-    shown = [length * round(1e3 * height / length)]
-    shown += [angle * round(math.degrees(x) / angle) for x in (roll, pitch)]
-    return f"height {shown[0]:.2f} mm, roll {shown[1]:.2f} deg, pitch {shown[2]:.2f} deg"
+    reading = [length * round(1e3 * height / length)]
+    reading += [angle * round(math.degrees(x) / angle) for x in (roll, pitch)]
+    return f"height {reading[0]:.2f} mm, roll {reading[1]:.2f} deg, pitch {reading[2]:.2f} deg"
 
 
 PLATFORM = Machine(

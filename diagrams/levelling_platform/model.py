@@ -142,9 +142,9 @@ def _add_machine(parser: Parser, leg_model: str, geometry: PlatformGeometry) -> 
     plant = parser.plant()
     base = plant.GetFrameByName("base")
     legs = zip(geometry.legs, MODEL_GEOMETRY.legs, files, strict=True)
-    for i, (leg, drawn, file) in enumerate(legs, start=1):
+    for i, (leg, nominal_leg, file) in enumerate(legs, start=1):
         mount: Any = plant.AddFrame(FixedOffsetFrame(f"hip_{i}", base, hip_pose(leg)))
-        adapt = functools.partial(_move_joints, joint_origins(leg, drawn, leg_model))
+        adapt = functools.partial(_move_joints, joint_origins(leg, nominal_leg, leg_model))
         instance = add_adapted_model(parser, file, f"leg_{i}", adapt)
         plant.WeldFrames(mount, plant.GetFrameByName("hip", instance))
     ProcessModelDirectives(ModelDirectives(directives=after), parser)

@@ -43,7 +43,7 @@ def add_mujoco_bodies(
 def _add_mujoco_plant(
     builder: DiagramBuilder,
     scenario: LevellingScenario,
-    begun: Beginning,
+    beginning: Beginning,
     drives: Drives,
     meshcat: Meshcat | None,
 ) -> Plant:
@@ -51,9 +51,14 @@ def _add_mujoco_plant(
     plant, scene_graph = make_plant(builder, scenario.plant.time_step, meshcat)
     settings, geometry = scenario.plant, geometry_as_built(scenario)
     model = add_platform(
-        plant, settings.leg_model, settings.wheels, begun.ground, geometry, begun.foot_offsets
+        plant,
+        settings.leg_model,
+        settings.wheels,
+        beginning.ground,
+        geometry,
+        beginning.foot_offsets,
     )
-    plant.SetDefaultPositions(begun.positions(model))
+    plant.SetDefaultPositions(beginning.positions(model))
     translated = MujocoModel(
         plant, scene_graph, model.balls, model.couplings, model.leg_bodies("roller")
     )
@@ -63,7 +68,9 @@ def _add_mujoco_plant(
     bodies = add(builder, MujocoPlant(translated, groups))
     load_force = _drive(builder, model, drives, bodies)
     state = bodies.GetOutputPort("state")
-    signals, observers = observe(builder, model, begun, state, bodies.GetOutputPort("body_poses"))
+    signals, observers = observe(
+        builder, model, beginning, state, bodies.GetOutputPort("body_poses")
+    )
     contact_force = bodies.GetOutputPort("contact_force")
     signals |= {"load_force": load_force, "contact_force": contact_force}
     if meshcat is not None and model.is_full:
@@ -72,9 +79,9 @@ def _add_mujoco_plant(
     elif meshcat is not None:
         draw_as_full(builder, scenario, model, drives, state, meshcat)
 
-    def put(root_context: Context, begun: Beginning) -> None:
+    def put(root_context: Context, beginning: Beginning) -> None:
         context = plant.CreateDefaultContext()
-        model.put(context, begun.positions(model), begun.ground, begun.foot_offsets)
+        model.put(context, beginning.positions(model), beginning.ground, beginning.foot_offsets)
         bodies.put(bodies.GetMyMutableContextFromRoot(root_context), context)
 
     return Plant(signals, observers, put)
@@ -92,11 +99,11 @@ def _drive(
     parts = add(builder, Demultiplexer([LEG_COUNT, holding.size() - LEG_COUNT]), "efforts")
     connect(builder, holding, parts.get_input_port(0))
     legs, load_force = led_legs(builder, model, drives, parts.get_output_port(0))
-    led = [legs, drives.arm]
+    driven_parts = [legs, drives.arm]
     if model.has_rolling_wheels:
-        led.append(drives.wheels)
-    desired = add(builder, Multiplexer([port.size() for port in led]), "desired_state")
-    for i, port in enumerate(led):
+        driven_parts.append(drives.wheels)
+    desired = add(builder, Multiplexer([port.size() for port in driven_parts]), "desired_state")
+    for i, port in enumerate(driven_parts):
         connect(builder, port, desired.get_input_port(i))
     connect(builder, desired.get_output_port(), bodies.GetInputPort("desired_state"))
     return load_force

@@ -100,7 +100,7 @@ class Plant:
 def _add_multibody_plant(
     builder: DiagramBuilder,
     scenario: LevellingScenario,
-    begun: Beginning,
+    beginning: Beginning,
     drives: Drives,
     meshcat: Meshcat | None,
 ) -> Plant:
@@ -112,17 +112,17 @@ def _add_multibody_plant(
         plant,
         scenario.plant.leg_model,
         scenario.plant.wheels,
-        begun.ground,
+        beginning.ground,
         geometry_as_built(scenario),
-        begun.foot_offsets,
+        beginning.foot_offsets,
     )
-    plant.SetDefaultPositions(begun.positions(model))
+    plant.SetDefaultPositions(beginning.positions(model))
     connect(builder, drives.arm, plant.get_desired_state_input_port(model.arm))
     if model.has_rolling_wheels:
         _drive_wheels(builder, model, drives)
     load_force = _drive_legs(builder, model, drives, scenario.plant.time_step)
     state, poses = plant.get_state_output_port(), plant.get_body_poses_output_port()
-    signals, observers = observe(builder, model, begun, state, poses)
+    signals, observers = observe(builder, model, beginning, state, poses)
     feet = observers[1]
     connect(builder, plant.get_contact_results_output_port(), feet.GetInputPort("contact_results"))
     signals |= {"load_force": load_force, "contact_force": feet.GetOutputPort("contact_force")}
@@ -133,9 +133,9 @@ def _add_multibody_plant(
     if meshcat is not None and not model.is_full:
         draw_as_full(builder, scenario, model, drives, state, meshcat)
 
-    def put(root_context: Context, begun: Beginning) -> None:
+    def put(root_context: Context, beginning: Beginning) -> None:
         context = plant.GetMyMutableContextFromRoot(root_context)
-        model.put(context, begun.positions(model), begun.ground, begun.foot_offsets)
+        model.put(context, beginning.positions(model), beginning.ground, beginning.foot_offsets)
 
     return Plant(signals, observers, put, model)
 
@@ -143,7 +143,7 @@ def _add_multibody_plant(
 def observe(
     builder: DiagramBuilder,
     model: PlatformModel,
-    begun: Beginning,
+    beginning: Beginning,
     state: OutputPort,
     body_poses: OutputPort,
 ) -> tuple[dict[str, OutputPort], tuple[PlatformTruth, FootTruth]]:
@@ -152,13 +152,13 @@ def observe(
     Args:
         builder: builder of the station.
         model: the platform.
-        begun: the beginning.
+        beginning: the beginning.
         state: state of the model's plant.
         body_poses: poses of its bodies in the world.
     """
-    truth = add(builder, PlatformTruth(model, begun.ground, begun.foot_offsets))
+    truth = add(builder, PlatformTruth(model, beginning.ground, beginning.foot_offsets))
     connect(builder, state, truth.GetInputPort("state"))
-    feet = add(builder, FootTruth(model, begun.ground, begun.foot_offsets))
+    feet = add(builder, FootTruth(model, beginning.ground, beginning.foot_offsets))
     connect(builder, body_poses, feet.GetInputPort("body_poses"))
     attitude, angular_velocity, specific_force = _add_inertial_motion(builder, model, state)
     signals = {
@@ -193,9 +193,9 @@ def draw_as_full(
     plant = model.plant
     start = model.base.floating_positions_start()
     joints = [plant.get_joint(i) for i in plant.GetJointIndices(model.arm)]
-    turned = [joint.position_start() for joint in joints if joint.num_positions()]
+    starts = [joint.position_start() for joint in joints if joint.num_positions()]
     parts = []
-    for name, indices in (("base_pose", range(start, start + 7)), ("arm_position", turned)):
+    for name, indices in (("base_pose", range(start, start + 7)), ("arm_position", starts)):
         selection = np.eye(plant.num_multibody_states())[list(indices)]
         part = add(builder, MatrixGain(selection), f"drawn_{name}")
         connect(builder, state, part.get_input_port())
@@ -282,7 +282,7 @@ def _add_inertial_motion(
 def _add_kinematic_plant(
     builder: DiagramBuilder,
     scenario: LevellingScenario,
-    begun: Beginning,
+    beginning: Beginning,
     drives: Drives,
     meshcat: Meshcat | None,
 ) -> Plant:
@@ -290,8 +290,8 @@ def _add_kinematic_plant(
     statics = KinematicPlatform(
         geometry_as_built(scenario),
         wheels=WheelGeometry(),
-        ground=begun.ground,
-        foot_offsets=begun.foot_offsets,
+        ground=beginning.ground,
+        foot_offsets=beginning.foot_offsets,
     )
     platform = add(builder, statics)
     connect(builder, drives.rods.GetOutputPort("extension"), platform.GetInputPort("extension"))
@@ -304,7 +304,7 @@ def _add_kinematic_plant(
     motion = signals.pop("inertial_motion")
     # The inertial sensor samples at instants of its own; held, the platform's statics are solved
     # once a period and not again for every sample.
-    hold = add(builder, Hold(scenario.control.period, begun.inertial_motion), "held_motion")
+    hold = add(builder, Hold(scenario.control.period, beginning.inertial_motion), "held_motion")
     parts = add(builder, Demultiplexer(9, 3), "inertial_motion_parts")
     for i, name in enumerate(("attitude", "angular_velocity", "specific_force")):
         signals[name] = parts.get_output_port(i)
@@ -312,8 +312,8 @@ def _add_kinematic_plant(
     connect(builder, hold.get_output_port(), parts.get_input_port(0))
     signals["loop_error"] = _zeros(builder, "no_loops")
 
-    def put(root_context: Context, begun: Beginning) -> None:
-        hold.set_value(hold.GetMyMutableContextFromRoot(root_context), begun.inertial_motion)
+    def put(root_context: Context, beginning: Beginning) -> None:
+        hold.set_value(hold.GetMyMutableContextFromRoot(root_context), beginning.inertial_motion)
 
     plant = Plant(signals, (platform,), put)
     if meshcat is None:
@@ -365,18 +365,18 @@ class Simulation:
             scenario: its `Beginning` is taken. What is built in, such as the plant with its
                 dimensions, the sensors' resolution and the job's times, stays.
         """
-        begun = Beginning.of(scenario, self.geometry)
+        beginning = Beginning.of(scenario, self.geometry)
         actuators = self.actuators.GetMyMutableContextFromRoot(root_context)
-        self.actuators.set_extension(actuators, begun.extension)
-        self.actuators.set_gain_scale(actuators, begun.gain_scale)
+        self.actuators.set_extension(actuators, beginning.extension)
+        self.actuators.set_gain_scale(actuators, beginning.gain_scale)
         imu = self.imu.GetMyMutableContextFromRoot(root_context)
-        self.imu.set_turn_on_bias(imu, begun.gyro_bias, begun.accel_bias)
+        self.imu.set_turn_on_bias(imu, beginning.gyro_bias, beginning.accel_bias)
         noise = self.noise.GetMyMutableContextFromRoot(root_context)
-        self.noise.set_seed(noise, begun.noise_seed)
+        self.noise.set_seed(noise, beginning.noise_seed)
         for system in self.plant.on_ground:
             context = system.GetMyMutableContextFromRoot(root_context)
-            system.set_ground(context, begun.ground, begun.foot_offsets)
-        self.plant.put(root_context, begun)
+            system.set_ground(context, beginning.ground, beginning.foot_offsets)
+        self.plant.put(root_context, beginning)
 
 
 # Without lag and counts; as fast as the real ones.
@@ -404,12 +404,12 @@ def add_simulated(
         meshcat: draws the machine there; None for no drawing.
     """
     geometry, period = geometry_as_built(scenario), scenario.control.period
-    begun = Beginning.of(scenario, geometry)
+    beginning = Beginning.of(scenario, geometry)
     rods = LinearActuator(
         scenario.actuators.params,
         time_step=time_step,
-        extension=begun.extension,
-        gain_scale=begun.gain_scale,
+        extension=beginning.extension,
+        gain_scale=beginning.gain_scale,
     )
     actuators = add(builder, rods)
     wheels = add(builder, VelocityServo(WHEEL_DRIVE, WHEEL_COUNT, period), "wheel_drive")
@@ -422,9 +422,9 @@ def add_simulated(
         arm=drive.get_output_port(),
         arm_angles=arm.get_output_port(),
     )
-    plant = add_plant(builder, scenario, begun, drives, meshcat)
+    plant = add_plant(builder, scenario, beginning, drives, meshcat)
     connect(builder, plant.signals["load_force"], actuators.GetInputPort("load_force"))
-    outputs, imu, noise = _add_sensors(builder, scenario, begun, actuators, wheels, plant)
+    outputs, imu, noise = _add_sensors(builder, scenario, beginning, actuators, wheels, plant)
     for name in ("posture", "contact_force", "foot_height", "load_force", "loop_error"):
         outputs[f"truth.{name}"] = plant.signals[name]
     outputs["truth.extension"] = actuators.GetOutputPort("extension")
@@ -464,7 +464,7 @@ def _drive_inputs(actuators: LinearActuator, wheels: VelocityServo) -> dict[str,
 def _add_sensors(
     builder: DiagramBuilder,
     scenario: LevellingScenario,
-    begun: Beginning,
+    beginning: Beginning,
     actuators: LinearActuator,
     wheels: VelocityServo,
     plant: Plant,
@@ -486,10 +486,10 @@ def _add_sensors(
 
     inertial = replace(
         ImuParams() if sensors.imu_noise else ImuParams.ideal(),
-        gyro_turn_on_bias=begun.gyro_bias,
-        accel_turn_on_bias=begun.accel_bias,
+        gyro_turn_on_bias=beginning.gyro_bias,
+        accel_turn_on_bias=beginning.accel_bias,
     )
-    imu, noise = add_imu(builder, inertial, seed=begun.noise_seed)
+    imu, noise = add_imu(builder, inertial, seed=beginning.noise_seed)
     for name in ("angular_velocity", "specific_force", "attitude"):
         connect(builder, plant.signals[name], imu.GetInputPort(name))
     late = round(1e-3 * sensors.imu_delay_ms / imu.period)
@@ -561,9 +561,9 @@ def add_mock(
         "wheels.velocity": wheels.GetOutputPort("velocity_measured"),
     } | _add_status(builder, (0.0,) * len(PARTS))
 
-    def reset(root_context: Context, begun: LevellingScenario) -> None:
+    def reset(root_context: Context, beginning: LevellingScenario) -> None:
         context = actuators.GetMyMutableContextFromRoot(root_context)
-        actuators.set_extension(context, _mock_extension(begun))
+        actuators.set_extension(context, _mock_extension(beginning))
 
     return Behind(inputs, outputs, reset)
 

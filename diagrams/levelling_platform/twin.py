@@ -71,14 +71,14 @@ class PlatformTwin(Twin):
         is_posed = _is_ground_known(values) and posture[2] > 0.0
         desired_pose = standing_pose(posture, ground) if is_posed else pose
         arm = _arm(values)
-        shown: dict[str, NDArray[Any]] = {}
+        positions: dict[str, NDArray[Any]] = {}
         for drawing, numbers in (
             (MEASURED, (extension, pose, arm)),
             (DESIRED, (desired, desired_pose, arm)),
         ):
             names = (f"{drawing}.{name}" for name in _INPUTS)
-            shown |= dict(zip(names, numbers, strict=True))
-        self._publish(shown, time)
+            positions |= dict(zip(names, numbers, strict=True))
+        self._publish(positions, time)
         self._dress(ground, time)
 
     def _dress(self, ground: NDArray[np.float64], time: float) -> None:

@@ -69,19 +69,19 @@ def make_controller(scenario: CentreScenario, is_operated: bool = False) -> Diag
     monitor = add(builder, WrenchMonitor(geometry, plan.job.process.largest_leg_force))
     systems = (posture, sequencer, feedforward, monitor)
     outputs = {name: port for system in systems for name, port in outputs_of(system).items()}
-    wanted = {"stop": scenario.stop_at is not None}
-    wanted |= dict.fromkeys(("pose_asked", "limb_asked"), is_operated)
-    taken = {"legs.position", "legs.current"}
+    inputs_wanted = {"stop": scenario.stop_at is not None}
+    inputs_wanted |= dict.fromkeys(("pose_asked", "limb_asked"), is_operated)
+    inputs_in_use = {"legs.position", "legs.current"}
     outputs["position"] = _add_lengths(builder, scenario)
     for system in systems:
         for name, sink in inputs_of(system).items():
             if name in outputs:
                 connect(builder, outputs[name], sink)
-            elif (signal := _MEASURED[name]) in taken:
+            elif (signal := _MEASURED[name]) in inputs_in_use:
                 builder.ConnectInput(signal, sink)
-            elif wanted.get(signal, True):
+            elif inputs_wanted.get(signal, True):
                 builder.ExportInput(sink, signal)
-                taken.add(signal)
+                inputs_in_use.add(signal)
     for signal, name in _SHOWN.items():
         builder.ExportOutput(outputs[name], signal)
     diagram = builder.Build()

@@ -63,10 +63,10 @@ def add_centre(
         plant.RenameModelInstance(plate, f"clamp_{i + 1}")
         clamp = plant.GetBodyByName("clamp", plate)
         # A frame whose pose is a parameter: a clamp has no place of its own.
-        held: Any = plant.AddFrame(
+        held_frame: Any = plant.AddFrame(
             FixedOffsetFrame(f"clamp_{i + 1}", world, transform_of(feet[i]))
         )
-        plant.WeldFrames(held, clamp.body_frame())
+        plant.WeldFrames(held_frame, clamp.body_frame())
         foot = plant.GetBodyByName("foot", limb)
         clamps.append(plant.AddWeldConstraint(clamp, RigidTransform(), foot, RigidTransform()))
     plant.Finalize()

@@ -79,14 +79,14 @@ def _add_legs(builder: DiagramBuilder, scenario: CentreScenario, drives: Positio
     source = add(builder, ConstantVectorSource(errors), "length_error")
     rest = add(builder, MatrixGain(np.eye(2 * count, count)), "length_and_rate_error")
     connect(builder, source.get_output_port(), rest.get_input_port())
-    shown = []
+    legs_shown = []
     for name, error in (("position", source), ("next_state", rest)):
         port = drives.GetOutputPort(name)
         total = add(builder, Adder(2, port.size()), f"true_{name}")
         connect(builder, port, total.get_input_port(0))
         connect(builder, error.get_output_port(), total.get_input_port(1))
-        shown.append(total.get_output_port())
-    return Legs(shown[0], shown[1], source)
+        legs_shown.append(total.get_output_port())
+    return Legs(legs_shown[0], legs_shown[1], source)
 
 
 def _add_multibody_plant(
@@ -249,8 +249,10 @@ def _add_simulated(
     plant = add_plant(builder, scenario, legs, drilling, meshcat)
     connect(builder, plant.signals["pose"], drilling.GetInputPort("pose"))
     if meshcat is not None:
-        told = [plant.switches.GetOutputPort(f"{name}_closed") for name in ("locks", "clamps")]
-        add_colours(builder, geometry, (told[0], told[1]), meshcat)
+        switch_states = [
+            plant.switches.GetOutputPort(f"{name}_closed") for name in ("locks", "clamps")
+        ]
+        add_colours(builder, geometry, (switch_states[0], switch_states[1]), meshcat)
     per_newton = 1.0 / scenario.legs.force_per_current_N_A
     current = add(builder, MatrixGain(per_newton * np.eye(geometry.legs)), "motor_current")
     connect(builder, plant.signals["leg_force"], current.get_input_port())

@@ -98,7 +98,7 @@ class WalkScenario(Schema):
         if self.locks == BEST or limbs > 3:
             return None
         text = "q1 of 1, q1 of 2" if self.locks == PRINTED else self.locks
-        found = []
+        messages = []
         for part in text.split(","):
             match = _LOCK.fullmatch(part)
             joint, after = (int(group) for group in match.groups()) if match else (0, 0)
@@ -109,14 +109,14 @@ class WalkScenario(Schema):
                     "'q3 of 1, q6 of 2'",
                     "walk.locks",
                 )
-            found.append((after, joint))
+            messages.append((after, joint))
         try:
-            LockSet(1, tuple((1 + after, joint) for after, joint in found)).check(
+            LockSet(1, tuple((1 + after, joint) for after, joint in messages)).check(
                 CentreGeometry(limbs)
             )
         except ValueError as error:
             raise ScenarioError(f"walk.locks = '{self.locks}': {error}", "walk.locks") from None
-        return tuple(found)
+        return tuple(messages)
 
 
 @dataclass

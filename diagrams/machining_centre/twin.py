@@ -45,11 +45,11 @@ class CentreTwin(Twin):
         """See `Twin`."""
         if not self.knows(values):
             return
-        shown = {}
+        positions = {}
         for drawing, name in _DRAWN.items():
-            shown[f"{drawing}_pose"] = values.get(name, values[_DRAWN[MEASURED]])
-            shown[f"{drawing}_feet"] = values[_FEET]
+            positions[f"{drawing}_pose"] = values.get(name, values[_DRAWN[MEASURED]])
+            positions[f"{drawing}_feet"] = values[_FEET]
         if self.meshcat is not None:
             for name, size in self._switches.items():
-                shown[name] = values.get(name, np.ones(size))
-        self._publish(shown, time)
+                positions[name] = values.get(name, np.ones(size))
+        self._publish(positions, time)

@@ -83,13 +83,13 @@ def _loaded(name: str, key: str) -> Callable[[TerrainBenchScenario], object]:
             spec.loader.exec_module(module)
         else:
             module = importlib.import_module(place)
-        found: Callable[[TerrainBenchScenario], object] = getattr(module, attribute)
+        controller: Callable[[TerrainBenchScenario], object] = getattr(module, attribute)
     except ScenarioError:
         raise
     except Exception as error:
         words = " ".join(f"{type(error).__name__}: {error}".split())
         raise ScenarioError(f"{key} cannot be loaded: {words}", "leg.controller") from error
-    return found
+    return controller
 
 
 def make_controller(scenario: TerrainBenchScenario) -> Diagram:
@@ -120,15 +120,15 @@ def make_controller(scenario: TerrainBenchScenario) -> Diagram:
     )
     outputs = {name: port for system in systems for name, port in outputs_of(system).items()}
     outputs["hip_brake"] = outputs["brake"]
-    taken: set[str] = set()
+    inputs: set[str] = set()
     for system in systems:
         for name, sink in inputs_of(system).items():
             signal = _TAKEN.get(name, name)
-            if signal in taken:
+            if signal in inputs:
                 builder.ConnectInput(signal, sink)
             else:
                 builder.ExportInput(sink, signal)
-                taken.add(signal)
+                inputs.add(signal)
     if not scenario.drives_leg:  # nothing but its brake would carry the slide
         outputs["hip_brake"] = add(builder, ConstantVectorSource(np.ones(1))).get_output_port()
     for signal, name in _SHOWN.items():

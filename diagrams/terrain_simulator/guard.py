@@ -95,9 +95,9 @@ class BenchGuard(SignGuard):
             words = f"a force cell bears more than {limits.crushed:g} N"
             yield "cells_overloaded", Sign(words, limits.persists)
         if _POSE in values and values[_POSE].any():
-            held = float(singularity(self._geometry, values[_POSE]).sin_mu)
-            if not held >= limits.sin_mu:
-                words = f"plate and strut are nearly in line (sin mu = {held:.2f})"
+            sin_mu = float(singularity(self._geometry, values[_POSE]).sin_mu)
+            if not sin_mu >= limits.sin_mu:
+                words = f"plate and strut are nearly in line (sin mu = {sin_mu:.2f})"
                 yield "singularity", Sign(words, 0.0)
         if self._drives_leg and {_ASKED, _LED, _WALKS} <= values.keys():
             off = np.abs(values[_ASKED] - values[_LED])

@@ -216,8 +216,8 @@ class UrdfLeg:
     def impedance(self) -> ImpedanceParams:
         """Impedance of its foot."""
         share = self.model.least_mass / _usual_mass()
-        given: dict[str, Any] = dict(self.gains)
-        return replace(ImpedanceParams().scaled(share), **given)
+        gains: dict[str, Any] = dict(self.gains)
+        return replace(ImpedanceParams().scaled(share), **gains)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -296,7 +296,7 @@ def _parse(plant: MultibodyPlant, urdf: str) -> ModelInstanceIndex:
     parser.SetAutoRenaming(True)
     try:
         if urdf.startswith("package://"):
-            found = parser.AddModels(url=urdf)
+            models = parser.AddModels(url=urdf)
         else:
             path = Path(urdf)
             if not path.is_file():
@@ -304,25 +304,25 @@ def _parse(plant: MultibodyPlant, urdf: str) -> ModelInstanceIndex:
                     f"leg.urdf = {quoted(urdf)}: there is no such file", "leg.urdf"
                 )
             _add_packages(parser.package_map(), path)
-            found = parser.AddModels(path)
+            models = parser.AddModels(path)
     except RuntimeError as error:
         words = " ".join(str(error).split())
         raise ScenarioError(
             f"leg.urdf = {quoted(urdf)} cannot be read: {words}", "leg.urdf"
         ) from None
-    if len(found) != 1:
+    if len(models) != 1:
         raise ScenarioError(
-            f"leg.urdf = {quoted(urdf)} must have one model, not {len(found)}", "leg.urdf"
+            f"leg.urdf = {quoted(urdf)} must have one model, not {len(models)}", "leg.urdf"
         )
-    return found[0]
+    return models[0]
 
 
-def _add_packages(known: PackageMap, path: Path) -> None:
+def _add_packages(packages: PackageMap, path: Path) -> None:
     """Adds the ROS packages that a file may refer to: its own, and those of the environment."""
     files = (folder / "package.xml" for folder in path.resolve().parents)
     if (own := next(filter(Path.is_file, files), None)) and own.parent != MODELS_DIR.resolve():
-        known.AddPackageXml(str(own))
-    known.PopulateFromRosPackagePath()
+        packages.AddPackageXml(str(own))
+    packages.PopulateFromRosPackagePath()
 
 
 def _frame(
@@ -330,11 +330,11 @@ def _frame(
 ) -> Frame:
     name = getattr(leg, key)
     if not plant.HasFrameNamed(name, instance):
-        known = ", ".join(
+        names = ", ".join(
             sorted(plant.get_frame(i).name() for i in plant.GetFrameIndices(instance))
         )
         raise ScenarioError(
-            f"leg.{key} = {quoted(name)} is not a link of {quoted(leg.urdf)}; there are: {known}",
+            f"leg.{key} = {quoted(name)} is not a link of {quoted(leg.urdf)}; there are: {names}",
             f"leg.{key}",
         )
     return plant.GetFrameByName(name, instance)
@@ -351,10 +351,10 @@ def _joints(
     key = "leg.joints"
     for name in leg.joints:
         if name not in there:
-            known = ", ".join(there) or "none"
+            names = ", ".join(there) or "none"
             raise ScenarioError(
                 f"{key}: {quoted(name)} is not a moving joint of {quoted(leg.urdf)}; "
-                f"there are: {known}",
+                f"there are: {names}",
                 key,
             )
         if there[name].num_velocities() != 1:
@@ -396,14 +396,14 @@ def _add_drives(
             f"not {len(leg.max_torque)}",
             "leg.max_torque",
         )
-    found = []
+    drives = []
     for i, joint in enumerate(joints):
         actuator = actuators.get(int(joint.index()))
         if actuator is None:
             actuator = plant.AddJointActuator(joint.name(), joint)
         limit = actuator.effort_limit() if leg.max_torque is None else leg.max_torque[i]
-        found.append(float(limit))
-    return tuple(found)
+        drives.append(float(limit))
+    return tuple(drives)
 
 
 def _round_foot(

@@ -32,8 +32,8 @@ def make_terrain(scenario: TerrainBenchScenario, task: Task | None = None) -> Di
         task: task in the place of the walk.
     """
     builder = DiagramBuilder()
-    asked = scenario.walk if task is None else task
-    reference = add(builder, TerrainReference(asked, scenario.control.period))
+    walk = scenario.walk if task is None else task
+    reference = add(builder, TerrainReference(walk, scenario.control.period))
     for name, port in outputs_of(reference).items():
         builder.ExportOutput(port, _DRIVEN.get(name, name))
     diagram = builder.Build()

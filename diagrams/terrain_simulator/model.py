@@ -81,17 +81,17 @@ def add_bench(
         ValueError: another configuration.
     """
     if configuration not in CONFIGURATIONS:
-        known = ", ".join(CONFIGURATIONS)
-        raise ValueError(f"configuration must be one of {known}: {configuration!r}")
+        names = ", ".join(CONFIGURATIONS)
+        raise ValueError(f"configuration must be one of {names}: {configuration!r}")
     geometry = CONFIGURATIONS[configuration]
     parser = Parser(plant)
     configure_parser(parser)
 
     def limit(robot: ElementTree.Element) -> None:
         for name in SLIDERS if max_force is not None else ():
-            found = robot.find(f"joint[@name='{name}']/limit")
-            assert found is not None
-            found.set("effort", repr(max_force))
+            limit_element = robot.find(f"joint[@name='{name}']/limit")
+            assert limit_element is not None
+            limit_element.set("effort", repr(max_force))
 
     rail = add_adapted_model(parser, f"{_FOLDER}/rail.urdf", "rail", limit)
     (carried,) = parser.AddModels(url=f"{_FOLDER}/{configuration}.urdf")

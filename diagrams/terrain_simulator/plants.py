@@ -126,14 +126,14 @@ def add_bodies(
     plant, scene_graph = add_discrete_plant(builder, step, "lagged")
     stiffness = 1e6 * scenario.sliders.stiffness_N_um
     gains = PdControllerGains(p=stiffness, d=_DAMPING * stiffness)
-    held: list[LegOnSlide] = []
+    legs_held: list[LegOnSlide] = []
     leg = scenario.leg.under_test
 
     def add_more() -> None:
-        held.append(add_leg_on_slide(plant, leg, scenario.hip.mass_kg, scene_graph))
+        legs_held.append(add_leg_on_slide(plant, leg, scenario.hip.mass_kg, scene_graph))
 
     model = add_bench(plant, scenario.configuration, gains, add_more, scenario.sliders.max_force_N)
-    (on_slide,) = held
+    (on_slide,) = legs_held
     stand = _Stand(model, on_slide, leg)
     stand.set_default(walk)
     sliders = add(builder, make_servo(scenario), "sliders")
@@ -166,9 +166,9 @@ def add_bodies(
         """Holds the slide while it is braked: a joint is locked by what does not step."""
         context = plant.GetMyMutableContextFromRoot(root_context)
         signal: Any = is_braked.EvalBasicVector(brake.GetMyContextFromRoot(root_context))
-        asked = switched(signal[0]) is not False
-        if asked != slide.is_locked(context):
-            (slide.Lock if asked else slide.Unlock)(context)
+        request = switched(signal[0]) is not False
+        if request != slide.is_locked(context):
+            (slide.Lock if request else slide.Unlock)(context)
 
     def put(root_context: Context, scenario: TerrainBenchScenario) -> None:
         context = plant.GetMyMutableContextFromRoot(root_context)
@@ -283,8 +283,8 @@ def add_leg_ports(
     # The leg's joints and drives in the order of its ports, among all joints that it has.
     joints, instance = on_slide.leg.joints, on_slide.leg.instance
     n, size = len(joints), plant.num_velocities(instance)
-    held = plant.GetVelocitiesFromArray(instance, np.arange(float(plant.num_velocities())))
-    order = [int(np.flatnonzero(held == joint.velocity_start())[0]) for joint in joints]
+    velocities = plant.GetVelocitiesFromArray(instance, np.arange(float(plant.num_velocities())))
+    order = [int(np.flatnonzero(velocities == joint.velocity_start())[0]) for joint in joints]
     actuators = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices(instance)]
     driven = [joints.index(actuator.joint()) for actuator in actuators]
     limits = np.array(leg.max_torque)
@@ -299,8 +299,8 @@ def add_leg_ports(
         connect(builder, source, sink)
     inputs["leg.torque_command"] = torque.get_input_port()
     rows = np.eye(2 * size)
-    for name, shown in (("position", order), ("velocity", [size + i for i in order])):
-        part = add(builder, MatrixGain(rows[shown]), f"leg_{name}")
+    for name, order_shown in (("position", order), ("velocity", [size + i for i in order])):
+        part = add(builder, MatrixGain(rows[order_shown]), f"leg_{name}")
         connect(builder, plant.get_state_output_port(instance), part.get_input_port())
         outputs[f"leg.{name}"] = part.get_output_port()
     # The ground's force on the foot is what moves column and slide besides their drives.
@@ -390,9 +390,9 @@ def add_kinematics(
     """
     period, servo = scenario.control.period, make_servo(scenario)
     noise = add(builder, NoiseSource(_SOURCES, period, scenario.seed), "cell_noise")
-    shown = add(builder, MatrixGain(scenario.cells.noise_N * np.eye(_SOURCES)), "cells")
-    connect(builder, noise.get_output_port(), shown.get_input_port())
-    behind = _add_led(builder, scenario, servo, shown.get_output_port(), meshcat)
+    scaled_noise = add(builder, MatrixGain(scenario.cells.noise_N * np.eye(_SOURCES)), "cells")
+    connect(builder, noise.get_output_port(), scaled_noise.get_input_port())
+    behind = _add_led(builder, scenario, servo, scaled_noise.get_output_port(), meshcat)
     simulation = replace(behind.handle_as(Simulation), noise=noise)
     return replace(behind, reset=simulation.reset, handle=simulation)
 
@@ -430,8 +430,8 @@ def _add_led(
     _add_resting(builder, scenario, inputs, outputs)
     if meshcat is not None:
         hip = add(builder, ConstantVectorSource(np.array(scenario.walk.hip)), "hip_drawn")
-        shown = (outputs["truth.pose"], hip.get_output_port(), outputs["leg.position"])
-        add_drawing(builder, scenario, shown, meshcat)
+        outputs_shown = (outputs["truth.pose"], hip.get_output_port(), outputs["leg.position"])
+        add_drawing(builder, scenario, outputs_shown, meshcat)
     simulation = Simulation(servo)
     return Behind(inputs, outputs, simulation.reset, handle=simulation)
 
@@ -471,7 +471,7 @@ def add_plate(
 def add_drawing(
     builder: DiagramBuilder,
     scenario: TerrainBenchScenario,
-    shown: tuple[OutputPort, OutputPort, OutputPort],
+    outputs_shown: tuple[OutputPort, OutputPort, OutputPort],
     meshcat: Meshcat | None,
     path: str = "bench",
 ) -> None:
@@ -480,23 +480,26 @@ def add_drawing(
     Args:
         builder: builder of the diagram that holds the ports' systems.
         scenario: its bench and leg are drawn.
-        shown: pose of the plate (3), column and height of the hip (2), joints of the leg (n).
+        outputs_shown: pose of the plate (3), column and height of the hip (2), joints of the leg
+            (n).
         meshcat: the scene; None: poses are all that is asked for.
         path: its path in the scene.
     """
     plant = MultibodyPlant(time_step=1e-3)
     scene_graph = add(builder, SceneGraph(), f"drawing_of_{path}")
     plant.RegisterAsSourceForSceneGraph(scene_graph)
-    held: list[LegOnSlide] = []
+    legs_held: list[LegOnSlide] = []
     leg = scenario.leg.under_test
     model = add_bench(
         plant,
         scenario.configuration,
-        add_more=lambda: held.append(add_leg_on_slide(plant, leg, scenario.hip.mass_kg)),
+        add_more=lambda: legs_held.append(add_leg_on_slide(plant, leg, scenario.hip.mass_kg)),
     )
-    drawn = BenchPositions(model, held[0].order(plant), scenario.leg.ports, leg.all_joints)
-    positions = add(builder, drawn, f"positions_of_{path}")
-    for port, name in zip(shown, ("pose", "hip", "leg"), strict=True):
+    drawn_positions = BenchPositions(
+        model, legs_held[0].order(plant), scenario.leg.ports, leg.all_joints
+    )
+    positions = add(builder, drawn_positions, f"positions_of_{path}")
+    for port, name in zip(outputs_shown, ("pose", "hip", "leg"), strict=True):
         connect(builder, port, positions.GetInputPort(name))
     draw(builder, plant, positions.get_output_port(), scene_graph)
     publish(builder, scene_graph, meshcat, path)

@@ -149,8 +149,8 @@ class HipScenario(Schema):
         """Stiffness and limit of the drive."""
         usual, mass = HipSupportParams(), self.mass_kg
         stiffness, damping = (
-            of_mass * mass / _USUAL_MASS if given is None else given
-            for given, of_mass in (
+            of_mass * mass / _USUAL_MASS if setting is None else setting
+            for setting, of_mass in (
                 (self.stiffness_N_m, usual.stiffness),
                 (self.damping_Ns_m, usual.damping),
             )
@@ -283,13 +283,13 @@ class LegScenario(Schema):
     @property
     def gains(self) -> tuple[tuple[str, tuple[float, float]], ...]:
         """Springs and dampers of the foot that are given, by their names in `ImpedanceParams`."""
-        given = {
+        gains = {
             "stance_stiffness": self.stance_stiffness_N_m,
             "stance_damping": self.stance_damping_Ns_m,
             "swing_stiffness": self.swing_stiffness_N_m,
             "swing_damping": self.swing_damping_Ns_m,
         }
-        return tuple((name, (value[0], value[1])) for name, value in given.items() if value)
+        return tuple((name, (value[0], value[1])) for name, value in gains.items() if value)
 
 
 @dataclass

@@ -36,9 +36,9 @@ class BenchTwin(Twin):
         """See `Twin`."""
         if not self.knows(values):
             return
-        shown: dict[str, Any] = {}
+        positions: dict[str, Any] = {}
         for drawing, name in _DRAWN.items():
-            shown[f"{drawing}_pose"] = values.get(name, values[_DRAWN[MEASURED]])
-            shown[f"{drawing}_hip"] = [self._x, values[_HIP][0]]
-            shown[f"{drawing}_leg"] = values[_LEG]
-        self._publish(shown, time)
+            positions[f"{drawing}_pose"] = values.get(name, values[_DRAWN[MEASURED]])
+            positions[f"{drawing}_hip"] = [self._x, values[_HIP][0]]
+            positions[f"{drawing}_leg"] = values[_LEG]
+        self._publish(positions, time)

@@ -63,8 +63,8 @@ def add_world(
     x, z = walk.hip
     # A step ahead, as the drive wants it.
     way = (x + motion.distance[0], motion.distance[1])
-    gone = _source(builder, "column", times - step, way, is_state=True)
-    connect(builder, gone, plant.get_desired_state_input_port(on_slide.column))
+    travelled = _source(builder, "column", times - step, way, is_state=True)
+    connect(builder, travelled, plant.get_desired_state_input_port(on_slide.column))
     none = add(builder, ConstantVectorSource(np.zeros(3)), "cells")
     inputs, outputs = add_plate(builder, scenario, make_servo(scenario), none.get_output_port())
     add_leg_ports(builder, scenario, plant, on_slide, leg, inputs, outputs)
@@ -104,12 +104,12 @@ def _source(
 
 def _less(builder: DiagramBuilder, name: str, whole: OutputPort, part: OutputPort) -> OutputPort:
     """Difference of two numbers."""
-    taken = add(builder, Gain(-1.0, 1), f"less_{name}")
+    negative = add(builder, Gain(-1.0, 1), f"less_{name}")
     total = add(builder, Adder(2, 1), f"{name}_over_body")
     for source, sink in (
-        (part, taken.get_input_port()),
+        (part, negative.get_input_port()),
         (whole, total.get_input_port(0)),
-        (taken.get_output_port(), total.get_input_port(1)),
+        (negative.get_output_port(), total.get_input_port(1)),
     ):
         connect(builder, source, sink)
     return total.get_output_port()
@@ -124,10 +124,10 @@ def _lay_out(plant: MultibodyPlant, walk: BenchWalk) -> None:
     for number, (one, other) in enumerate(pairwise(points)):
         along = other - one
         length, angle = float(np.hypot(*along)), float(np.arctan2(along[1], along[0]))
-        turned = RotationMatrix.MakeYRotation(-angle)
+        rotation = RotationMatrix.MakeYRotation(-angle)
         middle = 0.5 * (one + other)
-        below = turned @ np.array((0.0, 0.0, -0.5 * _THICK))
+        below = rotation @ np.array((0.0, 0.0, -0.5 * _THICK))
         place = origin + np.array((middle[0], 0.0, middle[1])) + below
-        shape, pose = Box(length, _WIDE, _THICK), RigidTransform(turned, place)
+        shape, pose = Box(length, _WIDE, _THICK), RigidTransform(rotation, place)
         plant.RegisterCollisionGeometry(body, pose, shape, f"ground_{number}", properties)
         plant.RegisterVisualGeometry(body, pose, shape, f"ground_{number}", _GREEN)

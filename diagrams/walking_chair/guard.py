@@ -161,10 +161,11 @@ class ChairGuard(SignGuard):
             if self._count * self._period >= _SETTLED:
                 self._payload = payload + share * (newest - payload)
             return ""
-        shown, explained = forces[worst], forces[worst] - off[worst]
+        worst_force, explained = forces[worst], forces[worst] - off[worst]
         return (
-            f"{BRANCHES[worst]} holds {shown:.0f} N by its current, where the feet on the ground "
-            f"explain {explained:.0f} N: does each foot stand, is each screw whole and free?"
+            f"{BRANCHES[worst]} holds {worst_force:.0f} N by its current, where the feet on the "
+            f"ground explain {explained:.0f} N: does each foot stand, and is each screw whole and "
+            "free?"
         )
 
 

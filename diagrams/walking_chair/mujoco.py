@@ -32,14 +32,14 @@ def add_mujoco_bodies(
 def _add_mujoco_plant(
     builder: DiagramBuilder,
     scenario: ChairScenario,
-    begun: Beginning,
+    beginning: Beginning,
     drives: VelocityServo,
     meshcat: Meshcat | None,
 ) -> Plant:
     """Adds the plant of rigid bodies; translated from Drake's, so that both are one machine."""
     plant, scene_graph = make_plant(builder, scenario.plant.time_step, meshcat)
-    model = add_chair(plant, begun.passenger)
-    plant.SetDefaultPositions(model.standing_positions(begun.lengths, begun.body))
+    model = add_chair(plant, beginning.passenger)
+    plant.SetDefaultPositions(model.standing_positions(beginning.lengths, beginning.body))
     translated = MujocoModel(
         plant, scene_graph, model.balls, feet=model.feet, loads=(model.passenger,)
     )
@@ -55,9 +55,9 @@ def _add_mujoco_plant(
     signals["contact_force"] = bodies.GetOutputPort("contact_force")
     signals["force"] = bodies.GetOutputPort("holding_force")
 
-    def stand(root_context: Context, begun: Beginning) -> None:
+    def stand(root_context: Context, beginning: Beginning) -> None:
         context = plant.CreateDefaultContext()
-        model.stand(context, begun.lengths, begun.body, begun.passenger)
+        model.stand(context, beginning.lengths, beginning.body, beginning.passenger)
         bodies.put(bodies.GetMyMutableContextFromRoot(root_context), context)
 
     def seat(root_context: Context, passenger: Passenger) -> None:

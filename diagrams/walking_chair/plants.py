@@ -88,7 +88,7 @@ class Plant:
 def _add_multibody_plant(
     builder: DiagramBuilder,
     scenario: ChairScenario,
-    begun: Beginning,
+    beginning: Beginning,
     drives: VelocityServo,
     meshcat: Meshcat | None,
 ) -> Plant:
@@ -97,8 +97,8 @@ def _add_multibody_plant(
     plant, scene_graph = add_discrete_plant(
         builder, time_step, scenario.plant.contact_approximation
     )
-    model = add_chair(plant, begun.passenger)
-    plant.SetDefaultPositions(model.standing_positions(begun.lengths, begun.body))
+    model = add_chair(plant, beginning.passenger)
+    plant.SetDefaultPositions(model.standing_positions(beginning.lengths, beginning.body))
     force = drive_joints(builder, plant, model.legs, drives.GetOutputPort("next_state"))
     truth = add(builder, ChairTruth(model))
     contact = plant.get_contact_results_output_port()
@@ -111,9 +111,9 @@ def _add_multibody_plant(
     names = ("body_position", "body_attitude", "contact_force", "foot_height", "loop_error")
     signals = {name: truth.GetOutputPort(name) for name in names} | {"force": force}
 
-    def stand(root_context: Context, begun: Beginning) -> None:
+    def stand(root_context: Context, beginning: Beginning) -> None:
         context = plant.GetMyMutableContextFromRoot(root_context)
-        model.stand(context, begun.lengths, begun.body, begun.passenger)
+        model.stand(context, beginning.lengths, beginning.body, beginning.passenger)
 
     def seat(root_context: Context, passenger: Passenger) -> None:
         model.seat(plant.GetMyMutableContextFromRoot(root_context), passenger)
@@ -124,13 +124,13 @@ def _add_multibody_plant(
 def _add_kinematic_plant(
     builder: DiagramBuilder,
     scenario: ChairScenario,
-    begun: Beginning,
+    beginning: Beginning,
     drives: VelocityServo,
     meshcat: Meshcat | None,
 ) -> Plant:
     """Adds the quasi-static plant, and with `meshcat` a drawing of it."""
     statics = KinematicChair(
-        passenger=begun.passenger, period=scenario.control.period, place=begun.body[:2]
+        passenger=beginning.passenger, period=scenario.control.period, place=beginning.body[:2]
     )
     chair = add(builder, statics)
     connect(builder, drives.GetOutputPort("position"), chair.GetInputPort("position"))
@@ -141,8 +141,8 @@ def _add_kinematic_plant(
     if meshcat is not None:
         add_drawing(builder, scenario, drives.GetOutputPort("position"), chair, meshcat)
 
-    def stand(root_context: Context, begun: Beginning) -> None:
-        chair.stand(root_context, begun.body[:2], begun.passenger)
+    def stand(root_context: Context, beginning: Beginning) -> None:
+        chair.stand(root_context, beginning.body[:2], beginning.passenger)
 
     return Plant(signals, stand, chair.seat)
 
@@ -202,10 +202,10 @@ class Simulation:
             scenario: its `Beginning` is taken. What is built in, such as the walk and the
                 encoders' resolution, stays.
         """
-        begun = Beginning.of(scenario, self.walk)
-        self.drives.set_position(root_context, begun.lengths.ravel())
-        self.drives.set_imperfection(root_context, begun.gain, begun.offset)
-        self.plant.stand(root_context, begun)
+        beginning = Beginning.of(scenario, self.walk)
+        self.drives.set_position(root_context, beginning.lengths.ravel())
+        self.drives.set_imperfection(root_context, beginning.gain, beginning.offset)
+        self.plant.stand(root_context, beginning)
 
 
 type PlantMaker = Callable[
@@ -230,18 +230,18 @@ def add_simulated(
         meshcat: draws the machine there; None for no drawing.
     """
     walk = scenario.gait.walk
-    begun = Beginning.of(scenario, walk)
+    beginning = Beginning.of(scenario, walk)
     servo = VelocityServo(
         drive_params(scenario),
         len(BRANCHES),
         scenario.control.period,
         drive_step,
-        position=begun.lengths.ravel(),
-        gain=begun.gain,
-        offset=begun.offset,
+        position=beginning.lengths.ravel(),
+        gain=beginning.gain,
+        offset=beginning.offset,
     )
     drives = add(builder, servo, "drives")
-    plant = add_plant(builder, scenario, begun, drives, meshcat)
+    plant = add_plant(builder, scenario, beginning, drives, meshcat)
     per_newton = 1.0 / PayloadEstimatorParams().force_per_current
     current = add(builder, MatrixGain(per_newton * np.eye(len(BRANCHES))), "motor_current")
     connect(builder, plant.signals["force"], current.get_input_port())

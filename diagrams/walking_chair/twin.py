@@ -43,15 +43,15 @@ class ChairTwin(Twin):
     def __init__(self, meshcat: Meshcat | None, scenario: ChairScenario, prefix: str = ""):
         """Draws nothing yet; see `Twin`."""
         super().__init__(meshcat, scenario, prefix)
-        begun = Beginning.of(scenario, scenario.gait.walk)
+        beginning = Beginning.of(scenario, scenario.gait.walk)
         self._statics: dict[str, KinematicChair] = {}
         for drawing in _DRAWN:
             position = self.input(drawing, len(BRANCHES))
-            chair = KinematicChair(passenger=begun.passenger, place=begun.body[:2])
+            chair = KinematicChair(passenger=beginning.passenger, place=beginning.body[:2])
             self._statics[drawing] = add(self.builder, chair, f"statics_of_{drawing}")
             connect(self.builder, position, chair.GetInputPort("position"))
             add_drawing(self.builder, scenario, position, chair, meshcat, self.path(drawing))
-        self._track, self._shown = _Steps(begun.body), 0
+        self._track, self._shown = _Steps(beginning.body), 0
         self.finish()
 
     @classmethod
@@ -66,9 +66,9 @@ class ChairTwin(Twin):
         measured = values[_DRAWN[MEASURED]]
         for drawing, name in _DRAWN.items():
             self._fix(drawing, values.get(name, measured))
-        known = values if self.tracked <= values.keys() else self._counted(values)
+        complete = values if self.tracked <= values.keys() else self._counted(values)
         for drawing, name in _DRAWN.items():
-            footing = _unpacked(known[_FOOTINGS[drawing]])
+            footing = _unpacked(complete[_FOOTINGS[drawing]])
             lengths = np.reshape(values.get(name, measured), (LEG_COUNT, 3))
             self._statics[drawing].put(self._context, footing.at(CHAIR_GEOMETRY, lengths))
         self._publish({}, time)
@@ -77,8 +77,8 @@ class ChairTwin(Twin):
         """Counts a picture as the next sample, from each of which on the way is counted anew."""
         self._shown += 1
         samples = {n: values[n][np.newaxis] for n in self.signals & values.keys()}
-        told = self._track(np.array([float(self._shown)]), samples)
-        return {name: each[0] for name, each in told.items()}
+        counts = self._track(np.array([float(self._shown)]), samples)
+        return {name: each[0] for name, each in counts.items()}
 
 
 class _Steps:
@@ -90,13 +90,13 @@ class _Steps:
     def __call__(
         self, time: NDArray[np.float64], samples: Mapping[str, NDArray[Any]]
     ) -> Mapping[str, NDArray[np.float64]]:
-        found = {}
+        positions = {}
         for drawing, odometer in self._odometers.items():
             lengths = samples.get(_DRAWN[drawing], samples[_DRAWN[MEASURED]])
             footing = odometer.add(time, lengths, samples.get(_SUPPORT))
             parts = [np.reshape(part, (len(time), -1)) for part in footing]
-            found[_FOOTINGS[drawing]] = np.concatenate(parts, axis=1)
-        return found
+            positions[_FOOTINGS[drawing]] = np.concatenate(parts, axis=1)
+        return positions
 
 
 def _unpacked(footing: NDArray[np.float64]) -> Footing:

@@ -52,8 +52,8 @@ def execute(arguments: argparse.Namespace) -> int:
         temporary.write_text(changed, encoding="utf-8")
     for key, value in values.items():
         old = value_at(before, key)
-        shown = f"{_shown(usual[key])} (default)" if old is None else _shown(old)
-        print(f"{key}: {shown} -> {_shown(value)}")
+        usual_value = f"{_shown(usual[key])} (default)" if old is None else _shown(old)
+        print(f"{key}: {usual_value} -> {_shown(value)}")
     print(f"wrote {arguments.into}")
     return HELD
 

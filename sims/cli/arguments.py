@@ -179,7 +179,7 @@ def check_outputs(
     """
     from parapod.sims.output.atomic import check_folder, check_writable
 
-    taken: dict[str, str] = {}
+    paths_in_use: dict[str, str] = {}
     folders = folders or {}
     for option, path in (*paths.items(), *folders.items()):
         if path is None:
@@ -192,7 +192,7 @@ def check_outputs(
             raise OutputError(f"--{option} names a folder, not a file like {name}", path)
         check = check_folder if option in folders else check_writable
         check(path)
-        other = taken.setdefault(os.path.realpath(path), option)
+        other = paths_in_use.setdefault(os.path.realpath(path), option)
         if other != option:
             raise OutputError(
                 f"--{other} and --{option} would both write {quoted_path(path)}", path

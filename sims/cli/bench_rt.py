@@ -94,25 +94,25 @@ def execute(arguments: argparse.Namespace) -> int:
     on_devices = arguments.backend == "hardware"
     usual = [1.0 / scenario.control.period] if on_devices else _RATES
     rates, seconds = arguments.rates or usual, arguments.seconds
-    shown, aside = Console(), Console(stderr=True)
+    screen, aside = Console(), Console(stderr=True)
     computer = this_computer()
-    print_computer(computer, shown)
-    found: dict[str, object] = {"computer": computer.as_json()}
+    print_computer(computer, screen)
+    report: dict[str, object] = {"computer": computer.as_json()}
     with watched_throttling(computer) as throttling:
         if on_devices or arguments.settings or arguments.log:
             settings = settings_of(arguments.settings, arguments.log)
             measured = bench_settings(
                 machine, machine.experiment, scenario, rates, seconds, settings, aside
             )
-            found["settings"] = [one.as_json() for one in measured]
-            print_settings(measured, shown)
+            report["settings"] = [one.as_json() for one in measured]
+            print_settings(measured, screen)
         else:
             results = bench_real_time(machine, scenario, rates, seconds, aside)
-            found["rates"] = [result.as_json() for result in results]
-            print_punctuality(results, shown)
-    found["throttling"] = throttling.as_json()
-    shown.print(f"real-time programs: {throttling.words}", markup=False, highlight=False)
+            report["rates"] = [result.as_json() for result in results]
+            print_punctuality(results, screen)
+    report["throttling"] = throttling.as_json()
+    screen.print(f"real-time programs: {throttling.words}", markup=False, highlight=False)
     if arguments.json is not None:
-        write_json(arguments.json, found)
+        write_json(arguments.json, report)
         print(f"wrote {arguments.json}")
     return HELD

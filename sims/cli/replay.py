@@ -31,14 +31,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SIGNAL",
         help="signals to plot; by default those that tell most of the machine",
     )
-    shown = parser.add_mutually_exclusive_group()
-    shown.add_argument(
+    view_options = parser.add_mutually_exclusive_group()
+    view_options.add_argument(
         "--meshcat", action="store_true", help="serve the page to a browser here (default)"
     )
-    shown.add_argument(
+    view_options.add_argument(
         "--html", type=Path, metavar="FILE", help="write the page to FILE, which needs no network"
     )
-    shown.add_argument(
+    view_options.add_argument(
         "--video",
         type=Path,
         metavar="FILE",

@@ -129,7 +129,7 @@ def _show(result: "Result", arguments: argparse.Namespace) -> None:
     from parapod.sims.output.atomic import write_json
     from parapod.sims.output.results import print_table
 
-    drawn: list[Path] = []
+    figures: list[Path] = []
     form = print_of(arguments, arguments.figure_format)
     try:
         if arguments.json is not None:
@@ -137,11 +137,11 @@ def _show(result: "Result", arguments: argparse.Namespace) -> None:
         if arguments.figures is not None:
             from parapod.sims.output.figures import write_figures
 
-            drawn = write_figures(arguments.figures, result.figures, form)
+            figures = write_figures(arguments.figures, result.figures, form)
     finally:
         # Even if the disk is full by now: the run may have been long.
         print_table(result, Console())
-        for path in (*(getattr(arguments, option) for option in _OUTPUTS), *drawn):
+        for path in (*(getattr(arguments, option) for option in _OUTPUTS), *figures):
             if path is not None and path.is_file():
                 print(f"wrote {path}")
         sys.stdout.flush()

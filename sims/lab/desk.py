@@ -76,11 +76,13 @@ class Desk:
     def __enter__(self) -> Self:
         self._companion = Companion("parapod.sims.lab.desk", json.dumps(self._beginning))
         self.process, self._pipe = self._companion.pid, self._companion.sink
-        said = json.loads(self._companion.answer(_BEGINNING) or b"{}")
-        if "url" not in said:
+        answer = json.loads(self._companion.answer(_BEGINNING) or b"{}")
+        if "url" not in answer:
             self._companion.end(_ENDING)
-            raise OutputError(f"the operator's page: {said.get('error', 'does not begin')}", None)
-        self._url = said["url"]
+            raise OutputError(
+                f"the operator's page: {answer.get('error', 'does not begin')}", None
+            )
+        self._url = answer["url"]
         os.set_blocking(self._pipe, False)
         threading.Thread(target=self._listen, name="desk", daemon=True).start()
         return self
@@ -115,8 +117,8 @@ class Desk:
         if len(self._out) > _WAITING:
             self._write()
             return
-        drawn = {name: np.asarray(value).tolist() for name, value in (signals or {}).items()}
-        self._tell({"readout": asdict(readout), "signals": drawn})
+        values = {name: np.asarray(value).tolist() for name, value in (signals or {}).items()}
+        self._tell({"readout": asdict(readout), "signals": values})
 
     @property
     def controls(self) -> tuple[str, ...]:
@@ -208,15 +210,18 @@ class Desk:
     def _listen(self) -> None:
         """Takes over what the operator does, as long as the process serves."""
         for line in self._companion.lines():
-            said = json.loads(line)
-            if "error" in said:
-                self.wrong = said["error"]
+            message = json.loads(line)
+            if "error" in message:
+                self.wrong = message["error"]
                 return
-            for mine, theirs in ((self._sliders, said["sliders"]), (self._clicks, said["clicks"])):
+            for mine, theirs in (
+                (self._sliders, message["sliders"]),
+                (self._clicks, message["clicks"]),
+            ):
                 mine.update((name, value) for name, value in theirs.items() if name in mine)
-            self._held = set(said["held"])
+            self._held = set(message["held"])
             # The clock is the computer's, and the same in all its processes.
-            self._heard = said["at"], said["silence"]
+            self._heard = message["at"], message["silence"]
         self.wrong = "its process has ended"
 
 
@@ -267,18 +272,18 @@ def _open(described: Mapping[str, str]) -> tuple[Panel, Any]:
 
 
 def _obey(panel: Panel, twin: Any, messages: Sequence[Mapping[str, Any]]) -> None:
-    shown = None
+    visible = None
     for message in messages:
         if "call" in message:
             getattr(panel, message["call"])(*message["with"])
         else:
-            shown = message
-    if shown is None:
+            visible = message
+    if visible is None:
         return
-    readout = shown["readout"]
+    readout = visible["readout"]
     panel.show(Readout(**readout | {"rows": [Row(**row) for row in readout["rows"]]}))
-    if twin is not None and shown["signals"]:
-        twin.show({name: np.array(value) for name, value in shown["signals"].items()})
+    if twin is not None and visible["signals"]:
+        twin.show({name: np.array(value) for name, value in visible["signals"].items()})
 
 
 def _operated(panel: Panel) -> Mapping[str, Any]:

@@ -91,8 +91,8 @@ class Entry:
     @property
     def switches(self) -> Mapping[str, tuple[str, str]]:
         """Options of its own: name -> override that it is short for, and its help."""
-        found: Mapping[str, tuple[str, str]] = self._constant("switches", {})
-        return found
+        switches: Mapping[str, tuple[str, str]] = self._constant("switches", {})
+        return switches
 
     @property
     def default_scenario(self) -> Path | None:
@@ -108,10 +108,10 @@ class Entry:
         """
         try:
             with uncollected():
-                made: Experiment[Any, Any] = self.point.load()(self.name)
+                experiment: Experiment[Any, Any] = self.point.load()(self.name)
         except Exception as error:
             raise self._broken(error) from error
-        return made
+        return experiment
 
     def _constant(self, name: str, default: Any) -> Any:
         """A literal among the attributes of the experiment's class."""
@@ -171,10 +171,10 @@ def list_entries() -> tuple[Entry, ...]:
 @lru_cache(maxsize=1)
 def _entries(_state: State) -> tuple[Entry, ...]:
     """The same, made again only where something else is installed."""
-    found = {Entry(point.name, point) for point in installed(GROUP)}
+    entries = {Entry(point.name, point) for point in installed(GROUP)}
     own = "parapod"
     return tuple(
-        sorted(found, key=lambda e: (e.package != own, e.package, e.point.module, e.name))
+        sorted(entries, key=lambda e: (e.package != own, e.package, e.point.module, e.name))
     )
 
 
@@ -188,8 +188,8 @@ def find_entry(name: str) -> Entry:
     # The first of a name: no other package takes the place of parapod's own.
     by_name = {entry.name: entry for entry in reversed(list_entries())}
     if name not in by_name:
-        known, hint = ", ".join(reversed(by_name)), did_you_mean(name, by_name)
-        raise UnknownExperiment(f"there is no experiment {quoted(name)}; there are: {known}{hint}")
+        names, hint = ", ".join(reversed(by_name)), did_you_mean(name, by_name)
+        raise UnknownExperiment(f"there is no experiment {quoted(name)}; there are: {names}{hint}")
     return by_name[name]
 
 

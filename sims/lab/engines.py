@@ -213,8 +213,8 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
                 axes[0, i].set_ylabel(f"{quantity.meaning} [{quantity.unit}]")
                 axes[1, i].set_ylabel(f"difference [{quantity.unit}]")
                 axes[1, i].set_xlabel("time [s]")
-            used = len(self.quantities) - columns * (rows - 1)  # of the last row
-            for unused in all_axes[-2:, used:].flat:
+            columns_used = len(self.quantities) - columns * (rows - 1)  # of the last row
+            for unused in all_axes[-2:, columns_used:].flat:
                 unused.remove()
             canvas.legend(
                 *all_axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2

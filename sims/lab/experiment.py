@@ -129,9 +129,9 @@ class Experiment[S, D]:
         if self.drawing is None:
             return {}
         of_machine = self.machine_scenario(scenario)
-        known = self.drawing.machine.of(of_machine).all_limits(of_machine)
+        limits = self.drawing.machine.of(of_machine).all_limits(of_machine)
         pairs = self.drawing.stand_ins.items()
-        return {**known, **{other: known[name] for name, other in pairs if name in known}}
+        return {**limits, **{other: limits[name] for name, other in pairs if name in limits}}
 
     def machine_scenario(self, scenario: S) -> Any:
         """The machine's scenario, where the experiment has one of its own."""
@@ -222,8 +222,8 @@ class Experiment[S, D]:
         """
         machine = self.drawn_machine()
         settings = self.machine_scenario(scenario)
-        drawn = DrawnLog.of(machine.of(settings), settings, self.drawing, shapes)
-        return scene_messages(drawn, pictures)
+        drawing = DrawnLog.of(machine.of(settings), settings, self.drawing, shapes)
+        return scene_messages(drawing, pictures)
 
     def _before(self, scenario: S, options: RunOptions) -> None:
         """Writes the diagram, before a run is spent on a file that cannot be written."""
@@ -254,12 +254,12 @@ class Experiment[S, D]:
         """Refuses an option that the experiment has no hook for, before a run is spent on it."""
         answered = ["json", "figures", *(o for o, hook in _HOOKS.items() if hasattr(self, hook))]
         for option in _HOOKS:
-            asked = getattr(options, option)
-            if asked and option not in answered:
-                known = ", ".join(f"--{name}" for name in answered)
+            option_value = getattr(options, option)
+            if option_value and option not in answered:
+                option_names = ", ".join(f"--{name}" for name in answered)
                 raise OutputError(
-                    f"--{option} has nothing to show of '{self.name}'; there are: {known}",
-                    None if asked is True else asked,
+                    f"--{option} has nothing to show of '{self.name}'; there are: {option_names}",
+                    None if option_value is True else option_value,
                 )
 
 
@@ -382,8 +382,8 @@ class LoopExperiment[S, D](Experiment[S, D]):
 
     def watched(self, data: D) -> Run:
         """The run that the options show and write."""
-        found: Any = getattr(data, "run", data)
-        return found
+        run: Any = getattr(data, "run", data)
+        return run
 
     def logged(self, scenario: S, data: D) -> Logged:
         """All signals of the run, with their units."""

@@ -71,8 +71,8 @@ def operate(
             try:
                 _run(experiment, scenario, loop, desk, options)
             except ParapodError as error:
-                said = (str(error),)
-                desk.show(Readout("ended", remarks=said, is_alarming=True, idle=desk.controls))
+                messages = (str(error),)
+                desk.show(Readout("ended", remarks=messages, is_alarming=True, idle=desk.controls))
                 time.sleep(_LAST_WORDS)
                 raise
 
@@ -105,10 +105,10 @@ def _run(
     options: RunOptions,
 ) -> None:
     simulator = Simulator(loop)
-    shown = _shown_on(desk, experiment, loop, simulator.get_context())
+    visible = _shown_on(desk, experiment, loop, simulator.get_context())
 
     def is_over(root: Context) -> bool:
-        shown(root)
+        visible(root)
         if desk.wrong and desk.silence() > _ABANDONED:
             raise OutputError(f"the operator's page is gone: {desk.wrong}", None)
         return desk.GetButtonClicks(END) > 0

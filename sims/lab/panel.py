@@ -413,8 +413,8 @@ def _serve(panel: Panel) -> ThreadingHTTPServer:
         try:
             return ThreadingHTTPServer((address, port), Handler)
         except OSError as error:
-            taken = error
-    raise OSError(f"no port of {PORTS[0]}..{PORTS[-1]} is free on this computer") from taken
+            failure = error
+    raise OSError(f"no port of {PORTS[0]}..{PORTS[-1]} is free on this computer") from failure
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -423,20 +423,20 @@ class _Handler(BaseHTTPRequestHandler):
     shown: Panel
 
     def do_GET(self) -> None:
-        asked = urlsplit(self.path)
-        query = parse_qs(asked.query)
+        url = urlsplit(self.path)
+        query = parse_qs(url.query)
         if not self._is_admitted():
             self._answer(HTTPStatus.FORBIDDEN)
-        elif asked.path == "/":
+        elif url.path == "/":
             self._answer(HTTPStatus.OK, "text/html; charset=utf-8", self.shown._page)
-        elif asked.path == "/beat":
+        elif url.path == "/beat":
             self.shown._beat(query.get("page", [""])[0])
             self._answer(HTTPStatus.NO_CONTENT)
-        elif asked.path == "/state":
+        elif url.path == "/state":
             self._tell(self.shown._state(query.get("page", [""])[0]))
-        elif asked.path == "/samples":
+        elif url.path == "/samples":
             self._tell(self.shown._samples(query.get("since", [""])[0]))
-        elif asked.path == "/plotly.js" and self.shown._samples(""):
+        elif url.path == "/plotly.js" and self.shown._samples(""):
             self._answer(HTTPStatus.OK, "text/javascript; charset=utf-8", library().encode())
         else:
             self._answer(HTTPStatus.NOT_FOUND)
@@ -468,8 +468,8 @@ class _Handler(BaseHTTPRequestHandler):
             host = urlsplit(f"//{self.headers.get('Host', '')}").hostname
             if host not in (_LOCAL, "127.0.0.1"):
                 return False
-        (shown,) = parse_qs(urlsplit(self.path).query).get("token", [""])[:1]
-        return hmac.compare_digest(shown.encode(), _TOKEN.encode())
+        (token,) = parse_qs(urlsplit(self.path).query).get("token", [""])[:1]
+        return hmac.compare_digest(token.encode(), _TOKEN.encode())
 
     def _is_own_page(self) -> bool:
         """Whether what a browser sends is from the panel's page, not from another one."""

@@ -63,16 +63,16 @@ class Subject:
             metadata: data about the run.
             is_drawn: true if the machine is to be drawn.
         """
-        made = cls(label, shapes, metadata)
+        subject = cls(label, shapes, metadata)
         try:
-            made._find()
+            subject._find()
         except ParapodError as error:
-            made.undrawn = str(error)
+            subject.undrawn = str(error)
         if not is_drawn:
-            made.drawn, made.undrawn = None, "no drawing was asked for"
-        elif made.undrawn:
-            made.give_up(made.undrawn)
-        return made
+            subject.drawn, subject.undrawn = None, "no drawing was asked for"
+        elif subject.undrawn:
+            subject.give_up(subject.undrawn)
+        return subject
 
     def give_up(self, reason: str) -> None:
         """Has the machine not drawn, for a reason that is told."""
@@ -131,9 +131,9 @@ class Subject:
         if settings is not None:
             yield f"backend {settings.backend}"
             yield f"seed {settings.seed}"
-        made = self.metadata.get("parapod")
-        if made:
-            yield f"parapod {printable(made)}"
+        entry = self.metadata.get("parapod")
+        if entry:
+            yield f"parapod {printable(entry)}"
         began = self.metadata.get("wall_time", 0.0)
         if began > WALL_CLOCKS:
             yield np.datetime64(int(began), "s").item().strftime("%Y-%m-%d %H:%M:%S UTC")
@@ -150,10 +150,10 @@ class Subject:
         if "experiment" not in metadata:
             self.undrawn = "the log does not tell its experiment"
             return
-        made = str(metadata.get("parapod", ""))
-        if made != here:
+        entry_name = str(metadata.get("parapod", ""))
+        if entry_name != here:
             self.remarks.append(
-                f"{self.label} was written by parapod {printable(made) or 'unknown'}, "
+                f"{self.label} was written by parapod {printable(entry_name) or 'unknown'}, "
                 f"this is {here}"
             )
         self.experiment = find_experiment(str(metadata["experiment"]))

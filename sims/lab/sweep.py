@@ -80,14 +80,14 @@ def print_spread(results: Sequence[Result], console: Console) -> None:
     table.add_column("held", no_wrap=True)
     for same in _by_metric(results):
         first, values = same[0], [metric.value for metric in same]
-        held = sum(metric.passed for metric in same)
-        style = "green" if held == len(same) else "bold red"
+        held_count = sum(metric.passed for metric in same)
+        style = "green" if held_count == len(same) else "bold red"
         name = f"{first.key} [{first.unit}]" if first.unit else first.key
         table.add_row(
             Text(name),
             *(f"{f(values):.3g}" for f in _SPREAD.values()),
             first.limits,
-            Text(f"{held} of {len(same)}" if first.is_bounded else "-", style=style),
+            Text(f"{held_count} of {len(same)}" if first.is_bounded else "-", style=style),
         )
     console.print(table)
     broken = [result for result in results if not result.passed]

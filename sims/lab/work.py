@@ -168,7 +168,7 @@ def carry_out[T, R](
     crew.begin()
     waiting = enumerate(pieces)
     doubtful: deque[tuple[int, T]] = deque()
-    lost: dict[int, int] = {}
+    restarts: dict[int, int] = {}
     running: dict[Future[Any], list[tuple[int, T]]] = {}
     parcels = _Parcels()
     try:
@@ -183,9 +183,9 @@ def carry_out[T, R](
                 running[_send(crew, work, parcel)] = parcel
             if not running:
                 return
-            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            finished, _ = wait(running, return_when=FIRST_COMPLETED)
             is_alone, is_broken = len(running) == 1, False
-            for future in done:
+            for future in finished:
                 parcel = running.pop(future)
                 try:
                     results, seconds = future.result()
@@ -196,8 +196,8 @@ def carry_out[T, R](
                 except crew.losses as error:
                     is_broken |= isinstance(error, BrokenExecutor)
                     for number, piece in parcel:
-                        lost[number] = lost.get(number, 0) + 1
-                        if is_alone and len(parcel) == 1 and lost[number] >= _MOST_LOST:
+                        restarts[number] = restarts.get(number, 0) + 1
+                        if is_alone and len(parcel) == 1 and restarts[number] >= _MOST_LOST:
                             yield number, WorkerDied(_DIED)
                         else:
                             doubtful.append((number, piece))
@@ -250,6 +250,6 @@ def _send(
 
 def _carry_out(work: Callable[[Any], Any], pieces: Sequence[Any]) -> tuple[list[Any], float]:
     """In a worker: results of a parcel and the time that they took [s]."""
-    begun = time.perf_counter()
+    started = time.perf_counter()
     results = [work(piece) for piece in pieces]
-    return results, time.perf_counter() - begun
+    return results, time.perf_counter() - started

@@ -448,13 +448,13 @@ def _holding(signals: Signals) -> NDArray[np.bool_]:
 
 def _posture(scenario: DeployScenario, signals: Signals) -> list[Metric]:
     """Errors while the posture is held, the arm's swing included."""
-    wanted = in_deg_and_mm(np.array(scenario.work.posture))
+    desired = in_deg_and_mm(np.array(scenario.work.posture))
     # The height counts from the plane that fits the ground under the feet best.
     is_true = "truth.posture" in signals
     if is_true:
-        wanted[2] += np.mean(scenario.ground.foot_heights_mm)
-    shown = in_deg_and_mm(posture_of(scenario, signals)[_holding(signals)])
-    error = shown - wanted if shown.size else np.full((1, 3), np.nan)
+        desired[2] += np.mean(scenario.ground.foot_heights_mm)
+    reached = in_deg_and_mm(posture_of(scenario, signals)[_holding(signals)])
+    error = reached - desired if reached.size else np.full((1, 3), np.nan)
     meaning = "largest while the posture is held, against gravity and the feet's mean height"
     if not is_true:
         meaning += ", as measured"
@@ -462,20 +462,20 @@ def _posture(scenario: DeployScenario, signals: Signals) -> list[Metric]:
 
 
 def _standing(scenario: DeployScenario, signals: Signals) -> list[Metric]:
-    held = _holding(signals)
-    opened = signals["legs.limits"][held, 2 * LEG_COUNT :] < 0.5
+    is_holding = _holding(signals)
+    opened = signals["legs.limits"][is_holding, 2 * LEG_COUNT :] < 0.5
     lifted = scenario.control.period * max(map(_longest, opened.T))
     return [
         Metric(
             "smallest_margin_mm",
-            1e3 * _smallest(signals["stability_margin"][held]),
+            1e3 * _smallest(signals["stability_margin"][is_holding]),
             "mm",
             at_least=1e3 * StabilityMonitorParams().margin,
             meaning="smallest margin of the zero-moment point inside the feet, while held",
         ),
         Metric(
             "wheel_clearance_mm",
-            1e3 * _smallest(_clearance(scenario, signals)[:, held]),
+            1e3 * _smallest(_clearance(scenario, signals)[:, is_holding]),
             "mm",
             at_least=_CLEARANCE,
             meaning="clearance of the lowest wheel while held",

@@ -203,16 +203,16 @@ class FaultCampaign(Experiment[FaultCampaignScenario, list[Cell]]):
         pieces = [(phase, device) for phase in phases for device in devices]
         work = partial(run_device, scenario.operation, scenario.window)
         total = len(pieces) * len(FaultKind)
-        found: dict[int, list[Cell]] = {}
+        cells_by_fault: dict[int, list[Cell]] = {}
         crew = LocalCrew(min(len(pieces), os.cpu_count() or 1))
         with crew, counted(bench.console, "faults", total) as report:
             for number, cells in carry_out(crew, work, pieces):
                 if isinstance(cells, WorkerDied):
                     phase, device = pieces[number]
                     raise WorkerDied(f"{device}, {phase.name.lower()}: {cells}")
-                found[number] = cells
-                report(len(found) * len(FaultKind))
-        return [cell for number in range(len(pieces)) for cell in found[number]]
+                cells_by_fault[number] = cells
+                report(len(cells_by_fault) * len(FaultKind))
+        return [cell for number in range(len(pieces)) for cell in cells_by_fault[number]]
 
     def measure(self, scenario: FaultCampaignScenario, data: list[Cell]) -> Iterable[Metric]:
         """Numbers of faults found, missed, harmful."""
@@ -301,19 +301,19 @@ class Campaign:
         first = [
             int(np.argmax(column)) if column.any() else -1 for column in trace.findings.T > 0.5
         ]
-        found = sorted((row, i) for i, row in enumerate(first) if row >= 0)
+        detections = sorted((row, i) for i, row in enumerate(first) if row >= 0)
         injected = bool(trace.changed.any())
         delay = math.nan
-        if found and injected:
+        if detections and injected:
             changed = int(np.argmax(trace.changed))
-            delay = float(trace.time[found[0][0]] - trace.time[changed])
+            delay = float(trace.time[detections[0][0]] - trace.time[changed])
         stray = self._stray(trace.posture)
         return Cell(
             device,
             kind.value,
             self._phase.name.lower(),
             injected,
-            tuple(Finding(i).name.lower() for _, i in found),
+            tuple(Finding(i).name.lower() for _, i in detections),
             delay,
             Severity(int(trace.severity.max())).name.lower(),
             float(stray[0]),
@@ -389,9 +389,9 @@ def run_device(scenario: DeployScenario, window: float, piece: tuple[Phase, str]
     """
     global _begun
     phase, device = piece
-    asked = scenario, phase, window
-    if _begun is None or _begun[0] != asked:
-        _begun = asked, Campaign(replace(scenario, faults=[]), phase, window)
+    inputs = scenario, phase, window
+    if _begun is None or _begun[0] != inputs:
+        _begun = inputs, Campaign(replace(scenario, faults=[]), phase, window)
     return [_begun[1].run(device, kind) for kind in FaultKind]
 
 

@@ -87,16 +87,16 @@ class Level(LevellingExperiment[Run]):
         """The source of the posture, a late estimate, and waypoints that were shrunk."""
         if "truth.posture" not in run:
             yield AS_MEASURED
-        known = run.time[run["ground_valid"][:, 0] > 0.5]
-        if not known.size:
+        times = run.time[run["ground_valid"][:, 0] > 0.5]
+        if not times.size:
             yield "the ground was not estimated: the attitude did not settle"
             return
         # The estimate is seen a period after its trigger.
-        if (late := known[0] - scenario.job.estimate_at) > 1.5 * scenario.control.period:
+        if (late := times[0] - scenario.job.estimate_at) > 1.5 * scenario.control.period:
             yield f"the ground was estimated {late:.2f} s late: the attitude had not settled"
         if (scale := _scale(run)) < 1.0:
-            left = _stroke_left(scenario, run)
-            yield f"waypoints scaled to {100.0 * scale:.0f} %: {left}"
+            stroke_left = _stroke_left(scenario, run)
+            yield f"waypoints scaled to {100.0 * scale:.0f} %: {stroke_left}"
 
     def draw(self, scenario: LevellingScenario, run: Run) -> Iterator[Figure]:
         """The posture over the job."""
@@ -253,10 +253,10 @@ def _settling_bound(
     The reference moves at most so fast, and the position loops lag behind it.
     """
     job, limits = scenario.job, PostureReferenceParams()
-    known = posture[(time >= job.estimate_at) & np.isfinite(posture).all(axis=1)]
-    if not known.size:
+    estimated = posture[(time >= job.estimate_at) & np.isfinite(posture).all(axis=1)]
+    if not estimated.size:
         return job.settled_after
-    roll, pitch, height = known[0] - [0.0, 0.0, job.height_mm]
+    roll, pitch, height = estimated[0] - [0.0, 0.0, job.height_mm]
     longest = limits.duration((math.radians(roll), math.radians(pitch), 1e-3 * height))
     return longest + _TIME_CONSTANTS / scenario.control.pole
 
@@ -292,9 +292,12 @@ def _stroke_left(scenario: LevellingScenario, run: Run) -> str:
     geometry = geometry_as_known(scenario.control)
     level = (0.0, 0.0, 1e-3 * scenario.job.height_mm)
     extension = inverse_kinematics(geometry, level, run["ground_estimated"][-1])
-    left = np.minimum(extension - geometry.extension_min, geometry.extension_max - extension)
-    leg = int(np.argmin(left))
-    return f"once level, the ground leaves leg {leg + 1} only {1e3 * left[leg]:.1f} mm of stroke"
+    stroke_left = np.minimum(
+        extension - geometry.extension_min, geometry.extension_max - extension
+    )
+    leg = int(np.argmin(stroke_left))
+    left_mm = 1e3 * stroke_left[leg]
+    return f"once level, the ground leaves leg {leg + 1} only {left_mm:.1f} mm of stroke"
 
 
 def _figure(scenario: LevellingScenario, run: Run) -> Figure:

@@ -247,8 +247,8 @@ _UNCOUNTED = "errors do not count yet"
 
 def _limits(errors: NDArray[np.float64]) -> tuple[float, float] | None:
     """Ends of an axis on which all these errors are seen beside zero; None if there are none."""
-    known = errors[np.isfinite(errors)]
-    low, high = min(0.0, known.min(initial=0.0)), max(0.0, known.max(initial=0.0))
+    finite = errors[np.isfinite(errors)]
+    low, high = min(0.0, finite.min(initial=0.0)), max(0.0, finite.max(initial=0.0))
     margin = 0.08 * (high - low)
     return (low - margin, high + margin) if margin > 0.0 else None
 
@@ -307,7 +307,7 @@ def read_posture(
     """
     controller, station = loop.controller, loop.station
     read = partial(value_of, controller, root_context=root_context)
-    asked, desired = read(asked_by), read("posture_desired_state")
+    desired_values, desired = read(asked_by), read("posture_desired_state")
     standing = read("ground_estimated"), read("foot_offsets_estimated")
     is_known = bool(read("ground_valid")[0] > 0.5)
     control = loop.scenario.control
@@ -322,9 +322,16 @@ def read_posture(
         true = value_of(station, "truth.posture", root_context)
         # As is asked for: above the mean of the ground under the feet.
         true[2] -= 1e-3 * np.mean(loop.scenario.ground.foot_heights_mm)
-    shown = [in_deg_and_mm(posture) for posture in (asked, measured, true)]
+    postures = [in_deg_and_mm(posture) for posture in (desired_values, measured, true)]
     rows = [
-        Row(label, _known(shown[0][i]), _known(shown[1][i]), _known(shown[2][i]), unit, decimals)
+        Row(
+            label,
+            _known(postures[0][i]),
+            _known(postures[1][i]),
+            _known(postures[2][i]),
+            unit,
+            decimals,
+        )
         for i, (label, unit, decimals) in enumerate(
             (("roll", "deg", 2), ("pitch", "deg", 2), ("height", "mm", 1))
         )
@@ -336,7 +343,7 @@ def read_posture(
             Row("ground's pitch", measured=float(ground[1]), unit="deg"),
         ]
     rows.append(Row("time", measured=root_context.get_time(), unit="s", decimals=1))
-    return Readout(_state(geometry, asked, measured, desired, standing, is_known), rows)
+    return Readout(_state(geometry, desired_values, measured, desired, standing, is_known), rows)
 
 
 def _known(value: float) -> float | None:
@@ -345,7 +352,7 @@ def _known(value: float) -> float | None:
 
 def _state(
     geometry: PlatformGeometry,
-    asked: NDArray[np.float64],
+    desired_posture: NDArray[np.float64],
     measured: NDArray[np.float64],
     desired: NDArray[np.float64],
     standing: tuple[NDArray[np.float64], NDArray[np.float64]],
@@ -354,12 +361,12 @@ def _state(
     """State of the platform, in a few words."""
     if not is_known:
         return "waiting for the estimate of the ground"
-    reached = inverse_kinematics(geometry, asked, *standing, on_unreachable="nan")
+    reached = inverse_kinematics(geometry, desired_posture, *standing, on_unreachable="nan")
     if not np.isfinite(reached).all():
         return "clamped: the legs do not reach what is asked"
     tilt = math.degrees(math.acos(math.cos(measured[0]) * math.cos(measured[1])))
     if np.abs(desired[3:]).max() > 1e-9:
         return "moving"
-    if np.abs(desired[:3] - asked).max() > 1e-9:
+    if np.abs(desired[:3] - desired_posture).max() > 1e-9:
         return "waiting to move"
     return f"at rest, {tilt:.2f} deg from level"

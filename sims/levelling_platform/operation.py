@@ -175,8 +175,8 @@ class OperationWatch:
         """
         if self._is_faulty:
             findings = self._read(root_context, "findings")
-            found = [rule for rule in RULES if findings[rule.finding] > 0.5]
-            worst = max(found, key=lambda rule: rule.severity)
+            broken_rules = [rule for rule in RULES if findings[rule.finding] > 0.5]
+            worst = max(broken_rules, key=lambda rule: rule.severity)
             raise Tripped(Trip(worst.finding.name.lower(), worst.sign))
         if not np.isfinite(self._refused_at):
             return
@@ -278,15 +278,15 @@ def read_operation(loop: ClosedLoop[Any], root_context: Context) -> Readout:
     controller = loop.controller
     read = partial(value_of, controller, root_context=root_context)
     phase = Phase(int(read("phase")[0]))
-    shown = read_posture(loop, root_context, "posture_request")
+    readings = read_posture(loop, root_context, "posture_request")
     margin = 1e3 * float(read("stability_margin")[0])
     least = 1e3 * StabilityMonitorParams().margin
-    rows = list(shown.rows) if phase in (Phase.POSTURE, Phase.HOLD) else [shown.rows[-1]]
+    rows = list(readings.rows) if phase in (Phase.POSTURE, Phase.HOLD) else [readings.rows[-1]]
     if np.isfinite(margin):  # on its wheels it has none
         rows.append(Row("margin", least, margin, None, "mm", 0))
     findings = read("findings")
-    found = [rule for rule in RULES if findings[rule.finding] > 0.5]
-    remarks = [f"{rule.finding.name.lower()}: {rule.sign}" for rule in found]
+    broken_rules = [rule for rule in RULES if findings[rule.finding] > 0.5]
+    remarks = [f"{rule.finding.name.lower()}: {rule.sign}" for rule in broken_rules]
     if phase in _ADVICE:
         remarks.append(_ADVICE[phase])
     code = Refusal(int(read("refusal")[0]))
@@ -294,6 +294,6 @@ def read_operation(loop: ClosedLoop[Any], root_context: Context) -> Readout:
         remarks.append(f"refused: {_REFUSED[code]}")
     if read("arm_refused")[0] > 0.5 and phase is Phase.HOLD:
         remarks.append("refused: the arm's move would leave too small a margin")
-    is_alarming = bool(found) or phase is Phase.FAULT
+    is_alarming = bool(broken_rules) or phase is Phase.FAULT
     idle = [name for name, phases in _OBEYED.items() if phase not in phases]
     return Readout(phase.name.lower(), rows, remarks, is_alarming, idle)

@@ -61,12 +61,12 @@ def face_name(leg: int, is_long: bool) -> str:
     return f"leg {leg + 1} at {1e3 * end:.0f} mm"
 
 
-def figures(arm: ArmGeometry, turned: float | None) -> tuple[Figure, ...]:
+def figures(arm: ArmGeometry, turn: float | None) -> tuple[Figure, ...]:
     """Figures of the workspace.
 
     Args:
         arm: the arm, upright.
-        turned: lean of the arm that the turntable turns [rad]; None: it does not turn.
+        turn: lean of the arm that the turntable turns [rad]; None: it does not turn.
     """
     solid = Figure(
         "workspace",
@@ -84,14 +84,14 @@ def figures(arm: ArmGeometry, turned: float | None) -> tuple[Figure, ...]:
         partial(_draw_sections, arm),
         (10.0, 3.9),
     )
-    if turned is None:
+    if turn is None:
         return solid, sections
     ring = Figure(
         "workspace_turntable",
         "Workspace with the turntable",
-        f"Arm leaning by {math.degrees(turned):g} deg: without the turntable (blue) and with "
+        f"Arm leaning by {math.degrees(turn):g} deg: without the turntable (blue) and with "
         "it (orange), from above and in the section through the turntable's axis.",
-        partial(_draw_ring, arm, turned),
+        partial(_draw_ring, arm, turn),
         (9.0, 4.2),
     )
     return solid, sections, ring
@@ -128,9 +128,9 @@ def _draw_sections(arm: ArmGeometry, canvas: "Canvas") -> None:
         middle = 0.5 * (low[normal] + high[normal])
         across, up = (i for i in range(3) if i != normal)
         u, v, point = _plane(low, high, normal, middle)
-        left = _stroke_left(arm, point)
-        axes.contourf(u, v, left, [0.0, 1.0], colors=[_FILL])
-        axes.contour(u, v, left, [0.0], colors=["#5B7083"], linewidths=1.0)
+        stroke_left = _stroke_left(arm, point)
+        axes.contourf(u, v, stroke_left, [0.0, 1.0], colors=[_FILL])
+        axes.contour(u, v, stroke_left, [0.0], colors=["#5B7083"], linewidths=1.0)
         margins = surface_margins(point)
         for i in range(SURFACE_COUNT):
             colour, dashes = _surface_style(i)
@@ -236,19 +236,19 @@ _LETTERS = {
 }
 
 
-def draw(arm: ArmGeometry, turned: float | None) -> Meshcat:
+def draw(arm: ArmGeometry, turn: float | None) -> Meshcat:
     """The workspace above the machine, which stands level in the middle of its stroke.
 
     With the turntable the ring that the leaning arm sweeps is drawn too, translucent.
 
     Args:
         arm: the arm, upright.
-        turned: lean of the arm that the turntable turns [rad]; None: it does not turn.
+        turn: lean of the arm that the turntable turns [rad]; None: it does not turn.
     """
     meshcat = make_viewer(camera=(2.9, -5.2, 3.3), target=(0.0, 0.0, 1.42))
-    p_WB = _draw_machine(meshcat, turned or 0.0)
-    if turned is not None:
-        arm = replace(arm, lean=turned)
+    p_WB = _draw_machine(meshcat, turn or 0.0)
+    if turn is not None:
+        arm = replace(arm, lean=turn)
         ring = swept_surface(PlatformGeometry(), arm, _AROUND, _ACROSS)
         _draw_patch(meshcat, "/workspace/turntable", ring + p_WB, Rgba(0.95, 0.60, 0.30, 0.45))
     workspace = Workspace(PlatformGeometry(), arm)

@@ -287,7 +287,7 @@ def _moving_errors(perturbed: _Run, outer: _Run) -> list[Metric]:
 
 def _stability(scenario: LevellingScenario) -> list[Metric]:
     """Smallest margins over gains of the actuators, delays and both axes."""
-    found = [
+    limits = [
         axis
         for scale in _GAIN_SCALES
         for loop in [open_loop(scenario, scale)]
@@ -298,21 +298,21 @@ def _stability(scenario: LevellingScenario) -> list[Metric]:
     return [
         Metric(
             "gain_margin_dB",
-            min(axis.gain_db for axis in found),
+            min(axis.gain_db for axis in limits),
             "dB",
             at_least=_GAIN_MARGIN,
             meaning=of,
         ),
         Metric(
             "phase_margin_deg",
-            math.degrees(min(axis.phase for axis in found)),
+            math.degrees(min(axis.phase for axis in limits)),
             "deg",
             at_least=_PHASE_MARGIN,
             meaning=of,
         ),
         Metric(
             "crossover_rad_s",
-            max(axis.crossover for axis in found),
+            max(axis.crossover for axis in limits),
             "rad/s",
             meaning="largest frequency at which the loop's gain is 1",
         ),
@@ -322,11 +322,11 @@ def _stability(scenario: LevellingScenario) -> list[Metric]:
 def _tracking(
     nominal: _Run | None, perturbed: _Run, outer: _Run, began: float
 ) -> tuple[Figure, ...]:
-    shown, name, port = nominal, "true", "truth.extension"
-    if shown is None:
-        shown, name, port = perturbed, "measured", "legs.extension"
+    scenario_compared, name, port = nominal, "true", "truth.extension"
+    if scenario_compared is None:
+        scenario_compared, name, port = perturbed, "measured", "legs.extension"
     lines = {
-        "asked for": shown.desired,
+        "asked for": scenario_compared.desired,
         **({} if nominal is None else {"as drawn": nominal.posture}),
         "as built": perturbed.posture,
         "as built, outer loop": outer.posture,
@@ -334,7 +334,7 @@ def _tracking(
 
     def extensions(canvas: "Canvas") -> None:
         left, right = canvas.subplots(1, 2)
-        time, signals = shown.run.time, shown.run
+        time, signals = scenario_compared.run.time, scenario_compared.run
         extension = 1e3 * signals[port]
         desired = 1e3 * signals["extension_desired_state"][:, :4]
         for leg in range(4):
@@ -357,7 +357,7 @@ def _tracking(
             "fig20_21",
             "Postures followed",
             "Roll, pitch and height by the closed loop (the paper's Figs. 20 and 21).",
-            shown.run.time,
+            scenario_compared.run.time,
             lines,
             "asked for",
             began,

@@ -80,11 +80,11 @@ class ValidateKinematics(LevellingExperiment[Comparisons]):
     def run(self, scenario: LevellingScenario, bench: Bench) -> Comparisons:
         """Moves both platforms; the first is the one that is watched."""
         as_drawn = replace(scenario.plant, length_error_mm=0.0, angle_error_deg=0.0)
-        drawn = replace(scenario, plant=as_drawn)
-        built = replace(scenario, ground=_FLOOR)
-        run = self.run_loop(drawn, bench)
-        unwatched = self.run_loop(built, bench, watched=False)
-        return Comparisons(run, _compare(drawn, run), _compare(built, unwatched))
+        as_nominal = replace(scenario, plant=as_drawn)
+        as_manufactured = replace(scenario, ground=_FLOOR)
+        run = self.run_loop(as_nominal, bench)
+        unwatched = self.run_loop(as_manufactured, bench, watched=False)
+        return Comparisons(run, _compare(as_nominal, run), _compare(as_manufactured, unwatched))
 
     def measure(self, scenario: LevellingScenario, data: Comparisons) -> Iterator[Metric]:
         """Largest differences, beside what the paper found."""

@@ -189,9 +189,14 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Finding"]]):
             return None
         from parapod.sims.levelling_platform.solid import wait
 
-        found = {metric.key: metric.value for metric in self.measure(scenario, data)}
+        values_by_key = {metric.key: metric.value for metric in self.measure(scenario, data)}
         rows = [
-            Row(f"extent along {axis}", true=found[f"extent_{axis}_mm"], unit="mm", decimals=0)
+            Row(
+                f"extent along {axis}",
+                true=values_by_key[f"extent_{axis}_mm"],
+                unit="mm",
+                decimals=0,
+            )
             for axis in "xyz"
         ]
         panel = Panel(self.scene(scenario), f"{self.name}: the reach of the arm's tip")
@@ -263,8 +268,8 @@ def _round_trip_error(scenario: WorkspaceScenario, arm: ArmGeometry) -> float:
     random = np.random.default_rng(scenario.seed)
     extension = random.uniform(low, high, (_ROUND_TRIPS, 3))
     workspace = Workspace(GEOMETRY, arm, scenario.ground.inclination)
-    _, needed = workspace.extensions_reaching(workspace.tip_of_extensions(extension))
-    return float(np.abs(needed[:, :3] - extension).max())
+    _, reached = workspace.extensions_reaching(workspace.tip_of_extensions(extension))
+    return float(np.abs(reached[:, :3] - extension).max())
 
 
 def compare_surfaces(scenario: WorkspaceScenario) -> Finding:
@@ -340,13 +345,13 @@ def best_offset(arm: ArmGeometry) -> tuple[float, float, float]:
 
     start = np.array(ARM_BASE)
     simplex = start + np.vstack([np.zeros(3), 0.01 * np.eye(3)])
-    found = minimize(
+    optimum = minimize(
         outside,
         start,
         method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": 2e-4, "fatol": 1e-5},
     )
-    x, y, z = found.x.tolist()
+    x, y, z = optimum.x.tolist()
     return x, y, z
 
 
@@ -453,7 +458,7 @@ def _least_stability(arm: ArmGeometry) -> float:
     attitude = forward_kinematics(GEOMETRY, extension, (0.0, 0.0))[:, :2]
     margins = []
     for turn in 2.0 * math.pi * np.arange(_TURNS) / _TURNS:
-        turned = replace(arm, turn=float(turn))
-        centre = params.centre_with(turned.point_at(params.arm_centre / arm.length))
+        turned_arm = replace(arm, turn=float(turn))
+        centre = params.centre_with(turned_arm.point_at(params.arm_centre / arm.length))
         margins.append(stability_margin(GEOMETRY, extension, attitude, centre).min())
     return float(min(margins))

@@ -106,8 +106,8 @@ class CentreJob(LoopExperiment[CentreScenario, Run]):
         """The picture of a job that is simulated."""
         if "truth.pose" in run:
             name, title, caption, size = self.picture
-            drawn = partial(self.draw_truth, scenario, run)
-            yield Figure(name, title, caption, drawn, size)
+            drawing = partial(self.draw_truth, scenario, run)
+            yield Figure(name, title, caption, drawing, size)
 
     def check(self, scenario: CentreScenario) -> None:
         """Refuses a job before anything moves.
@@ -165,14 +165,14 @@ class CentreJob(LoopExperiment[CentreScenario, Run]):
 
 def _until_done(loop: ClosedLoop[Any], rest: float) -> Monitor:
     """Ends a run some time after the job is done."""
-    done = loop.ports["done"]
-    system: Any = done.get_system()
+    done_port = loop.ports["done"]
+    system: Any = done_port.get_system()
     ended = math.inf
 
     def look(root_context: Context) -> EventStatus:
         nonlocal ended
         now = root_context.get_time()
-        value: Any = done.Eval(system.GetMyContextFromRoot(root_context))
+        value: Any = done_port.Eval(system.GetMyContextFromRoot(root_context))
         if value[0] < 0.5:
             ended = math.inf
             return EventStatus.DidNothing()
@@ -289,7 +289,7 @@ def read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
         return value_of(loop.controller, port, root_context).tolist()
 
     phase, (fault, where) = Phase(round(read("phase")[0])), read("fault")
-    margin, done = read("wrench_margin")[0], read("operation")[0]
+    margin, operations_done = read("wrench_margin")[0], read("operation")[0]
     pose = value_of(loop.controller, "pose_desired", root_context)
     true = loop.readings(root_context, ("truth.pose", "tool.force"))
     at = true["truth.pose"]() if "truth.pose" in true else np.full(6, np.nan)
@@ -304,7 +304,9 @@ def read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
     rows.append(Row("thrust", measured=float(true["tool.force"]()[0]), unit="N", decimals=0))
     rows.append(Row("wrench margin", 0.0, margin, unit="N", decimals=0))
     total = len(loop.scenario.plan.job.operations)
-    state = phase.name.lower() + (f", {round(done)} of {total} operations done" if total else "")
+    state = phase.name.lower() + (
+        f", {round(operations_done)} of {total} operations done" if total else ""
+    )
     if fault:
         return Readout(words_of(round(fault), round(where)), rows, (), True)
     return Readout(state, rows)

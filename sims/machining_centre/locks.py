@@ -146,8 +146,8 @@ class Comparison:
     @cached_property
     def printed(self) -> Pair:
         """The paper's pair."""
-        wanted = LockSet.printed(_TRIPOD, _LIMB)
-        return next(pair for pair in self.pairs if pair.lock_set == wanted)
+        printed_set = LockSet.printed(_TRIPOD, _LIMB)
+        return next(pair for pair in self.pairs if pair.lock_set == printed_set)
 
     @cached_property
     def best(self) -> Pair:
@@ -177,9 +177,9 @@ class CentreLocks(Experiment[CentreLocksScenario, Comparison]):
         home, around = scenario.home, scenario.around
         pairs = []
         with counted(bench.console, "pairs of locks", len(sets)) as tell:
-            for done, lock_set in enumerate(sets, start=1):
+            for count, lock_set in enumerate(sets, start=1):
                 pairs.append(_tried(centre, home, around, lock_set, scenario.duration))
-                tell(done)
+                tell(count)
         four = make_centre_bench(_QUADRUPED, scenario.time_step)
         conditions = lock_conditions(_QUADRUPED, home, LockSet(_LIMB), along="left")
         loose = LockSet(_LIMB).joints

@@ -61,9 +61,9 @@ def _walk_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
     n = scenario.limbs
     plan, feet = scenario.plan, run["truth.feet"].reshape(len(run.time), n, 6)
     panel = plan.job.panel
-    gone = panel.place(feet[-1, :, :3]) - panel.place(plan.beginning.feet[:, :3])
+    travelled = panel.place(feet[-1, :, :3]) - panel.place(plan.beginning.feet[:, :3])
     shift = np.array(plan.shift)
-    walked = gone[:, :2] @ shift / np.linalg.norm(shift)
+    walked = travelled[:, :2] @ shift / np.linalg.norm(shift)
     whole = scenario.stop_at is None
     yield Metric(
         "walked_mm",

@@ -113,20 +113,20 @@ class CentreWorkspace(Experiment[CentreWorkspaceScenario, Workspaces]):
             "printed": nodes(CUBE, height, _NODES),
         }
         total = len(NAMES) * sum(map(len, grids.values()))
-        found: dict[str, dict[int, Survey]] = {}
+        surveys: dict[str, dict[int, Survey]] = {}
         with counted(bench.console, "points", total) as tell:
-            done = 0
+            points_done = 0
             for name, points in grids.items():
-                found[name] = {}
+                surveys[name] = {}
                 for limbs in NAMES:
-                    before = done
+                    before = points_done
 
                     def told(count: int, before: int = before) -> None:
                         tell(before + count)
 
-                    found[name][limbs] = survey(CentreGeometry(limbs), points, told)
-                    done += len(points)
-        return Workspaces(**found)
+                    surveys[name][limbs] = survey(CentreGeometry(limbs), points, told)
+                    points_done += len(points)
+        return Workspaces(**surveys)
 
     def measure(self, scenario: CentreWorkspaceScenario, data: Workspaces) -> Iterator[Metric]:
         """Both tables, how well they converge, and the bounds of w_max."""
@@ -191,19 +191,19 @@ class CentreWorkspace(Experiment[CentreWorkspaceScenario, Workspaces]):
         )
 
 
-def _table(name: str, found: Survey, limbs: int) -> Iterator[Metric]:
+def _table(name: str, survey: Survey, limbs: int) -> Iterator[Metric]:
     for threshold, printed in zip(THRESHOLDS, REACHABLE_PERCENT[limbs], strict=True):
         key = "reachable" if not threshold else f"above_{round(1e3 * threshold):03d}"
         words = "reached" if not threshold else f"reached with w_MinMax > {threshold:g}"
         yield Metric(
             f"{name}_{key}_percent",
-            found.percent(threshold),
+            survey.percent(threshold),
             "%",
             paper=printed,
             meaning=f"{words}, of the box",
         )
     names = ("w_minmax", "w_max", "ratio")
-    means = found.means(MEANS_ABOVE) if found.percent(MEANS_ABOVE) else (math.nan,) * 3
+    means = survey.means(MEANS_ABOVE) if survey.percent(MEANS_ABOVE) else (math.nan,) * 3
     for key, mean, printed in zip(names, means, MEANS[limbs], strict=True):
         if math.isfinite(mean):
             meaning = f"where w_MinMax > {MEANS_ABOVE:g}"
@@ -259,9 +259,11 @@ def _comparison(data: Workspaces) -> Iterator[Metric]:
 def _draw_reach(data: Workspaces, canvas: "Canvas") -> None:
     axes: Any = canvas.subplots()
     for colour, (limbs, name) in zip(COLOURS, NAMES.items(), strict=False):
-        found = data.fine[limbs]
-        values = np.append(np.sort(found.indices.w_minmax)[::-1], 0.0)
-        percent = 100.0 * np.minimum(np.arange(1, len(values) + 1), len(values) - 1) / found.points
+        survey = data.fine[limbs]
+        values = np.append(np.sort(survey.indices.w_minmax)[::-1], 0.0)
+        percent = (
+            100.0 * np.minimum(np.arange(1, len(values) + 1), len(values) - 1) / survey.points
+        )
         axes.plot(values, percent, color=colour, label=f"{name}, here")
         printed = REACHABLE_PERCENT[limbs]
         axes.plot(THRESHOLDS, printed, "o--", color=colour, linewidth=0.8, label="Table I")

@@ -48,7 +48,7 @@ def _bar(console: Console, what: str, total: float) -> Iterator[Callable[[float]
     from rich.progress import BarColumn, Progress, TextColumn
 
     started = time.monotonic()
-    drawn = -math.inf
+    drawn_at = -math.inf
     reached = 0.0
     # Markup is off because `what` is any text.
     columns = (
@@ -64,11 +64,11 @@ def _bar(console: Console, what: str, total: float) -> Iterator[Callable[[float]
             bar.update(task, completed=reached, pace=pace, refresh=True)
 
         def update(simulated: float) -> None:
-            nonlocal drawn, reached
+            nonlocal drawn_at, reached
             reached = simulated
             now = time.monotonic()
-            if now - drawn >= _REDRAW_PERIOD:
-                drawn = now
+            if now - drawn_at >= _REDRAW_PERIOD:
+                drawn_at = now
                 draw(now)
 
         try:
@@ -132,15 +132,15 @@ def counted(
     """
     started = time.monotonic()
 
-    def state(done: int, now: float) -> str:
-        if done <= begin:
-            return f"{done} of {total}"
-        rate = (done - begin) / max(now - started, 1e-9)
-        return f"{done} of {total}, {rate:.3g}/s, {_duration((total - done) / rate)} left"
+    def state(count: int, now: float) -> str:
+        if count <= begin:
+            return f"{count} of {total}"
+        rate = (count - begin) / max(now - started, 1e-9)
+        return f"{count} of {total}, {rate:.3g}/s, {_duration((total - count) / rate)} left"
 
     if not console.is_terminal:
         line = _lines(console, what, line_period)
-        yield lambda done: line(lambda now: state(done, now))
+        yield lambda count: line(lambda now: state(count, now))
         return
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
@@ -153,8 +153,8 @@ def counted(
     with Progress(*columns, console=console) as bar:
         task = bar.add_task(what, total=total, completed=begin, state=state(begin, started))
 
-        def update(done: int) -> None:
-            bar.update(task, completed=done, state=state(done, time.monotonic()))
+        def update(count: int) -> None:
+            bar.update(task, completed=count, state=state(count, time.monotonic()))
 
         yield update
 

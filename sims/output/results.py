@@ -159,8 +159,8 @@ class Result:
         numbers = {metric.key: plain_number(metric.value) for metric in self.metrics}
         bounds = {metric.key: metric.as_json() for metric in self.metrics}
         scenario = {} if self.scenario is None else {"scenario": plain(self.scenario)}
-        found = {"identified": dict(self.identified)} if self.identified else {}
-        return head | numbers | dict(self.details) | {"bounds": bounds} | scenario | found
+        record = {"identified": dict(self.identified)} if self.identified else {}
+        return head | numbers | dict(self.details) | {"bounds": bounds} | scenario | record
 
     def __repr__(self) -> str:
         broken = ", ".join(str(metric) for metric in self.broken)

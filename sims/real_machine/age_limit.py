@@ -47,21 +47,21 @@ def ages_of(
         clock: clock of the threads [s].
         sleep: waits for a time of that clock [s].
     """
-    held, oldest, late = hold(), 0.0, 0.0
-    begun = due = clock()
+    standing, oldest, late = hold(), 0.0, 0.0
+    started = due = clock()
     try:
-        while due < begun + LOOKED:
+        while due < started + LOOKED:
             due = max(due + period, clock())
-            held.until(due + _SLACK * period)
+            standing.until(due + _SLACK * period)
             sleep(max(0.0, due - clock()))
             stamps = [t.sample.stamp for t in threads if t.device.measures and not t.error]
             for thread in threads:
                 thread.taken()
             now = clock()
-            if now >= begun + _SETTLING:
+            if now >= started + _SETTLING:
                 oldest, late = max(oldest, now - min(stamps, default=now)), max(late, now - due)
     finally:
-        held.until(math.inf)
+        standing.until(math.inf)
     return Ages(oldest, late)
 
 
@@ -94,14 +94,14 @@ def allow_old_measurements(
     Raises:
         DeadlineError: measurements are too old for any limit, twice in a row.
     """
-    seen = look()
-    if seen.oldest > STALE_AFTER and (seen := look()).oldest > STALE_AFTER:
+    ages = look()
+    if ages.oldest > STALE_AFTER and (ages := look()).oldest > STALE_AFTER:
         raise DeadlineError(
-            f"measurements would be up to {_ms(seen.oldest)} ms old when they are taken, and this "
-            f"program wakes up to {_ms(seen.late)} ms late; above {_ms(STALE_AFTER)} ms no "
+            f"measurements would be up to {_ms(ages.oldest)} ms old when they are taken, and this "
+            f"program wakes up to {_ms(ages.late)} ms late; above {_ms(STALE_AFTER)} ms no "
             "machine is driven"
         )
-    limit = min(_GRID * math.ceil(_MARGIN * seen.oldest / _GRID - 1e-9), STALE_AFTER)
+    limit = min(_GRID * math.ceil(_MARGIN * ages.oldest / _GRID - 1e-9), STALE_AFTER)
     hooks: list[Callable[[float], float]] = [
         partial(system.allow_age, system.GetMyMutableContextFromRoot(root))
         for system in leaf_systems(diagram)
@@ -112,7 +112,7 @@ def allow_old_measurements(
     usual = min((allow(limit) for allow in hooks), default=limit)
     if limit > usual:
         say(
-            f"measurements are up to {_ms(seen.oldest)} ms old on this computer: their limit of "
+            f"measurements are up to {_ms(ages.oldest)} ms old on this computer: their limit of "
             f"age is {_ms(limit)} ms in place of {_ms(usual)}"
         )
 

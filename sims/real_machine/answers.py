@@ -142,8 +142,8 @@ class FileAnswers(Answers):
 
     def _listen(self) -> None:
         while not self._over.wait(_PAUSE):
-            wanted = self._wanted
-            if wanted and (row := self._row(wanted)) and row != self._taken:
+            questions = self._wanted
+            if questions and (row := self._row(questions)) and row != self._taken:
                 self._taken = row
                 self._answers.put(row)
 

@@ -66,8 +66,8 @@ class Computer:
 
     def lines(self) -> list[str]:
         """A short block for the head of a measurement."""
-        kept = f", isolated: {_list(self.isolated)}" if self.isolated else ", none isolated"
-        kept += f", without a tick: {_list(self.nohz_full)}" if self.nohz_full else ""
+        isolation = f", isolated: {_list(self.isolated)}" if self.isolated else ", none isolated"
+        isolation += f", without a tick: {_list(self.nohz_full)}" if self.nohz_full else ""
         if self.rt_period is None or self.rt_runtime is None:
             throttle = "not readable"
         elif self.rt_runtime < 0.0:
@@ -80,7 +80,7 @@ class Computer:
         memory = "unlimited" if self.memlock is None else f"{self.memlock // 1024} kB"
         return [
             f"kernel {self.kernel}, preemption: {self.preemption}",
-            f"{len(self.cores)} cores{kept}; governor: "
+            f"{len(self.cores)} cores{isolation}; governor: "
             f"{', '.join(self.governors) or 'not readable'}; load {self.load:.1f} a core",
             f"RT throttling: {throttle}",
             "limits: rtprio "
@@ -118,13 +118,13 @@ def _preemption(root: Path) -> str:
     version = _text(root / "proc/sys/kernel/version")
     if _text(root / "sys/kernel/realtime") == "1":
         return "PREEMPT_RT"
-    found = re.search(r"\bPREEMPT\w*", version)
-    if found is None:
+    match = re.search(r"\bPREEMPT\w*", version)
+    if match is None:
         return "none or voluntary" if version else "not readable"
-    if found[0] != "PREEMPT_DYNAMIC":
-        return found[0]
+    if match[0] != "PREEMPT_DYNAMIC":
+        return match[0]
     chosen = re.search(r"\((\w+)\)", _text(root / "sys/kernel/debug/sched/preempt"))
-    return f"{found[0]}, {chosen[1] if chosen else 'mode unreadable'}"
+    return f"{match[0]}, {chosen[1] if chosen else 'mode unreadable'}"
 
 
 def _text(path: Path) -> str:
@@ -210,8 +210,8 @@ class Throttling:
 
     def as_json(self) -> dict[str, Any]:
         """Everything that is known, by its name."""
-        seen = {"seconds": self.seconds, "full_seconds": self.full, "busiest": self.busiest}
-        return {"words": self.words, "is_told": self.is_told} | seen
+        throttled = {"seconds": self.seconds, "full_seconds": self.full, "busiest": self.busiest}
+        return {"words": self.words, "is_told": self.is_told} | throttled
 
 
 @contextmanager
@@ -244,19 +244,19 @@ def watched_throttling(computer: Computer, root: Path = _ROOT) -> Iterator[Throt
 
 def _told(log: Path) -> list[float]:
     """Times since the start at which the kernel has told of throttling [s]."""
-    found: list[float] = []
+    measured_times: list[float] = []
     with suppress(OSError):
         file = os.open(log, os.O_RDONLY | os.O_NONBLOCK)
         try:
             while line := os.read(file, 8192).decode(errors="replace"):
                 head, _, text = line.partition(";")
                 if _THROTTLED in text:
-                    found.append(1e-6 * float(head.split(",")[2]))
+                    measured_times.append(1e-6 * float(head.split(",")[2]))
         except (BlockingIOError, ValueError, IndexError):
             pass  # its end, or another one's format
         finally:
             os.close(file)
-    return found
+    return measured_times
 
 
 def print_computer(computer: Computer, console: Console) -> None:

@@ -181,7 +181,7 @@ def bench_settings(
         stack.enter_context(ended_by_signals())
         report = stack.enter_context(progress(console, "real time", steps * (turn + _ALONE)))
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pp")))
-        done = 0
+        settings_done = 0
         for rate, measured in zip(rates, results, strict=True):
             control = replace(scenario.control, period=1.0 / rate)
             at_rate = replace(scenario, control=control)
@@ -195,8 +195,8 @@ def bench_settings(
                     with undisturbed(one.setting.asked) as outcomes:
                         one.outcomes = {outcome.name: outcome for outcome in outcomes}
                         one.wake_up += wake_up_latency(1.0 / rate, _ALONE)
-                    done += 1
-                    report(done * (turn + _ALONE))
+                    settings_done += 1
+                    report(settings_done * (turn + _ALONE))
     return [one for measured in results for one in measured]
 
 
@@ -328,5 +328,5 @@ def _changed(base: Measured, one: Measured) -> str:
 
 def _pair(values: Sequence[float]) -> str:
     """99th percentile and maximum [ms]."""
-    shown: NDArray[np.float64] = 1e3 * percentiles(values)[1:]
-    return " / ".join("-" if np.isnan(value) else three_digits(value) for value in shown)
+    pair: NDArray[np.float64] = 1e3 * percentiles(values)[1:]
+    return " / ".join("-" if np.isnan(value) else three_digits(value) for value in pair)

@@ -142,9 +142,9 @@ class Schedule:
 
     def is_measuring(self) -> bool:
         """Whether an instrument is to be read, once for each time that it was asked for."""
-        asked = self._measuring.is_set()
+        is_measuring = self._measuring.is_set()
         self._measuring.clear()
-        return asked
+        return is_measuring
 
     def listen(self) -> None:
         """Takes requests from standard input, if there is one, in a thread of its own."""

@@ -247,12 +247,12 @@ class EmulatedMachine:
         took = math.inf
         # The quickest try counts: in others the computer may have been disturbed.
         for _ in range(_TRIES):
-            begun = time.monotonic()
+            started = time.monotonic()
             for _ in range(steps):
                 simulator.AdvanceTo(root.get_time() + self.period)
                 for _, port in self._outputs:
                     port.Eval(root)
-            took = min(took, time.monotonic() - begun)
+            took = min(took, time.monotonic() - started)
         share = took / (steps * self.period) / _SHARE / min(1.0, _processors() / _PROCESSORS)
         return next((rate for rate in _RATES if rate * share <= 1.0), _RATES[-1])
 
@@ -306,14 +306,14 @@ class EmulatedMachine:
             is_cut = self._is_pressed or self.circuits[SUPPLY].is_broken
             cut = self.machine.cut if is_cut else {}
             for name, port in inputs:
-                asked = self.harness.get(name)
+                command = self.harness.get(name)
                 if name in self.machine.drives:
-                    asked = self._driven(asked)
-                taken = (cut[name],) * len(asked) if name in cut else tuple(asked)
+                    command = self._driven(command)
+                received = (cut[name],) * len(command) if name in cut else tuple(command)
                 # A value that is fixed anew has all that depends on it calculated anew.
-                if taken != fixed.get(name):
-                    port.FixValue(root, taken)
-                    fixed[name] = taken
+                if received != fixed.get(name):
+                    port.FixValue(root, received)
+                    fixed[name] = received
             # After the commands: the forces of contacts, which some outputs tell, depend on them,
             # and so they are solved for once, for this and for the plant's next step.
             self._show()
@@ -333,10 +333,10 @@ class EmulatedMachine:
     def _is_pressed(self) -> bool:
         return self.circuits[EMERGENCY_STOP].is_broken
 
-    def _driven(self, asked: Sequence[float]) -> tuple[float, ...]:
+    def _driven(self, command: Sequence[float]) -> tuple[float, ...]:
         """Commands that reach the motors through drives that are not devices of their own."""
         now = monotonic()
-        reached = self._drives.shown(asked, now)
+        reached = self._drives.shown(command, now)
         return reached if self._drives.answers(now) else (0.0,) * len(reached)
 
     def disturbed(self) -> dict[str, Misbehaviour | Circuit]:
@@ -354,10 +354,10 @@ class EmulatedMachine:
             if name in self.machine.switches and not is_looking:
                 continue
             is_button = name.endswith(f".{EMERGENCY_STOP}")
-            shown = pressed if is_button else np.asarray(port.Eval(self._context)).tolist()
+            value = pressed if is_button else np.asarray(port.Eval(self._context)).tolist()
             if switches and name in self.machine.switches:
-                shown = [float(switches == CLOSED)] * len(shown)
-            self.harness.set(name, shown)
+                value = [float(switches == CLOSED)] * len(value)
+            self.harness.set(name, value)
 
     def ports(self) -> tuple[dict[str, str], list[int]]:
         """Units by the names of what can be logged, and their sizes."""
@@ -368,10 +368,10 @@ class EmulatedMachine:
     def values(self, root: Context) -> list[NDArray[np.float64]]:
         """Values of all ports that can be logged."""
         machine, station = self.machine, self._station
-        taken = [read_array(self._port(spec), root) for spec in self.machine.inputs]
+        inputs = [read_array(self._port(spec), root) for spec in self.machine.inputs]
         specs = (*machine.outputs, *machine.truth)
-        shown = [np.asarray(station.GetOutputPort(spec.name).Eval(root)) for spec in specs]
-        return taken + shown
+        values = [np.asarray(station.GetOutputPort(spec.name).Eval(root)) for spec in specs]
+        return inputs + values
 
     def measured(self, root: Context) -> str:
         """The true state, as somebody reads it off an instrument beside the machine."""
@@ -415,21 +415,22 @@ class Lateness:
         self._advice = "" if cheaper == backend else f"; --backend {cheaper} needs less"
         self._say, self._lost, self._next = say, 0.0, -math.inf
 
-    def judge(self, now: float, late: float, lost: float) -> None:
+    def judge(self, now: float, late: float, lost_time: float) -> None:
         """Says that the physics are late, at most every ten seconds.
 
         Args:
             now: time of the simulation [s].
             late: see `EmulatedMachine` [s].
-            lost: see there [s].
+            lost_time: see there [s].
         """
-        if now >= self._next and (late > _TOO_LATE or lost > self._lost):
+        if now >= self._next and (late > _TOO_LATE or lost_time > self._lost):
             self._say(
                 f"{now:.2f} s: this computer is too slow or too busy for these physics: they are "
-                f"{late:.2f} s late, and {lost - self._lost:.2f} s are lost; controllers will "
-                f"find legs that do not follow, or measurements that are too old{self._advice}"
+                f"{late:.2f} s late, and {lost_time - self._lost:.2f} s are lost; controllers "
+                f"will find legs that do not follow, or measurements that are too old"
+                f"{self._advice}"
             )
-            self._lost, self._next = lost, now + _REMARK_PERIOD
+            self._lost, self._next = lost_time, now + _REMARK_PERIOD
 
 
 _LOG_PERIOD = 0.01  # [s]
@@ -467,9 +468,9 @@ def emulate(
         ScenarioError: see `EmulatedMachine`.
         OutputError: the log cannot be written.
     """
-    said = console or Console(stderr=True)
+    screen = console or Console(stderr=True)
     emulated = EmulatedMachine(machine, scenario, rate)
-    schedule = Schedule(emulated.disturbed(), requests, said)
+    schedule = Schedule(emulated.disturbed(), requests, screen)
     with ExitStack() as stack:
         stack.enter_context(ended_by_signals())
         metadata = {
@@ -482,7 +483,7 @@ def emulate(
             units, sizes = emulated.ports()
             record = stack.enter_context(LiveLog(log, units, sizes, metadata, schedule.say))
         stack.enter_context(emulated.devices())
-        _introduce(emulated, scenario, experiment or machine.experiment, settings, said)
+        _introduce(emulated, scenario, experiment or machine.experiment, settings, screen)
         schedule.listen()
         every = max(1, round(_LOG_PERIOD / emulated.period))
         ticks = itertools.count()

@@ -68,13 +68,13 @@ def home_part(
     drivers: list[Driver] = scenario.hardware.drivers
     period = scenario.control.period
     parts = make_parts(drivers, machine.inputs, machine.measured, period)
-    wanted = (part, *homing.parts)
+    parts_wanted = (part, *homing.parts)
     driver, thread = _incremental(parts, drivers, part)
     device = thread.device
     assert isinstance(device, IncrementalDevice)
     device.seek_reference()
     ends = np.array(homing.positions(driver))
-    here = Parts({name: parts.threads[name] for name in wanted})
+    here = Parts({name: parts.threads[name] for name in parts_wanted})
     hands = _Hands(homing, part, here, period)
 
     def say_news() -> None:
@@ -82,7 +82,9 @@ def home_part(
             say(text)
 
     with ExitStack() as stack:
-        stack.enter_context(time_of([d for d in drivers if d.part in wanted], machine.experiment))
+        stack.enter_context(
+            time_of([d for d in drivers if d.part in parts_wanted], machine.experiment)
+        )
         stack.enter_context(ended_by_signals())
         stack.enter_context(undisturbed())
         stack.callback(say_news)  # also of devices that are refused
@@ -90,20 +92,20 @@ def home_part(
         say_news()
         if homing.begin is not None:
             hands.carry_out(homing.begin(homing, driver, period, say))
-        found = hands.carry_out(find_ends(homing, driver, part, period, say))
-        _refer(thread, device, ends + hands.positions() - found.edge)
+        results = hands.carry_out(find_ends(homing, driver, part, period, say))
+        _refer(thread, device, ends + hands.positions() - results.edge)
         checks: list[Check] = []
         if homing.checks is not None:
             say(f"ends found; {homing.checking}")
             checks = hands.carry_out(homing.checks(homing, driver, period))
         _stop(thread)
-        spread = 1e3 * float(found.spread.max())
+        spread = 1e3 * float(results.spread.max())
         if all(check.is_held for check in checks):
             device.remember(f"homed, again within {spread:.2f} mm")
             say(f"{device.name}: the file knows the {homing.measures}s from now on")
         else:
             say(f"{device.name}: the reference is refused, and the file knows nothing")
-    return [_spread(found, homing), *(_metric(check) for check in checks)]
+    return [_spread(results, homing), *(_metric(check) for check in checks)]
 
 
 def _incremental(
@@ -249,18 +251,18 @@ class _Hands:
     def _post(self, commands: Sequence[float]) -> None:
         homing, now = self._homing, self._clock()
         for thread in self._parts.threads[self._part]:
-            asked = {
+            posted = {
                 name: commands if name == homing.command else [homing.rest.get(name, 0.0)] * size
                 for name, size in thread.device.commands.items()
             }
-            if asked:
-                thread.post(asked, now)
+            if posted:
+                thread.post(posted, now)
 
 
-def _spread(found: Found, homing: Homing) -> Metric:
+def _spread(ends: Found, homing: Homing) -> Metric:
     return Metric(
         "largest_spread_mm",
-        1e3 * float(found.spread.max()),
+        1e3 * float(ends.spread.max()),
         "mm",
         1e3 * homing.spread,
         meaning=f"spread of {APPROACHES} approaches to an end",

@@ -282,8 +282,8 @@ def logged(
 def show_timing(timing: Timing, station: Station[Any], console: Console) -> None:
     """Says how punctual the loop was and how old measurements were when they had an effect."""
     late, cost = percentiles(timing.late), percentiles(timing.cost)
-    kept = len(timing.cost)
-    newest = f" of the last {kept}" if kept < timing.ticks else ""
+    tick_count = len(timing.cost)
+    newest = f" of the last {tick_count}" if tick_count < timing.ticks else ""
     lines = [
         f"{timing.ticks} ticks of {1e3 * timing.period:g} ms, {timing.missed} missed; "
         f"late {_ms(late)}, cost {_ms(cost)} ms (median, 99 %, largest{newest})"

@@ -92,8 +92,10 @@ class Kernel:
             status = Path("/proc/self/status").read_text()
         except OSError:
             return False
-        held = [line.split()[1] for line in status.splitlines() if line.startswith("CapEff:")]
-        return bool(held) and bool(int(held[0], 16) >> _CAP_IPC_LOCK & 1)
+        capabilities = [
+            line.split()[1] for line in status.splitlines() if line.startswith("CapEff:")
+        ]
+        return bool(capabilities) and bool(int(capabilities[0], 16) >> _CAP_IPC_LOCK & 1)
 
     @staticmethod
     def _call(function: str, *arguments: int) -> None:
@@ -108,12 +110,12 @@ KERNEL = Kernel()
 
 def parsed_cores(text: str) -> set[int]:
     """Cores of a list such as "1,4-6"."""
-    found: set[int] = set()
+    cores: set[int] = set()
     for piece in text.strip().split(","):
         first, _, last = piece.partition("-")
         if first:
-            found |= set(range(int(first), int(last or first) + 1))
-    return found
+            cores |= set(range(int(first), int(last or first) + 1))
+    return cores
 
 
 @contextmanager
@@ -189,8 +191,8 @@ def _reason(name: str, error: Exception, kernel: Kernel) -> str:
         return f"{text}; the limit rtprio is {limit}, {PRIORITY} or more is needed"
     if name == MEMORY:
         limit = kernel.limit(resource.RLIMIT_MEMLOCK)
-        kept = "unlimited" if limit is None else f"{limit // 1024} kB"
-        return f"{text}; the limit memlock is {kept}, unlimited is needed"
+        limit_text = "unlimited" if limit is None else f"{limit // 1024} kB"
+        return f"{text}; the limit memlock is {limit_text}, unlimited is needed"
     isolated = ",".join(map(str, sorted(kernel.isolated())))
     which = f"core {isolated}, which is isolated," if isolated else "the core"
     return f"{text}; {which} is not in this program's cpuset"

@@ -170,37 +170,37 @@ class RealTimeLoop:
         """
         before = resource.getrusage(resource.RUSAGE_SELF)
         clock = self.timing.clock
-        begun = clock.waited if clock is not None else (0.0, 0.0)
+        waited_before = clock.waited if clock is not None else (0.0, 0.0)
         try:
             with signals_between_ticks() as interrupted:
                 self._run(until, interrupted, self._hold or hold())
         finally:
             if clock is not None:
                 physics, controllers = clock.waited
-                self.timing.waited = physics - begun[0], controllers - begun[1]
+                self.timing.waited = physics - waited_before[0], controllers - waited_before[1]
             after = resource.getrusage(resource.RUSAGE_SELF)
             self.timing.page_faults += after.ru_minflt - before.ru_minflt
             self.timing.disk_faults += after.ru_majflt - before.ru_majflt
 
-    def _run(self, until: float, interrupted: Callable[[], None], held: Hold) -> None:
+    def _run(self, until: float, interrupted: Callable[[], None], standing: Hold) -> None:
         try:
-            self._tick(until, interrupted, held)
+            self._tick(until, interrupted, standing)
         finally:
-            held.until(math.inf)
+            standing.until(math.inf)
 
-    def _tick(self, until: float, interrupted: Callable[[], None], held: Hold) -> None:
+    def _tick(self, until: float, interrupted: Callable[[], None], standing: Hold) -> None:
         period, timing = self.timing.period, self.timing
         context = self._simulator.get_context()
         begin = context.get_time()
         ticks = round((until - begin) / period)
         due = earliest = self._clock()
         for k in range(ticks):
-            held.until(due + self._slack)
+            standing.until(due + self._slack)
             self._wait(max(due, earliest))
             interrupted()
             started = self._clock()
             if self._longest is not None:
-                held.until(started + self._longest)
+                standing.until(started + self._longest)
             if self._is_strict and started - due > _HOPELESS:
                 late = 1e3 * (started - due)
                 raise DeadlineError(f"a tick would have begun {late:.0f} ms late")
@@ -212,7 +212,7 @@ class RealTimeLoop:
             timing.add(started - due, ended - started)
             self._is_missed.append(False)
             due += period
-            if self._patience and not held.is_kept:
+            if self._patience and not standing.is_kept:
                 earliest = started + _HURRIED * period
             if (behind := ended - due) > self._patience:
                 left_out = int(behind / period) + 1
@@ -224,17 +224,17 @@ class RealTimeLoop:
                     self._judge(behind)
 
     def _wait(self, due: float) -> None:
-        while (left := due - self._clock()) > 0.0:
-            self._sleep(left)
+        while (time_left := due - self._clock()) > 0.0:
+            self._sleep(time_left)
 
     def _judge(self, behind: float) -> None:
         timing = self.timing
         if behind > _HOPELESS:
             raise DeadlineError(f"a tick ended {1e3 * behind:.0f} ms after the next was due")
-        missed = sum(self._is_missed)
-        if missed >= _TOLERATED_SHARE * self._window:
+        miss_count = sum(self._is_missed)
+        if miss_count >= _TOLERATED_SHARE * self._window:
             raise DeadlineError(
-                f"{missed} of {self._window} deadlines were missed at a period of "
+                f"{miss_count} of {self._window} deadlines were missed at a period of "
                 f"{1e3 * timing.period:g} ms; this computer is too slow for it"
             )
 

@@ -169,20 +169,20 @@ def _read(
 ) -> list[Metric]:
     """Reads a device at the loop's rate; says what it shows, and at once when a switch changes."""
     rows: dict[str, list[Sequence[float]]] = {name: [] for name in thread.device.measures}
-    shown: dict[str, list[float]] = {}
+    readings: dict[str, list[float]] = {}
     costs = []
     end = monotonic() + seconds
     while monotonic() < end:
         began = monotonic()
         for name, values in thread.device.read().items():
             rows[name].append(values)
-            if units.get(name) == _SWITCH and shown.get(name) != [*values]:
-                shown[name] = [*values]
+            if units.get(name) == _SWITCH and readings.get(name) != [*values]:
+                readings[name] = [*values]
                 say(f"{name}: {' '.join(f'{value:g}' for value in values)}")
         costs.append(monotonic() - began)
         sleep(max(0.0, began + _STEP - monotonic()))
     for name, samples in rows.items():
-        if name in shown:
+        if name in readings:
             continue
         unit = f" [{units[name]}]" if name in units else ""
         mean, spread = np.mean(samples, axis=0), np.ptp(samples, axis=0)
@@ -260,9 +260,9 @@ def _move(
         measured.append(np.array(reader.sample.values[motion.measures]))
     way = np.array(measured) - measured[0]
     turn = int(np.argmax(np.abs(commanded)))
-    moved, expected = way[:, move.index], motion.gain * commanded[turn]
+    displacement, expected = way[:, move.index], motion.gain * commanded[turn]
     # The way back does not count: an axis at its end makes only that.
-    there = moved[: turn + round(_LAG / _STEP)]
+    there = displacement[: turn + round(_LAG / _STEP)]
     reached = float(there[np.argmax(np.abs(there))])
     others = np.delete(np.abs(way).max(axis=0), move.index)
     unit = move.measured_unit

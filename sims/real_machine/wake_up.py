@@ -14,8 +14,8 @@ def wake_ups(period: float) -> Iterator[tuple[float, float]]:
     due = time.monotonic()
     while True:
         due += period
-        while (left := due - time.monotonic()) > 0.0:
-            time.sleep(left)
+        while (time_left := due - time.monotonic()) > 0.0:
+            time.sleep(time_left)
         now = time.monotonic()
         yield due, now
         due = max(due, now - period)

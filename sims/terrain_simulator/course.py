@@ -90,14 +90,14 @@ class BenchCourseScenario(Schema):
         Raises:
             ScenarioError: an unknown terrain.
         """
-        found = scenario_of(name, self.leg, self.mass_kg)
-        found.seed = self.seed
-        found.gait.strides, found.gait.run_up = self.strides, self.run_up
-        found.hip.adds_inertia = self.adds_inertia
-        found.cells = CellsScenario(noise_N=0.0)
-        found.plant = BenchPlantScenario(self.time_step)
-        found.control.period = self.time_step
-        return found
+        scenario = scenario_of(name, self.leg, self.mass_kg)
+        scenario.seed = self.seed
+        scenario.gait.strides, scenario.gait.run_up = self.strides, self.run_up
+        scenario.hip.adds_inertia = self.adds_inertia
+        scenario.cells = CellsScenario(noise_N=0.0)
+        scenario.plant = BenchPlantScenario(self.time_step)
+        scenario.control.period = self.time_step
+        return scenario
 
 
 class Pair(NamedTuple):
@@ -158,8 +158,8 @@ class BenchCourse(LoopExperiment[BenchCourseScenario, Courses]):
             ParapodError: names the terrain, and why bench or leg cannot walk it.
         """
         if not scenario.courses:
-            known = ", ".join(COURSES)
-            raise ScenarioError(f"courses names no terrain; there are: {known}", "courses")
+            names = ", ".join(COURSES)
+            raise ScenarioError(f"courses names no terrain; there are: {names}", "courses")
         if len(set(scenario.courses)) < len(scenario.courses):
             raise ScenarioError("courses names a terrain twice", "courses")
         for name in scenario.courses:
@@ -204,7 +204,7 @@ class BenchCourse(LoopExperiment[BenchCourseScenario, Courses]):
             ("height_error_mm", "mm", _HEIGHT, "largest difference of the hip's heights"),
             ("foothold_error_mm", "mm", _FOOTHOLD, "largest difference of a foot that presses"),
         ):  # fmt: skip
-            worst = max(found[key] for found in each.values())
+            worst = max(metrics[key] for metrics in each.values())
             yield Metric(key, worst, unit, bound, meaning=f"{meaning}; of all terrains")
         yield Metric(
             "least_clearance_mm",
@@ -213,10 +213,10 @@ class BenchCourse(LoopExperiment[BenchCourseScenario, Courses]):
             at_least=0.0,
             meaning="smallest planned clearance of a swinging foot over the ground",
         )
-        for name, found in each.items():
+        for name, metrics in each.items():
             yield Metric(
                 f"{name.replace(' ', '_')}_percent",
-                found["force_difference_percent"],
+                metrics["force_difference_percent"],
                 "%",
                 meaning=f"difference of the forces, {name}",
             )

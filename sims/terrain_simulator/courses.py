@@ -71,8 +71,8 @@ def scenario_of(name: str, leg: LegScenario, mass_kg: float) -> TerrainBenchScen
         ScenarioError: an unknown terrain.
     """
     if name not in COURSES:
-        known = ", ".join(COURSES)
-        raise ScenarioError(f"courses: there is no '{name}'; there are: {known}", "courses")
+        names = ", ".join(COURSES)
+        raise ScenarioError(f"courses: there is no '{name}'; there are: {names}", "courses")
     course = COURSES[name]
     return TerrainBenchScenario(
         terrain=course.terrain,

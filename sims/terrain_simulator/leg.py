@@ -239,8 +239,8 @@ class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
                 "leg.kind",
             )
         if not scenario.tries or not set(scenario.tries) <= set(TRIES):
-            known = ", ".join(TRIES)
-            raise ScenarioError(f"tries must name some of {known}", "tries")
+            names = ", ".join(TRIES)
+            raise ScenarioError(f"tries must name some of {names}", "tries")
         check_bench(scenario.walk)
         task, leg = scenario.task, make_leg_model(scenario.leg.description)
         leg.follow(task.at(np.linspace(0.0, task.duration, _PLACES)).foot[0])
@@ -348,11 +348,11 @@ def _reach(scenario: BenchLegScenario, leg: LegModel, data: Trial) -> Iterator[M
     own = [run["leg.position"] for name, run in data.runs.items() if name != "chair"]
     if not own:
         return
-    taken = np.concatenate(own)
-    left = np.minimum(taken - low, high - taken).min()
+    positions = np.concatenate(own)
+    stroke_left = np.minimum(positions - low, high - positions).min()
     yield Metric(
         "joint_margin_deg",
-        float(np.degrees(left)),
+        float(np.degrees(stroke_left)),
         "deg",
         at_least=0.0,
         meaning="least distance of a joint from its limits",
@@ -387,11 +387,11 @@ def _standing(key: str, run: Run, walk: BenchWalk, when: str) -> Metric:
 def _jump_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
     task, upwards = scenario.task, run["truth.foot_force"][:, 1]
     pushes = run.time > task.instants[1]
-    gone = np.flatnonzero(pushes & (upwards < _TOUCH))
-    if not gone.size:
+    touchdowns = np.flatnonzero(pushes & (upwards < _TOUCH))
+    if not touchdowns.size:
         yield Metric("takeoff_speed_m_s", np.nan, "m/s", meaning="it has not left the plate")
         return
-    off = int(gone[0])
+    off = int(touchdowns[0])
     speed = float(run["hip.velocity"][off, 0])
     height = run["hip.position"][:, 0]
     yield Metric(
@@ -418,12 +418,12 @@ def _jump_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
 def _chair_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
     walked = chair_leg_scenario()
     walk, leg = walked.walk, walked.leg.under_test
-    asked = walk.at(run.time)
+    desired = walk.at(run.time)
     yield _standing("chair_force_ratio", run, walk, "the walking chair's leg, standing at last")
-    places = leg.places(run["leg.position"], asked.pose[0, :, 2])
+    places = leg.places(run["leg.position"], desired.pose[0, :, 2])
     yield Metric(
         "chair_foot_error_mm",
-        1e3 * float(np.linalg.norm(places - asked.foot[0], axis=-1).max()),
+        1e3 * float(np.linalg.norm(places - desired.foot[0], axis=-1).max()),
         "mm",
         _CHAIR_MM,
         meaning="largest error of the foot of the walking chair's leg",
@@ -437,13 +437,13 @@ def _draw(scenario: BenchLegScenario, data: Trial, canvas: "Canvas") -> None:
     axes: Any = canvas.subplots(2, len(data.runs), sharex="col", squeeze=False)
     for i, (name, run) in enumerate(data.runs.items()):
         task = tasks[name]
-        asked = task.at(run.time)
+        desired = task.at(run.time)
         height = 1e3 * (run["hip.position"][:, 0] - task.hip[1])
         axes[0, i].plot(run.time, height, color=COLOURS[0])
-        axes[0, i].plot(run.time, 1e3 * asked.bounce[0], "--", color="0.3", lw=0.8)
+        axes[0, i].plot(run.time, 1e3 * desired.bounce[0], "--", color="0.3", lw=0.8)
         axes[1, i].plot(run.time, run["truth.foot_force"][:, 1], color=COLOURS[1], lw=0.9)
-        axes[1, i].plot(run.time, asked.force, "--", color="0.3", lw=0.8)
-        axes[1, i].set_ylim(-100.0, 1.6 * float(asked.force.max()))
+        axes[1, i].plot(run.time, desired.force, "--", color="0.3", lw=0.8)
+        axes[1, i].set_ylim(-100.0, 1.6 * float(desired.force.max()))
         axes[1, i].set_xlabel("time [s]")
         axes[0, i].set(ylabel="hip [mm]", title=_TITLES[name])
         axes[1, i].set(ylabel="ground on the foot [N]")

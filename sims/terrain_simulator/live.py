@@ -86,24 +86,24 @@ class LiveBench:
         """The scenario of a walk over a terrain at a share of its usual speed [%]."""
         own = self._scenario
         if own.configuration == "treadmill":
-            found = own
+            courses = own
         else:
-            found = scenario_of(terrain, own.leg, own.hip.mass_kg)
-        speed = 0.01 * percent * found.gait.speed_m_s
-        return replace(found, gait=replace(found.gait, speed_m_s=speed))
+            courses = scenario_of(terrain, own.leg, own.hip.mass_kg)
+        speed = 0.01 * percent * courses.gait.speed_m_s
+        return replace(courses, gait=replace(courses.gait, speed_m_s=speed))
 
     def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
         """Numbers, with what the leg does, and why it does not walk."""
-        shown = self._read_out(loop, root_context)
-        state = f"{self._state}, {shown.state}" if shown.state else self._state
-        return replace(shown, state=state, remarks=(*self._refusals, *shown.remarks))
+        readings = self._read_out(loop, root_context)
+        state = f"{self._state}, {readings.state}" if readings.state else self._state
+        return replace(readings, state=state, remarks=(*self._refusals, *readings.remarks))
 
     def _stand(self) -> str:
         """Lets the sliders move the plate until a button is obeyed; returns which."""
         self._state = "stands"
         loop = operated_loop(self._scenario, self._panel, self._panel.meshcat)
         live = Live(self._panel, loop, self.read_out)
-        seen = {name: self._panel.GetButtonClicks(name) for name in self._terrains}
+        clicks = {name: self._panel.GetButtonClicks(name) for name in self._terrains}
         with loop.sources[0].shown():
             live.begin()
             with in_real_time(live.simulator):
@@ -112,9 +112,9 @@ class LiveBench:
                     for name in (END, RESTART):
                         if self._panel.GetButtonClicks(name):
                             return name
-                    for name, before in seen.items():
-                        seen[name] = self._panel.GetButtonClicks(name)
-                        if seen[name] > before and self._may_walk(name):
+                    for name, before in clicks.items():
+                        clicks[name] = self._panel.GetButtonClicks(name)
+                        if clicks[name] > before and self._may_walk(name):
                             return name
 
     def _asked(self, terrain: str) -> TerrainBenchScenario:

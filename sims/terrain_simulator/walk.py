@@ -120,10 +120,10 @@ class BenchWalking(LoopExperiment[TerrainBenchScenario, Run]):
     def measure(self, scenario: TerrainBenchScenario, run: Run) -> Iterator[Metric]:
         """Errors of the plate, forces on the foot and what binds them."""
         walk = scenario.walk
-        asked = walk.at(run.time)
+        desired = walk.at(run.time)
         if "truth.pose" in run:
-            yield from plate_metrics(run, asked)
-        speeds = slider_rates(scenario.geometry, asked.pose[0], asked.pose[1])
+            yield from plate_metrics(run, desired)
+        speeds = slider_rates(scenario.geometry, desired.pose[0], desired.pose[1])
         yield Metric(
             "peak_slider_speed_m_s",
             float(np.abs(speeds).max()),
@@ -138,8 +138,8 @@ class BenchWalking(LoopExperiment[TerrainBenchScenario, Run]):
             meaning="smallest share of the commanded speed that the guard admitted",
         )
         if scenario.backend in BODIES:
-            yield from force_metrics(walk, run, asked)
-            yield from leg_metrics(scenario, run, asked)
+            yield from force_metrics(walk, run, desired)
+            yield from leg_metrics(scenario, run, desired)
         yield realtime_metric(run)
 
     def draw(self, scenario: TerrainBenchScenario, run: Run) -> Iterator[Figure]:
@@ -199,9 +199,9 @@ def make_scene(scenario: TerrainBenchScenario) -> Meshcat:
     return make_viewer(camera=(x + 1.1, -2.9, z + 0.35), target=(x, 0.0, 0.55 * z))
 
 
-def plate_metrics(run: Run, asked: WalkMotion) -> Iterator[Metric]:
+def plate_metrics(run: Run, desired: WalkMotion) -> Iterator[Metric]:
     """Errors of the plate, and how well the bench's loops are closed."""
-    error = run["truth.pose"] - asked.pose[0]
+    error = run["truth.pose"] - desired.pose[0]
     yield Metric(
         "plate_error_mm",
         1e3 * float(np.hypot(error[:, 0], error[:, 1]).max()),
@@ -224,7 +224,7 @@ def plate_metrics(run: Run, asked: WalkMotion) -> Iterator[Metric]:
     )
 
 
-def force_metrics(walk: BenchWalk, run: Run, asked: WalkMotion) -> Iterator[Metric]:
+def force_metrics(walk: BenchWalk, run: Run, desired: WalkMotion) -> Iterator[Metric]:
     """Forces of the ground on the foot, beside the laws that bind them."""
     along, upwards = run["truth.foot_force"].T
     steady = steady_part(walk, run.time)
@@ -236,10 +236,10 @@ def force_metrics(walk: BenchWalk, run: Run, asked: WalkMotion) -> Iterator[Metr
             at_least=1.0 - _MEAN,
             meaning="mean force upwards by the weight, over whole strides",
         )
-        meant = asked.force[steady]
+        meant = desired.force[steady]
         yield Metric(
             "impulse_ratio",
-            float(upwards[steady & asked.stance].sum() / meant.sum()),
+            float(upwards[steady & desired.stance].sum() / meant.sum()),
             meaning="impulse of the stances by that of the gait's force",
         )
     yield Metric(
@@ -251,36 +251,36 @@ def force_metrics(walk: BenchWalk, run: Run, asked: WalkMotion) -> Iterator[Metr
         float(np.abs(along[pressed] / upwards[pressed]).max()),
         meaning="largest force along by the force upwards, where the foot presses",
     )
-    told = run["foot_load"][:, 1] + upwards
+    reported = run["foot_load"][:, 1] + upwards
     yield Metric(
         "cell_error_N",
-        float(np.sqrt(np.mean(told[asked.stance] ** 2))),
+        float(np.sqrt(np.mean(reported[desired.stance] ** 2))),
         "N",
         meaning="root mean square of the force cells in stance, their delay included",
     )
     guessed = run["load_estimated"][:, 1] + upwards
     yield Metric(
         "current_error_N",
-        float(np.sqrt(np.mean(guessed[asked.stance] ** 2))),
+        float(np.sqrt(np.mean(guessed[desired.stance] ** 2))),
         "N",
         meaning="error of the load by the sliders' currents",
     )
 
 
-def leg_metrics(scenario: TerrainBenchScenario, run: Run, asked: WalkMotion) -> Iterator[Metric]:
+def leg_metrics(scenario: TerrainBenchScenario, run: Run, desired: WalkMotion) -> Iterator[Metric]:
     """Errors of hip and foot, and the largest torque of the leg."""
     walk, leg = scenario.walk, scenario.leg.under_test
-    height = run["hip.position"][:, 0] - walk.hip[1] - asked.bounce[0]
+    height = run["hip.position"][:, 0] - walk.hip[1] - desired.bounce[0]
     yield Metric(
         "hip_error_mm",
         1e3 * float(np.abs(height).max()),
         "mm",
         meaning="largest distance of the hip's height from that of the gait",
     )
-    places = leg.places(run["leg.position"], asked.pose[0, :, 2])
-    swings = ~asked.stance
-    off = np.linalg.norm(places - asked.foot[0], axis=-1)
-    for name, which in (("swing", swings), ("stance", asked.stance)):
+    places = leg.places(run["leg.position"], desired.pose[0, :, 2])
+    swings = ~desired.stance
+    off = np.linalg.norm(places - desired.foot[0], axis=-1)
+    for name, which in (("swing", swings), ("stance", desired.stance)):
         yield Metric(
             f"foot_{name}_error_mm",
             1e3 * float(off[which].max()),
@@ -321,16 +321,16 @@ def read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
         rows.append(Row("ground on the foot", measured=force, unit="N", decimals=0))
     distances = [source for source in loop.sources if source.HasOutputPort("distance")]
     if distances:
-        gone = float(value_of(distances[0], "distance", root_context)[0])
-        rows.append(Row("way of the body", measured=gone, unit="m", decimals=2))
+        travelled = float(value_of(distances[0], "distance", root_context)[0])
+        rows.append(Row("way of the body", measured=travelled, unit="m", decimals=2))
     share = float(value_of(loop.controller, "share", root_context)[0])
     return Readout("" if share > 0.99 else f"slowed down to {100.0 * share:.0f} %", rows)
 
 
 def _draw(scenario: TerrainBenchScenario, run: Run, canvas: "Canvas") -> None:
     axes: Any = canvas.subplots(2, 2, sharex=True)
-    asked = scenario.walk.at(run.time)
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], asked.stance, [0]))))
+    desired = scenario.walk.at(run.time)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], desired.stance, [0]))))
     for begin, end in edges.reshape(-1, 2):
         for plot in axes.ravel():
             until = run.time[min(end, len(run.time) - 1)]
@@ -338,7 +338,7 @@ def _draw(scenario: TerrainBenchScenario, run: Run, canvas: "Canvas") -> None:
     for i, name in enumerate(("along", "upwards")):
         force = run["truth.foot_force"][:, i]
         axes[0, 0].plot(run.time, force, color=COLOURS[1 - i], lw=0.9, label=name)
-    axes[0, 0].plot(run.time, asked.force, "--", color="0.3", lw=0.8)
+    axes[0, 0].plot(run.time, desired.force, "--", color="0.3", lw=0.8)
     axes[0, 0].set(
         ylabel="ground on the foot [N]", ylim=(-300.0, 1.35 * scenario.walk.support.peak)
     )

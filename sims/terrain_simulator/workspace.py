@@ -89,9 +89,7 @@ class Workspaces:
     @property
     def largest_change(self) -> float:
         """Largest relative difference of an area to that of half the cells."""
-        return max(
-            abs(1.0 - self.coarse[key].area / found.area) for key, found in self.free.items()
-        )
+        return max(abs(1.0 - self.coarse[key].area / area.area) for key, area in self.free.items())
 
 
 class BenchWorkspace(Experiment[BenchWorkspaceScenario, Workspaces]):
@@ -124,19 +122,19 @@ class BenchWorkspace(Experiment[BenchWorkspaceScenario, Workspaces]):
             bound=_CONVERGED,
             meaning="largest change of an area with half as many cells",
         )
-        wide = min(found.width for found in data.free.values())
-        tall = min(found.extent.height for found in data.free.values())
-        asked = SPECIFICATION
+        wide = min(area.width for area in data.free.values())
+        tall = min(area.extent.height for area in data.free.values())
+        specification = SPECIFICATION
         yield Metric(
-            "least_width_mm", 1e3 * wide, "mm", at_least=1e3 * asked.x_range,
-            paper=1e3 * asked.x_range, meaning="smallest width of all orientations",
+            "least_width_mm", 1e3 * wide, "mm", at_least=1e3 * specification.x_range,
+            paper=1e3 * specification.x_range, meaning="smallest width of all orientations",
         )  # fmt: skip
         yield Metric(
-            "least_height_mm", 1e3 * tall, "mm", paper=1e3 * asked.z_range,
+            "least_height_mm", 1e3 * tall, "mm", paper=1e3 * specification.z_range,
             meaning="smallest height of all orientations",
         )  # fmt: skip
-        boxes = [found.widest_box(asked.z_range) for found in data.free.values()]
-        fitting = sum(box is not None and box.width >= asked.x_range for box in boxes)
+        boxes = [area.widest_box(specification.z_range) for area in data.free.values()]
+        fitting = sum(box is not None and box.width >= specification.x_range for box in boxes)
         yield Metric(
             "orientations_with_box", fitting, bound=0,
             meaning="orientations of Fig. 6 with both ranges of Table 1 at once",
@@ -171,11 +169,11 @@ class BenchWorkspace(Experiment[BenchWorkspaceScenario, Workspaces]):
         """Extents of every workspace, and the boxes."""
         return {
             "extents_m": {
-                f"{name} {way}": list(found.extent) for (name, way), found in data.free.items()
+                f"{name} {way}": list(area.extent) for (name, way), area in data.free.items()
             },
             "boxes_m": {
-                name: _corners(found.widest_box(1e-3 * scenario.box_height_mm))
-                for name, found in data.common.items()
+                name: _corners(area.widest_box(1e-3 * scenario.box_height_mm))
+                for name, area in data.common.items()
             },
         }
 
@@ -206,9 +204,9 @@ def _range(most: float) -> Array:
 
 def _areas(name: str, most_deg: float, data: Workspaces) -> Iterator[Metric]:
     for way, sign in WAYS.items():
-        found, guarded = data.free[name, way], data.guarded[name, way]
+        free, guarded = data.free[name, way], data.guarded[name, way]
         angle = f"phi = {sign * most_deg:+.0f} deg" if sign else "plate level"
-        yield Metric(f"{name}_{way}_area_m2", found.area, "m^2", meaning=f"{angle}")
+        yield Metric(f"{name}_{way}_area_m2", free.area, "m^2", meaning=f"{angle}")
         yield Metric(
             f"{name}_{way}_guarded_m2", guarded.area, "m^2", meaning=f"{angle}, off singularities"
         )
@@ -259,9 +257,9 @@ def _largest_offset() -> int:
     largest = 0
     for degrees in range(1, 60):
         bench = replace(pedal, offset=math.radians(degrees))
-        found = workspace(replace(bench, strut_gap=None), -most, cells=_ALONG)
-        pose = np.stack((0.0 * found.z, found.z, np.full_like(found.z, -most)), axis=-1)
-        if found.is_empty or margins(bench, pose)[:, _GAP].min() < 0.0:
+        shifted = workspace(replace(bench, strut_gap=None), -most, cells=_ALONG)
+        pose = np.stack((0.0 * shifted.z, shifted.z, np.full_like(shifted.z, -most)), axis=-1)
+        if shifted.is_empty or margins(bench, pose)[:, _GAP].min() < 0.0:
             return largest
         largest = degrees
     return largest
@@ -276,8 +274,8 @@ def _draw_workspaces(data: Workspaces, canvas: "Canvas") -> None:
     wide, tall = 1e3 * SPECIFICATION.x_range, 1e3 * SPECIFICATION.z_range
     for column, (name, (_, most)), colour in zip(panels.T, BENCHES.items(), COLOURS, strict=False):
         for axes, (way, sign) in zip(column, WAYS.items(), strict=True):
-            for found, alpha in ((data.free[name, way], 0.3), (data.guarded[name, way], 0.8)):
-                z, ends = 1e3 * found.z, 1e3 * found.ends
+            for area, alpha in ((data.free[name, way], 0.3), (data.guarded[name, way], 0.8)):
+                z, ends = 1e3 * area.z, 1e3 * area.ends
                 axes.fill_betweenx(z, ends[:, 0], ends[:, 1], color=colour, alpha=alpha, lw=0)
             box = data.free[name, way].extent
             x, z_low = 500.0 * (box.x_min + box.x_max), 1e3 * box.z_min
@@ -300,7 +298,7 @@ def _draw_boxes(scenario: BenchWorkspaceScenario, canvas: "Canvas") -> None:
             widths = [np.nan if box is None else 1e3 * box.width for box in boxes]
             label = f"{name}, sin mu >= {least:g}"
             axes.plot(1e3 * heights, widths, style, color=colour, label=label)
-    asked = 1e3 * SPECIFICATION.z_range, 1e3 * SPECIFICATION.x_range
-    axes.plot(*asked, "ks", markersize=4, label="Table 1")
+    ranges = 1e3 * SPECIFICATION.z_range, 1e3 * SPECIFICATION.x_range
+    axes.plot(*ranges, "ks", markersize=4, label="Table 1")
     axes.set(xlabel="height of the box [mm]", ylabel="its width [mm]", ylim=(0.0, None))
     axes.legend()

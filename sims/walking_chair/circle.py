@@ -575,10 +575,10 @@ def _draw_circle(recordings: dict[str, Recording], canvas: "Canvas") -> None:
         outwards = recording.foot[:, :2] - (0.0, circle.centre_y)
         outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
         radius = circle.radius + _MAGNIFIED * recording.radial_error[:, np.newaxis]
-        drawn = (0.0, circle.centre_y) + radius * outwards
+        ideal = (0.0, circle.centre_y) + radius * outwards
         axes.plot(*1e3 * planned.T, color=_PLANNED, linewidth=0.9, label="Eq. (49)")
         foot = f"foot, its error\n{_MAGNIFIED:g} times as large"
-        axes.plot(*1e3 * drawn.T, color=_MODE_COLOURS[mode], linewidth=0.9, label=foot)
+        axes.plot(*1e3 * ideal.T, color=_MODE_COLOURS[mode], linewidth=0.9, label=foot)
         axes.legend(loc="center", fontsize=8)
         axes.set_aspect("equal")
         axes.set_title(f"mode {mode}", fontsize=_PANEL)
@@ -608,11 +608,11 @@ def _draw_ripple(recordings: dict[str, Recording], canvas: "Canvas") -> None:
     for axes, (mode, recording) in zip(panels, recordings.items(), strict=True):
         planned = np.where(recording.is_settled, recording.planned.velocity[:, _FASTEST], 0.0)
         middle = recording.time[np.argmax(np.abs(planned))]
-        shown = np.abs(recording.time - middle) <= 0.5 * _WINDOW
-        time = recording.time[shown]
-        velocity = recording.velocity[shown, _FASTEST]
+        in_window = np.abs(recording.time - middle) <= 0.5 * _WINDOW
+        time = recording.time[in_window]
+        velocity = recording.velocity[in_window, _FASTEST]
         axes.plot(time, 1e3 * velocity, color=_MODE_COLOURS[mode], label="drive")
-        axes.plot(time, 1e3 * planned[shown], color=_PLANNED, linewidth=0.9, label="planned")
+        axes.plot(time, 1e3 * planned[in_window], color=_PLANNED, linewidth=0.9, label="planned")
         axes.set_title(f"mode {mode}", fontsize=_PANEL)
         axes.set_xlabel("time [s]")
     panels[0].set_ylabel("velocity [mm/s]")

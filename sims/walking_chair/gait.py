@@ -503,11 +503,11 @@ def _draw_branches(
     rows: Any = canvas.subplots(len(walks), LEG_COUNT, sharex=True, sharey=True)
     for row, walk, name in zip(rows, walks, names, strict=True):
         values = 1e3 * getattr(walk.branches, quantity)
-        kept = _kept(walk)
+        in_use = _kept(walk)
         for leg, axes in enumerate(row):
             for branch, style in enumerate(_STYLES):
-                drawn = values[kept, leg, branch]
-                axes.plot(walk.time[kept], drawn, label=f"branch {branch + 1}", **style)
+                values_in_use = values[in_use, leg, branch]
+                axes.plot(walk.time[in_use], values_in_use, label=f"branch {branch + 1}", **style)
             for end in walk.walk.ends[:-1]:
                 axes.axvline(end, color="0.9", linewidth=0.8, zorder=0)
             if quantity == "velocity":
@@ -526,19 +526,19 @@ def _draw_branches(
 
 def _kept(walk: SampledWalk) -> NDArray[np.bool_]:
     """(n) samples that are drawn: some, and all at the ends of phases."""
-    kept = np.zeros(len(walk.time), dtype=np.bool_)
-    kept[::_STRIDE] = kept[-1] = True
+    in_use = np.zeros(len(walk.time), dtype=np.bool_)
+    in_use[::_STRIDE] = in_use[-1] = True
     changes = np.flatnonzero(np.diff(walk.phase))
-    kept[changes] = kept[changes + 1] = True
-    return kept
+    in_use[changes] = in_use[changes + 1] = True
+    return in_use
 
 
 def _draw_plan(walk: SampledWalk, canvas: "Canvas") -> None:
     support = GaitSupport(walk.geometry, walk.walk)
     phases = walk.walk.phases
-    shown = [phases.index(name) for name in (FIRST_SWING, SHIFT, SECOND_SWING)]
-    panels: Any = canvas.subplots(1, len(shown), sharex=True, sharey=True)
-    for axes, phase in zip(panels, shown, strict=True):
+    phases_shown = [phases.index(name) for name in (FIRST_SWING, SHIFT, SECOND_SWING)]
+    panels: Any = canvas.subplots(1, len(phases_shown), sharex=True, sharey=True)
+    for axes, phase in zip(panels, phases_shown, strict=True):
         samples = np.flatnonzero(walk.phase == phase)
         before, after = samples[0], samples[-1]
         polygon = 1e3 * support.polygon(phase).corners

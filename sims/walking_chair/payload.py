@@ -263,13 +263,13 @@ def survey(scenario: ChairPayloadScenario, console: Console) -> list[Instant]:
     softness = paper_stiffness(walk)
     begins = (0.0, *walk.ends[:-1])
     shares = (np.arange(scenario.instants) + 0.5) / scenario.instants
-    found = []
+    points = []
     with progress(console, "spreading forces", walk.duration) as report:
         for phase, begin, end in zip(walk.phases, begins, walk.ends, strict=True):
             for time in (begin + shares * (end - begin)).tolist():
-                found.append(_spread(scenario, walk, phase, time, softness))
+                points.append(_spread(scenario, walk, phase, time, softness))
                 report(time)
-    return found
+    return points
 
 
 def _spread(
@@ -522,9 +522,9 @@ def _draw_support(
 ) -> None:
     walk = scenario.walk
     support = GaitSupport(GEOMETRY, walk, MASSES)
-    shown = [walk.phases.index(name) for name in (FIRST_SWING, SECOND_SWING)]
-    panels: Any = canvas.subplots(1, len(shown), sharex=True, sharey=True)
-    for axes, phase in zip(panels, shown, strict=True):
+    phases_shown = [walk.phases.index(name) for name in (FIRST_SWING, SECOND_SWING)]
+    panels: Any = canvas.subplots(1, len(phases_shown), sharex=True, sharey=True)
+    for axes, phase in zip(panels, phases_shown, strict=True):
         name = walk.phases[phase]
         polygon = support.polygon(phase)
         placed = min(
@@ -577,10 +577,10 @@ def _draw_forces(
     rows: Any = canvas.subplots(2, LEG_COUNT, sharex=True, sharey=True)
     for row, name, label in zip(rows, ("equal", "soft"), labels, strict=True):
         forces = np.array([getattr(instant, name).branch_forces for instant in instants])
-        time, drawn = _by_phase(instants, forces.reshape(-1, LEG_COUNT, 3))
+        time, values = _by_phase(instants, forces.reshape(-1, LEG_COUNT, 3))
         for leg, axes in enumerate(row):
             for branch, style in enumerate(_STYLES):
-                axes.plot(time, drawn[:, leg, branch], **style)
+                axes.plot(time, values[:, leg, branch], **style)
             axes.axhline(scenario.force_limit, **_LIMIT)
             for end in scenario.walk.ends[:-1]:
                 axes.axvline(end, color="0.9", linewidth=0.8, zorder=0)

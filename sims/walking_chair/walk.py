@@ -116,10 +116,10 @@ class ChairWalk(LoopExperiment[ChairScenario, Run]):
             SupportLost: the chair stopped because the passenger was too close to tipping it over.
         """
         _refuse_held(scenario, run)
-        kept = run.time >= min(_SETTLED, scenario.begin)
+        after_start = run.time >= min(_SETTLED, scenario.begin)
         if "truth.body_position" in run:
-            yield from _truth_metrics(scenario, run, kept)
-        yield from _controller_metrics(scenario, run, kept)
+            yield from _truth_metrics(scenario, run, after_start)
+        yield from _controller_metrics(scenario, run, after_start)
         yield realtime_metric(run)
 
     def draw(self, scenario: ChairScenario, run: Run) -> Iterator[Figure]:
@@ -147,11 +147,11 @@ def _refuse_held(scenario: ChairScenario, signals: Signals) -> None:
     holds = signals["hold"][:, 0] > 0.5
     if signals["done"][-1, 0] > 0.5 or not holds[-1]:
         return
-    held = int(np.argmax(holds))
+    first_held = int(np.argmax(holds))
     walk = scenario.gait.walk
-    phase = walk.phase_at(float(signals["gait_time"][held, 0]))
+    phase = walk.phase_at(float(signals["gait_time"][first_held, 0]))
     raise SupportLost(
-        float(signals["support_margin"][held, 0]),
+        float(signals["support_margin"][first_held, 0]),
         1e-3 * scenario.control.support_margin_mm,
         walk.phases[min(phase + 1, len(walk.phases) - 1)],
         walk.ends[phase],
@@ -175,11 +175,11 @@ def lengths_desired(scenario: ChairScenario, signals: Signals) -> NDArray[np.flo
 
 
 def _truth_metrics(
-    scenario: ChairScenario, signals: Signals, kept: NDArray[np.bool_]
+    scenario: ChairScenario, signals: Signals, after_start: NDArray[np.bool_]
 ) -> list[Metric]:
-    error = 1e3 * (signals["truth.body_position"] - body_desired(scenario, signals))[kept]
-    attitude = np.degrees(signals["truth.body_attitude"][kept])
-    force = signals["truth.force"][kept]
+    error = 1e3 * (signals["truth.body_position"] - body_desired(scenario, signals))[after_start]
+    attitude = np.degrees(signals["truth.body_attitude"][after_start])
+    force = signals["truth.force"][after_start]
     is_fine = scenario.backend == "kinematic" or scenario.plant.time_step <= _FINE_STEP
     heavy = scenario.passenger.mass_kg > 57.0
     cycles = max(gait.cycles for gait in scenario.gait.walk.gaits)
@@ -208,7 +208,7 @@ def _truth_metrics(
         ),
         Metric(
             "foot_below_ground_mm",
-            1e3 * max(0.0, -float(signals["truth.foot_height"][kept].min())),
+            1e3 * max(0.0, -float(signals["truth.foot_height"][after_start].min())),
             "mm",
             _SINKING,
             meaning="lowest corner of any foot; contact gives way a little",
@@ -232,10 +232,10 @@ def _truth_metrics(
 
 
 def _controller_metrics(
-    scenario: ChairScenario, signals: Signals, kept: NDArray[np.bool_]
+    scenario: ChairScenario, signals: Signals, after_start: NDArray[np.bool_]
 ) -> list[Metric]:
     late = signals["legs.position"] - lengths_desired(scenario, signals)
-    payload = signals["payload_estimated"][kept][-1]
+    payload = signals["payload_estimated"][after_start][-1]
     passenger = scenario.passenger
     walking = (signals["gait_time"][:, 0] > 0.0) & (signals["done"][:, 0] < 0.5)
     estimates = signals["payload_estimated"][walking]
@@ -243,7 +243,7 @@ def _controller_metrics(
     metrics = [
         Metric(
             "branch_error_mm",
-            1e3 * float(np.abs(late[kept]).max()),
+            1e3 * float(np.abs(late[after_start]).max()),
             "mm",
             meaning="largest distance of a branch from where it should be",
         ),
@@ -373,14 +373,14 @@ def _margin(scenario: ChairScenario, time: NDArray[np.float64], signals: Signals
         left.axhline(required, color=COLOURS[1], label="required")
         left.set(ylabel="support margin [mm]", ylim=(0.0, None))
         left.legend(ncols=2, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-        known = time >= scenario.begin
-        mass = payload[known, 0] - scenario.passenger.mass_kg
-        middle.plot(time[known], mass)
+        since_start = time >= scenario.begin
+        mass = payload[since_start, 0] - scenario.passenger.mass_kg
+        middle.plot(time[since_start], mass)
         middle.set_ylabel("error of the payload's mass [kg]")
         places = (scenario.passenger.x_mm, scenario.passenger.y_mm)
         for axis, (name, place) in enumerate(zip("xy", places, strict=True), start=1):
-            away = 1e3 * payload[known, axis] - place
-            right.plot(time[known], away, color=COLOURS[axis], label=name)
+            away = 1e3 * payload[since_start, axis] - place
+            right.plot(time[since_start], away, color=COLOURS[axis], label=name)
         right.set_ylabel("error of its centre of mass [mm]")
         right.legend(ncols=2, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0))
 

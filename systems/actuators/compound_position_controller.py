@@ -115,9 +115,9 @@ class CompoundPositionController(LeafSystem):
 
     def _run(self, missing: NDArray[np.float64]) -> NDArray[np.float64]:
         """Full speed where more than a count is missing."""
-        known = np.where(np.isfinite(missing), missing, 0.0)
-        away = np.abs(known) > self.params.dead_band
-        return self.params.velocity_limit * np.where(away, np.sign(known), 0.0)
+        finite = np.where(np.isfinite(missing), missing, 0.0)
+        away = np.abs(finite) > self.params.dead_band
+        return self.params.velocity_limit * np.where(away, np.sign(finite), 0.0)
 
     def _follow(
         self,
@@ -133,11 +133,11 @@ class CompoundPositionController(LeafSystem):
         if params.mode == "compound":
             desired = desired + params.proportional * (due - measured)
         error = desired - (measured - last) / h
-        known = np.isfinite(error)
-        if not known.all():
-            error = np.where(known, error, 0.0)
+        is_measured = np.isfinite(error)
+        if not is_measured.all():
+            error = np.where(is_measured, error, 0.0)
         limit, integral = params.velocity_limit, sums + error
-        wanted = np.where(known, params.k_p * error + params.k_i * integral, 0.0)
-        command = np.minimum(np.maximum(wanted, -limit), limit)
-        saturates_more = (command != wanted) & (np.sign(wanted) == np.sign(error))
-        return command, np.where(known & ~saturates_more, integral, sums)
+        speed = np.where(is_measured, params.k_p * error + params.k_i * integral, 0.0)
+        command = np.minimum(np.maximum(speed, -limit), limit)
+        saturates_more = (command != speed) & (np.sign(speed) == np.sign(error))
+        return command, np.where(is_measured & ~saturates_more, integral, sums)

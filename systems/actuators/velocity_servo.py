@@ -124,12 +124,12 @@ class ServoGoal(LeafSystem):
         if braked and not any(velocity):
             output.SetZero()
             return
-        wanted = self._wanted(context, braked)
-        of_each = zip(wanted, position, velocity, self._low, self._high, strict=True)
+        goal = self._wanted(context, braked)
+        of_each = zip(goal, position, velocity, self._low, self._high, strict=True)
         output.SetFromVector(np.array([self._goal(*each) for each in of_each]))
 
     def _goal(
-        self, wanted: float, position: float, velocity: float, low: float, high: float
+        self, goal: float, position: float, velocity: float, low: float, high: float
     ) -> float:
         """Goal of one drive between its stops."""
         resting = position + self._params.time_constant * velocity
@@ -138,7 +138,7 @@ class ServoGoal(LeafSystem):
         low = max((low - resting) / self._period, velocity - self._change)
         high = min((high - resting) / self._period, velocity + self._change)
         # A drive that is beyond an end, or too fast for it, does what it can.
-        return min(max(wanted, low), high)
+        return min(max(goal, low), high)
 
     def _wanted(self, context: Context, braked: bool) -> list[float]:
         if braked:

@@ -47,15 +47,15 @@ def columns(
     if all(array.ndim == 1 for array in arrays):
         return [array.tolist() for array in arrays], ()
     shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
-    taken: list[list[Elementwise]] = []
+    columns_of: list[list[Elementwise]] = []
     for array in arrays:
         if array.ndim == 1:
-            taken.append(array.tolist())
+            columns_of.append(array.tolist())
         else:
             array = np.broadcast_to(array, (*shape, array.shape[-1]))
             rows = array.reshape(-1, array.shape[-1])
-            taken.append([np.ascontiguousarray(rows[:, i]) for i in range(rows.shape[1])])
-    return taken, shape
+            columns_of.append([np.ascontiguousarray(rows[:, i]) for i in range(rows.shape[1])])
+    return columns_of, shape
 
 
 def first_of_largest(values: ArrayLike, tolerance: float) -> tuple[int, ...]:

@@ -86,12 +86,12 @@ class UndeterminedCalibration(ParapodError):
     def __init__(self, directions: Sequence[str], advice: Sequence[str]):
         self.directions = tuple(directions)
         self.advice = tuple(advice)
-        shown = list(self.directions[: self._SHOWN])
-        more = len(self.directions) - len(shown)
+        listed_directions = list(self.directions[: self._SHOWN])
+        more = len(self.directions) - len(listed_directions)
         if more:
-            shown.append(f"and {more} more")
+            listed_directions.append(f"and {more} more")
         super().__init__(
-            f"the recording does not determine {'; '.join(shown)} "
+            f"the recording does not determine {'; '.join(listed_directions)} "
             f"(what helps: {'; '.join(self.advice)})"
         )
 

@@ -40,5 +40,5 @@ def need(module: str) -> ModuleType:
     # ctypes, given the name of a library that is not there, looks in the program itself and misses
     # the first symbol: an AttributeError.
     except (ImportError, OSError, AttributeError) as error:
-        known = max((name for name in EXTRAS if f"{module}.".startswith(f"{name}.")), key=len)
-        raise MissingExtra(known, EXTRAS[known], str(error)) from error
+        extra = max((name for name in EXTRAS if f"{module}.".startswith(f"{name}.")), key=len)
+        raise MissingExtra(extra, EXTRAS[extra], str(error)) from error

@@ -29,8 +29,8 @@ def blended(x: Array, blend: float) -> tuple[Array, Array, Array]:
         return 1.0 * x, np.ones_like(x), np.zeros_like(x)
     angle = np.where(near < blend, math.pi * near / blend, math.pi)
     lag = np.where(near < blend, 0.5 * near + 0.5 * blend / math.pi * np.sin(angle), 0.5 * blend)
-    done = top * (near - lag)
-    way = np.where(x > 0.5, 1.0 - done, done)
+    distance = top * (near - lag)
+    way = np.where(x > 0.5, 1.0 - distance, distance)
     speed = 0.5 * top * (1.0 - np.cos(angle))
     return way, speed, mirrored * 0.5 * top * math.pi / blend * np.sin(angle)
 
@@ -60,9 +60,9 @@ def s_curve(x: Array, ramp: float) -> tuple[Array, Array, Array]:
     near = np.minimum(x, 1.0 - x)
     y = np.minimum(near / ramp, 1.0)
     lag = 0.5 * ramp * (1.0 - (1.0 - y) ** 3 * (1.0 + y))
-    done = top * (near - lag)
+    distance = top * (near - lag)
     acceleration = np.where(x > 0.5, -6.0, 6.0) * top / ramp * y * (1.0 - y)
-    return np.where(x > 0.5, 1.0 - done, done), top * y**2 * (3.0 - 2.0 * y), acceleration
+    return np.where(x > 0.5, 1.0 - distance, distance), top * y**2 * (3.0 - 2.0 * y), acceleration
 
 
 def joined(x: Array, duration: float, begin: Array, end: Array) -> Array:
@@ -91,12 +91,12 @@ def joined(x: Array, duration: float, begin: Array, end: Array) -> Array:
             6.0 * away - 3.0 * faster + change,
         )
     )
-    found = []
+    pieces = []
     for order in range(3):
         each = [np.multiply.outer(c, x**i) for i, c in enumerate(powers)]
-        found.append(sum(each) / duration**order)
+        pieces.append(sum(each) / duration**order)
         powers = powers[1:] * np.arange(1, len(powers))[:, np.newaxis]
-    return np.stack(found, axis=1)
+    return np.stack(pieces, axis=1)
 
 
 # The speed of "linear" jumps at both ends; that of the others does not.

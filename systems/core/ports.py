@@ -119,8 +119,8 @@ def value_of(system: System, port: str, root_context: Context) -> NDArray[np.flo
     Raises:
         RuntimeError: the system has no such port.
     """
-    found: Any = (
+    port_found: Any = (
         system.GetOutputPort(port) if system.HasOutputPort(port) else system.GetInputPort(port)
     )
-    value: Any = found.Eval(system.GetMyContextFromRoot(root_context))
+    value: Any = port_found.Eval(system.GetMyContextFromRoot(root_context))
     return np.array(value, dtype=float)

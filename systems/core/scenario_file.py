@@ -81,8 +81,8 @@ def load_scenario[T](
             raise ScenarioError(f"override {show(override)} is not of the form key=value", key)
         data = parse(value, f"override {show(override)}", private=True)
         tree = Reader(schema).assign(schema, tree, key.split("."), data)
-    made: T = build(schema, tree)
-    return made
+    scenario: T = build(schema, tree)
+    return scenario
 
 
 def read_scenario[T](schema: type[T], data: Mapping[str, Any], source: str) -> T:
@@ -97,8 +97,8 @@ def read_scenario[T](schema: type[T], data: Mapping[str, Any], source: str) -> T
         ScenarioError: anything wrong with it.
     """
     tree = overlay(schema, _schema_defaults(schema), Reader(schema, source).read(schema, data))
-    made: T = build(schema, tree)
-    return made
+    scenario: T = build(schema, tree)
+    return scenario
 
 
 def dump_scenario(scenario: object, comments: bool = False) -> str:
@@ -249,11 +249,11 @@ def _refuse_multiplied(node: Any, source: str, counts: dict[int, int]) -> int:
     return counts[id(node)]
 
 
-def _refuse_duplicates(node: Any, source: str, seen: set[int]) -> None:
+def _refuse_duplicates(node: Any, source: str, ancestors: set[int]) -> None:
     """Refuse a key that is given twice, of which YAML would silently drop the first."""
-    if id(node) in seen:
+    if id(node) in ancestors:
         return
-    seen.add(id(node))
+    ancestors.add(id(node))
     lines: dict[str, int] = {}
     for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
         line = key.start_mark.line + 1
@@ -264,7 +264,7 @@ def _refuse_duplicates(node: Any, source: str, seen: set[int]) -> None:
                 raise ScenarioError(f"{source}, line {line}: {message}", key.value)
             lines[key.value] = line
     for child in _children(node):
-        _refuse_duplicates(child, source, seen)
+        _refuse_duplicates(child, source, ancestors)
 
 
 # Writing
@@ -429,9 +429,9 @@ def _comment(text: str, indent: int) -> Iterator[str]:
         if paragraph.startswith(" "):
             yield from (f"{start}{line}" for line in paragraph.splitlines())
             continue
-        tied = re.sub(r"\b((?:Eq|Fig)s?\.) ", "\\1\u00a0", paragraph)
+        unbroken = re.sub(r"\b((?:Eq|Fig)s?\.) ", "\\1\u00a0", paragraph)
         for line in textwrap.wrap(
-            tied, _WIDTH - len(start), break_long_words=False, break_on_hyphens=False
+            unbroken, _WIDTH - len(start), break_long_words=False, break_on_hyphens=False
         ):
             yield start + line.replace("\u00a0", " ")
 

@@ -135,28 +135,30 @@ class Variant(Schema):
     @classmethod
     def clashes(cls) -> tuple[str, ...]:
         """A sentence for each name that was taken already, or that two others both define."""
-        chosen, said = cls._by_name(), []
+        chosen, messages = cls._by_name(), []
         for variant in cls._descendants():
             name, module = variant.__name__, variant.__module__
             modules = [kind.__module__ for kind in chosen[name]]
             if module not in modules:
-                said.append(f"!{name} of {module} is not used: {modules[0]} has one of that name")
+                messages.append(
+                    f"!{name} of {module} is not used: {modules[0]} has one of that name"
+                )
             elif len(modules) > 1:
-                said.append(f"!{name} is defined by {' and by '.join(modules)}: none is used")
-        return tuple(dict.fromkeys(said))
+                messages.append(f"!{name} is defined by {' and by '.join(modules)}: none is used")
+        return tuple(dict.fromkeys(messages))
 
     @classmethod
     def _by_name(cls) -> dict[str, list[type["Variant"]]]:
         """Those of the own package, if it has any of that name, or else all others."""
         home = cls.__module__.partition(".")[0]
-        found: dict[str, dict[str, type[Variant]]] = {}
+        families: dict[str, dict[str, type[Variant]]] = {}
         for variant in cls._descendants():
             # In the same module the later one takes the place of the earlier.
-            found.setdefault(variant.__name__, {})[variant.__module__] = variant
+            families.setdefault(variant.__name__, {})[variant.__module__] = variant
         return {
             name: [kind for module, kind in kinds.items() if module.partition(".")[0] == home]
             or [*kinds.values()]
-            for name, kinds in found.items()
+            for name, kinds in families.items()
         }
 
     @classmethod
@@ -403,20 +405,21 @@ class Reader:
         self._refuse_path(key, f"allowed{under}: {', '.join(allowed)}{hint}")
 
     def _read_variant(self, family: type[Variant], value: Any, key: str) -> dict[str, Any]:
-        known = family.variants()
+        variants = family.variants()
         tag = value.get(TAG) if isinstance(value, dict) else None
         name = str(tag).removeprefix("!")
-        if name not in known:
-            hint = did_you_mean(name, known)
-            given = show(value) if tag is None else printable(tag, _LONGEST_KEY)
+        if name not in variants:
+            hint = did_you_mean(name, variants)
+            given_name = show(value) if tag is None else printable(tag, _LONGEST_KEY)
             reasons = (*family.not_imported, *family.clashes(), family.others)
             missing = "".join(f"; {why}" for why in reasons if why)
             known_tags = _tags(family)
             self._refuse(
-                key, f"must begin with one of the tags {known_tags}, not {given}{hint}{missing}"
+                key,
+                f"must begin with one of the tags {known_tags}, not {given_name}{hint}{missing}",
             )
         fields = {k: item for k, item in value.items() if k != TAG}
-        return {TAG: f"!{name}"} | self._read_mapping(known[name], fields, key)
+        return {TAG: f"!{name}"} | self._read_mapping(variants[name], fields, key)
 
     def _read_mapping(self, kind: type, value: Any, key: str) -> dict[str, Any]:
         fields = fields_of(kind)
@@ -438,8 +441,8 @@ class Reader:
         """The list, whose elements are not checked yet."""
         length = rule.length if isinstance(rule, Range) else None
         if not isinstance(value, list) or length not in (None, len(value)):
-            wanted = _list_of(typing.get_args(kind)[0], rule)
-            self._refuse(key, f"must be {wanted}, not {show(value)}")
+            list_kind = _list_of(typing.get_args(kind)[0], rule)
+            self._refuse(key, f"must be {list_kind}, not {show(value)}")
         return value
 
     def _read_number(self, kind: type, value: Any, key: str, rule: Rule) -> float | int:

@@ -19,19 +19,19 @@ def for_floats(template: Any) -> Any:
         template: the TemplateSystem, such as `PiController_`.
     """
     with _quick_stack():
-        made = template[None]
-    signature = inspect.signature(made._construct)
+        instance = template[None]
+    signature = inspect.signature(instance._construct)
     arguments = [
         argument
         for name, argument in signature.parameters.items()
         if name not in ("self", "converter")
     ]
-    made.__signature__ = signature.replace(
+    instance.__signature__ = signature.replace(
         parameters=arguments, return_annotation=inspect.Signature.empty
     )
-    made.__name__ = made.__qualname__ = template.name.rstrip("_")
-    made.__repr__ = lambda system: f"<{made.__name__} '{system.get_name()}'>"
-    return made
+    instance.__name__ = instance.__qualname__ = template.name.rstrip("_")
+    instance.__repr__ = lambda system: f"<{instance.__name__} '{system.get_name()}'>"
+    return instance
 
 
 @contextmanager

@@ -35,8 +35,8 @@ def units_of(unit: str, size: int) -> list[str]:
     base, rates = re.fullmatch(r"(.*?)(,? and (?:their )?rates)?", unit).groups()  # type: ignore[union-attr]
     each = [text.strip() for text in base.split(",")]
     for text in each:
-        known = _SYMBOL.fullmatch(text)
-        if not known or not (known[1] or set(re.findall("[A-Za-z]+", text)) <= _SYMBOLS):
+        symbol = _SYMBOL.fullmatch(text)
+        if not symbol or not (symbol[1] or set(re.findall("[A-Za-z]+", text)) <= _SYMBOLS):
             admissible = ", ".join(sorted(_SYMBOLS))
             raise ValueError(
                 f"'{text}' is not a unit; admissible are -, 0/1 and combinations of {admissible}, "

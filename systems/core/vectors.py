@@ -92,17 +92,17 @@ def turned_angles(angles: Sequence[float], turn: Sequence[float]) -> Vector3:
     else:
         half, _ = sin_cos(0.5 * angle)
         sine, versine = sin_cos(angle)[0] / angle, 2.0 * half * half / square
-    turned = []
+    rotated = []
     for x, y, z in rotation_columns(*angles):
         along = a * x + b * y + c * z
-        turned.append(
+        rotated.append(
             (
                 x + sine * (b * z - c * y) + versine * (a * along - square * x),
                 y + sine * (c * x - a * z) + versine * (b * along - square * y),
                 z + sine * (a * y - b * x) + versine * (c * along - square * z),
             )
         )
-    (x_1, x_2, x_3), (_, _, y_3), (_, _, z_3) = turned
+    (x_1, x_2, x_3), (_, _, y_3), (_, _, z_3) = rotated
     return math.atan2(y_3, z_3), math.atan2(-x_3, math.hypot(x_1, x_2)), math.atan2(x_2, x_1)
 
 

@@ -79,10 +79,10 @@ def _with_value(text: str, path: Sequence[str], value: Any) -> str:
     if not isinstance(node, yaml.MappingNode):  # nothing but comments
         return _with_lines(text, len(text), _lines(path, value, 0))
     for depth, name in enumerate(path):
-        found = next((pair for pair in node.value if pair[0].value == name), None)
-        if found is None:
+        entry = next((pair for pair in node.value if pair[0].value == name), None)
+        if entry is None:
             return _added(text, node, path[depth:], value)
-        key, below = found
+        key, below = entry
         rest = path[depth + 1 :]
         if not rest or not isinstance(below, yaml.MappingNode):
             return _replaced(text, key, below, rest, value, node.flow_style)

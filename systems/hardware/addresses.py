@@ -38,13 +38,13 @@ def make_emulator_directory() -> Path:
     """
     directory = emulator_directory()
     directory.mkdir(mode=0o700, parents=True, exist_ok=True)
-    found = os.lstat(directory)
+    status = os.lstat(directory)
     why = ""
-    if stat.S_ISLNK(found.st_mode):
+    if stat.S_ISLNK(status.st_mode):
         why = "is a symbolic link"
-    elif found.st_uid != os.geteuid():
+    elif status.st_uid != os.geteuid():
         why = "belongs to another user"
-    elif found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+    elif status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         why = "can be written by other users"
     if why:
         raise ScenarioError(

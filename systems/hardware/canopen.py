@@ -140,9 +140,9 @@ class BufferedPort:
         """Up to `size` bytes; fewer if the port's timeout passes meanwhile."""
         if not self._buffer:
             self._buffer += self._port.read(max(size, self._port.in_waiting))
-        taken = bytes(self._buffer[:size])
+        data = bytes(self._buffer[:size])
         del self._buffer[:size]
-        return taken
+        return data
 
     @property
     def in_waiting(self) -> int:

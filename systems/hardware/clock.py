@@ -166,8 +166,8 @@ class EmulatedClock:
             free = [k for k in range(1, _HOLDS) if k not in self._holds]
             if not free:
                 return Hold()
-            self._holds[free[0]] = made = _SharedHold(self._cells, free[0], patience)
-        return made
+            self._holds[free[0]] = shared_hold = _SharedHold(self._cells, free[0], patience)
+        return shared_hold
 
     def release(self) -> None:
         """Lets go of all holds but the physics': the controller that had them has ended."""
@@ -186,10 +186,10 @@ class EmulatedClock:
     def _advance(self) -> None:
         """Goes on from here: what was waited for until now is lost, and counted."""
         real = time.monotonic()
-        shown, free, holder = self._shown(real)
-        if free > shown:
-            self._cells[_PHYSICS if holder == 0 else _CONTROLLERS] += free - shown
-            self._set(real, shown, self.rate)
+        emulated_now, free, holder = self._shown(real)
+        if free > emulated_now:
+            self._cells[_PHYSICS if holder == 0 else _CONTROLLERS] += free - emulated_now
+            self._set(real, emulated_now, self.rate)
 
     def _set(self, real: float, emulated: float, rate: float) -> None:
         cells = self._cells
@@ -204,15 +204,17 @@ class EmulatedClock:
             if cells[_COUNT] % 2.0 == 0.0 and self._cells[_COUNT] == cells[_COUNT]:
                 break
             time.sleep(_COLLISION)  # a real-time reader would keep the writer away
-        free = shown = cells[_EMULATED] + cells[_RATE] * (real - cells[_REAL])
+        free = emulated_now = cells[_EMULATED] + cells[_RATE] * (real - cells[_REAL])
         holder = -1
         for k in range(_HOLDS):
             end = cells[_FIRST + _WIDTH * k]
-            if end < shown and real < cells[_FIRST + _WIDTH * k + 1]:
-                shown, holder = end, k
-        if free - shown > _SUSPICIOUS and not _lives(int(cells[_FIRST + _WIDTH * holder + 2])):
+            if end < emulated_now and real < cells[_FIRST + _WIDTH * k + 1]:
+                emulated_now, holder = end, k
+        if free - emulated_now > _SUSPICIOUS and not _lives(
+            int(cells[_FIRST + _WIDTH * holder + 2])
+        ):
             self._cells[_FIRST + _WIDTH * holder] = math.inf
-        return max(shown, cells[_EMULATED]), free, holder
+        return max(emulated_now, cells[_EMULATED]), free, holder
 
 
 class _Keeper(_SharedHold):
@@ -278,8 +280,8 @@ def sleep(seconds: float) -> None:
         return
     until = _clock.now() + seconds
     _thread.hold.sleeping(until)
-    while (left := until - _clock.now()) > 0.0:
-        time.sleep(computer_time(left))
+    while (time_left := until - _clock.now()) > 0.0:
+        time.sleep(computer_time(time_left))
 
 
 def wait(event: threading.Event, seconds: float) -> bool:
@@ -302,8 +304,8 @@ def wait_until(event: threading.Event, at: float) -> bool:
     if _clock is None:
         return event.wait(max(0.0, at - time.monotonic()))
     _thread.hold.sleeping(at)
-    while (left := at - _clock.now()) > 0.0:
-        if event.wait(computer_time(left)):
+    while (time_left := at - _clock.now()) > 0.0:
+        if event.wait(computer_time(time_left)):
             return True
     return event.is_set()
 
@@ -336,12 +338,12 @@ def hold(patience: float = PATIENCE) -> Hold:
 @contextmanager
 def standing_still() -> Iterator[None]:
     """Keeps an emulated time from going on while the calling thread works, but for its sleep."""
-    held = hold()
-    held.until(monotonic())
+    own_hold = hold()
+    own_hold.until(monotonic())
     try:
         yield
     finally:
-        held.until(math.inf)
+        own_hold.until(math.inf)
 
 
 def _lives(process: int) -> bool:

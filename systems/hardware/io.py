@@ -325,8 +325,10 @@ def _are_same(one: _Command | None, other: _Command | None) -> bool:
     """Whether two commands ask a device for the same."""
     if one is None or other is None or one is other:
         return one is other
-    asked, had = one.signals, other.signals
-    return asked.keys() == had.keys() and all(tuple(asked[n]) == tuple(had[n]) for n in asked)
+    signals, had = one.signals, other.signals
+    return signals.keys() == had.keys() and all(
+        tuple(signals[n]) == tuple(had[n]) for n in signals
+    )
 
 
 def _described(device: Device, error: Exception) -> tuple[DeviceFault, str]:
@@ -421,8 +423,10 @@ class PartReader(LeafSystem):
         for thread, signal, size in self._signals:
             sample = samples[id(thread)]
             fresh = now - sample.stamp <= self._stale_after
-            shown = sample.values.get(signal) if fresh else None
-            values.append(np.full(size, math.nan) if shown is None else np.array(shown))
+            shown_value = sample.values.get(signal) if fresh else None
+            values.append(
+                np.full(size, math.nan) if shown_value is None else np.array(shown_value)
+            )
         measuring = [samples[id(thread)] for thread in self._threads if thread.device.measures]
         stamp = min((sample.stamp for sample in measuring), default=now)
         fault = next((s.fault for s in samples.values() if s.fault), DeviceFault.NONE)

@@ -38,10 +38,10 @@ def normal_form(place: str) -> str:
 
 def _server(target: str) -> str:
     """Normal form of a server, as gRPC names it."""
-    found = _SERVER.match(_SCHEME.sub("", target))
-    if found is None:
+    match = _SERVER.match(_SCHEME.sub("", target))
+    if match is None:
         return target
-    host, port = found["bracketed"] or found["host"], found["port"]
+    host, port = match["bracketed"] or match["host"], match["port"]
     return f"{_computer(host.lower().rstrip('.'))}:{port}"
 
 
@@ -56,24 +56,24 @@ def _computer(host: str) -> str:
 
 def _addresses(host: str) -> list[ipaddress.IPv4Address | ipaddress.IPv6Address]:
     """Addresses of a host; none if they cannot be found in time."""
-    found: list[str] = []
+    addresses: list[str] = []
 
     def ask() -> None:
         with suppress(OSError, UnicodeError):
-            told = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
-            found.extend(str(address[0]) for *_, address in told)
+            answers = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+            addresses.extend(str(address[0]) for *_, address in answers)
 
     # A name server that is not there is waited for in a thread, which may go on without us.
     asking = threading.Thread(target=ask, name="host", daemon=True)
     asking.start()
     asking.join(_PATIENCE)
-    return [_unmapped(address) for address in tuple(found)]
+    return [_unmapped(address) for address in tuple(addresses)]
 
 
 def _unmapped(address: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
     """An address; of IPv4 as such, also where it is written as one of IPv6."""
-    found = ipaddress.ip_address(address)
-    return getattr(found, "ipv4_mapped", None) or found
+    address_found = ipaddress.ip_address(address)
+    return getattr(address_found, "ipv4_mapped", None) or address_found
 
 
 def _is_here(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:

@@ -70,23 +70,23 @@ class PositionMemory:
             DeviceError: the file says that they are not known, or is none of ours.
         """
         try:
-            told = json.loads(self.path.read_text(encoding="utf-8"))
-            known = told[self._key]
-            self._saved, self._programs, self._reference = _provenance(told)
+            document = json.loads(self.path.read_text(encoding="utf-8"))
+            entry = document[self._key]
+            self._saved, self._programs, self._reference = _provenance(document)
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise self._refused(f"cannot be read: {error}") from None
-        if known is None:
+        if entry is None:
             raise self._refused(
                 "says that the last program ended while the drives had power, so the "
                 f"{self.signal}s are unknown; find them with `parapod home`, or measure them, and "
                 f"delete the file to begin with measured ones, given as {self.signal}_at_start_mm"
             )
-        is_list = isinstance(known, list) and len(known) == self._size
-        if not is_list or not all(isinstance(x, float) and math.isfinite(x) for x in known):
-            raise self._refused(f"must have {self._size} {self.signal}s, not {show(known)}")
-        return tuple(known)
+        is_list = isinstance(entry, list) and len(entry) == self._size
+        if not is_list or not all(isinstance(x, float) and math.isfinite(x) for x in entry):
+            raise self._refused(f"must have {self._size} {self.signal}s, not {show(entry)}")
+        return tuple(entry)
 
     def forget(self) -> None:
         """From now on the positions are not known.
@@ -119,8 +119,8 @@ class PositionMemory:
             }
         )
 
-    def _write(self, told: Mapping[str, Any]) -> None:
-        text = json.dumps(told) + "\n"
+    def _write(self, document: Mapping[str, Any]) -> None:
+        text = json.dumps(document) + "\n"
         temporary = self.path.with_name(f"{self.path.name}.new")
         try:
             with open(temporary, "w", encoding="utf-8") as stream:
@@ -135,14 +135,14 @@ class PositionMemory:
         return DeviceError(f"{self.signal}s' file {quoted_path(self.path)}", why)
 
 
-def _provenance(told: Mapping[str, Any]) -> tuple[datetime | None, int, str]:
+def _provenance(document: Mapping[str, Any]) -> tuple[datetime | None, int, str]:
     """Instant at which positions were saved, number of programs, and how they were found.
 
     Older files do not say.
     """
-    saved, programs = told.get(_SAVED), told.get(_PROGRAMS, 0)
+    saved, programs = document.get(_SAVED), document.get(_PROGRAMS, 0)
     when = datetime.fromisoformat(saved) if saved else None
-    return when, int(programs), str(told.get(_REFERENCE, "measured"))
+    return when, int(programs), str(document.get(_REFERENCE, "measured"))
 
 
 def _duration(seconds: float) -> str:
@@ -219,9 +219,9 @@ class IncrementalDevice(Device):
 
     def _recall(self, memory: PositionMemory) -> None:
         """Begins with the memory's positions, or else with those of the settings."""
-        known, signal = memory.recall(), self.position_signal
-        if known is not None:
-            self.set_reference(known)
+        remembered, signal = memory.recall(), self.position_signal
+        if remembered is not None:
+            self.set_reference(remembered)
             self.remarks = [*self.remarks, memory.provenance]
         elif not self.is_referenced:
             raise DeviceError(
@@ -230,7 +230,7 @@ class IncrementalDevice(Device):
                 f"measure them and give {signal}_at_start_mm (there is no "
                 f"{quoted_path(memory.path)} that knows them)",
             )
-        self._is_measured = known is None
+        self._is_measured = remembered is None
 
     def seek_reference(self) -> None:
         """Has the device configured without a reference, from the next time on.

@@ -33,19 +33,19 @@ def signals_between_ticks() -> Iterator[Callable[[], None]]:
     if threading.current_thread() is not threading.main_thread():
         yield lambda: None
         return
-    heard: list[int] = []
-    asked = monotonic()
+    numbers: list[int] = []
+    asked_at = monotonic()
 
     def note(number: int, frame: FrameType | None) -> None:
-        if heard or monotonic() - asked > _HOPELESS:
+        if numbers or monotonic() - asked_at > _HOPELESS:
             handlers[number](number, frame)
-        heard.append(number)
+        numbers.append(number)
 
     def ask() -> None:
-        nonlocal asked
-        asked = monotonic()
-        if heard:
-            handlers[heard[0]](heard[0], None)
+        nonlocal asked_at
+        asked_at = monotonic()
+        if numbers:
+            handlers[numbers[0]](numbers[0], None)
 
     handlers = _replaced(note)
     try:
@@ -72,11 +72,11 @@ class UninterruptedExit(ExitStack[bool | None]):
         """Unwinds."""
         if threading.current_thread() is not threading.main_thread():
             return super().__exit__(kind, error, traceback)
-        heard: list[int] = []
+        numbers: list[int] = []
         began = time.monotonic()
 
         def note(number: int, frame: FrameType | None) -> None:
-            heard.append(number)
+            numbers.append(number)
             if time.monotonic() - began > _HANGING:
                 handlers[number](number, frame)
 
@@ -85,8 +85,8 @@ class UninterruptedExit(ExitStack[bool | None]):
             is_swallowed = super().__exit__(kind, error, traceback)
         finally:
             _restore(handlers)
-        if heard and error is None:
-            handlers[heard[0]](heard[0], None)
+        if numbers and error is None:
+            handlers[numbers[0]](numbers[0], None)
         return is_swallowed
 
 
@@ -130,8 +130,8 @@ def ended_by_signals() -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt(signal.Signals(number).name)
 
-    heard = [number for number in _endings() if signal.getsignal(number) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, interrupt) for number in heard}
+    handled = [number for number in _endings() if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, interrupt) for number in handled}
     try:
         yield
     finally:

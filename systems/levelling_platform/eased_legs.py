@@ -61,9 +61,12 @@ class EasedLegs(LeafSystem):
         self._enable = self.DeclareVectorInputPort("enable", 1)
         state = self.DeclareDiscreteState(LEG_COUNT + 2)
         tickets = {self.discrete_state_ticket(state), self.time_ticket()}
-        asked = {self._request.ticket(), self._measured.ticket()}
+        dependencies = {self._request.ticket(), self._measured.ticket()}
         self.DeclareVectorOutputPort(
-            "extension_desired_state", 2 * LEG_COUNT, self._calc_desired_state, tickets | asked
+            "extension_desired_state",
+            2 * LEG_COUNT,
+            self._calc_desired_state,
+            tickets | dependencies,
         )
         self.DeclareVectorOutputPort("legs_arrived", 1, self._calc_arrived, tickets)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
@@ -77,9 +80,9 @@ class EasedLegs(LeafSystem):
         request = np.array(read(self._request, context))
         offset, duration = np.array(state[_OFFSET]), self._duration(state)
         share = self._share(context, state)
-        left = 1.0 - share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+        share_left = 1.0 - share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
         rate = -30.0 * share**2 * (1.0 - share) ** 2 / duration if share < 1.0 else 0.0
-        output.SetFromVector(request + np.concatenate([left * offset, rate * offset]))
+        output.SetFromVector(request + np.concatenate([share_left * offset, rate * offset]))
 
     def _calc_arrived(self, context: Context, output: BasicVector) -> None:
         state = elements(context.get_discrete_state_vector())
@@ -91,8 +94,8 @@ class EasedLegs(LeafSystem):
 
     def _share(self, context: Context, state: list[float]) -> float:
         """Share of the way that is over, 0..1."""
-        passed, duration = context.get_time() - state[_SINCE], self._duration(state)
-        return min(1.0, passed / duration) if duration > 0.0 else 1.0
+        elapsed, duration = context.get_time() - state[_SINCE], self._duration(state)
+        return min(1.0, elapsed / duration) if duration > 0.0 else 1.0
 
     def _update(self, context: Context, discrete_state: Any) -> None:
         state = elements(context.get_discrete_state_vector())

@@ -446,8 +446,8 @@ class _Look:
             signs.add(Finding.ENCODER_INVALID)
         elif self._memory[_SEEN]:
             most = params.fastest * (self._detector.period + self._late)
-            moved = zip(self._extension, self._memory[_EXTENSION], strict=True)
-            if not all(abs(now - before) <= most for now, before in moved):
+            pairs = zip(self._extension, self._memory[_EXTENSION], strict=True)
+            if not all(abs(now - before) <= most for now, before in pairs):
                 signs.add(Finding.ENCODER_JUMP)
         if not self._age <= self._oldest:
             signs.add(Finding.LEGS_STALE)
@@ -460,10 +460,10 @@ class _Look:
             return set()
         # Periods between the two measurements: one that is late is seen twice, and moves no leg.
         newer = memory[_AGE] - self._age
-        passed = max(0.0, 1.0 + newer / period) if math.isfinite(newer) else 1.0
+        periods = max(0.0, 1.0 + newer / period) if math.isfinite(newer) else 1.0
         residual, wrong = memory[_RESIDUAL], 0
         for i in range(LEG_COUNT):
-            slow, fast = (passed * rate for rate in self._possible(memory[_VOLTAGE][i]))
+            slow, fast = (periods * rate for rate in self._possible(memory[_VOLTAGE][i]))
             rate = (self._extension[i] - memory[_EXTENSION][i]) / period
             beyond = rate - fast if rate > fast else min(0.0, rate - slow)
             residual[i] += period * (beyond - residual[i] / params.memory)

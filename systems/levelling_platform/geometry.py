@@ -206,5 +206,5 @@ def drawn_deviations(
         angle: tolerance of the angles, either way [rad].
     """
     tolerance = np.array([angle if name in ANGLES else length for name in DIMENSIONS])
-    drawn = tolerance * random.uniform(-1.0, 1.0, (LEG_COUNT, len(DIMENSIONS)))
-    return tuple(LegDeviation(*row) for row in drawn.tolist())
+    deviations = tolerance * random.uniform(-1.0, 1.0, (LEG_COUNT, len(DIMENSIONS)))
+    return tuple(LegDeviation(*row) for row in deviations.tolist())

@@ -123,8 +123,8 @@ def PostureLoop_(T: Any) -> Any:
             for i in range(2):
                 error = desired[i] - lag * desired[3 + i] - attitude[i]
                 if math.isfinite(error if type(error) is float else error.value()):
-                    moved = correction[i] + gain * self.period * error
-                    correction[i] = clamp(moved, -limit, limit)
+                    candidate = correction[i] + gain * self.period * error
+                    correction[i] = clamp(candidate, -limit, limit)
             discrete_state.set_value(np.array(correction))
 
     return Impl

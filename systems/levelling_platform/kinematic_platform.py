@@ -110,8 +110,8 @@ class KinematicPlatform(OnInclinedGround):
 
     def part(self, context: Context, part: slice) -> NDArray[np.float64]:
         """Part of the one solution that all ports share."""
-        shown: NDArray[np.float64] = self._stance.Eval(context)[part]
-        return shown
+        part_of_stance: NDArray[np.float64] = self._stance.Eval(context)[part]
+        return part_of_stance
 
     def _calc_base_pose(self, context: Context, output: BasicVector) -> None:
         posture = self.part(context, STANCE["posture"]).tolist()
@@ -119,14 +119,14 @@ class KinematicPlatform(OnInclinedGround):
 
     def _calc_stance(self, context: Context, output: BasicVector) -> None:
         arm = read(self._arm, context) if self._arm.HasValue(context) else [0.0, 0.0]
-        shown = self._solved(
+        stance = self._solved(
             read(self._extension, context),
             read(self._velocity, context),
             self._ground_of(context),
             arm,
             self._offsets_of(context),
         )
-        output.SetFromVector(shown)
+        output.SetFromVector(stance)
 
 
 def _solved(

@@ -79,14 +79,14 @@ class LegRamp(LeafSystem):
         if not is_on(self._enable, context) or not state[_STARTED] > 0.5:
             state[_EXTENSION], state[_RATE] = read(self._measured, context), [0.0] * LEG_COUNT
         elif is_on(self._control, context):
-            asked = read(self._posture, context)
+            posture = read(self._posture, context)
             for i in range(LEG_COUNT):
-                if np.isfinite(asked[i]) and np.isfinite(asked[LEG_COUNT + i]):
-                    state[i], state[LEG_COUNT + i] = asked[i], asked[LEG_COUNT + i]
+                if np.isfinite(posture[i]) and np.isfinite(posture[LEG_COUNT + i]):
+                    state[i], state[LEG_COUNT + i] = posture[i], posture[LEG_COUNT + i]
         else:
-            for i, wanted in enumerate(read(self._leg_rate, context)):
+            for i, leg_rate in enumerate(read(self._leg_rate, context)):
                 rate = state[LEG_COUNT + i]
-                goal = wanted if np.isfinite(wanted) else 0.0
+                goal = leg_rate if np.isfinite(leg_rate) else 0.0
                 faster = rate + clamp(goal - rate, -self._step, self._step)
                 state[i] += 0.5 * self._period * (rate + faster)
                 state[LEG_COUNT + i] = faster
@@ -193,16 +193,16 @@ class ContactKeeper(LeafSystem):
             for closed, since in zip(contact, times, strict=True)
         ]
         discrete_state.set_value(self._open, np.array(times))
-        trim, _, left = elements(context.get_discrete_state(self._trim))
+        trim, _, time_left = elements(context.get_discrete_state(self._trim))
         # A shorter actuator is a longer leg.
         is_short, is_long = not (contact[1] and contact[3]), not (contact[0] and contact[2])
         if is_short or is_long:
             sign = float(is_long) - float(is_short)
-            step, left = sign * self._rate * self._period, sign * self._press
+            step, time_left = sign * self._rate * self._period, sign * self._press
         else:
             fastest = self._rate * self._period
-            step = clamp(left, -fastest, fastest)
-            left -= step
-        moved = clamp(trim + step, -self._limit, self._limit)
-        rate = (moved - trim) / self._period
-        discrete_state.set_value(self._trim, np.array([moved, rate, left]))
+            step = clamp(time_left, -fastest, fastest)
+            time_left -= step
+        trim_next = clamp(trim + step, -self._limit, self._limit)
+        rate = (trim_next - trim) / self._period
+        discrete_state.set_value(self._trim, np.array([trim_next, rate, time_left]))

@@ -277,19 +277,21 @@ def hip_pose(leg: LegGeometry) -> RigidTransform:
     return RigidTransform(RotationMatrix.MakeZRotation(leg.beta), p_FE)
 
 
-def joint_origins(leg: LegGeometry, drawn: LegGeometry, leg_model: str) -> dict[str, list[float]]:
+def joint_origins(
+    leg: LegGeometry, reference: LegGeometry, leg_model: str
+) -> dict[str, list[float]]:
     """Origins (3) of the joints that a leg as built has elsewhere than the drawn one [m].
 
     Args:
         leg: the leg as built.
-        drawn: the leg of the model's files.
+        reference: the leg of the model's files.
         leg_model: "full" or "reduced".
     """
     p_MC = -leg.l_6 * _in_plane(*leg.e_a) - _in_plane(0.0, leg.l_7 - leg.foot_radius)
     along = np.array([leg.l_4, 0.0, 0.0])
     if leg_model == "full":
         # The coupler only translates, so what it is longer at K, the pivot may recede.
-        longer = leg.l_3 * _in_plane(*leg.e_a) - drawn.l_3 * _in_plane(*drawn.e_a)
+        longer = leg.l_3 * _in_plane(*leg.e_a) - reference.l_3 * _in_plane(*reference.e_a)
         origins = {"coupler_swing": along, "roll": p_MC, "cylinder_swing": -longer}
     else:
         origins = {"swing": p_MC, "roll": along}

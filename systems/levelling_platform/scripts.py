@@ -89,18 +89,18 @@ class PostureScript(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_command)
 
     def _update_command(self, context: Context, discrete_state: Any) -> None:
-        begun, start, count = elements(context.get_discrete_state(2))
+        has_begun, start, count = elements(context.get_discrete_state(2))
         enabled = is_on(self._enable, context)
-        if begun != float(enabled):
+        if has_begun != float(enabled):
             self._begin_or_end(context, discrete_state, enabled)
             return
-        if not begun or count == len(self._times):
+        if not has_begun or count == len(self._times):
             return
-        done = self._count_until(context.get_time() - start)
-        if done > count:
+        steps_done = self._count_until(context.get_time() - start)
+        if steps_done > count:
             scale = context.get_discrete_state(1)[0]
-            discrete_state.set_value(0, self._commanded(done, scale))
-            discrete_state.set_value(2, np.array([1.0, start, float(done)]))
+            discrete_state.set_value(0, self._commanded(steps_done, scale))
+            discrete_state.set_value(2, np.array([1.0, start, float(steps_done)]))
 
     def _begin_or_end(self, context: Context, discrete_state: Any, enabled: bool) -> None:
         """Begins the script once the ground is known; ends it at the level posture."""
@@ -109,19 +109,23 @@ class PostureScript(LeafSystem):
             return
         offsets = read_or_zeros(self._offsets, context)
         scale = self._fit(ground, offsets) if enabled else 0.0
-        done = self._count_until(0.0) if enabled else 0
-        discrete_state.set_value(0, self._commanded(done, scale))
+        steps_done = self._count_until(0.0) if enabled else 0
+        discrete_state.set_value(0, self._commanded(steps_done, scale))
         discrete_state.set_value(1, np.array([scale]))
-        progress = [float(enabled), context.get_time() if enabled else 0.0, float(done)]
+        progress = [float(enabled), context.get_time() if enabled else 0.0, float(steps_done)]
         discrete_state.set_value(2, np.array(progress))
 
     def _count_until(self, elapsed: float) -> int:
         """Number of waypoints whose time has come."""
         return bisect.bisect_right(self._times, elapsed + 1e-9)
 
-    def _commanded(self, done: int, scale: float) -> NDArray[np.float64]:
+    def _commanded(self, steps_done: int, scale: float) -> NDArray[np.float64]:
         """Posture commanded once that many waypoints have been."""
-        return np.array(self._posture(self._waypoints[done - 1], scale)) if done else self._level
+        return (
+            np.array(self._posture(self._waypoints[steps_done - 1], scale))
+            if steps_done
+            else self._level
+        )
 
     def _posture(self, waypoint: Waypoint, scale: float) -> list[float]:
         return [
@@ -219,12 +223,12 @@ class OperatorScript(LeafSystem):
         last, since, done_at = elements(context.get_discrete_state(self._memory))
         if phase != last:
             since = now
-        done = int(context.get_discrete_state(self._outputs["steps_done"])[0])
-        if done < len(self._steps):
-            step = self._steps[done]
+        steps_done = int(context.get_discrete_state(self._outputs["steps_done"])[0])
+        if steps_done < len(self._steps):
+            step = self._steps[steps_done]
             waited = now - max(since, done_at) + 1e-9
             if phase == step.phase and waited >= step.delay:
-                self._do(step, done + 1, discrete_state)
+                self._do(step, steps_done + 1, discrete_state)
                 done_at = now
         discrete_state.set_value(self._memory, np.array([phase, since, done_at]))
 

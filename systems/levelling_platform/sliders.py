@@ -176,15 +176,15 @@ class _PostureControls(LeafSystem):
             return
         ground = read_array(self._ground, context)
         offsets = np.array(read_or_zeros(self._offsets, context))
-        seen = [*posture, *ground, *offsets]
-        if seen == self._fitted or not np.isfinite(seen).all():
+        values = [*posture, *ground, *offsets]
+        if values == self._fitted or not np.isfinite(values).all():
             return
-        self._fitted = seen
+        self._fitted = values
         ranges = posture_ranges(self._geometry, posture, ground, offsets, self._params)
         if ranges is None:
             return
-        shown = np.array([np.degrees(ranges[0]), np.degrees(ranges[1]), 1e3 * ranges[2]])
-        for name, limits in zip((self.ROLL, self.PITCH, self.HEIGHT), shown, strict=True):
+        display = np.array([np.degrees(ranges[0]), np.degrees(ranges[1]), 1e3 * ranges[2]])
+        for name, limits in zip((self.ROLL, self.PITCH, self.HEIGHT), display, strict=True):
             set_range(name, *np.round(limits, 6).tolist())
 
 
@@ -197,7 +197,7 @@ def _shown(
 ) -> Iterator[None]:
     """Shows sliders and buttons, and takes them away at the end."""
     added: list[str] = []
-    held: Any = controls
+    control: Any = controls
     try:
         for slider in sliders:
             controls.AddSlider(*slider)
@@ -205,7 +205,7 @@ def _shown(
         for name in buttons:
             controls.AddButton(name)
         for name, key in holds:
-            held.AddHold(name, key)
+            control.AddHold(name, key)
         yield
     finally:
         for name in added:
@@ -213,7 +213,7 @@ def _shown(
         for name in buttons:
             controls.DeleteButton(name, strict=False)
         for name, _ in holds:
-            held.DeleteHold(name, strict=False)
+            control.DeleteHold(name, strict=False)
 
 
 class PostureSliders(_PostureControls):
@@ -339,7 +339,7 @@ class OperatorControls(_PostureControls):
 
     def _update(self, context: Context, discrete_state: Any) -> None:
         posture = self._read_posture()
-        *seen, until = elements(context.get_discrete_state(self._memory))
+        *values, until = elements(context.get_discrete_state(self._memory))
         now = context.get_time()
         command = context.get_discrete_state(self._outputs["operator"])[0]
         drive, jog = np.zeros(2), np.zeros(LEG_COUNT)
@@ -348,8 +348,8 @@ class OperatorControls(_PostureControls):
             drive, jog = self._read_held() if self._can_be_held else (self._read(self.DRIVE), jog)
             discrete_state.set_value(self._outputs["arm_request"], self._read(self.ARM))
             clicks = [float(self._controls.GetButtonClicks(name)) for name in self.BUTTONS]
-            pressed = [i for i, count in enumerate(clicks) if count > seen[i]]
-            seen = clicks
+            pressed = [i for i, count in enumerate(clicks) if count > values[i]]
+            values = clicks
             if pressed:
                 # Of several at once the one that is safest.
                 order = (Command.STOP, Command.RESET, Command.GO)
@@ -365,7 +365,7 @@ class OperatorControls(_PostureControls):
             # As large as it is useful, so that it is finite.
             age = min(self._controls.silence(), _LONGEST)
             discrete_state.set_value(self._outputs["operator_age"], np.array([age]))
-        discrete_state.set_value(self._memory, np.array([*seen, until]))
+        discrete_state.set_value(self._memory, np.array([*values, until]))
 
     def _read_held(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """Drive and jog requests of the buttons that are held."""

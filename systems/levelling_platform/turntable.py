@@ -122,8 +122,8 @@ def _ring(geometry: PlatformGeometry, arm: ArmGeometry) -> Ring:
     middle = 0.5 * (geometry.extension_min + geometry.extension_max)
     axis = Workspace(geometry, replace(arm, lean=0.0)).tip_of_extensions((middle,) * 3)[:2]
     turn = 2.0 * math.pi * np.arange(_TURNS)[:, np.newaxis] / _TURNS
-    turned = Workspace(geometry, replace(arm, turn=turn))
-    tip = turned.tip_of_extensions(boundary(geometry, _EDGE)[np.newaxis])
+    workspace = Workspace(geometry, replace(arm, turn=turn))
+    tip = workspace.tip_of_extensions(boundary(geometry, _EDGE)[np.newaxis])
     x, y = tip[..., 0] - axis[0], tip[..., 1] - axis[1]
     radius, height = np.hypot(x, y), tip[..., 2]
     away = np.abs((np.arctan2(y, x) - turn + math.pi) % (2.0 * math.pi) - math.pi).max()
@@ -151,8 +151,8 @@ def stroke_left_turning(
     Returns:
         (...) [m]; negative where no turn brings the tip there.
     """
-    left = _stroke_left_in(geometry, arm, _ring(geometry, arm), point.reshape(-1, 3))
-    return left.reshape(point.shape[:-1])
+    stroke_left = _stroke_left_in(geometry, arm, _ring(geometry, arm), point.reshape(-1, 3))
+    return stroke_left.reshape(point.shape[:-1])
 
 
 def _stroke_left_in(
@@ -165,9 +165,9 @@ def _stroke_left_in(
         return Workspace(geometry, replace(arm, turn=turn)).stroke_left(point)
 
     step = 2.0 * ring.spread / _TRIED
-    tried = np.array([azimuth - ring.spread + i * step for i in range(_TRIED + 1)])
-    values = np.array([left(turn) for turn in tried])
-    best = tried[values.argmax(axis=0), np.arange(len(point))]
+    azimuths = np.array([azimuth - ring.spread + i * step for i in range(_TRIED + 1)])
+    values = np.array([left(turn) for turn in azimuths])
+    best = azimuths[values.argmax(axis=0), np.arange(len(point))]
     low, high = best - step, best + step
     for _ in range(_REFINED):
         inner = _GOLDEN * (high - low)

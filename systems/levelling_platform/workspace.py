@@ -146,9 +146,9 @@ class Workspace:
         by_pitch = (z, 0.0 * y, -x)
         along = to_world(slope, roll, pitch)
         columns = []
-        for i, turned in enumerate((by_roll, by_pitch, (0.0 * x, 0.0 * x, 0.0 * x))):
-            moved = plus(turned, scaled(along, rates[..., i]))
-            columns.append(_join(to_platform(moved, *self._inclination)))
+        for i, rotation in enumerate((by_roll, by_pitch, (0.0 * x, 0.0 * x, 0.0 * x))):
+            translation = plus(rotation, scaled(along, rates[..., i]))
+            columns.append(_join(to_platform(translation, *self._inclination)))
         return np.stack(columns, axis=-1)
 
     @nan_without_warning
@@ -187,8 +187,8 @@ class Workspace:
         """
         _, d = self.extensions_reaching(point)
         low, high = self.geometry.extension_min, self.geometry.extension_max
-        left = np.minimum(d - low, high - d).min(axis=-1)
-        return np.where(np.isnan(left), -math.inf, left)
+        stroke = np.minimum(d - low, high - d).min(axis=-1)
+        return np.where(np.isnan(stroke), -math.inf, stroke)
 
     def reaches(self, point: ArrayLike) -> NDArray[np.bool_]:
         """Whether the tip can be at a point (...): exact membership; False for NaN.
@@ -209,9 +209,9 @@ class Workspace:
             ValueError: wrong shapes.
         """
         posture, extension = self.extensions_reaching(point)
-        lost = np.isnan(extension[..., SUPPORT_LEG])
-        if lost.any():
-            index = tuple(int(i) for i in np.argwhere(lost)[0])
+        is_unreachable = np.isnan(extension[..., SUPPORT_LEG])
+        if is_unreachable.any():
+            index = tuple(int(i) for i in np.argwhere(is_unreachable)[0])
             stroke = self.geometry.extension_min, self.geometry.extension_max
             raise UnreachablePosture(SUPPORT_LEG + 1, math.nan, stroke, index or None)
         inverse_kinematics(self.geometry, posture, self.ground)

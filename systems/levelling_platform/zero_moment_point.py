@@ -139,13 +139,13 @@ class ArmMove:
 
 def _profile(profile: Profile, t: Elementwise) -> tuple[Elementwise, Elementwise, Elementwise]:
     """Share of the way in unit time, and its two derivatives."""
-    left = 1.0 - t
+    time_left = 1.0 - t
     if profile == "cubic":
-        return t * t * (3.0 - 2.0 * t), 6.0 * t * left, 6.0 - 12.0 * t
+        return t * t * (3.0 - 2.0 * t), 6.0 * t * time_left, 6.0 - 12.0 * t
     return (
         t * t * t * (10.0 + t * (6.0 * t - 15.0)),
-        30.0 * t * t * left * left,
-        60.0 * t * left * (left - t),
+        30.0 * t * t * time_left * time_left,
+        60.0 * t * time_left * (time_left - t),
     )
 
 
@@ -238,15 +238,15 @@ def tipping_margin(
         that is not finite; never NaN.
     """
     with np.errstate(over="ignore"):
-        taken, shape = _columns(footing, motion)
-        extension, attitude, ground, standing, *arm = taken
+        arrays, shape = _columns(footing, motion)
+        extension, attitude, ground, standing, *arm = arrays
         axes = _ground_axes(attitude, ground)
         corners, height = _polygon(geometry, extension, axes, standing)
         point = _point(params, axes, ground, height, *arm)
         distance = _signed_distance(corners, point)
         feet = sum(1.0 * (foot > 0.5) for foot in standing)
         # Zero if everything is finite, NaN otherwise.
-        doubt = sum(0.0 * number for block in (*taken, *corners, point) for number in block)
+        doubt = sum(0.0 * number for block in (*arrays, *corners, point) for number in block)
         is_known = (doubt == 0.0) & (feet >= 3.0)
     margin = stack([_choose(is_known, distance, -math.inf)], shape)
     return margin[..., 0]

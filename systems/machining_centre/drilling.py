@@ -77,8 +77,8 @@ class DrillingProcess(LeafSystem):
         if deep < -_OUT:
             depth = 0.0
         cut = max(0.0, deep - max(depth, 0.0)) / self._period / self._feed
-        wanted = min(_MOST, cut) * min(1.0, max(deep, 0.0) / _POINT)
-        share += -math.expm1(-self._period / _LAG) * (wanted - share)
+        feed = min(_MOST, cut) * min(1.0, max(deep, 0.0) / _POINT)
+        share += -math.expm1(-self._period / _LAG) * (feed - share)
         state.set_value(0, np.array((max(depth, deep), share)))
 
     def _calc_force(self, context: Context, output: BasicVector) -> None:

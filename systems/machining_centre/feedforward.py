@@ -96,13 +96,13 @@ class CentreFeedforward(LeafSystem):
         everything = {port.ticket() for port in self._ports.values()} | {self.xd_ticket()}
         self._led = declare_cached(self, "led", self._calc_led, everything)
         measured = {self._ports["position_measured"].ticket()}
-        led, now = {self._led.ticket}, {self._cached.ticket}
+        dependencies, now = {self._led.ticket}, {self._cached.ticket}
         for name, size, calc, tickets in (
-            ("position_command", 2 * n, self._calc_command, led),
+            ("position_command", 2 * n, self._calc_command, dependencies),
             ("pose_desired", 6, self._calc_pose, now),
             ("foot_desired", 6, self._calc_foot, now),
             ("length_error", 2 * n, self._calc_error, now | measured),
-            ("is_stuck", 1, self._calc_is_stuck, led),
+            ("is_stuck", 1, self._calc_is_stuck, dependencies),
         ):
             self.DeclareVectorOutputPort(name, size, calc, tickets)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
@@ -115,10 +115,12 @@ class CentreFeedforward(LeafSystem):
         """Lengths and poses that are to be now: where nothing moves, those that are known."""
         state: Array = context.get_discrete_state(0).value()
         legs = self._geometry.legs
-        lengths, pose, foot, more, known = np.split(state.copy(), np.cumsum((legs, 6, 6, legs)))
-        if known[0] < 0.5:
+        lengths, pose, foot, more, known_lengths = np.split(
+            state.copy(), np.cumsum((legs, 6, 6, legs))
+        )
+        if known_lengths[0] < 0.5:
             lengths = read_array(self._ports["position_measured"], context)
-        if self._mode(context) != 0 and known[0] > 0.5:
+        if self._mode(context) != 0 and known_lengths[0] > 0.5:
             return _Led(lengths, pose, foot, more, False)
         pose, feet = read_array(self._ports["pose"], context), self._feet(context)
         limb = self._whole("loose_limb", context)
@@ -159,15 +161,15 @@ class CentreFeedforward(LeafSystem):
         closed = read_array(ports["locks_closed"], context).reshape(n, -1) > 0.5
         locks = closed_locks(self._geometry, limb, values, feet, closed)
         toward = read_array(ports["toward"], context)
-        wanted = toward if np.isfinite(toward).all() else None
-        found = swung_to(self._geometry, locks, target, now.pose, toward=wanted)
+        goal = toward if np.isfinite(toward).all() else None
+        swung = swung_to(self._geometry, locks, target, now.pose, toward=goal)
         return now._replace(
-            lengths=found.lengths + now.more, pose=found.pose, foot=found.foot_pose
+            lengths=swung.lengths + now.more, pose=swung.pose, foot=swung.foot_pose
         )
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        led = self._led.of(self, context)
-        state.set_value(0, np.concatenate((led.lengths, led.pose, led.foot, led.more, (1.0,))))
+        lead = self._led.of(self, context)
+        state.set_value(0, np.concatenate((lead.lengths, lead.pose, lead.foot, lead.more, (1.0,))))
 
     def _calc_command(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._led.of(self, context).lengths)

@@ -205,20 +205,20 @@ def check_drill(geometry: CentreGeometry, job: Job, drill: Drill, feet: Array) -
     for height in (process.clearance, 0.0, -drill.depth):
         pose = drill.pose(process, height)
         _check_pose(geometry, pose, feet)
-        found = carried(geometry, process, pose, feet)
-        if max(alone, found.needed) > found.capacity:
-            hard.append((_admissible(geometry, process, pose, found.capacity), pose, found))
+        load = carried(geometry, process, pose, feet)
+        if max(alone, load.needed) > load.capacity:
+            hard.append((_admissible(geometry, process, pose, load.capacity), pose, load))
     if not hard:
         return
-    thrust, pose, found = min(hard, key=lambda each: each[0])
+    thrust, pose, load = min(hard, key=lambda each: each[0])
     resisted = (
-        f"at {_place(pose)} legs of {process.largest_leg_force:g} N resist {found.capacity:.0f} N "
-        f"in every direction (w_minmax {found.w_minmax:.4f}), and"
+        f"at {_place(pose)} legs of {process.largest_leg_force:g} N resist {load.capacity:.0f} N "
+        f"in every direction (w_minmax {load.w_minmax:.4f}), and"
     )
-    if alone > found.capacity:
+    if alone > load.capacity:
         raise Refused(f"{resisted} the weight alone needs {alone:.0f} N: no thrust would do")
     raise Refused(
-        f"{resisted} drill and weight need {found.needed:.0f} N: a thrust of "
+        f"{resisted} drill and weight need {load.needed:.0f} N: a thrust of "
         f"{math.floor(thrust)} N would do"
     )
 
@@ -229,8 +229,8 @@ def _admissible(geometry: CentreGeometry, process: Process, pose: Array, capacit
     wrench[:3] /= geometry.platform_radius
     out = Rotation.from_euler("xyz", pose[3:]).as_matrix()[:, 2]
     along = float(wrench[3:] @ out)
-    left = along**2 - float(wrench @ wrench) + capacity**2
-    return max(0.0, math.sqrt(left) - along) if left > 0.0 else 0.0
+    reserve = along**2 - float(wrench @ wrench) + capacity**2
+    return max(0.0, math.sqrt(reserve) - along) if reserve > 0.0 else 0.0
 
 
 def check_footholds(panel: Panel, feet: Array) -> None:
@@ -316,12 +316,12 @@ def try_swing(
         foot = foot_at(feet[limb - 1], swing.foothold, by, job.lift, share)
         try:
             freedom = 16.0 * (share * (1.0 - share)) ** 2 * job.drift * duration / looks
-            found = swung_to(geometry, locks, foot, pose, freedom=freedom)
+            swung = swung_to(geometry, locks, foot, pose, freedom=freedom)
         except (SingularSwing, UnreachablePosture) as error:
             raise Refused(str(error)) from None
-        pose, now[limb - 1] = found.pose, found.foot_pose
+        pose, now[limb - 1] = swung.pose, swung.foot_pose
         way.append(pose)
-        lengths.append(found.lengths)
+        lengths.append(swung.lengths)
         at = lock_conditions(
             geometry, pose, swing.lock_set, now, along="left", turns=turns(geometry)
         )
@@ -334,7 +334,7 @@ def try_swing(
             )
         _check_tip(job, pose)
         near = min(
-            found.lengths.min() - geometry.stroke_min, geometry.stroke_max - found.lengths.max()
+            swung.lengths.min() - geometry.stroke_min, geometry.stroke_max - swung.lengths.max()
         )
         margin = min(margin, float(near))
     _check_tip(job, pose, _RETRACTED)
@@ -468,11 +468,11 @@ def _named(lock_set: LockSet) -> str:
 def _place(pose: Array) -> str:
     """A pose for people, as in "(10, -20, 480) mm, (0.0, 5.0, 0.0) deg"."""
     place, angles = 1e3 * pose[:3], np.degrees(pose[3:])
-    at, turned = (
+    at, rotation = (
         ", ".join(texts)
         for texts in ([f"{value:.0f}" for value in place], [f"{value:.1f}" for value in angles])
     )
-    return f"({at}) mm, ({turned}) deg"
+    return f"({at}) mm, ({rotation}) deg"
 
 
 def row_of_holes(

@@ -145,11 +145,11 @@ class CentreModel:
         """
         for limb in range(1, self.geometry.limbs + 1):
             for joint in LOCK_JOINTS:
-                found = self.lock_joint(limb, joint)
+                lock_joint = self.lock_joint(limb, joint)
                 if (limb, joint) in joints:
-                    found.Lock(context)
+                    lock_joint.Lock(context)
                 else:
-                    found.Unlock(context)
+                    lock_joint.Unlock(context)
 
     def clamp(self, context: Context, limb: int, at: RigidTransform | None = None) -> None:
         """Clamps a foot where it is.

@@ -97,10 +97,10 @@ class CentreControls(LeafSystem):
             unit * self._controls.GetSliderValue(name) if name in there else float(first)
             for (name, _, _, unit), first in zip(SLIDERS, self._first, strict=True)
         ]
-        held = [
+        values = [
             number
             for number, name in enumerate(self._buttons, start=1)
             if name in self._controls.GetHoldNames() and self._controls.IsHeld(name)
         ]
         discrete_state.set_value(0, np.array(pose))
-        discrete_state.set_value(1, np.array([float(held[0] if held else 0)]))
+        discrete_state.set_value(1, np.array([float(values[0] if values else 0)]))

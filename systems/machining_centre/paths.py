@@ -64,8 +64,8 @@ def platform_at(start: Array, by: Array, share: float) -> Array:
         by: `displacement` (6) to where it ends.
         share: share of the duration that has passed.
     """
-    done = float(quintic(np.array(min(max(share, 0.0), 1.0)))[0])
-    return moved(start, done * by)
+    progress = float(quintic(np.array(min(max(share, 0.0), 1.0)))[0])
+    return moved(start, progress * by)
 
 
 def swing_duration(start: Array, end: Array, lift: float, speeds: Speeds) -> float:
@@ -108,9 +108,9 @@ def foot_at(start: Array, end: Array, by: Array, lift: float, share: float) -> A
     begin, finish = _ACROSS
     across = np.clip((share - begin) / (finish - begin), 0.0, 1.0)
     up = np.clip(min(share, 1.0 - share) / _RISING, 0.0, 1.0)
-    (gone, raised), *_ = quintic(np.stack((across, up)))
-    pose = moved(start, gone * by)
-    out = (1.0 - gone) * _third_axis(start) + gone * _third_axis(end)
+    (advance, raised), *_ = quintic(np.stack((across, up)))
+    pose = moved(start, advance * by)
+    out = (1.0 - advance) * _third_axis(start) + advance * _third_axis(end)
     pose[:3] += lift * raised * out
     return pose
 

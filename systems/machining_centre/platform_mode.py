@@ -162,16 +162,16 @@ def forward_kinematics(
     Raises:
         ValueError: wrong shapes.
     """
-    wanted = of_width(lengths, geometry.legs, "lengths").astype(np.float64)
+    goal = of_width(lengths, geometry.legs, "lengths").astype(np.float64)
     pose = of_width(near, 6, "near").astype(np.float64)
-    shape = np.broadcast_shapes(wanted.shape[:-1], pose.shape[:-1])
-    wanted = np.broadcast_to(wanted, (*shape, geometry.legs))
+    shape = np.broadcast_shapes(goal.shape[:-1], pose.shape[:-1])
+    goal = np.broadcast_to(goal, (*shape, geometry.legs))
     pose = np.broadcast_to(pose, (*shape, 6)).copy()
     scale = length_scale(geometry)
     step = np.full(shape, np.inf)
     for _ in range(_MOST_STEPS):
         legs = legs_at(geometry, pose, footholds)
-        missing = wanted - np.moveaxis(legs.lengths, 0, -1)
+        missing = goal - np.moveaxis(legs.lengths, 0, -1)
         scaled = np.moveaxis(rows_of(legs), (0, 1), (-2, -1)) / scale
         left, values, right = decomposed(scaled)
         along = times(np.swapaxes(left, -1, -2), missing) / values
@@ -200,10 +200,10 @@ def moved(pose: Array, twist: Array) -> Array:
     if position.ndim == 1:
         angles: ArrayLike = turned_angles(pose[3:].tolist(), twist[:3].tolist())
         return np.concatenate((position, angles))
-    turned = Rotation.from_rotvec(twist[..., :3].reshape(-1, 3)) * Rotation.from_euler(
+    rotation = Rotation.from_rotvec(twist[..., :3].reshape(-1, 3)) * Rotation.from_euler(
         "xyz", pose[..., 3:].reshape(-1, 3)
     )
-    return np.concatenate((position, turned.as_euler("xyz").reshape(position.shape)), axis=-1)
+    return np.concatenate((position, rotation.as_euler("xyz").reshape(position.shape)), axis=-1)
 
 
 def displacement(start: Array, end: Array) -> Array:
@@ -213,8 +213,8 @@ def displacement(start: Array, end: Array) -> Array:
         return np.concatenate((vector, end[:3] - start[:3]))
     angles = np.broadcast_arrays(start[..., 3:], end[..., 3:])
     before, after = (Rotation.from_euler("xyz", a.reshape(-1, 3)) for a in angles)
-    turned = (after * before.inv()).as_rotvec().reshape(angles[0].shape)
-    return np.concatenate((turned, end[..., :3] - start[..., :3]), axis=-1)
+    rotation = (after * before.inv()).as_rotvec().reshape(angles[0].shape)
+    return np.concatenate((rotation, end[..., :3] - start[..., :3]), axis=-1)
 
 
 def legs_at(geometry: CentreGeometry, pose: ArrayLike, footholds: ArrayLike | None = None) -> Legs:

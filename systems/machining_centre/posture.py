@@ -96,10 +96,10 @@ def posture_of(
         return None
     try:
         if len(loose) == 0:
-            found = forward_kinematics(
+            pose = forward_kinematics(
                 geometry, lengths, before.pose, before.feet, last_step=_LAST_STEP
             )
-            return Posture(found.pose, before.feet) if np.isfinite(found.pose).all() else None
+            return Posture(pose.pose, before.feet) if np.isfinite(pose.pose).all() else None
         (limb,) = map(int, loose)
         if not locked[limb - 1].all():
             return None
@@ -193,9 +193,13 @@ class CentrePosture(LeafSystem):
         """Finding of the last update."""
         n, locks = self._geometry.limbs, LOCKS_OF_LIMB * self._geometry.limbs
         state: Array = context.get_discrete_state(0).value().copy()
-        pose, feet, values, locked, known = np.split(state, np.cumsum((6, 6 * n, locks, locks)))
+        pose, feet, values, locked, known_lengths = np.split(
+            state, np.cumsum((6, 6 * n, locks, locks))
+        )
         posture = Posture(pose, feet.reshape(n, 6))
-        return _Found(posture, values.reshape(n, -1), locked.reshape(n, -1) > 0.5, known[0] > 0.5)
+        return _Found(
+            posture, values.reshape(n, -1), locked.reshape(n, -1) > 0.5, known_lengths[0] > 0.5
+        )
 
     def _calc(self, context: Context) -> _Found:
         before, values, was, _ = self._calc_shown(context)
@@ -205,14 +209,14 @@ class CentrePosture(LeafSystem):
         if closing.any():  # at the values that they had a moment ago
             values[closing] = lockable_joints(self._geometry, before)[closing]
         lengths = read_array(self._position, context)
-        found = posture_of(self._geometry, lengths, before, values, locked, clamped)
-        return _Found(found or before, values, locked, found is not None)
+        posture = posture_of(self._geometry, lengths, before, values, locked, clamped)
+        return _Found(posture or before, values, locked, posture is not None)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        found = self._found.of(self, context)
-        pose, feet = found.posture
-        parts = (pose, feet.ravel(), found.values.ravel(), found.locked.ravel())
-        state.set_value(0, np.concatenate((*parts, (found.is_determined,))).astype(float))
+        posture = self._found.of(self, context)
+        pose, feet = posture.posture
+        parts = (pose, feet.ravel(), posture.values.ravel(), posture.locked.ravel())
+        state.set_value(0, np.concatenate((*parts, (posture.is_determined,))).astype(float))
 
     def _calc_pose(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._shown.of(self, context).posture.pose)

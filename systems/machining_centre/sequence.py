@@ -321,8 +321,8 @@ class Sequence:
 
     def operation(self, progress: Progress) -> Operation | None:
         """The operation that is due; None after the last one."""
-        done = progress.operation
-        return self.job.operations[done] if done < len(self.job.operations) else None
+        number = progress.operation
+        return self.job.operations[number] if number < len(self.job.operations) else None
 
     def loose(self, progress: Progress) -> int:
         """The limb whose clamp is to be open, from 1; 0: none."""
@@ -405,123 +405,125 @@ class Sequence:
             return foot_at(start, end, by, self._lift(progress), share)
         return platform_at(start, by, share)
 
-    def advanced(self, progress: Progress, seen: Seen) -> Progress:
+    def advanced(self, progress: Progress, observed: Seen) -> Progress:
         """The progress a period later.
 
         Args:
             progress: now.
-            seen: measurements of this instant.
+            observed: measurements of this instant.
         """
         if progress.phase is Phase.FAULT:
             return progress
-        fault, where = self._fault(progress, seen)
+        fault, where = self._fault(progress, observed)
         if fault:
             return progress.failed(fault, where)
-        if seen.is_stopped and (stopped := self._stopped(progress, seen)) is not None:
+        if observed.is_stopped and (stopped := self._stopped(progress, observed)) is not None:
             return stopped
         if progress.clock < progress.duration:
             rate = min(1.0, progress.rate + self.period / self.params.stopping)
             clock = progress.clock + progress.rate * self.period
             return replace(progress, clock=clock, rate=rate, rest=0.0, waited=0.0)
-        return self._rested(progress, seen)
+        return self._rested(progress, observed)
 
-    def _rested(self, progress: Progress, seen: Seen) -> Progress:
+    def _rested(self, progress: Progress, observed: Seen) -> Progress:
         """Waits until legs and switches are as they should be; then goes on."""
         is_right = bool(
-            (seen.locks == self.locks(progress)).all()
-            and (seen.clamps == self.clamps(progress)).all()
-            and np.abs(seen.error).max() <= self.params.tolerance
+            (observed.locks == self.locks(progress)).all()
+            and (observed.clamps == self.clamps(progress)).all()
+            and np.abs(observed.error).max() <= self.params.tolerance
         )
         rest = progress.rest + self.period if is_right else 0.0
         resting = replace(progress, rest=rest, waited=progress.waited + self.period)
-        needed = self.params.settling
+        settling = self.params.settling
         if progress.phase is Phase.MACHINING and progress.move < _LAST_MOVE:
-            needed = 0.0  # from one motion to the next
-        if not is_right or rest < needed - 1e-9:
+            settling = 0.0  # from one motion to the next
+        if not is_right or rest < settling - 1e-9:
             return resting
-        return self._next(resting, seen)
+        return self._next(resting, observed)
 
-    def _next(self, progress: Progress, seen: Seen) -> Progress:
+    def _next(self, progress: Progress, observed: Seen) -> Progress:
         """The phase or motion after one that is over."""
         phase, follows = progress.phase, RULES[progress.phase].follows
-        begun = replace(progress, clock=0.0, rate=1.0, rest=0.0, waited=0.0, start=seen.pose)
-        if phase is Phase.WAITING and seen.time < self.params.begin:
+        restarted = replace(
+            progress, clock=0.0, rate=1.0, rest=0.0, waited=0.0, start=observed.pose
+        )
+        if phase is Phase.WAITING and observed.time < self.params.begin:
             return progress
         if phase is Phase.MACHINING and progress.move < _LAST_MOVE:
-            return self._set_off(replace(begun, move=progress.move + 1))
+            return self._set_off(replace(restarted, move=progress.move + 1))
         if phase is Phase.SWING and progress.move == 0:
-            foot = seen.feet[progress.limb - 1]
-            return self._set_off(replace(begun, move=1, start=foot))
+            foot = observed.feet[progress.limb - 1]
+            return self._set_off(replace(restarted, move=1, start=foot))
         if phase is Phase.SETTLED:
-            return self._begun(begun, seen)
+            return self._begun(restarted, observed)
         if follows is None:
             return progress
         if follows is Phase.UNLOCK:
-            begun = replace(begun, move=_LAST_MOVE)
+            restarted = replace(restarted, move=_LAST_MOVE)
         elif progress.move == _LAST_MOVE:
-            done = progress.operation + (self.operation(progress) is not None)
-            begun = replace(begun, operation=done, move=0, limb=0, locked=0)
+            number = progress.operation + (self.operation(progress) is not None)
+            restarted = replace(restarted, operation=number, move=0, limb=0, locked=0)
         if follows is Phase.LOCK and progress.limb == 0:
             follows = Phase.SETTLED  # a person has moved the platform
-        if follows is Phase.LOCK and np.abs(seen.load).max() > self.params.largest_load:
+        if follows is Phase.LOCK and np.abs(observed.load).max() > self.params.largest_load:
             return progress.failed(Fault.UNDER_LOAD)
         if follows is Phase.SWING:
-            begun = replace(begun, start=seen.feet[progress.limb - 1])
-        if seen.is_stopped and follows is Phase.SETTLED:
+            restarted = replace(restarted, start=observed.feet[progress.limb - 1])
+        if observed.is_stopped and follows is Phase.SETTLED:
             follows = Phase.STOPPED
-        return self._set_off(replace(begun, phase=follows))
+        return self._set_off(replace(restarted, phase=follows))
 
-    def _begun(self, progress: Progress, seen: Seen) -> Progress:
+    def _begun(self, progress: Progress, observed: Seen) -> Progress:
         """The next operation, unless its pose does not carry it."""
         operation = self.operation(progress)
-        if operation is None and seen.asked is None:
+        if operation is None and observed.asked is None:
             return replace(progress, phase=Phase.DONE)
         if operation is None:
-            return self._asked(progress, seen)
+            return self._asked(progress, observed)
         if isinstance(operation, Swing):
             return self._set_off(_swinging(progress, Phase.RECONFIGURATION, operation.lock_set))
         try:
-            check_drill(self.geometry, self.job, operation, seen.feet)
+            check_drill(self.geometry, self.job, operation, observed.feet)
         except Refused:
             return progress.failed(Fault.REFUSED, progress.operation + 1)
         return self._set_off(replace(progress, phase=Phase.MACHINING))
 
-    def _asked(self, progress: Progress, seen: Seen) -> Progress:
+    def _asked(self, progress: Progress, observed: Seen) -> Progress:
         """Goes where a person asks the platform to, or lifts a foot and puts it down again."""
-        assert seen.asked is not None
-        pose, limb = seen.asked[:6], round(float(seen.asked[6]))
+        assert observed.asked is not None
+        pose, limb = observed.asked[:6], round(float(observed.asked[6]))
         if 1 <= limb <= self.geometry.limbs:
             least = self.job.least_sigma
-            sets = best_sets(self.geometry, seen.pose, seen.feet, limb, least, 1)
-            if not sets or not self._may_lift(sets[0], seen):
+            sets = best_sets(self.geometry, observed.pose, observed.feet, limb, least, 1)
+            if not sets or not self._may_lift(sets[0], observed):
                 return progress
             return _swinging(progress, Phase.LOCK, sets[0])
-        by = displacement(seen.pose, pose)
-        looks = np.array([platform_at(seen.pose, by, share) for share in (0.5, 1.0)])
-        lengths = leg_lengths(self.geometry, looks, seen.feet)
+        by = displacement(observed.pose, pose)
+        looks = np.array([platform_at(observed.pose, by, share) for share in (0.5, 1.0)])
+        lengths = leg_lengths(self.geometry, looks, observed.feet)
         is_possible = within_stroke(self.geometry, lengths).all() and is_clear(self.job, looks)
         if np.abs(by).max() < _ASKED or not is_possible:
             return progress
         speeds = self.job.speeds
-        duration = duration_of(seen.pose, pose, speeds, speeds.rapid)
+        duration = duration_of(observed.pose, pose, speeds, speeds.rapid)
         phase = Phase.RECONFIGURATION
         return replace(progress, phase=phase, duration=duration, end=pose, by=by)
 
-    def _may_lift(self, lock_set: LockSet, seen: Seen) -> bool:
+    def _may_lift(self, lock_set: LockSet, observed: Seen) -> bool:
         """True if a foot can be lifted and put down with the drill clear of the panel."""
-        foothold = self._foothold(None, seen.feet[lock_set.limb - 1])
-        swing = Swing(seen.pose, lock_set, foothold)
+        foothold = self._foothold(None, observed.feet[lock_set.limb - 1])
+        swing = Swing(observed.pose, lock_set, foothold)
         try:
-            try_swing(self.geometry, self.job, swing, seen.feet, _LOOKS_OF_LIFT)
+            try_swing(self.geometry, self.job, swing, observed.feet, _LOOKS_OF_LIFT)
         except Refused:
             return False
         return True
 
-    def _stopped(self, progress: Progress, seen: Seen) -> Progress | None:
+    def _stopped(self, progress: Progress, observed: Seen) -> Progress | None:
         """The progress of a job that somebody stops; None where the phase goes on as it does."""
         phase, rest = (
             progress.phase,
-            replace(progress, clock=0.0, rate=1.0, rest=0.0, waited=0.0, start=seen.pose),
+            replace(progress, clock=0.0, rate=1.0, rest=0.0, waited=0.0, start=observed.pose),
         )
         if phase in (Phase.WAITING, Phase.SETTLED):
             return self._set_off(replace(rest, phase=Phase.STOPPED))
@@ -536,13 +538,13 @@ class Sequence:
         follows = Phase.RETRACTION if phase is Phase.MACHINING else Phase.STOPPED
         return self._set_off(replace(rest, phase=follows))
 
-    def _fault(self, progress: Progress, seen: Seen) -> tuple[Fault, int]:
+    def _fault(self, progress: Progress, observed: Seen) -> tuple[Fault, int]:
         """Fault of an instant, and limb, leg or operation that it is about."""
         rule, limb = RULES[progress.phase], progress.limb
-        if seen.is_pressed:
+        if observed.is_pressed:
             return Fault.EMERGENCY_STOP, 0
-        locks = np.argwhere(seen.locks != self.locks(progress))
-        clamps = np.flatnonzero(seen.clamps != self.clamps(progress)) + 1
+        locks = np.argwhere(observed.locks != self.locks(progress))
+        clamps = np.flatnonzero(observed.clamps != self.clamps(progress)) + 1
         if rule.switches == "clamp":
             others = [other for other in clamps.tolist() if other != limb]
         else:
@@ -551,12 +553,12 @@ class Sequence:
             return Fault.CLAMP_LOST, others[0]
         if len(locks) and rule.switches != "locks":
             return Fault.LOCK_LOST, int(locks[0, 0]) + 1
-        if seen.is_stuck:
+        if observed.is_stuck:
             return Fault.NO_WAY, progress.operation + 1
-        is_known = np.isfinite(seen.feet).all() and np.isfinite(seen.pose).all()
-        if not (seen.is_determined and is_known):
+        is_known = np.isfinite(observed.feet).all() and np.isfinite(observed.pose).all()
+        if not (observed.is_determined and is_known):
             return Fault.NOT_DETERMINED, 0
-        error = np.abs(seen.error)
+        error = np.abs(observed.error)
         late = progress.waited > self.params.switching
         if not error.max() <= (self.params.tolerance if late else self.params.largest_error):
             return Fault.OFF_COURSE, int(np.nan_to_num(error, nan=np.inf).argmax()) + 1

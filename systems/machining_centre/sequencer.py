@@ -150,8 +150,8 @@ class CentreSequencer(LeafSystem):
         if not pose.HasValue(context):
             return None
         (number,) = read_or_zeros(limb, context)
-        asked = np.array([*read_array(pose, context), number])
-        return asked if np.isfinite(asked).all() else None
+        request = np.array([*read_array(pose, context), number])
+        return request if np.isfinite(request).all() else None
 
     def _calc_mode(self, context: Context, output: BasicVector) -> None:
         progress = self._progress(context)

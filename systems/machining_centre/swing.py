@@ -100,15 +100,15 @@ class LockSet:
             raise ValueError(f"the loose limb must be one of 1..{geometry.limbs}, not {self.limb}")
         for limb, joint in self.standing:
             if limb not in limbs or limb == self.limb or joint not in LOCKABLE:
-                known = ", ".join(str(other) for other in limbs if other != self.limb)
+                others = ", ".join(str(other) for other in limbs if other != self.limb)
                 raise ValueError(
                     f"joint {joint} of limb {limb} cannot be locked while limb {self.limb} is "
-                    f"loose: limbs are {known}, joints 1, 2, 3, 6"
+                    f"loose: limbs are {others}, joints 1, 2, 3, 6"
                 )
-        needed = max(0, 6 - 2 * (geometry.limbs - 1))
-        if len(set(self.standing)) < needed:
+        count = max(0, 6 - 2 * (geometry.limbs - 1))
+        if len(set(self.standing)) < count:
             raise ValueError(
-                f"{needed} joints of standing limbs must be locked, not {len(self.standing)}: "
+                f"{count} joints of standing limbs must be locked, not {len(self.standing)}: "
                 f"{2 * (geometry.limbs - 1)} legs do not hold the platform"
             )
 
@@ -145,8 +145,8 @@ def lock_sets(geometry: CentreGeometry, limb: int) -> list[LockSet]:
     """
     others = [other for other in range(1, geometry.limbs + 1) if other != limb]
     joints = [(other, joint) for other in others for joint in LOCKABLE]
-    needed = max(0, 6 - 2 * len(others))
-    return [LockSet(limb, chosen) for chosen in combinations(joints, needed)]
+    count = max(0, 6 - 2 * len(others))
+    return [LockSet(limb, chosen) for chosen in combinations(joints, count)]
 
 
 def best_sets(
@@ -164,10 +164,10 @@ def best_sets(
     """
     rated = []
     for lock_set in lock_sets(geometry, limb):
-        found = lock_conditions(
+        conditions = lock_conditions(
             geometry, pose, lock_set, footholds, along="left", turns=turns(geometry)
         )
-        rated.append((min(float(found.inverse), float(found.holding)), lock_set))
+        rated.append((min(float(conditions.inverse), float(conditions.holding)), lock_set))
     rated.sort(key=lambda each: -each[0])
     return [lock_set for sigma, lock_set in rated[:count] if sigma >= least]
 
@@ -281,12 +281,12 @@ def lock_conditions(
     unit = _unit_motion(geometry)
     rates = branch_joints_and_rates(geometry, pose, footholds, along=along)[1] * unit
     locked = rates[(..., *_indices(lock_set.joints[turns:]), slice(None))]
-    held = jacobian(geometry, pose, footholds)[..., _standing_legs(geometry, lock_set), :]
-    held = held * unit / geometry.platform_radius
+    held_rows = jacobian(geometry, pose, footholds)[..., _standing_legs(geometry, lock_set), :]
+    held_rows = held_rows * unit / geometry.platform_radius
     if lock_set.standing:
         also = rates[(..., *_indices(lock_set.standing), slice(None))]
-        held = np.concatenate((held, also), axis=-2)
-    return LockConditions(_smallest(locked), _smallest(held))
+        held_rows = np.concatenate((held_rows, also), axis=-2)
+    return LockConditions(_smallest(locked), _smallest(held_rows))
 
 
 def swing_inverse(
@@ -333,25 +333,25 @@ def swing_inverse(
     feet[limb - 1] = of_width(foot_pose, 6, "foot_pose")
     start = of_width(near, 6, "near").astype(np.float64)
     pose, unit = start, _unit_motion(geometry)
-    chosen, wanted = _indices(locks.lock_set.joints[turns:]), locks.values[turns:]
+    chosen, lock_values = _indices(locks.lock_set.joints[turns:]), locks.values[turns:]
     drift, way = np.zeros(6), np.inf
     for step in range(_MOST_STEPS):
         joints, rates = branch_joints_and_rates(geometry, pose, feet, along=locks.along)
-        missing = _wrapped(wanted - joints[chosen])
+        missing = _wrapped(lock_values - joints[chosen])
         left, values, right = decomposed(rates[chosen] * unit, full_matrices=True)
         if not np.isfinite(values).all():
             raise SingularSwing(limb, 0.0, "a limb has no joint values there, or it is not finite")
-        kept = int((values > open_below * values[0]).sum())
-        smallest, open_directions = float(values[-1]), right[kept:]
-        move = right[:kept].T @ (left.T[:kept] @ missing / values[:kept])
+        rank = int((values > open_below * values[0]).sum())
+        smallest, open_directions = float(values[-1]), right[rank:]
+        move = right[:rank].T @ (left.T[:rank] @ missing / values[:rank])
         if len(open_directions):
             if step == 0 and toward is not None:
                 drift = displacement(start, of_width(toward, 6, "toward")) / unit
             elif step == 0 and freedom > 0.0:
                 drift = _drift(geometry, pose, feet, limb, open_directions, freedom)
             # Of all poses that keep the locks the nearest one, or the one that is wanted there.
-            gone = displacement(start, pose) / unit if step else np.zeros(6)
-            move = move + open_directions.T @ (open_directions @ (drift - gone))
+            displaced = displacement(start, pose) / unit if step else np.zeros(6)
+            move = move + open_directions.T @ (open_directions @ (drift - displaced))
         way = geometry.platform_radius * float(np.linalg.norm(move))
         if way <= _CONVERGED:
             break
@@ -407,7 +407,7 @@ def swing_forward(
         SingularSwing: what stands does not hold the platform near there.
         ValueError: wrong shapes.
     """
-    wanted = of_width(lengths, geometry.legs, "lengths").astype(np.float64)
+    goal = of_width(lengths, geometry.legs, "lengths").astype(np.float64)
     pose = of_width(near, 6, "near").astype(np.float64)
     lock_set, unit, r_c = locks.lock_set, _unit_motion(geometry), geometry.platform_radius
     legs, also = _standing_legs(geometry, lock_set), _indices(lock_set.standing)
@@ -415,7 +415,7 @@ def swing_forward(
     smallest, residual = 0.0, np.inf
     for _ in range(_MOST_STEPS):
         rows = jacobian(geometry, pose, locks.footholds)[legs] * unit / r_c
-        off = (wanted - leg_lengths(geometry, pose, locks.footholds))[legs] / r_c
+        off = (goal - leg_lengths(geometry, pose, locks.footholds))[legs] / r_c
         if lock_set.standing:
             joints, rates = branch_joints_and_rates(
                 geometry, pose, locks.footholds, along=locks.along
@@ -432,7 +432,7 @@ def swing_forward(
             pose = moved(pose, move * unit * min(1.0, 0.5 * r_c / way))
         if way <= last_step:
             limb = lock_set.limb
-            pair = wanted[2 * limb - 2 : 2 * limb]
+            pair = goal[2 * limb - 2 : 2 * limb]
             foot = foot_of_limb(geometry, pose, limb, pair, locks.values[:4], along=locks.along)
             return SwungPose(pose, foot, residual, smallest)
     raise SingularSwing(

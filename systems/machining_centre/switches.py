@@ -84,8 +84,8 @@ class Switches(LeafSystem):
         return locks.reshape(self._n, -1).copy(), clamps.copy()
 
     def _commanded(self, context: Context) -> NDArray[np.bool_]:
-        asked = np.concatenate([read_array(p, context) for p in (self._locks, self._clamps)])
-        return are_safe(asked)
+        commands = np.concatenate([read_array(p, context) for p in (self._locks, self._clamps)])
+        return are_safe(commands)
 
     def set_closed(
         self, context: Context, locks: NDArray[np.bool_], clamps: NDArray[np.bool_]

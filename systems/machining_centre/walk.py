@@ -70,25 +70,25 @@ def plan_walk(
     Raises:
         Refused: no way is found; has the words about the nearest one.
     """
-    begun, now, swings = Footprint.of(job, beginning.feet).places, beginning, []
+    footholds, now, swings = Footprint.of(job, beginning.feet).places, beginning, []
     for step in range(1, steps + 1):
         waiting = list(range(1, geometry.limbs + 1))
         while waiting:
-            found: list[tuple[float, Swing, Swung]] = []
+            candidates: list[tuple[float, Swing, Swung]] = []
             refusals: list[str] = []
             for limb in waiting:
-                along, across = begun[limb - 1, :2] + step / steps * np.array(advance)
+                along, across = footholds[limb - 1, :2] + step / steps * np.array(advance)
                 goal = job.panel.foothold(along, across, job.panel.heading(now.feet[limb - 1]))
                 try:
                     swing, swung = _best(geometry, job, now, limb, goal, height, locked)
-                    found.append((_rating(swung), swing, swung))
-                    if found[-1][0] >= 1.0:
+                    candidates.append((_rating(swung), swing, swung))
+                    if candidates[-1][0] >= 1.0:
                         break
                 except Refused as error:
                     refusals.append(error.words)
-            if not found:
+            if not candidates:
                 raise Refused(f"no walk is found, step {step} of {steps}: {refusals[0]}")
-            _, swing, swung = max(found, key=lambda each: each[0])
+            _, swing, swung = max(candidates, key=lambda each: each[0])
             swings.append(replace(swing, way=swung.way))
             waiting.remove(swing.lock_set.limb)
             now = swung.end
@@ -152,8 +152,8 @@ def _poses(
 def _heading(geometry: CentreGeometry, places: Array) -> float:
     """Turn of the pattern whose feet are nearest to these places [rad]."""
     off = places[:, :2] - places[:, :2].mean(axis=0)
-    turned = np.sum((off[:, 0] + 1j * off[:, 1]) * np.exp(-1j * geometry.angles))
-    return float(np.angle(turned))
+    rotation = np.sum((off[:, 0] + 1j * off[:, 1]) * np.exp(-1j * geometry.angles))
+    return float(np.angle(rotation))
 
 
 def _sets(

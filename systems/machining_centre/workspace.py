@@ -41,8 +41,8 @@ class Survey(NamedTuple):
 
     def means(self, threshold: float) -> tuple[float, float, float]:
         """Means of w_minmax, w_max and their ratio where w_minmax exceeds a threshold."""
-        kept = self.indices.w_minmax > threshold
-        w_minmax, w_max, ratio = (float(index[kept].mean()) for index in self.indices)
+        is_kept = self.indices.w_minmax > threshold
+        w_minmax, w_max, ratio = (float(index[is_kept].mean()) for index in self.indices)
         return w_minmax, w_max, ratio
 
 
@@ -70,7 +70,7 @@ def nodes(size: tuple[float, float, float], height: float, count: int) -> Array:
 
 
 def survey(
-    geometry: CentreGeometry, points: Array, tell: Callable[[int], None] = lambda done: None
+    geometry: CentreGeometry, points: Array, tell: Callable[[int], None] = lambda points_done: None
 ) -> Survey:
     """Tests points, the platform upright.
 
@@ -79,17 +79,17 @@ def survey(
         points: (k, 3) places of P_O [m].
         tell: is told the number of points that are done.
     """
-    kept, indices, pushes = [], [], []
+    is_kept, indices, pushes = [], [], []
     for begin in range(0, len(points), _CHUNK):
         part = points[begin : begin + _CHUNK]
         poses = np.hstack((part, np.zeros_like(part)))
         poses = poses[is_reachable(geometry, poses)]
-        kept.append(poses[:, :3])
+        is_kept.append(poses[:, :3])
         indices.append(wrench_indices(geometry, poses))
         pushes.append(_push(geometry, poses))
         tell(begin + len(part))
     joined = WrenchIndices(*(np.concatenate(each) for each in zip(*indices, strict=True)))
-    return Survey(len(points), np.concatenate(kept), joined, np.concatenate(pushes))
+    return Survey(len(points), np.concatenate(is_kept), joined, np.concatenate(pushes))
 
 
 def is_reachable(geometry: CentreGeometry, poses: Array) -> NDArray[np.bool_]:

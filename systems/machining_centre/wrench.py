@@ -156,6 +156,6 @@ def _times_inverse(Q: Array, R: Array) -> Array:
     """Q R^-T (m, 6, k) of upper triangular R (6, 6, k)."""
     X = np.empty(Q.shape)
     for i in reversed(range(6)):
-        known = np.einsum("ajk,jk->ak", X[:, i + 1 :], R[i, i + 1 :])
-        X[:, i] = (Q[:, i] - known) / R[i, i]
+        product = np.einsum("ajk,jk->ak", X[:, i + 1 :], R[i, i + 1 :])
+        X[:, i] = (Q[:, i] - product) / R[i, i]
     return X

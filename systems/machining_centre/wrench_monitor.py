@@ -79,5 +79,5 @@ class WrenchMonitor(LeafSystem):
         force = np.nan_to_num(read_array(self._force, context), posinf=0.0, neginf=0.0)
         thrust, torque = np.clip(force, -_HUGE, _HUGE).tolist()
         down = float(np.linalg.norm(weight(self._geometry)))
-        needed = np.hypot(abs(thrust) + down, torque / self._geometry.platform_radius)
-        output[0] = context.get_discrete_state(0).value()[0] * self._total - needed
+        load = np.hypot(abs(thrust) + down, torque / self._geometry.platform_radius)
+        output[0] = context.get_discrete_state(0).value()[0] * self._total - load

@@ -353,7 +353,7 @@ class FaultInjector(LeafSystem):
     def _update_samples(self, context: Context, discrete_state: DiscreteValues) -> None:
         signal = read_array(self._signal, context)
         ruling, now = self._ruling(context)
-        held = discrete_state.get_mutable_vector(self._held).get_mutable_value()
+        sample = discrete_state.get_mutable_vector(self._held).get_mutable_value()
         numbers = discrete_state.get_mutable_vector(self._held_number).get_mutable_value()
         is_taken = np.full(self.size, True)
         for i, fault in ruling.items():
@@ -361,7 +361,7 @@ class FaultInjector(LeafSystem):
                 fault.fault.kind is FaultKind.SLOW and not fault.is_due(now)
             )
             is_taken[i] = not keeps or numbers[i] < 0.0
-        held[is_taken], numbers[is_taken] = signal[is_taken], now
+        sample[is_taken], numbers[is_taken] = signal[is_taken], now
 
         history = discrete_state.get_mutable_vector(self._history).get_mutable_value()
         history[self.size :] = history[: -self.size].copy()

@@ -104,8 +104,8 @@ class _Stream:
 
     def sample(self, number: int) -> NDArray[np.float64]:
         block, row = divmod(number, _BLOCK)
-        if (kept := self._blocks.get(block)) is not None:
-            return kept[row]
+        if (block_kept := self._blocks.get(block)) is not None:
+            return block_kept[row]
         with self._lock:
             if block < self._next and block not in self._blocks:
                 self._restart()
@@ -142,10 +142,10 @@ def _stream(seed: int, size: int) -> _Stream:
     return _Stream(seed, size)
 
 
-def _normals(generator: np.random.RandomState, wanted: int) -> NDArray[np.float64]:
+def _normals(generator: np.random.RandomState, count: int) -> NDArray[np.float64]:
     """Further normal numbers, about as many as wanted."""
     # Every pair of fractions gives two of them, or with a probability of 1 - pi / 4 none.
-    words = _words(generator, 4 * (wanted * 2 // 3 + 8)).astype("<u4")
+    words = _words(generator, 4 * (count * 2 // 3 + 8)).astype("<u4")
     fractions = np.minimum(words.view("<u8").astype(np.float64) / 2.0**64, _BELOW_ONE)
     points = (2.0 * fractions - 1.0).reshape(-1, 2)
     squares = points[:, 0] * points[:, 0] + points[:, 1] * points[:, 1]

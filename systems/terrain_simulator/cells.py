@@ -53,8 +53,8 @@ def cell_forces(cells: CellsGeometry, load: ArrayLike) -> Array:
         load: (..., 3) F_x', F_z', M_y at the plate's middle, in the plate's frame [N, N, N m].
     """
     ((f_x, f_z, m_y),), shape = columns((load, 3, "load"))
-    turned = m_y / cells.apart
-    return stack((0.5 * (-f_z - turned), 0.5 * (-f_z + turned), f_x), shape)
+    by_moment = m_y / cells.apart
+    return stack((0.5 * (-f_z - by_moment), 0.5 * (-f_z + by_moment), f_x), shape)
 
 
 def load_of_cells(cells: CellsGeometry, force: ArrayLike) -> Array:
@@ -125,10 +125,10 @@ class ForceCells(LeafSystem):
         x, z = self._p_PO
         # What bears the tread is opposite to what loads it; its moment is told about P.
         load = (-f_x, -f_z, z * f_x - x * f_z - m_y)
-        shown = cell_forces(self._cells, load)
+        readings = cell_forces(self._cells, load)
         if self._deviation and self._noise.HasValue(context):
-            shown = shown + self._deviation * read_array(self._noise, context)
-        output.SetFromVector(shown)
+            readings = readings + self._deviation * read_array(self._noise, context)
+        output.SetFromVector(readings)
 
 
 class FootForce(LeafSystem):
@@ -164,6 +164,6 @@ class FootForce(LeafSystem):
         load = load_of_cells(self._cells, read_array(self._force, context))
         f_x, f_z, m_y = (load - inertial_load(self._cells, motion)).tolist()
         s, c = sin_cos(float(motion[2]))
-        turned = (c * f_x + s * f_z, c * f_z - s * f_x, m_y)
-        finite = all(map(math.isfinite, turned))
-        output.SetFromVector(np.array(turned if finite else (0.0, 0.0, 0.0)))
+        in_plate = (c * f_x + s * f_z, c * f_z - s * f_x, m_y)
+        finite = all(map(math.isfinite, in_plate))
+        output.SetFromVector(np.array(in_plate if finite else (0.0, 0.0, 0.0)))

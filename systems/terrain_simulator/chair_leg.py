@@ -96,8 +96,8 @@ class ChairLegModel:
         mount, (_, to_tip, up) = self.mount, self.R_HA.T
         below = np.array((0.0, 0.0, -mount.height))
         from_middle = (self._way * mount.ahead + self.half_sole) * to_tip + mount.height * up
-        found: NDArray[np.float64] = below + from_middle
-        return found
+        position: NDArray[np.float64] = below + from_middle
+        return position
 
     @property
     def _way(self) -> float:
@@ -164,13 +164,13 @@ class ChairLegModel:
             ForceExceeded: names the branch that bears most, and when.
         """
         times = np.linspace(0.0, walk.duration, math.ceil(walk.duration / _STEP) + 1)
-        asked = walk.at(times)
-        foot, phi = asked.foot, asked.pose[..., 2]
+        positions = walk.at(times)
+        foot, phi = positions.foot, positions.pose[..., 2]
         motion = self.branches(foot, phi)
         check_strokes(self.geometry, motion.length[..., np.newaxis, :], times, (1,))
         check_speeds(motion.velocity[..., np.newaxis, :], self.max_velocity, times, (1,))
         reference, corner = self._lowest(foot[0], phi[0])
-        upwards = np.multiply.outer(asked.force, self.R_HA[2])
+        upwards = np.multiply.outer(positions.force, self.R_HA[2])
         jacobian = leg_jacobian(self.geometry, corner, reference)
         force = -np.linalg.solve(np.swapaxes(jacobian, -1, -2), upwards[..., np.newaxis])[..., 0]
         # Both corners of the edge bear alike.
@@ -268,10 +268,10 @@ class ChairLegController(LeafSystem):
         length, rate = read_array(self._position, context), read_array(self._velocity, context)
         foot = read_array(self._foot, context).reshape(3, 2)
         phi = read_array(self._plate, context).reshape(3, 3)[:, 2]
-        wanted, screws = self._model.branches(foot, phi), self._screws
-        force = screws.stiffness * (wanted.length - length)
-        force += screws.damping * (wanted.velocity - rate)
-        force += screws.inertia * wanted.acceleration
+        desired, screws = self._model.branches(foot, phi), self._screws
+        force = screws.stiffness * (desired.length - length)
+        force += screws.damping * (desired.velocity - rate)
+        force += screws.inertia * desired.acceleration
         if not np.isfinite(force).all():
             output.SetZero()
             return

@@ -59,8 +59,8 @@ class Gait:
     def returned(self, share: Array) -> Array:
         """Share (3, ...) of the way to the next foothold that is done: 0 throughout stance."""
         u = self._swung(share)
-        done = quintic(u) if self.ramp is None else s_curve(u, self.ramp)
-        return _by_time(done, self.frequency / (1.0 - self.duty))
+        progress = quintic(u) if self.ramp is None else s_curve(u, self.ramp)
+        return _by_time(progress, self.frequency / (1.0 - self.duty))
 
     def dipped(self, share: Array) -> Array:
         """Share (3, ...) of the dip: a sixth power, 1 in the middle of the swing."""

@@ -99,9 +99,9 @@ class SingularityGuard(LeafSystem):
         self._stop = self.DeclareVectorInputPort("emergency_stop", 1)
         rest = np.zeros(_SIZE)
         rest[_SHARE] = 1.0
-        held = self.DeclareDiscreteState(rest)
+        state = self.DeclareDiscreteState(rest)
         here = {port.ticket() for port in (self._asked, self._measured, self._stop)}
-        here |= {self.discrete_state_ticket(held)}
+        here |= {self.discrete_state_ticket(state)}
         self._next = declare_cached(self, "next", self._calc_next, here)
         after = {self._next.ticket}
         self.DeclareVectorOutputPort("position_command", 3, self._calc_command, after)
@@ -133,26 +133,36 @@ class SingularityGuard(LeafSystem):
 
     def _calc_next(self, context: Context) -> Array:
         now = context.get_discrete_state(0).value().tolist()
-        asked = read(self._asked, context)
+        desired_pose = read(self._asked, context)
         if now[_BEGUN] < 0.5 or is_on(self._stop, context):
-            return self._begin(read_array(self._measured, context), asked)
+            return self._begin(read_array(self._measured, context), desired_pose)
         pose, before = now[_POSE], now[_ASKED]
-        if not all(map(math.isfinite, asked)):
-            asked = before
-        wanted, going = self._motion(pose, before, asked)
+        if not all(map(math.isfinite, desired_pose)):
+            desired_pose = before
+        step, going = self._motion(pose, before, desired_pose)
         place = _Place(pose, now[_PLACES], now[_MARGINS])
-        share, moved = self._admissible(place, asked, wanted, going, now[_RATES])
+        share, next_place = self._admissible(place, desired_pose, step, going, now[_RATES])
         going = [share * rate for rate in going]
-        return np.array((*moved.pose, *asked, *going, share, 1.0, *moved.places, *moved.margins))
+        return np.array(
+            (
+                *next_place.pose,
+                *desired_pose,
+                *going,
+                share,
+                1.0,
+                *next_place.places,
+                *next_place.margins,
+            )
+        )
 
-    def _begin(self, measured: Array, asked: list[float]) -> Array:
+    def _begin(self, measured: Array, desired_pose: list[float]) -> Array:
         """State at the pose where the sliders are, at rest."""
         try:
             pose = forward_kinematics(self._geometry, measured)
         except UnreachablePlate:
             return np.zeros(_SIZE)
-        near = np.abs(asked - pose) <= _SAME
-        place = self._place(asked if near.all() else pose.tolist())
+        near = np.abs(desired_pose - pose) <= _SAME
+        place = self._place(desired_pose if near.all() else pose.tolist())
         if not np.isfinite(place.places).all():
             return np.zeros(_SIZE)
         return np.array(
@@ -160,11 +170,11 @@ class SingularityGuard(LeafSystem):
         )
 
     def _motion(
-        self, pose: list[float], before: list[float], asked: list[float]
+        self, pose: list[float], before: list[float], desired_pose: list[float]
     ) -> tuple[list[float], list[float]]:
         """Speed of the plate that is wanted, and the sliders': as asked, and what it is behind."""
         params, period = self._params, self._period
-        along = [(after - now) / period for after, now in zip(asked, before, strict=True)]
+        along = [(after - now) / period for after, now in zip(desired_pose, before, strict=True)]
         going = slider_rates(self._geometry, pose, along).tolist()
         fastest = params.limits.slider_speed * (1.0 + _ROUNDING)
         if not all(abs(rate) <= fastest for rate in going):
@@ -183,41 +193,45 @@ class SingularityGuard(LeafSystem):
     def _admissible(
         self,
         here: "_Place",
-        asked: list[float],
-        wanted: list[float],
+        desired_pose: list[float],
+        step: list[float],
         rates: list[float],
         before: list[float],
     ) -> tuple[float, "_Place"]:
         """Share of a speed that the limits allow, and where the plate comes with it."""
-        kept, period = self._params.limits, self._period
-        share = min(1.0, kept.slider_speed * (1.0 + _ROUNDING) / max(*map(abs, rates), 1e-12))
-        share = _accelerated(share, rates, before, kept.slider_acceleration * period)
+        limits, period = self._params.limits, self._period
+        share = min(1.0, limits.slider_speed * (1.0 + _ROUNDING) / max(*map(abs, rates), 1e-12))
+        share = _accelerated(share, rates, before, limits.slider_acceleration * period)
         # To the last bit where it is asked, lest errors add up.
-        on_way = wanted == [(to - at) / period for to, at in zip(asked, here.pose, strict=True)]
+        on_way = step == [
+            (to - at) / period for to, at in zip(desired_pose, here.pose, strict=True)
+        ]
         for _ in range(_TRIES):
             arrives = on_way and share == 1.0
-            moved = self._place(asked if arrives else _added(here.pose, share * period, wanted))
+            next_place = self._place(
+                desired_pose if arrives else _added(here.pose, share * period, step)
+            )
             parts = [
-                self._part(margin, left)
-                for margin, left in zip(here.margins, moved.margins, strict=True)
-                if not left >= margin
+                self._part(margin, next_margin)
+                for margin, next_margin in zip(here.margins, next_place.margins, strict=True)
+                if not next_margin >= margin
             ]
             if not parts or min(parts) >= 1.0:
-                return share, moved
+                return share, next_place
             share *= min(max(min(parts) * _SHORTER, 0.0), _SHORTER)
         return 0.0, here
 
-    def _part(self, margin: float, left: float) -> float:
+    def _part(self, margin: float, next_margin: float) -> float:
         """Share that is allowed of a step by which a margin falls; 1 and more: all of it."""
-        if not math.isfinite(left):
+        if not math.isfinite(next_margin):
             return 0.5
         least = margin
         if margin > 0.0:
             falling = self._period * math.sqrt(2.0 * self._params.braking * margin)
             least = max(margin - falling, _LEFT * margin)
-        if left >= least - _ROUNDING * abs(least):
+        if next_margin >= least - _ROUNDING * abs(least):
             return 1.0
-        return (margin - least) / (margin - left)
+        return (margin - least) / (margin - next_margin)
 
     def _place(self, pose: list[float]) -> "_Place":
         places, margins = places_and_margins(self._geometry, pose)

@@ -70,8 +70,8 @@ class HipSupport(LeafSystem):
         """Force of the other legs' stiffness [N]."""
         height, rate = read(self._desired, context)
         (is_at,), (goes,) = read(self._height, context), read(self._rate, context)
-        held = self._params.stiffness * (height - is_at) + self._params.damping * (rate - goes)
-        return float(held) if math.isfinite(held) else 0.0
+        force = self._params.stiffness * (height - is_at) + self._params.damping * (rate - goes)
+        return float(force) if math.isfinite(force) else 0.0
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         lasting = context.get_discrete_state(0)[0]

@@ -99,16 +99,16 @@ class FootImpedance(LeafSystem):
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         q, v = read(self._position, context), read(self._velocity, context)
-        wanted, (push,) = read(self._foot, context), read(self._force, context)
-        if not all(map(math.isfinite, (*q, *v, *wanted, push))):
+        desired, (push,) = read(self._foot, context), read(self._force, context)
+        if not all(map(math.isfinite, (*q, *v, *desired, push))):
             output.SetZero()
             return
         now = self._model.foot_state(self._work, q, v)
         gains = self._gains[is_on(self._stance, context)]
         forces = []
         for i, ((stiffness, damping), row) in enumerate(zip(gains, now.inertia, strict=True)):
-            missing, slower = wanted[i] - now.place[i], wanted[2 + i] - now.velocity[i]
-            inertial = row[0] * (wanted[4] - now.bias[0]) + row[1] * (wanted[5] - now.bias[1])
+            missing, slower = desired[i] - now.place[i], desired[2 + i] - now.velocity[i]
+            inertial = row[0] * (desired[4] - now.bias[0]) + row[1] * (desired[5] - now.bias[1])
             forces.append(inertial + stiffness * missing + damping * slower)
         f_x, f_z = forces[0], forces[1] - push
         if self._model.joints > len(forces):
@@ -123,8 +123,8 @@ class FootImpedance(LeafSystem):
         else:
             rest = [0.0] * len(q)
         torques = [
-            x * f_x + z * f_z + held + led
-            for x, z, held, led in zip(*now.jacobian, now.holding, rest, strict=True)
+            x * f_x + z * f_z + held_force + rest_force
+            for x, z, held_force, rest_force in zip(*now.jacobian, now.holding, rest, strict=True)
         ]
         output.SetFromVector(np.array(list(map(self._within, torques, self._largest))))
 

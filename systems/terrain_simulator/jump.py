@@ -136,19 +136,19 @@ class SquatJump:
         leaves = np.array([[self.stretched, v, -GRAVITY]])
         lands = np.array([[self.landing, -self.landing_speed, -GRAVITY]])
         legs = ((stand, squat), (squat, leaves), None, (lands, squat), (squat, stand))
-        found = np.zeros((3, *t.shape))
-        found[0] = self.standing
+        positions = np.zeros((3, *t.shape))
+        positions[0] = self.standing
         for begin, end, ends in zip(self.instants[:-1], self.instants[1:], legs, strict=True):
             inside = (t > begin) & (t <= end)
             if ends is not None:
-                found[:, inside] = joined((t[inside] - begin) / (end - begin), end - begin, *ends)[
-                    0
-                ]
+                positions[:, inside] = joined(
+                    (t[inside] - begin) / (end - begin), end - begin, *ends
+                )[0]
             else:
                 since = t[inside] - begin
-                found[0, inside] = self.stretched + since * (v - 0.5 * GRAVITY * since)
-                found[1, inside], found[2, inside] = v - GRAVITY * since, -GRAVITY
-        return found
+                positions[0, inside] = self.stretched + since * (v - 0.5 * GRAVITY * since)
+                positions[1, inside], positions[2, inside] = v - GRAVITY * since, -GRAVITY
+        return positions
 
     def _flown(self, t: Array) -> Array:
         """Length (3, ...) of the leg in flight: stretched, and drawn up before it lands."""

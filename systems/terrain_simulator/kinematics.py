@@ -134,7 +134,7 @@ def inverse_kinematics(geometry: BenchGeometry, pose: ArrayLike) -> NDArray[np.f
     (taken,), shape = columns((pose, 3, "pose"))
     now = _shape(geometry, taken)
     places = _places(geometry, taken[0], now)
-    if not all(np.all(left >= 0.0) for left in _left(geometry, places, now)):
+    if not all(np.all(root >= 0.0) for root in _left(geometry, places, now)):
         _refuse(geometry, np.asarray(pose, dtype=float))
     return stack(places, shape)
 
@@ -184,15 +184,15 @@ def forward_kinematics(
     x = geometry.lever - geometry.p_OT[0] * np.cos(geometry.offset)
     z = geometry.p_OT[0] * np.sin(geometry.offset)
     pose = stack([x_P + c * x + s * z, z_P - s * x + c * z, theta + geometry.offset], shape)
-    lost = (pose != pose).astype(bool).any(axis=-1)
-    if lost.any():
-        index = tuple(int(i) for i in np.argwhere(lost)[0]) if shape else ()
-        given = ", ".join(f"{1e3 * a:.1f}" for a in np.asarray(sliders, dtype=float)[index])
+    is_lost = (pose != pose).astype(bool).any(axis=-1)
+    if is_lost.any():
+        index = tuple(int(i) for i in np.argwhere(is_lost)[0]) if shape else ()
+        sliders_mm = ", ".join(f"{1e3 * a:.1f}" for a in np.asarray(sliders, dtype=float)[index])
         raise UnreachablePlate(
             "reach of P",
             np.nan,
             index or None,
-            f"with the sliders at {given} mm the links cannot be joined",
+            f"with the sliders at {sliders_mm} mm the links cannot be joined",
         )
     return pose
 
@@ -295,7 +295,7 @@ def slider_accelerations(
         (geometry.p_OP, geometry.link, 1.0),
         (geometry.p_OT, geometry.strut, geometry.branch),
     )
-    found = []
+    accelerations = []
     for (x_C, z_C), length, ahead in sliders:
         r_x, r_z = c * x_C + s * z_C, c * z_C - s * x_C
         height, up = z + r_z, dz - r_x * dphi
@@ -304,8 +304,8 @@ def slider_accelerations(
         reach = sqrt(length**2 - height * height)
         rate = quotient(-height * up, reach)
         ddreach = quotient(-(up * up + height * ddheight + rate * rate), reach)
-        found.append(ddx + r_z * ddphi - r_x * dphi * dphi + ahead * ddreach)
-    return stack(found, shape)
+        accelerations.append(ddx + r_z * ddphi - r_x * dphi * dphi + ahead * ddreach)
+    return stack(accelerations, shape)
 
 
 def slider_forces(
@@ -339,7 +339,7 @@ def singularity(geometry: BenchGeometry, pose: ArrayLike) -> Singularity:
     """
     (taken,), shape = columns((pose, 3, "pose"))
     now = _shape(geometry, taken)
-    found = stack(
+    result = stack(
         [
             _sin_mu(geometry, now),
             now.height_p / geometry.link,
@@ -349,7 +349,7 @@ def singularity(geometry: BenchGeometry, pose: ArrayLike) -> Singularity:
         ],
         shape,
     )
-    return Singularity(*np.moveaxis(found, -1, 0))
+    return Singularity(*np.moveaxis(result, -1, 0))
 
 
 def margins(geometry: BenchGeometry, pose: ArrayLike) -> NDArray[np.float64]:
@@ -416,12 +416,12 @@ def _left(geometry: BenchGeometry, places: list[Elementwise], now: _Shape) -> li
 
 def _refuse(geometry: BenchGeometry, pose: NDArray[np.float64]) -> None:
     """Names the first limit that the first offending pose breaks."""
-    left = margins(geometry, pose)
-    *index, _ = map(int, np.argwhere(~(left >= 0.0))[0])
+    room = margins(geometry, pose)
+    *index, _ = map(int, np.argwhere(~(room >= 0.0))[0])
     where = tuple(index)
     # A link that is too short leaves NaN behind: what it is short of comes before it.
-    which = int(np.argmax(left[where] < 0.0))
-    limit, missing = LIMITS[which], -float(left[(*where, which)])
+    which = int(np.argmax(room[where] < 0.0))
+    limit, missing = LIMITS[which], -float(room[(*where, which)])
     by = f"{1e3 * missing:.2f} mm"
     if not np.isfinite(pose[where]).all():
         words = "the pose has numbers that are not finite"

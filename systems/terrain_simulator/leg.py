@@ -166,10 +166,10 @@ class LegModel:
         Raises:
             UnreachableFoot: there are none within the joints' limits; tells what is missing.
         """
-        context, wanted = self.make_context(), np.asarray(foot, dtype=float)
+        context, goal = self.make_context(), np.asarray(foot, dtype=float)
         low, high = self.limits
         q = np.clip(np.asarray(self.posture if near is None else near, dtype=float), low, high)
-        missing = nearest = wanted - self.place(context, q)
+        missing = nearest = goal - self.place(context, q)
         for _ in range(_STEPS):
             if np.abs(missing).max() < _CLOSE:
                 break
@@ -177,10 +177,10 @@ class LegModel:
             step = J.T @ np.linalg.solve(J @ J.T + _DAMPING * np.eye(2), missing)
             step *= min(1.0, _LARGEST / max(float(np.abs(step).max()), 1e-12))
             q = np.clip(q + step, low, high)
-            missing = wanted - self.place(context, q)
+            missing = goal - self.place(context, q)
             nearest = min(missing, nearest, key=np.linalg.norm)
         if np.abs(missing).max() > 1e3 * _CLOSE:
-            raise UnreachableFoot(wanted, float(np.linalg.norm(nearest)))
+            raise UnreachableFoot(goal, float(np.linalg.norm(nearest)))
         return q
 
     def follow(self, feet: ArrayLike) -> NDArray[np.float64]:
@@ -189,10 +189,10 @@ class LegModel:
         Raises:
             UnreachableFoot: the first place that cannot be reached.
         """
-        found: list[NDArray[np.float64]] = []
+        configurations: list[NDArray[np.float64]] = []
         for foot in np.asarray(feet, dtype=float):
-            found.append(self.reach(foot, found[-1] if found else None))
-        return np.array(found)
+            configurations.append(self.reach(foot, configurations[-1] if configurations else None))
+        return np.array(configurations)
 
     def _set(self, context: Context, position: ArrayLike) -> None:
         positions = np.empty(self.joints)

@@ -102,9 +102,9 @@ def drive_forces(
     """
     q = of_width(motion, 9, "motion")
     K = inverse_jacobian(geometry, q[..., :3])
-    needed = _wrench(geometry, bodies, q, K) - of_width(load, 3, "load")
+    force = _wrench(geometry, bodies, q, K) - of_width(load, 3, "load")
     transposed = np.swapaxes(K, -1, -2)
-    return np.asarray(np.linalg.solve(transposed, needed[..., np.newaxis])[..., 0])
+    return np.asarray(np.linalg.solve(transposed, force[..., np.newaxis])[..., 0])
 
 
 def load_of_drives(
@@ -163,8 +163,8 @@ class LoadEstimator(LeafSystem):
         self._position = self.DeclareVectorInputPort("position_measured", 3)
         self._current = self.DeclareVectorInputPort("current", 3)
         self._motion = self.DeclareVectorInputPort("plate_motion", 9)
-        shown = self.DeclareDiscreteState(6)
-        after = {self.discrete_state_ticket(shown)}
+        state = self.DeclareDiscreteState(6)
+        after = {self.discrete_state_ticket(state)}
         self.DeclareVectorOutputPort("pose_estimated", 3, self._copy_pose, after)
         self.DeclareVectorOutputPort("load_estimated", 3, self._copy_load, after)
         self.DeclareInitializationDiscreteUpdateEvent(self._update)
@@ -190,8 +190,8 @@ class LoadEstimator(LeafSystem):
         motion = np.concatenate((pose, motion[3:]))
         with np.errstate(all="ignore"):
             load = load_of_drives(self._geometry, self._masses, motion, force)
-        shown = np.concatenate((pose, load))
-        state.set_value(0, np.where(np.isfinite(shown), shown, 0.0))
+        estimate = np.concatenate((pose, load))
+        state.set_value(0, np.where(np.isfinite(estimate), estimate, 0.0))
 
 
 class _Point(NamedTuple):
@@ -242,8 +242,8 @@ def _turned(inertia: float, one: _Point, other: _Point, length: float) -> list[E
     across_x = other.place[1] - one.place[1]
     across_z = one.place[0] - other.place[0]
     ddx, ddz = (b - a for a, b in zip(one.acceleration, other.acceleration, strict=True))
-    turned = scale * (across_x * ddx + across_z * ddz)
+    acceleration = scale * (across_x * ddx + across_z * ddz)
     return [
-        turned * (across_x * (b_x - a_x) + across_z * (b_z - a_z))
+        acceleration * (across_x * (b_x - a_x) + across_z * (b_z - a_z))
         for a_x, a_z, b_x, b_z in zip(*one.by_pose, *other.by_pose, strict=True)
     ]

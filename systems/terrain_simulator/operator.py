@@ -69,8 +69,8 @@ class BenchControls(LeafSystem):
         self._first, self._radius = start.pose[0], walk.foot_radius
         self._share = -math.expm1(-period / _LAG)
         self._led = self.DeclareVectorInputPort("pose_desired", 3)
-        asked = self.DeclareDiscreteState(self._first)
-        self.DeclareStateOutputPort("pose_asked", asked)
+        commanded = self.DeclareDiscreteState(self._first)
+        self.DeclareStateOutputPort("pose_asked", commanded)
         on_plate = {self._led.ticket()}
         self.DeclareVectorOutputPort("plate_motion", 9, self._calc_motion, on_plate)
         self.DeclareVectorOutputPort("foot_desired", 6, self._calc_foot, on_plate)
@@ -99,16 +99,16 @@ class BenchControls(LeafSystem):
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         there = set(self._controls.GetSliderNames())
-        wanted = [
+        values = [
             unit * self._controls.GetSliderValue(name) if name in there else float(first)
             for (name, _, _, unit), first in zip(SLIDERS, self._first, strict=True)
         ]
         now = context.get_discrete_state(0).value()
-        state.set_value(0, now + self._share * (np.array(wanted) - now))
+        state.set_value(0, now + self._share * (np.array(values) - now))
 
     def _pose(self, context: Context) -> Array:
-        led = read_array(self._led, context)
-        return led if np.isfinite(led).all() else self._first
+        lead = read_array(self._led, context)
+        return lead if np.isfinite(lead).all() else self._first
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(np.concatenate((self._pose(context), np.zeros(6))))

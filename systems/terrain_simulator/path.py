@@ -254,7 +254,7 @@ def check_path(
         PathRefused: names the limit that is broken first, when, and the admissible speed.
         ValueError: a duration that is not positive.
     """
-    kept = PathLimits() if limits is None else limits
+    limits_used = PathLimits() if limits is None else limits
     lasting = _STRIDES / path.gait.frequency if duration is None else duration
     if not (math.isfinite(lasting) and lasting > 0.0):
         raise ValueError(f"duration must be positive, not {lasting!r}")
@@ -265,7 +265,7 @@ def check_path(
         times = _instants(slower, way / speed if way else lasting)
         motion = slower.at(times)
         belt = _belt_length(slower, motion.pose)
-        return first_broken(geometry, times, np.stack(motion[:3]), kept, belt)
+        return first_broken(geometry, times, np.stack(motion[:3]), limits_used, belt)
 
     refuse_broken(broken, path.gait.speed)
 
@@ -291,8 +291,8 @@ def _instants(path: PlatePath, duration: float) -> Array:
 
 def _belt_length(path: PlatePath, pose: Array) -> Array:
     """Length (...) of the belt that a stance needs [m]; 0 of a pedal."""
-    needed = path.gait.stance / np.cos(pose[..., 2])
-    return np.asarray(needed if path.treadmill else 0.0 * needed)
+    length = path.gait.stance / np.cos(pose[..., 2])
+    return np.asarray(length if path.treadmill else 0.0 * length)
 
 
 class Broken(NamedTuple):
@@ -328,15 +328,15 @@ def first_broken(
         belt: length (k) of the belt that is needed [m]; None: none.
     """
     pose, velocity, acceleration = motion
-    left = margins(geometry, pose)
-    left[:, _LINE] -= limits.sin_mu
+    margins_along = margins(geometry, pose)
+    margins_along[:, _LINE] -= limits.sin_mu
     values = np.concatenate(
         (
-            -left,
+            -margins_along,
             np.abs(velocity),
             np.abs(slider_rates(geometry, pose, velocity)),
             np.abs(slider_accelerations(geometry, pose, velocity, acceleration)),
-            0.0 * left[:, :1] if belt is None else belt[:, np.newaxis],
+            0.0 * margins_along[:, :1] if belt is None else belt[:, np.newaxis],
         ),
         axis=1,
     )
@@ -376,17 +376,19 @@ def refuse_broken(broken: Callable[[float], Broken | None], speed: float) -> Non
     Raises:
         PathRefused: a limit is broken at that speed.
     """
-    found = broken(speed)
-    if found is not None:
+    violation = broken(speed)
+    if violation is not None:
         slower = _admissible(lambda other: broken(other) is None, speed)
-        raise PathRefused(found.limit, found.instant, found.worst, slower, found.words)
+        raise PathRefused(
+            violation.limit, violation.instant, violation.worst, slower, violation.words
+        )
 
 
-def _admissible(passes: Callable[[float], bool], asked: float) -> float | None:
+def _admissible(passes: Callable[[float], bool], commanded: float) -> float | None:
     """Largest speed [m/s] that passes, and 99 % of which does."""
-    refused = asked
+    refused = commanded
     for share in _SCANNED:
-        speed, high = share * asked, refused
+        speed, high = share * commanded, refused
         while speed < high and passes(speed):
             low = speed
             for _ in range(_BISECTIONS):

@@ -71,6 +71,6 @@ def printed_theta(
     distance = np.hypot(along, z_P)
     argument = geometry.strut**2 - geometry.lever**2 - along**2 - z_P**2
     with np.errstate(invalid="ignore"):
-        turned = np.arccos(argument / (2.0 * geometry.lever * distance))
-    theta: NDArray[np.float64] = 0.5 * math.pi - np.arctan2(along, z_P) + sign * turned
+        angle = np.arccos(argument / (2.0 * geometry.lever * distance))
+    theta: NDArray[np.float64] = 0.5 * math.pi - np.arctan2(along, z_P) + sign * angle
     return theta

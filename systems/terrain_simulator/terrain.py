@@ -146,8 +146,12 @@ class Stairs(Terrain):
 
     def height(self, distance: ArrayLike) -> Array:
         """Height of the tread [m]."""
-        passed = np.floor((np.asarray(distance, dtype=np.float64) - self.at) / self.tread) + 1.0
-        return self.rise * np.clip(passed, 0.0, math.inf if self.count is None else self.count)
+        steps_passed = (
+            np.floor((np.asarray(distance, dtype=np.float64) - self.at) / self.tread) + 1.0
+        )
+        return self.rise * np.clip(
+            steps_passed, 0.0, math.inf if self.count is None else self.count
+        )
 
 
 @dataclass(frozen=True)
@@ -327,8 +331,10 @@ def read_profile(path: str | Path, largest_gap: float = 0.1) -> RecordedProfile:
             reader = csv.reader(file)
             header = [name.strip() for name in next(reader, [])]
             if header != _COLUMNS:
-                found = ",".join(header) or "nothing"
-                raise ScenarioError(f"{path}: row 1 must be {','.join(_COLUMNS)}, not {found}")
+                columns_found = ",".join(header) or "nothing"
+                raise ScenarioError(
+                    f"{path}: row 1 must be {','.join(_COLUMNS)}, not {columns_found}"
+                )
             for cells in reader:
                 if cells:
                     before = rows[-1][0] if rows else None

@@ -161,16 +161,16 @@ class BenchWalk:
         parts = [full * k / (n + 1) for k in range(1, n + 1)]
         plan = [*((speed, 1) for speed in parts), (full, self.strides)]
         plan += [(speed, 1) for speed in reversed(parts)]
-        found: list[_Piece] = []
-        time, gone, before = self.lift_off, self.path.start, 0.0
+        pieces_found: list[_Piece] = []
+        time, position, before = self.lift_off, self.path.start, 0.0
         for speed, strides in plan:
             # In the swing the body changes its speed; the path is told back to the lift-off.
-            start = gone + 0.5 * (before - speed) * self.swing
+            start = position + 0.5 * (before - speed) * self.swing
             path = replace(self.path.at_speed(speed), start=start, clock=time - self.lift_off)
-            found.append(_Piece(time, path, strides))
+            pieces_found.append(_Piece(time, path, strides))
             time += strides * self.period
-            gone, before = start + speed * strides * self.period, speed
-        return tuple(found)
+            position, before = start + speed * strides * self.period, speed
+        return tuple(pieces_found)
 
     def at(self, time: ArrayLike) -> WalkMotion:
         """Motion at times (...) [s].
@@ -242,14 +242,14 @@ class BenchWalk:
         done by the law of the gait's return, as in any other swing.
         """
         inside = (t >= begin) & (t <= begin + self.swing)
-        done, duration = (t[inside] - begin) / self.swing, self.swing
+        progress, duration = (t[inside] - begin) / self.swing, self.swing
         (p, v, a), (q, w, b) = states[0].T, states[1].T
         by_itself = p + 0.5 * duration * (v + w) + duration**2 / 12.0 * (a - b)
-        led = joined(done, duration, states[0], np.stack((by_itself, w, b), axis=-1))
+        lead = joined(progress, duration, states[0], np.stack((by_itself, w, b), axis=-1))
         gait = self.path.gait
-        returned = gait.returned(gait.duty + (1.0 - gait.duty) * done)
-        values[:, :, inside] = led + np.multiply.outer(q - by_itself, returned)
-        belt[inside] = belts[0] + (belts[1] - belts[0]) * quintic(done)[0]
+        returned = gait.returned(gait.duty + (1.0 - gait.duty) * progress)
+        values[:, :, inside] = lead + np.multiply.outer(q - by_itself, returned)
+        belt[inside] = belts[0] + (belts[1] - belts[0]) * quintic(progress)[0]
 
     def _rest(self, distance: float, time: float) -> Array:
         """State (8, 3) of a leg that stands, its hip above the foot.
@@ -296,16 +296,16 @@ def check_walk(geometry: BenchGeometry, walk: BenchWalk, limits: PathLimits | No
     Raises:
         PathRefused: names the limit that is broken first, when, and the admissible speed.
     """
-    kept = PathLimits() if limits is None else limits
+    limits_used = PathLimits() if limits is None else limits
     for piece in walk.pieces:
-        check_path(geometry, piece.path, kept, piece.strides * walk.period)
+        check_path(geometry, piece.path, limits_used, piece.strides * walk.period)
     # Swings between speeds.
     swings = [*(piece.begin for piece in walk.pieces), walk.landing - walk.swing]
     times = np.concatenate([np.linspace(one, one + walk.swing, _SAMPLES) for one in swings])
 
     def broken(speed: float) -> Broken | None:
         slower = replace(walk, path=walk.path.at_speed(speed))
-        return first_broken(geometry, times, slower.at(times).pose, kept)
+        return first_broken(geometry, times, slower.at(times).pose, limits_used)
 
     refuse_broken(broken, walk.path.gait.speed)
 

@@ -68,13 +68,13 @@ def rail_interval(
     """
     z, phi = np.broadcast_arrays(np.asarray(z, dtype=float), np.asarray(phi, dtype=float))
     pose = np.stack((np.zeros_like(z), z, phi), axis=-1)
-    places, left = slider_places(geometry, pose), margins(geometry, pose)[..., :_SHAPE]
-    left[..., _LINE] -= least_sin_mu
+    places, margins_along = slider_places(geometry, pose), margins(geometry, pose)[..., :_SHAPE]
+    margins_along[..., _LINE] -= least_sin_mu
     ends = np.stack(
         (geometry.slider_min - places.min(axis=-1), geometry.slider_max - places.max(axis=-1)),
         axis=-1,
     )
-    has_any = (left >= 0.0).all(axis=-1) & (ends[..., 1] >= ends[..., 0])
+    has_any = (margins_along >= 0.0).all(axis=-1) & (ends[..., 1] >= ends[..., 0])
     ends[~has_any] = np.nan
     return ends
 
@@ -180,8 +180,8 @@ def workspace(
 
     highest = geometry.link + math.hypot(*geometry.p_OP)
     looks = np.linspace(0.0, highest, _LOOKS)
-    found = np.flatnonzero(~np.isnan(ends(looks)[:, 0]))
-    if not found.size:
+    reachable = np.flatnonzero(~np.isnan(ends(looks)[:, 0]))
+    if not reachable.size:
         return Workspace(np.empty(0), np.empty((0, 2)), np.nan, np.nan)
 
     def edge(inside: float, outside: float) -> float:
@@ -192,7 +192,7 @@ def workspace(
         return inside
 
     step = looks[1]
-    low = edge(looks[found[0]], looks[found[0]] - step)
-    high = edge(looks[found[-1]], looks[found[-1]] + step)
+    low = edge(looks[reachable[0]], looks[reachable[0]] - step)
+    high = edge(looks[reachable[-1]], looks[reachable[-1]] + step)
     z = low + (high - low) * (np.arange(cells) + 0.5) / cells
     return Workspace(z, ends(z), float(low), float(high))

@@ -93,9 +93,9 @@ def stroke_excess(geometry: LegGeometry, length: ArrayLike) -> NDArray[np.float6
         (..., 3) excess [m]: positive outside, negative for the distance to the nearer end inside;
         NaN for NaN.
     """
-    given = of_width(length, 3, "length")
+    inputs = of_width(length, 3, "length")
     low, high = geometry.strokes.T
-    return np.maximum(low - given, given - high)
+    return np.maximum(low - inputs, inputs - high)
 
 
 def check_strokes(
@@ -117,11 +117,11 @@ def check_strokes(
         ValueError: wrong shapes.
     """
     lengths = _of_legs(length, legs, "length")
-    found = _worst(stroke_excess(geometry, lengths), _STROKE_TOLERANCE)
-    if found is not None:
-        low, high = geometry.strokes[found[-1]].tolist()
-        name, when = _name(found, legs), _time(time, lengths.shape[:-2], found)
-        raise StrokeExceeded(name, when, float(lengths[found]), (low, high))
+    worst = _worst(stroke_excess(geometry, lengths), _STROKE_TOLERANCE)
+    if worst is not None:
+        low, high = geometry.strokes[worst[-1]].tolist()
+        name, when = _name(worst, legs), _time(time, lengths.shape[:-2], worst)
+        raise StrokeExceeded(name, when, float(lengths[worst]), (low, high))
 
 
 def check_speeds(
@@ -143,10 +143,10 @@ def check_speeds(
         ValueError: wrong shapes.
     """
     speeds = np.abs(_of_legs(velocity, legs, "velocity"))
-    found = _worst(speeds - limit, _SPEED_TOLERANCE)
-    if found is not None:
-        name, when = _name(found, legs), _time(time, speeds.shape[:-2], found)
-        raise SpeedExceeded(name, when, float(speeds[found]), limit)
+    worst = _worst(speeds - limit, _SPEED_TOLERANCE)
+    if worst is not None:
+        name, when = _name(worst, legs), _time(time, speeds.shape[:-2], worst)
+        raise SpeedExceeded(name, when, float(speeds[worst]), limit)
 
 
 def _of_legs(value: ArrayLike, legs: Sequence[int], name: str) -> NDArray[np.float64]:
@@ -271,18 +271,18 @@ def refuse_forces(
     Raises:
         ForceExceeded: names the branch that bears most, and when first.
     """
-    found = _worst(np.abs(forces) - limit, _FORCE_TOLERANCE)
-    if found is not None:
-        when, branch = found
-        force = float(forces[found])
+    worst = _worst(np.abs(forces) - limit, _FORCE_TOLERANCE)
+    if worst is not None:
+        when, branch = worst
+        force = float(forces[worst])
         raise ForceExceeded(branches[branch], float(times[when]), force, limit)
 
 
 def _instants(walk: Walk) -> np.ndarray:
     """Times in the lift and the first cycle of each gait, and in its end."""
-    found, begin = [], 0.0
+    instants, begin = [], 0.0
     for gait in walk.gaits:
         first = np.linspace(0.0, 4.0 * gait.phase_duration, 4 * _FORCE_TIMES + 1)
-        found.append(begin + first)
+        instants.append(begin + first)
         begin += gait.duration
-    return np.concatenate(found)
+    return np.concatenate(instants)

@@ -152,8 +152,8 @@ class EasedStart(LeafSystem):
             return
         since = (context.get_time() - values[-1]) / self._duration
         if since < 1.0:
-            done = float(MOTION_LAWS["quintic"](np.array(max(since, 0.0)))[0])
-            length = length + (1.0 - done) * values[:-2]
+            progress = float(MOTION_LAWS["quintic"](np.array(max(since, 0.0)))[0])
+            length = length + (1.0 - progress) * values[:-2]
         output.SetFromVector(length)
 
     def _update_offset(self, context: Context, discrete_state: Any) -> None:

@@ -281,8 +281,8 @@ def _body(
         (phases.SHIFT, 1, gait.signed_step),
         (phases.LOWER, 2, -gait.lift),
     ):
-        done, doing = _done_and_doing(gait, index, name)
-        motions[0][..., axis] += way * done
+        progress, doing = _done_and_doing(gait, index, name)
+        motions[0][..., axis] += way * progress
         for motion, part in zip(motions, law, strict=True):
             motion[..., axis] += way * np.where(doing, part, 0.0)
     position, velocity, acceleration = motions
@@ -302,10 +302,10 @@ def _feet(
     motion = Motion(*(np.zeros((*share.shape, LEG_COUNT, 3)) for _ in swing))
     swings = np.zeros((*share.shape, LEG_COUNT), dtype=np.bool_)
     for pair, name in zip(gait.pairs, (phases.FIRST_SWING, phases.SECOND_SWING), strict=True):
-        done, doing = _done_and_doing(gait, index, name)
+        progress, doing = _done_and_doing(gait, index, name)
         for leg in pair:
             swings[..., leg] = doing
-            motion.position[..., leg, 1] += gait.signed_step * done
+            motion.position[..., leg, 1] += gait.signed_step * progress
             for total, part in zip(motion, swing, strict=True):
                 total[..., leg, :] += np.where(doing[..., np.newaxis], part, 0.0)
     start = (*gait.start, geometry.leg.retracted_height)

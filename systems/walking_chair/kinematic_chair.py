@@ -160,9 +160,9 @@ class KinematicChair(LeafSystem):
         foot_weight = self._masses.foot_end * GRAVITY
         at_rest = rest(flat, vertical, mass * GRAVITY, centre, foot_weight)
         tilt = RollPitchYaw(at_rest.roll, at_rest.pitch, 0.0).ToRotationMatrix().matrix()
-        turned = flat @ tilt.T
+        rotated = flat @ tilt.T
         carry = at_rest.loads > 0.0
-        x, y, yaw = self._place(context, turned[:, :2], np.where(carry, at_rest.loads, 0.0))
+        x, y, yaw = self._place(context, rotated[:, :2], np.where(carry, at_rest.loads, 0.0))
         attitude = RollPitchYaw(at_rest.roll, at_rest.pitch, yaw)
         position = np.array((x, y, at_rest.height))
         turn = attitude.ToQuaternion().wxyz()
@@ -174,7 +174,7 @@ class KinematicChair(LeafSystem):
             at_rest.gaps,
             np.concatenate((turn, position)),
             passenger.place,
-            turned[:, :2] @ _heading(yaw).T + (x, y),
+            rotated[:, :2] @ _heading(yaw).T + (x, y),
             carry,
         )
 
@@ -206,10 +206,10 @@ class KinematicChair(LeafSystem):
         contacts: Any = context.get_discrete_state(1)
         anchors = contacts.value()[: 2 * _CORNERS].reshape(_CORNERS, 2)
         carried = contacts.value()[2 * _CORNERS :] > 0.5
-        kept = np.where((carried & stance.carry)[:, None], anchors, stance.places)
+        anchored = np.where((carried & stance.carry)[:, None], anchors, stance.places)
         x, y, _ = stance.body_position
         discrete_state.set_value(0, np.array((x, y, stance.body_attitude[2])))
-        discrete_state.set_value(1, np.concatenate((kept.ravel(), stance.carry.astype(float))))
+        discrete_state.set_value(1, np.concatenate((anchored.ravel(), stance.carry.astype(float))))
 
 
 def _looking_ahead(place: ArrayLike) -> NDArray[np.float64]:

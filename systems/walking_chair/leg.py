@@ -199,19 +199,22 @@ def corner_numbers(reference: Reference) -> NDArray[np.intp]:
     Raises:
         ValueError: there is no such corner.
     """
-    given = np.asarray(reference)
-    if given.dtype.kind in "if" and ((given >= 1) & (given <= len(CORNERS))).all():
-        whole = given.astype(np.intp, copy=False)
-        if whole is given or (whole == given).all():
+    given_numbers = np.asarray(reference)
+    if (
+        given_numbers.dtype.kind in "if"
+        and ((given_numbers >= 1) & (given_numbers <= len(CORNERS))).all()
+    ):
+        whole = given_numbers.astype(np.intp, copy=False)
+        if whole is given_numbers or (whole == given_numbers).all():
             return whole
-    numbers = np.zeros(given.shape, dtype=np.intp)
+    numbers = np.zeros(given_numbers.shape, dtype=np.intp)
     for number, name in enumerate(CORNERS, start=1):
-        numbers[given == (name if given.dtype.kind in "UO" else number)] = number
-    unknown = (numbers == 0) | (given.dtype.kind == "b")
+        numbers[given_numbers == (name if given_numbers.dtype.kind in "UO" else number)] = number
+    unknown = (numbers == 0) | (given_numbers.dtype.kind == "b")
     if unknown.any():
         raise ValueError(
             f"reference must be one of {', '.join(CORNERS)} or its number 1, 2, 3, "
-            f"not {given[unknown].tolist()[0]!r}"
+            f"not {given_numbers[unknown].tolist()[0]!r}"
         )
     return numbers
 
@@ -405,10 +408,10 @@ def up_of_lengths(geometry: LegGeometry, lengths: ArrayLike) -> NDArray[np.float
     Raises:
         ValueError: wrong shapes.
     """
-    given = of_width(lengths, 3, "lengths").astype(np.float64)
-    alpha, beta = _newton(geometry, given)
-    up = np.stack([given[..., 0], alpha, beta], axis=-1)
-    error = np.abs(branch_lengths(geometry, up) - given).max(axis=-1)
+    arrays = of_width(lengths, 3, "lengths").astype(np.float64)
+    alpha, beta = _newton(geometry, arrays)
+    up = np.stack([arrays[..., 0], alpha, beta], axis=-1)
+    error = np.abs(branch_lengths(geometry, up) - arrays).max(axis=-1)
     good = (error <= _TOLERANCE) & is_within_joints(up)
     return np.where(good[..., np.newaxis], up, np.nan)
 

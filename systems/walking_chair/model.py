@@ -167,11 +167,11 @@ class ChairModel:
     @cached_property
     def _starts(self) -> list[dict[str, int]]:
         """Index of each leg's joint positions among the plant's, by the joints' names."""
-        found: list[dict[str, int]] = []
+        starts: list[dict[str, int]] = []
         for leg in self.legs:
             joints = [self.plant.get_joint(i) for i in self.plant.GetJointIndices(leg)]
-            found.append({joint.name(): joint.position_start() for joint in joints})
-        return found
+            starts.append({joint.name(): joint.position_start() for joint in joints})
+        return starts
 
     def seat(self, context: Context, passenger: Passenger) -> None:
         """Puts the passenger's centre of mass where it is, as heavy as it is.

@@ -92,8 +92,8 @@ class FeetOdometer:
         feet: Array = np.ones((count, LEG_COUNT))
         if stands is not None:
             feet = (np.reshape(np.asarray(stands), (count, LEG_COUNT)) > 0.5).astype(np.float64)
-        known = np.isfinite(rows).all(axis=(1, 2))
-        chosen = known & self._is_counted(time, feet, known, longest)
+        is_finite = np.isfinite(rows).all(axis=(1, 2))
+        chosen = is_finite & self._is_counted(time, feet, is_finite, longest)
         places = np.flatnonzero(chosen)
         if self._last is None:
             if not places.size:
@@ -103,19 +103,19 @@ class FeetOdometer:
         _, before, stood = self._last
         stops = np.concatenate((before[np.newaxis], rows[places]))
         begins = np.concatenate((stood[np.newaxis], feet[places]))
-        seen = _seen(self._geometry, stops)
+        footprints = _seen(self._geometry, stops)
         # A foot that comes down at a stop stands from it on: until then the others carry.
-        ways = _way(seen[:-1], seen[1:], begins[:-1])
-        found = _sum(self._place, ways)
+        ways = _way(footprints[:-1], footprints[1:], begins[:-1])
+        way = _sum(self._place, ways)
         newest = np.searchsorted(places, np.arange(count), side="right")
-        self._place = found[-1]
+        self._place = way[-1]
         if places.size:
             last = places[-1]
             self._last = float(time[last]), rows[last], feet[last]
-        return Footing(found[newest], stops[newest], begins[newest])
+        return Footing(way[newest], stops[newest], begins[newest])
 
     def _is_counted(
-        self, time: Array, feet: Array, known: NDArray[np.bool_], longest: float
+        self, time: Array, feet: Array, is_finite: NDArray[np.bool_], longest: float
     ) -> NDArray[np.bool_]:
         """(k) samples from which on the way is counted anew."""
         begin, last = (-np.inf, feet[0]) if self._last is None else (self._last[0], self._last[2])
@@ -123,8 +123,8 @@ class FeetOdometer:
         # Beginnings of equal spans of time, which do not depend on the pieces.
         spans = np.floor(time / longest)
         previous = np.concatenate(([np.floor(begin / longest)], spans[:-1]))
-        lost = np.concatenate(([False], ~known[:-1]))  # what was to be counted there
-        return changes | (spans != previous) | lost
+        is_missing = np.concatenate(([False], ~is_finite[:-1]))  # what was to be counted there
+        return changes | (spans != previous) | is_missing
 
 
 def _seen(geometry: ChairGeometry, lengths: ArrayLike) -> Array:
@@ -139,8 +139,8 @@ def _way(before: Array, after: Array, stands: Array) -> Array:
     feet = np.repeat(stands, 3, axis=-1)
     weights = feet * _near(before, feet) * _near(after, feet)
     # A chair of which nothing is known, or whose feet have all been changed, has not moved.
-    known = np.isfinite(before).all(axis=(-1, -2)) & np.isfinite(after).all(axis=(-1, -2))
-    total = np.where(known, weights.sum(axis=-1), 0.0)
+    is_finite = np.isfinite(before).all(axis=(-1, -2)) & np.isfinite(after).all(axis=(-1, -2))
+    total = np.where(is_finite, weights.sum(axis=-1), 0.0)
     is_carried = total > 0.0
     share = (
         np.where(is_carried[..., None], weights, 0.0) / np.where(is_carried, total, 1.0)[..., None]

@@ -110,14 +110,14 @@ def largest_payload(stand: Stand, friction: float = 0.0, limit: float = FORCE_LI
     """
     rays = _rays(stand, friction)
     count = len(rays.corner)
-    found = _solve(
+    solution = _solve(
         np.append(np.zeros(count), -1.0),
         _both_ways(rays.branches, 0.0),
         limit,
         np.column_stack((rays.wrenches, -GRAVITY * _unit_weight(stand.payload_place))),
         stand.wrench(0.0),
     )
-    return _NOTHING if found is None else rays.carrying(float(found[-1]), found[:-1])
+    return _NOTHING if solution is None else rays.carrying(float(solution[-1]), solution[:-1])
 
 
 def least_branch_force(stand: Stand, mass: float, friction: float = 0.0) -> Payload:
@@ -135,14 +135,14 @@ def least_branch_force(stand: Stand, mass: float, friction: float = 0.0) -> Payl
     """
     rays = _rays(stand, friction)
     count = len(rays.corner)
-    found = _solve(
+    solution = _solve(
         np.append(np.zeros(count), 1.0),
         _both_ways(rays.branches, -1.0),
         0.0,
         np.column_stack((rays.wrenches, np.zeros(6))),
         stand.wrench(mass),
     )
-    return _NOTHING if found is None else rays.carrying(mass, found[:-1])
+    return _NOTHING if solution is None else rays.carrying(mass, solution[:-1])
 
 
 def elastic_forces(
@@ -164,15 +164,15 @@ def elastic_forces(
     """
     rays = _rays(stand, friction)
     by_energy = np.tile((1.0, *(ups_stiffness,) * 2), LEG_COUNT) ** -0.5
-    wanted = stand.wrench(mass)
+    load_wrench = stand.wrench(mass)
     if not len(rays.corner):
         return _NOTHING
     factors, _ = nnls(
         np.vstack((by_energy[:, np.newaxis] * rays.branches, _BALANCE * rays.wrenches)),
-        np.concatenate((np.zeros(len(by_energy)), _BALANCE * wanted)),
+        np.concatenate((np.zeros(len(by_energy)), _BALANCE * load_wrench)),
     )
-    missing = np.abs(rays.wrenches @ factors - wanted).max()
-    return _NOTHING if missing > _MISSED * wanted[2] else rays.carrying(mass, factors)
+    missing = np.abs(rays.wrenches @ factors - load_wrench).max()
+    return _NOTHING if missing > _MISSED * load_wrench[2] else rays.carrying(mass, factors)
 
 
 # Distance from S at which a moment counts as much as a force in `unexplained_forces` [m]: that of
@@ -208,8 +208,8 @@ def unexplained_forces(
     lever = np.array((1.0, 1.0, 1.0, *(1.0 / _LEVER,) * 3))
     rays = _rays(stand, friction)
     rows = np.vstack((rays.branches, lever[:, np.newaxis] * rays.wrenches))
-    wanted = np.concatenate((forces + own, lever * stand.wrench(mass)))
-    factors = nnls(rows, wanted)[0] if len(rays.corner) else np.zeros(0)
+    load_wrench = np.concatenate((forces + own, lever * stand.wrench(mass)))
+    factors = nnls(rows, load_wrench)[0] if len(rays.corner) else np.zeros(0)
     unexplained: NDArray[np.float64] = forces + own - rays.branches @ factors
     return unexplained
 
@@ -245,7 +245,7 @@ def _solve(
     equal: NDArray[np.float64],
 ) -> NDArray[np.float64] | None:
     """Unknowns, none of them negative, of the least cost; None if there are none."""
-    found = linprog(
+    solution = linprog(
         cost,
         A_ub=at_most_rows,
         b_ub=np.full(len(at_most_rows), at_most),
@@ -253,7 +253,7 @@ def _solve(
         b_eq=equal,
         bounds=(0.0, None),
     )
-    return found.x if found.success else None
+    return solution.x if solution.success else None
 
 
 # A payload that is lighter has no place that is worth knowing [kg].
@@ -326,8 +326,8 @@ class PayloadEstimator(LeafSystem):
         if not np.isfinite(sample).all():
             return
         last: Any = context.get_discrete_state(0)
-        begun: Any = context.get_discrete_state(1)
-        share = self._share if begun[0] > 0.5 else 1.0
+        beginning: Any = context.get_discrete_state(1)
+        share = self._share if beginning[0] > 0.5 else 1.0
         discrete_state.set_value(0, last.value() + share * (sample - last.value()))
         discrete_state.set_value(1, np.ones(1))
 

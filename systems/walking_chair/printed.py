@@ -112,10 +112,10 @@ def _angular_velocity(time: float) -> Vector:
 
 def printed_point_velocity(time: float = 0.4) -> tuple[Vector, Vector, Vector]:
     """Velocity of a foot seen from a body that turns: Eq. (33) printed, corrected, differences."""
-    rotation, w, seen = _turned(time), _angular_velocity(time), _seen(time)
+    rotation, w, joint_angles = _turned(time), _angular_velocity(time), _seen(time)
     plain = rotation.T @ (_rate(_foot, time) - _rate(_place, time))
-    printed = plain - rotation.T @ rotation @ skew(seen) @ w
-    corrected = plain + rotation.T @ rotation @ skew(seen) @ rotation.T @ w
+    printed = plain - rotation.T @ rotation @ skew(joint_angles) @ w
+    corrected = plain + rotation.T @ rotation @ skew(joint_angles) @ rotation.T @ w
     return printed, corrected, _rate(_seen, time)
 
 

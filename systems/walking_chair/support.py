@@ -153,12 +153,12 @@ class GaitSupport:
         corners = foot_corners(self._geometry, body, np.eye(3), lengths)
         centroids = corners.mean(axis=-2) - body[:, None, :]
         touching = corners[..., 2] < _TOUCHING
-        found = []
+        phases = []
         for i, stands in enumerate(self._walk.standing):
             always = touching[i] & touching[i + 1] & np.array(stands)[:, None]
             polygon = support_polygon(corners[i][always][:, :2])
-            found.append(_Phase(polygon, body[i : i + 2], centroids[i : i + 2]))
-        return found
+            phases.append(_Phase(polygon, body[i : i + 2], centroids[i : i + 2]))
+        return phases
 
 
 @dataclass(frozen=True)
@@ -233,8 +233,8 @@ class SupportMonitor(LeafSystem):
         output.SetFromVector(np.array([self._margin.of(self, context)]))
 
     def _update_hold(self, context: Context, discrete_state: Any) -> None:
-        held: Any = context.get_discrete_state_vector()
+        hold: Any = context.get_discrete_state_vector()
         params = self._params
-        required = params.required + (params.regained if held[0] > 0.5 else 0.0)
+        required = params.required + (params.regained if hold[0] > 0.5 else 0.0)
         holds = not self._margin.of(self, context) >= required
         discrete_state.set_value(np.array([float(holds)]))

@@ -118,9 +118,9 @@ class FootCircle:
         t = np.asarray(time, dtype=np.float64)
         way = 2.0 * math.pi * self.laps
         share = np.clip(t / self.duration, 0.0, 1.0)
-        done, slope, bend = blended(share, self.ramp / self.duration)
+        progress, slope, bend = blended(share, self.ramp / self.duration)
         moving = (t >= 0.0) & (t < self.duration)
-        angle = way * done - 0.5 * math.pi
+        angle = way * progress - 0.5 * math.pi
         rate = np.where(moving, way * slope / self.duration, 0.0)
         rate_rate = np.where(moving, way * bend / self.duration**2, 0.0)
         zeros = np.zeros_like(angle)

@@ -227,15 +227,15 @@ def _of_simulation(scenario: CalibrateScenario) -> Identified:
     poses, unused = record(scenario, machine, random)
     calibration = calibrate(poses.recording, MODEL_GEOMETRY, scenario.tolerances.tolerances)
     # Attitudes that a noise-free, corrected inertial sensor shows.
-    shown = unused.posture.copy()
-    shown[:, :2] += machine.bias - calibration.bias
+    postures = unused.posture.copy()
+    postures[:, :2] += machine.bias - calibration.bias
     return Identified(
         poses.recording,
         calibration,
         _predict(calibration, unused, unused.posture),
         f"{len(unused.recording)} other poses, against the truth",
         machine,
-        _predict(calibration, unused, shown),
+        _predict(calibration, unused, postures),
     )
 
 
@@ -417,14 +417,14 @@ def figures(
         truth: (36) parameters of the simulated machine, or None.
         comparison: on poses that were not used.
     """
-    known = "" if truth is None else " Crosses: the simulated machine."
+    note = "" if truth is None else " Crosses: the simulated machine."
     return (
         Figure(
             "calibrate_parameters",
             "Calibrated parameters",
             "Deviations from the drawing in tolerances, with one standard deviation; shaded: what "
             "the tolerances alone say. Only combinations of l_3, l_4, alpha and offset are sure: "
-            f"together they place the foot to a few hundredths of a millimetre.{known}",
+            f"together they place the foot to a few hundredths of a millimetre.{note}",
             partial(_draw_parameters, calibration, tolerance, truth),
             (10.0, 3.6),
         ),

@@ -168,9 +168,11 @@ class PoseWatch(LegWatch):
         elif (text := self._answers.take()) is not None:
             self._judge(root, now, text)
         # Of what is over, nothing is needed.
-        kept = 2 + round(self._scenario.measuring.average_s / self._loop.scenario.control.period)
+        sample_count = 2 + round(
+            self._scenario.measuring.average_s / self._loop.scenario.control.period
+        )
         for column in self.rows.values():
-            del column[:-kept]
+            del column[:-sample_count]
         return is_new
 
     def _go_on(self, step: _Step, now: float) -> None:
@@ -208,8 +210,8 @@ class PoseWatch(LegWatch):
 
     def _ask(self) -> None:
         number, count = len(self.poses) + 1, len(self._commands)
-        asked = _asked(self._scenario.poses.tracked)
-        self._answers.ask(number, f"pose {number} of {count} is at rest: {asked}?")
+        request = _asked(self._scenario.poses.tracked)
+        self._answers.ask(number, f"pose {number} of {count} is at rest: {request}?")
 
     def _judge(self, root: Context, now: float, text: str) -> None:
         """Takes an answer, or asks again."""

@@ -119,14 +119,14 @@ def _measured(
     count = 1e-3 * noise.encoder_resolution_mm
     lean = np.radians(noise.inclination_deg) * random.standard_normal((n, 2))
     rise = 1e-3 * noise.height_mm * random.standard_normal(n)
-    seen = np.radians(noise.tracked_inclination_deg) * random.standard_normal((n, 2))
+    inclination_noise = np.radians(noise.tracked_inclination_deg) * random.standard_normal((n, 2))
     return PoseRecording(
         extension=count * np.round(read / count) if count > 0.0 else read,
         attitude=posture[:, :2] + machine.bias + lean,
         height=posture[:, 2] + rise,
         contact=np.ones((n, LEG_COUNT), dtype=bool),
         noise=noise.deviations,
-        reference=posture[:, :2] + seen if scenario.poses.tracked else None,
+        reference=posture[:, :2] + inclination_noise if scenario.poses.tracked else None,
     )
 
 
@@ -154,10 +154,10 @@ def spread_commands(count: int, start: int) -> Floats:
 def drawn_commands(count: int, random: np.random.Generator) -> Floats:
     """Extensions of the active legs (count, 3), uniform over the reachable workspace [m]."""
     low, high = MODEL_GEOMETRY.extension_min, MODEL_GEOMETRY.extension_max
-    found = np.empty((0, LEG_COUNT))
-    while len(found) < count:
-        found = np.vstack([found, _reachable(random.uniform(low, high, (2 * count, 3)))])
-    return found[:count, :3]
+    commands = np.empty((0, LEG_COUNT))
+    while len(commands) < count:
+        commands = np.vstack([commands, _reachable(random.uniform(low, high, (2 * count, 3)))])
+    return commands[:count, :3]
 
 
 def _reachable(active: Floats) -> Floats:
@@ -234,8 +234,8 @@ def _column(
     if values.dtype.kind not in "biuf":
         raise _unusable(path, f"signal '{signal}' is not numeric but {values.dtype}")
     if values.shape not in ((n, width), (n,) if width == 1 else (n, width)):
-        wanted = f"(n, {width}) [{unit}]"
-        raise _unusable(path, f"signal '{signal}' must be {wanted}, not {values.shape}")
+        kind = f"(n, {width}) [{unit}]"
+        raise _unusable(path, f"signal '{signal}' must be {kind}, not {values.shape}")
     column = values.astype(float)
     return column.reshape(n) if width == 1 else column
 

@@ -209,9 +209,9 @@ class IdentifyActuators(Experiment[IdentifyActuatorsScenario, Identified]):
 
     def limits(self, scenario: IdentifyActuatorsScenario) -> Limits:
         """Supply and stroke, of both cases."""
-        known = super().limits(scenario)
+        limits = super().limits(scenario)
         both = ("legs.voltage", "legs.extension")
-        return {**known, **{f"{case}.{name}": known[name] for case in CASES for name in both}}
+        return {**limits, **{f"{case}.{name}": limits[name] for case in CASES for name in both}}
 
     def measure(self, scenario: IdentifyActuatorsScenario, data: Identified) -> Iterator[Metric]:
         """Gains of the steps, gains with friction separated, and the stroke."""
@@ -284,8 +284,8 @@ def record(scenario: IdentifyActuatorsScenario, bench: Bench) -> Recordings:
     station = Station(PLATFORM, scenario.machine)
     context = station.CreateDefaultContext()
     actuators: Any = station.GetSubsystemByName("linear_actuator")
-    drawn = actuators.GetMyContextFromRoot(context).get_numeric_parameter(0).CopyToVector()
-    gain = drawn / actuators.params.viscous_friction
+    parameters = actuators.GetMyContextFromRoot(context).get_numeric_parameter(0).CopyToVector()
+    gain = parameters / actuators.params.viscous_friction
     unloaded = _unloaded(scenario, bench, actuators, gain)
     return Recordings(unloaded, _loaded(scenario, bench, station), gain)
 
@@ -348,10 +348,10 @@ def _simulate(
 ) -> Recording:
     simulator.Initialize()
     bench.simulate(simulator, schedule(scenario.steps).end_time(), what)
-    found = [log.FindLog(simulator.get_context()) for log in logs]
-    voltage, extension, *posture = [log.data().T.copy() for log in found]
+    histories = [log.FindLog(simulator.get_context()) for log in logs]
+    voltage, extension, *posture = [log.data().T.copy() for log in histories]
     attitude = posture[0][:, :2] if posture else None
-    return Recording(found[0].sample_times().copy(), voltage, extension, attitude)
+    return Recording(histories[0].sample_times().copy(), voltage, extension, attitude)
 
 
 def gain_metrics(unloaded: Steps, loaded: Steps, is_bounded: bool = True) -> tuple[Metric, ...]:
@@ -377,23 +377,23 @@ def gain_metrics(unloaded: Steps, loaded: Steps, is_bounded: bool = True) -> tup
         *(
             Metric(
                 f"step_deviation_{case}_percent",
-                found.deviation_percent,
+                identified.deviation_percent,
                 "%",
                 100.0 * SHARE if is_bounded else None,
                 paper=100.0 * SHARE,
                 meaning="largest deviation of a step's K from 0.01, any leg",
             )
-            for case, found in zip(CASES, (unloaded, loaded), strict=True)
+            for case, identified in zip(CASES, (unloaded, loaded), strict=True)
         ),
         *(
             Metric(
                 f"leg_spread_{case}_percent",
-                found.spread_percent,
+                identified.spread_percent,
                 "%",
                 paper="similar",
                 meaning="spread of the four legs' mean K, largest less smallest",
             )
-            for case, found in zip(CASES, (unloaded, loaded), strict=True)
+            for case, identified in zip(CASES, (unloaded, loaded), strict=True)
         ),
     )
 
@@ -408,7 +408,7 @@ def separated_metrics(
         truth: (4) the actuators' K [(m/s)/V]; None where it is unknown.
     """
     if truth is None:
-        unloaded, loaded = (found.gain for found in cases)
+        unloaded, loaded = (identified.gain for identified in cases)
         meaning = "of K with friction separated, with load against without, largest of a leg"
         difference = 100.0 * float(np.abs(loaded / unloaded - 1.0).max())
         return (
@@ -417,12 +417,12 @@ def separated_metrics(
     return tuple(
         Metric(
             f"gain_error_{case}_percent",
-            100.0 * float(np.abs(found.gain / truth - 1.0).max()),
+            100.0 * float(np.abs(identified.gain / truth - 1.0).max()),
             "%",
             _SEPARATED_BOUND,
             meaning="largest error of K of a leg with friction separated, against the true K",
         )
-        for case, found in zip(CASES, cases, strict=True)
+        for case, identified in zip(CASES, cases, strict=True)
     )
 
 
@@ -557,10 +557,10 @@ def _draw_gain(cases: tuple[Steps, ...], canvas: "Canvas") -> None:
 
 def _notes(scenario: IdentifyActuatorsScenario, data: Identified) -> tuple[str, ...]:
     separated = data.separated
-    taken = [
-        f"{np.mean(found.extending):.3f} V extending and {np.mean(found.retracting):.3f} V "
-        f"retracting {case}"
-        for case, found in zip(CASES, separated, strict=True)
+    cases_used = [
+        f"{np.mean(identified.extending):.3f} V extending and "
+        f"{np.mean(identified.retracting):.3f} V retracting {case}"
+        for case, identified in zip(CASES, separated, strict=True)
     ]
     gains = ", ".join(f"{gain:.5f}" for gain in separated[0].gain)
     if data.recordings.gain is None:
@@ -574,6 +574,6 @@ def _notes(scenario: IdentifyActuatorsScenario, data: Identified) -> tuple[str, 
     return (
         "K of a step falls short of the true one by friction and load, which take the same "
         "voltage from every step: small steps lose the largest share, and most when they lift "
-        f"the platform. Separated from K they are {', '.join(taken)}.",
+        f"the platform. Separated from K they are {', '.join(cases_used)}.",
         last,
     )

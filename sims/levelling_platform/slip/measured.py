@@ -143,14 +143,14 @@ class Measured:
         cross = (feet[..., 0] * first[:, 1] - feet[..., 1] * first[:, 0]).sum(axis=1)
         along = (feet * first).sum(axis=(1, 2))
         c, s = np.cos(np.arctan2(cross, along)), np.sin(np.arctan2(cross, along))
-        turned = np.stack(
+        rotations = np.stack(
             [
                 c[:, None] * feet[..., 0] - s[:, None] * feet[..., 1],
                 s[:, None] * feet[..., 0] + c[:, None] * feet[..., 1],
             ],
             axis=-1,
         )
-        distance: Floats = np.linalg.norm(turned - first, axis=-1)
+        distance: Floats = np.linalg.norm(rotations - first, axis=-1)
         return distance
 
 
@@ -223,13 +223,13 @@ def lift_sources(scenario: SlipScenario, times: Times) -> tuple[System, ...]:
 def _held_before(trajectory: PiecewisePolynomial) -> PiecewisePolynomial:
     """A trajectory that begins later, with its first value from 0 on."""
     first = trajectory.value(trajectory.start_time())
-    held = PiecewisePolynomial.CubicHermite(
+    spline = PiecewisePolynomial.CubicHermite(
         [0.0, trajectory.start_time()],
         np.hstack([first, first]).tolist(),
         [[0.0] * 2] * first.size,
     )
-    held.ConcatenateInTime(trajectory)
-    return held
+    spline.ConcatenateInTime(trajectory)
+    return spline
 
 
 def has_arm(machine: LevellingScenario) -> bool:
@@ -281,10 +281,10 @@ def measured_metrics(scenario: SlipScenario, data: Measured) -> Iterator[Metric]
         meaning="largest distance of a foot from the plane of all four, by the encoders",
     )
     # The rods come to rest first.
-    held = data.extension[data.between(times.braked + 0.1, times.end)]
+    standing = data.extension[data.between(times.braked + 0.1, times.end)]
     yield Metric(
         "braked_motion_mm",
-        1e3 * float(np.ptp(held, axis=0).max()),
+        1e3 * float(np.ptp(standing, axis=0).max()),
         "mm",
         _HELD,
         meaning="largest motion of a braked actuator, by its encoder",
@@ -297,10 +297,10 @@ def _swing_metrics(data: Measured) -> Iterator[Metric]:
     before = data.between(data.times.swing - _BEFORE, data.times.swing)
     after = data.between(data.times.end - _BEFORE, data.times.end)
     swing = data.between(data.times.swing, data.times.end)
-    left = data.attitude[after].mean(axis=0) - data.attitude[before].mean(axis=0)
+    change = data.attitude[after].mean(axis=0) - data.attitude[before].mean(axis=0)
     meaning = "roll or pitch after the swing against before, by the inertial sensor"
     yield Metric(
-        "arm_tilt_left_deg", float(np.degrees(np.abs(left).max())), "deg", meaning=meaning
+        "arm_tilt_left_deg", float(np.degrees(np.abs(change).max())), "deg", meaning=meaning
     )
     rate = data.turn_rate[swing] - data.turn_rate[before].mean()
     period = float(np.diff(data.time).mean())

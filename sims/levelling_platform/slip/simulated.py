@@ -74,9 +74,9 @@ class Recording:
             until: the last time that counts [s].
         """
         counts = (self.time >= since - 1e-9) & (self.time <= until + 1e-9)
-        moved = self.feet[counts] - self.feet[counts][0]
-        moved -= (moved @ self.normal)[..., None] * self.normal
-        return np.linalg.norm(moved, axis=-1)
+        displacement = self.feet[counts] - self.feet[counts][0]
+        displacement -= (displacement @ self.normal)[..., None] * self.normal
+        return np.linalg.norm(displacement, axis=-1)
 
 
 # At the smallest one Drake's stiction tolerance, 0.1 mm/s, is what the creep goes by [s].
@@ -293,11 +293,11 @@ def _draw_slip(scenario: SlipScenario, recording: Recording, canvas: "Canvas") -
         (upper, 0.0, 1e3, "since the start [mm]"),
         (lower, scenario.swing_at, 1e6, "since the swing [µm]"),
     ):
-        moved = unit * recording.displacement(since)
-        time = recording.time[-len(moved) :]
+        displacement = unit * recording.displacement(since)
+        time = recording.time[-len(displacement) :]
         for leg in range(LEG_COUNT):
             width = 2.8 - 0.6 * leg
-            axes.plot(time, moved[:, leg], label=f"leg {leg + 1}", linewidth=width)
+            axes.plot(time, displacement[:, leg], label=f"leg {leg + 1}", linewidth=width)
         axes.set_ylabel(label)
         axes.set_xlabel("time [s]")
         axes.set_xlim(since, scenario.end)

@@ -95,7 +95,7 @@ def write_experiment_log(
         MissingExtra: for an MCAP log, mcap is not installed.
     """
     check_log(path)
-    made = {
+    metadata = {
         "experiment": experiment,
         "parapod": version("parapod"),
         "scenario": dump_scenario(scenario),
@@ -103,11 +103,11 @@ def write_experiment_log(
     units = {name: unit for name, (_, unit) in signals.items()}
     samples = {name: values for name, (values, _) in signals.items()}
     if path.suffix == ".mcap":
-        write_mcap(path, time, samples, units, made, draw)
+        write_mcap(path, time, samples, units, metadata, draw)
     elif path.suffix == ".csv":
-        _write_csv(path, time, samples, made | {"units": units})
+        _write_csv(path, time, samples, metadata | {"units": units})
     else:
-        write_log(path, time, samples, made | {"units": units})
+        write_log(path, time, samples, metadata | {"units": units})
 
 
 def check_log(path: Path) -> None:
@@ -117,9 +117,9 @@ def check_log(path: Path) -> None:
         OutputError: names the formats.
     """
     if path.suffix not in LOG_FORMATS:
-        known = ", ".join(LOG_FORMATS)
+        formats = ", ".join(LOG_FORMATS)
         raise OutputError(
-            f"cannot write {quoted_path(path)}: a log's suffix must be one of {known}", path
+            f"cannot write {quoted_path(path)}: a log's suffix must be one of {formats}", path
         )
 
 

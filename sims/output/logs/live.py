@@ -125,10 +125,10 @@ class LiveLog:
     def __enter__(self) -> Self:
         self._companion = Companion("parapod.sims.lab.log_process", self._beginning)
         self.process, self._pipe = self._companion.pid, self._companion.sink
-        said = self._companion.answer(_BEGINNING)
-        if said != READY:
+        answer = self._companion.answer(_BEGINNING)
+        if answer != READY:
             self._companion.end(_ENDING)
-            reason = said.decode(errors="replace").strip() or "its process does not begin"
+            reason = answer.decode(errors="replace").strip() or "its process does not begin"
             raise OutputError(f"cannot write {quoted_path(self._path)}: {reason}", self._path)
         with suppress(OSError, AttributeError):  # elsewhere than on Linux it holds less
             fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, _CAPACITY)

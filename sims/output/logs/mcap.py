@@ -194,5 +194,5 @@ def _encoded(t: float, numbers: Sequence[float]) -> bytes:
     try:
         return json.dumps({"t": t, "value": numbers}, allow_nan=False).encode()
     except ValueError:
-        known = [x if x - x == 0.0 else None for x in numbers]
-        return json.dumps({"t": t, "value": known}).encode()
+        finite_values = [x if x - x == 0.0 else None for x in numbers]
+        return json.dumps({"t": t, "value": finite_values}).encode()

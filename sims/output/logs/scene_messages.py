@@ -46,11 +46,11 @@ def schema_of(topic: str) -> Schema:
     return Schema(schema.name, schema.encoding, bytes(schema.data))
 
 
-def scene_messages(drawn: DrawnLog, pictures: Sequence[Picture]) -> Iterator[Message]:
+def scene_messages(drawing: DrawnLog, pictures: Sequence[Picture]) -> Iterator[Message]:
     """The bodies, once, and where they are in each picture.
 
     Args:
-        drawn: the machine and its signals.
+        drawing: the machine and its signals.
         pictures: stamp [ns], time [s] and samples of the log's signals.
 
     Raises:
@@ -60,7 +60,7 @@ def scene_messages(drawn: DrawnLog, pictures: Sequence[Picture]) -> Iterator[Mes
     if not pictures:
         return
     need("foxglove.messages")
-    twin = drawn.make()
+    twin = drawing.make()
     schemas = {topic: schema_of(topic) for topic in (SCENE, FRAMES)}
     yield Message(
         SCENE, schemas[SCENE], pictures[0][0], _bodies(twin.scene_graphs(), pictures[0][0])
@@ -68,10 +68,10 @@ def scene_messages(drawn: DrawnLog, pictures: Sequence[Picture]) -> Iterator[Mes
     began, step = time.monotonic(), 1
     for number, (stamp, t, row) in enumerate(pictures):
         if number == _TRIED:
-            needed = (time.monotonic() - began) / _TRIED * len(pictures)
-            step = max(1, round(needed / _PATIENCE + 0.5))
+            duration = (time.monotonic() - began) / _TRIED * len(pictures)
+            step = max(1, round(duration / _PATIENCE + 0.5))
         if number % step == 0:
-            twin.show(drawn.values(row), t)
+            twin.show(drawing.values(row), t)
             yield Message(FRAMES, schemas[FRAMES], stamp, _poses(twin.scene_graphs(), stamp))
 
 
@@ -138,29 +138,29 @@ def _parts(
     shape, X_FG = inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry)
     properties = inspector.GetIllustrationProperties(geometry)
     colour: Any = properties.GetPropertyOrDefault("phong", "diffuse", _GREY)
-    seen = {
+    links = {
         "pose": _pose(X_FG),
         "color": m.Color(r=colour.r(), g=colour.g(), b=colour.b(), a=opacity * colour.a()),
     }
     match shape:
         case Box():
-            yield "cubes", m.CubePrimitive(size=_vector(shape.size()), **seen)
+            yield "cubes", m.CubePrimitive(size=_vector(shape.size()), **links)
         case Sphere():
-            yield "spheres", m.SpherePrimitive(size=_vector(3 * [2 * shape.radius()]), **seen)
+            yield "spheres", m.SpherePrimitive(size=_vector(3 * [2 * shape.radius()]), **links)
         case Ellipsoid():
             size = [2.0 * shape.a(), 2.0 * shape.b(), 2.0 * shape.c()]
-            yield "spheres", m.SpherePrimitive(size=_vector(size), **seen)
+            yield "spheres", m.SpherePrimitive(size=_vector(size), **links)
         case Cylinder() | Capsule():
             width, length = 2.0 * shape.radius(), shape.length()
             yield (
                 "cylinders",
                 m.CylinderPrimitive(
-                    size=_vector([width, width, length]), bottom_scale=1.0, top_scale=1.0, **seen
+                    size=_vector([width, width, length]), bottom_scale=1.0, top_scale=1.0, **links
                 ),
             )
             for end in (-0.5, 0.5) if isinstance(shape, Capsule) else ():
                 X_FE = X_FG @ RigidTransform(np.array([0.0, 0.0, end * length]))
-                ball = {**seen, "pose": _pose(X_FE)}
+                ball = {**links, "pose": _pose(X_FE)}
                 yield "spheres", m.SpherePrimitive(size=_vector(3 * [width]), **ball)
         case Mesh() if (path := shape.source()).is_path():
             yield (
@@ -170,7 +170,7 @@ def _parts(
                     override_color=True,
                     media_type="model/obj",
                     data=Path(path.path()).read_bytes(),
-                    **seen,
+                    **links,
                 ),
             )
         case _:

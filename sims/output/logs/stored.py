@@ -88,8 +88,8 @@ class StoredLog(ABC):
     @property
     def units(self) -> Mapping[str, str]:
         """Units by port name; empty where a log does not tell."""
-        told: Any = self.metadata.get("units", {})
-        return {name: str(told.get(name, "")) for name in self.shapes}
+        units: Any = self.metadata.get("units", {})
+        return {name: str(units.get(name, "")) for name in self.shapes}
 
     @property
     def sizes(self) -> Mapping[str, int]:
@@ -123,10 +123,12 @@ class StoredLog(ABC):
         Raises:
             OutputError: the file ends where it should not, or holds something else.
         """
-        found: list[float] = []
+        end_times: list[float] = []
         for times, _ in self.pieces(()):
-            found = [*found[:1], float(times[0]), float(times[-1])] if len(times) else found
-        return (found[0], found[-1]) if found else None
+            end_times = (
+                [*end_times[:1], float(times[0]), float(times[-1])] if len(times) else end_times
+            )
+        return (end_times[0], end_times[-1]) if end_times else None
 
     def read(self) -> Log:
         """All of it.
@@ -247,11 +249,11 @@ class TableLog(StoredLog):
             next(self._tables(stream, len(head)), None)  # a table without numbers is refused
         self._columns: dict[str, dict[tuple[int, ...], int]] = {}
         for place, text in enumerate(head):
-            found = _COLUMN.fullmatch(text)
-            if found is None:
+            match = _COLUMN.fullmatch(text)
+            if match is None:
                 raise ValueError(text)
-            index = tuple(map(int, filter(None, (found["index"] or "").split(";"))))
-            self._columns.setdefault(found["name"], {})[index] = place
+            index = tuple(map(int, filter(None, (match["index"] or "").split(";"))))
+            self._columns.setdefault(match["name"], {})[index] = place
         for name, places in self._columns.items():
             if name != "t":
                 self.shapes[name] = tuple(1 + largest for largest in max(places))
@@ -329,24 +331,24 @@ class McapLog(StoredLog):
             self.clock = stamp - time if stamp > WALL_CLOCKS else None
 
     def _pieces(self, names: Sequence[str]) -> Iterator[Piece]:
-        wanted = {ident: name for ident, name in self._topics.items() if name in names}
-        wanted = wanted or dict([*self._topics.items()][:1])
-        texts: dict[int, list[bytes]] = {ident: [] for ident in wanted}
-        last = max(wanted, default=0)
+        topics = {ident: name for ident, name in self._topics.items() if name in names}
+        topics = topics or dict([*self._topics.items()][:1])
+        texts: dict[int, list[bytes]] = {ident: [] for ident in topics}
+        last = max(topics, default=0)
         newest = 0.0
         self._is_whole = False
-        for ident, text in self._messages(wanted):
+        for ident, text in self._messages(topics):
             texts[ident].append(text)
             if ident == last and len(texts[last]) >= _PIECE:
-                times, samples = self._piece(wanted, texts, names)
-                texts = {ident: [] for ident in wanted}
+                times, samples = self._piece(topics, texts, names)
+                texts = {ident: [] for ident in topics}
                 newest = float(times[-1])
                 yield times, samples
         # Of the last sample there may be some ports only.
         count = min(map(len, texts.values()), default=0)
         if count:
             rest = {ident: each[:count] for ident, each in texts.items()}
-            times, samples = self._piece(wanted, rest, names)
+            times, samples = self._piece(topics, rest, names)
             newest = float(times[-1])
             yield times, samples
         if not self._is_whole:
@@ -366,7 +368,7 @@ class McapLog(StoredLog):
         first = next(iter(decoded.values()))
         return np.array([each["t"] for each in first], dtype=float), samples
 
-    def _messages(self, wanted: Collection[int]) -> Iterator[tuple[int, bytes]]:
+    def _messages(self, topics: Collection[int]) -> Iterator[tuple[int, bytes]]:
         """Channel and data of each message of some channels, up to where the file ends.
 
         An hour of a machine is ten million messages, of each of which the library makes an
@@ -381,7 +383,7 @@ class McapLog(StoredLog):
                     kind, length = _RECORD.unpack_from(data, place)
                     begin, end = place + _RECORD.size, place + _RECORD.size + length
                     if kind == _CHUNK:
-                        yield from self._messages_of_chunks(wanted)
+                        yield from self._messages_of_chunks(topics)
                         return
                     if kind == _DATA_END:
                         self._is_whole = True
@@ -390,16 +392,16 @@ class McapLog(StoredLog):
                         break
                     if kind == _MESSAGE:
                         (ident,) = _CHANNEL.unpack_from(data, begin)
-                        if ident in wanted:
+                        if ident in topics:
                             yield ident, data[begin + _HEAD : end]
                     place = end
                 rest = data[place:]
                 self.done = stream.tell()
 
-    def _messages_of_chunks(self, wanted: Collection[int]) -> Iterator[tuple[int, bytes]]:
+    def _messages_of_chunks(self, topics: Collection[int]) -> Iterator[tuple[int, bytes]]:
         for record in self._records():
             name = type(record).__name__
-            if name == "Message" and record.channel_id in wanted:
+            if name == "Message" and record.channel_id in topics:
                 yield record.channel_id, record.data
             self._is_whole = self._is_whole or name == "DataEnd"
 

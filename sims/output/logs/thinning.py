@@ -95,25 +95,25 @@ class Extremes:
         low = np.where(unknown, np.inf, buckets).argmin(axis=1)[:, None]
         high = np.where(unknown, -np.inf, buckets).argmax(axis=1)[:, None]
         first = self._count + size * np.arange(len(buckets))[:, None]
-        found = [np.take_along_axis(buckets, each, axis=1)[:, 0] for each in (low, high)]
+        extremes = [np.take_along_axis(buckets, each, axis=1)[:, 0] for each in (low, high)]
         rows = [first + each[:, 0] for each in (low, high)]
         times = time.reshape(-1, size)[:, [0, -1]]
         self._times = np.concatenate((self._times, times))
-        self._found = np.concatenate((self._found, np.stack(found, axis=1)))
+        self._found = np.concatenate((self._found, np.stack(extremes, axis=1)))
         self._rows = np.concatenate((self._rows, np.stack(rows, axis=1)))
         self._count += len(time)
 
     def _merge(self) -> None:
         """Makes one bucket of each two."""
-        found, rows = [], []
+        merged, rows = [], []
         for k, (nothing, best) in enumerate(((np.inf, np.argmin), (-np.inf, np.argmax))):
             each = self._found[:, k].reshape(-1, 2, self._columns)
             place = best(np.where(np.isnan(each), nothing, each), axis=1)[:, None]
-            found.append(np.take_along_axis(each, place, axis=1)[:, 0])
+            merged.append(np.take_along_axis(each, place, axis=1)[:, 0])
             there = self._rows[:, k].reshape(-1, 2, self._columns)
             rows.append(np.take_along_axis(there, place, axis=1)[:, 0])
         self._times = self._times.reshape(-1, 4)[:, [0, 3]]
-        self._found, self._rows = np.stack(found, axis=1), np.stack(rows, axis=1)
+        self._found, self._rows = np.stack(merged, axis=1), np.stack(rows, axis=1)
         self._size *= 2
 
 

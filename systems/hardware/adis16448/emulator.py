@@ -162,8 +162,8 @@ class Adis16448Registers:
         ]
 
     def _diagnosis(self) -> int:
-        told, self._transient = self.failed | self._transient, 0
-        return told
+        diagnosis_bits, self._transient = self.failed | self._transient, 0
+        return diagnosis_bits
 
     def _obey(self, word: int, now: float) -> int:
         """Does what a word asks; what is sent during the next one."""
@@ -190,9 +190,9 @@ class Adis16448Registers:
             if address == register and data & SOFTWARE_RESET:
                 self._reset()
         elif register in self.registers:
-            kept = self.registers[register]
+            value_before = self.registers[register]
             self.registers[register] = (
-                kept & 0x00FF | data << 8 if address & 1 else kept & 0xFF00 | data
+                value_before & 0x00FF | data << 8 if address & 1 else value_before & 0xFF00 | data
             )
 
     def _reset(self) -> None:
@@ -206,11 +206,11 @@ def imu_counts(
 ) -> list[int]:
     """Nine outputs of the sensors at that time [s], in counts."""
     truth = [value for name in SCALES for value in harness.get(f"{part}.{name}")]
-    shown = misbehaviour.shown(truth, now)
+    shown_values = misbehaviour.shown(truth, now)
     return [
         scale.counts(value)
         for index, scale in enumerate(SCALES.values())
-        for value in shown[3 * index : 3 * index + 3]
+        for value in shown_values[3 * index : 3 * index + 3]
     ]
 
 

@@ -177,10 +177,10 @@ class Adis16448Iio(Device):
         self._temperature_scale = _MILLI * _number(attributes["scale"])
 
     def _attributes(self, device: Any, channel: str) -> Any:
-        found = device.find_channel(channel)
-        if found is None:
+        channel_found = device.find_channel(channel)
+        if channel_found is None:
             raise DeviceError(self.name, f"has no channel {channel}", DeviceFault.CORRUPT)
-        return found.attrs
+        return channel_found.attrs
 
     def _read_raw(self, deadline: float) -> Iterator[Any]:
         """The attributes, as long as there is time for one more."""
@@ -232,10 +232,10 @@ def _probe(uri: str, timeout: float) -> None:
     Raises:
         OSError: there is no answer.
     """
-    found = _NETWORK.fullmatch(uri)
-    if found is None:
+    match = _NETWORK.fullmatch(uri)
+    if match is None:
         return
-    address = found[1].strip("[]"), int(found[2] or _PORT)
+    address = match[1].strip("[]"), int(match[2] or _PORT)
     with socket.create_connection(address, timeout) as connection:
         connection.sendall(b"VERSION\r\n")
         if not connection.recv(64):

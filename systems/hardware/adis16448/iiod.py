@@ -147,14 +147,14 @@ class IiodServer:
         now = monotonic()
         counts = imu_counts(self._harness, self._misbehaviour, now, self._part)
         # The driver takes the lower 12 bits of TEMP_OUT for a signed number.
-        shown = dict(zip(_RAW, counts, strict=True))
-        shown["in_temp0_raw"] = signed(temperature_word(self.temperature), 12)
+        raw_values = dict(zip(_RAW, counts, strict=True))
+        raw_values["in_temp0_raw"] = signed(temperature_word(self.temperature), 12)
         if not self._misbehaviour.answers(now):
-            shown = dict.fromkeys(shown, -1)
-        for name, count in shown.items():
+            raw_values = dict.fromkeys(raw_values, -1)
+        for name, count in raw_values.items():
             if self._shown.get(name) != count:
                 self._replace(name, f"{count}\n")
-        self._shown = shown
+        self._shown = raw_values
 
     def _replace(self, name: str, text: str) -> None:
         """Changes a file at once, so that it is never read half."""

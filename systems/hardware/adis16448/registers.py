@@ -201,11 +201,11 @@ def mounted(measured: Measured, axes: Axes | None) -> Measured:
     if axes is None:
         return measured
     x, y, z = axes
-    turned = dict(measured)
+    rotated = dict(measured)
     for name in SCALES:
         a, b, c = measured[name]
-        turned[name] = tuple(a * x[i] + b * y[i] + c * z[i] for i in range(3))
-    return turned
+        rotated[name] = tuple(a * x[i] + b * y[i] + c * z[i] for i in range(3))
+    return rotated
 
 
 def failures(diagnosis: int) -> tuple[str, ...]:

@@ -216,10 +216,12 @@ class Adis16448Spi(Device):
             )
 
     def _refuse_failures(self, diagnosis: int) -> None:
-        told = failures(diagnosis)
-        if told:
+        failure_names = failures(diagnosis)
+        if failure_names:
             raise DeviceError(
-                self.name, f"{', '.join(told)} (DIAG_STAT 0x{diagnosis:04X})", DeviceFault.FAILED
+                self.name,
+                f"{', '.join(failure_names)} (DIAG_STAT 0x{diagnosis:04X})",
+                DeviceFault.FAILED,
             )
 
     def _read_register(self, register: Register) -> int:
@@ -351,10 +353,10 @@ class SpiSocketClient:
 
 def _limit(connection: socket.socket, deadline: float) -> None:
     """Makes the next operation end by then."""
-    left = deadline - time.monotonic()
-    if left <= 0.0:
+    time_left = deadline - time.monotonic()
+    if time_left <= 0.0:
         raise TimeoutError("timed out")
-    connection.settimeout(left)
+    connection.settimeout(time_left)
 
 
 def _received(connection: socket.socket, size: int, deadline: float) -> bytes:

@@ -203,8 +203,8 @@ class CanopenSlave:
         if self.node.nmt.state != "OPERATIONAL":
             return
         received, _ = self._mapped_data()
-        for known, entries in received:
-            if known != can_id:
+        for known_entries, entries in received:
+            if known_entries != can_id:
                 continue
             # From the end, where the target is: the controlword acts when the target is there.
             for index, subindex, size in reversed(entries):

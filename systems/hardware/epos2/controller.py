@@ -194,13 +194,16 @@ class Epos2Controller:
         What the node does with its other inputs stays as it is.
         """
         for number, key in self._settings.inputs_of(self._id).items():
-            function, wanted = objects.INPUT_FUNCTION[number - 1], objects.general_purpose(number)
+            function, object_wanted = (
+                objects.INPUT_FUNCTION[number - 1],
+                objects.general_purpose(number),
+            )
             if self._get(function) == objects.QUICK_STOP_FUNCTION:
                 raise self._error(
                     f"has its quick stop at digital input {number}; give another {key}"
                 )
-            self._set(function, wanted)
-            bit = 1 << wanted
+            self._set(function, object_wanted)
+            bit = 1 << object_wanted
             self._set(objects.INPUT_MASK, self._get(objects.INPUT_MASK) | bit)
             for entry in (objects.INPUT_POLARITY, objects.INPUT_EXECUTION):
                 self._set(entry, self._get(entry) & ~bit)
@@ -211,15 +214,18 @@ class Epos2Controller:
         What the node does with its other outputs stays as it is.
         """
         for number in self._outputs:
-            function, wanted = objects.OUTPUT_FUNCTION[number - 1], objects.general_purpose(number)
-            bit = 1 << wanted
+            function, object_wanted = (
+                objects.OUTPUT_FUNCTION[number - 1],
+                objects.general_purpose(number),
+            )
+            bit = 1 << object_wanted
             self._set(objects.OUTPUT_POLARITY, self._get(objects.OUTPUT_POLARITY) & ~bit)
             self._set(objects.OUTPUT_MASK, self._get(objects.OUTPUT_MASK) | bit)
             others = self._get(objects.OUTPUT_STATE) & ~_bits(self._outputs)
             self._other_outputs = others
             self._set(objects.OUTPUT_STATE, others)
             # Only now: it shows nothing but the state from the beginning.
-            self._set(function, wanted)
+            self._set(function, object_wanted)
 
     def switch(self, on: Collection[int]) -> None:
         """Switches its digital outputs on, and all others of ours off; nothing confirms it.
@@ -240,11 +246,15 @@ class Epos2Controller:
         """Remarks about the errors in the node's history, those since it was switched on."""
         count = min(self._get(objects.ERROR_COUNT), objects.HISTORY_SIZE)
         codes = [self._get(entry) & 0xFFFF for entry in objects.ERROR_HISTORY[:count]]
-        said = [objects.described(code) for code in codes]
+        descriptions = [objects.described(code) for code in codes]
         if state not in _FAULTS:
-            return [f"remembers errors from before: {', '.join(said)}"] if said else []
-        older = f"; before that: {', '.join(said[1:])}" if said[1:] else ""
-        what = said[0] if said else "its history does not say which"
+            return (
+                [f"remembers errors from before: {', '.join(descriptions)}"]
+                if descriptions
+                else []
+            )
+        older = f"; before that: {', '.join(descriptions[1:])}" if descriptions[1:] else ""
+        what = descriptions[0] if descriptions else "its history does not say which"
         return [f"was in a fault from before, which has been reset: {what}{older}"]
 
     def guard(self, is_guarded: bool) -> None:
@@ -374,35 +384,35 @@ class Epos2Controller:
 
     def inputs(self, sample: Sample) -> list[bool]:
         """Whether there is voltage at the inputs 1, 2, ...; false at those that are not shown."""
-        shown = sample.inputs or 0
+        input_bits = sample.inputs or 0
         numbers = range(1, objects.INPUT_COUNT + 1)
-        return [bool(shown >> objects.general_purpose(number) & 1) for number in numbers]
+        return [bool(input_bits >> objects.general_purpose(number) & 1) for number in numbers]
 
     def is_stop_pressed(self, sample: Sample) -> bool:
         """Whether the contact of the emergency stop at this node is open."""
         return not self.inputs(sample)[self._settings.stop_input - 1]
 
-    def check(self, sample: Sample, wanted: Condition) -> None:
+    def check(self, sample: Sample, condition: Condition) -> None:
         """Refuses what a drive measures that does not do what it should.
 
         Args:
             sample: newest one.
-            wanted: condition in which it should be.
+            condition: condition in which it should be.
         """
         if sample.state in _FAULTS:
             if self._code is None:
                 self._code = self._fault_code()
             # Without power it may be without its motor's supply as well.
-            may_starve = wanted.is_stopped or not wanted.is_active
+            may_starve = condition.is_stopped or not condition.is_active
             if not (may_starve and self._code == objects.UNDERVOLTAGE):
                 raise self._faulty(self._code)
             return
         self._code = None
-        if wanted.is_stopped:
+        if condition.is_stopped:
             return
-        if wanted.has_power and not is_energised(sample.state):
+        if condition.has_power and not is_energised(sample.state):
             raise self._error(f"has lost its power, it is in {sample.state or 'no known state'}")
-        if not wanted.is_running:
+        if not condition.is_running:
             return
         if sample.state is not DriveState.QUICK_STOP_ACTIVE:
             self._was_stopped = False
@@ -438,13 +448,15 @@ class Epos2Controller:
             self._set(objects.CONTROLWORD, word)
         self._wait_for(DriveState.SWITCH_ON_DISABLED)
 
-    def _wait_for(self, wanted: DriveState) -> None:
+    def _wait_for(self, state_wanted: DriveState) -> None:
         deadline = self._clock() + self._timing.state_timeout
-        while (state := self._state()) is not wanted:
+        while (state := self._state()) is not state_wanted:
             if self._clock() > deadline:
                 code = self._bus.emergency(self._id)
                 words = f", {objects.described(code)}" if code else ""
-                raise self._error(f"is in {state or 'no known state'}, not in {wanted}{words}")
+                raise self._error(
+                    f"is in {state or 'no known state'}, not in {state_wanted}{words}"
+                )
             sleep(POLL)
 
     def _state(self) -> DriveState | None:
@@ -492,11 +504,11 @@ def set_up_of(settings: Epos2Settings, node_id: int) -> Iterator[tuple[Entry, in
     yield objects.ABORT_CONNECTION, objects.ABORT_BY_QUICK_STOP
     yield HEARTBEAT_PRODUCED, 0
     outputs = (objects.OUTPUTS,) if settings.outputs_of(node_id) else ()
-    used = (mode.command, mode.target, *outputs, *reports(settings, node_id))
+    objects_used = (mode.command, mode.target, *outputs, *reports(settings, node_id))
     for index in objects.COMMUNICATION:
-        if index not in {pdo.communication for pdo in used}:
+        if index not in {pdo.communication for pdo in objects_used}:
             yield Entry(index, 1, "<I"), _unused_id(index, node_id) | NOT_VALID
-    for pdo in used:
+    for pdo in objects_used:
         yield from _mapping(pdo, node_id)
 
 

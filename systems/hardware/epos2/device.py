@@ -393,11 +393,11 @@ class Epos2Device(IncrementalDevice):
         is_told = self._word is Controlword.ENABLE_OPERATION
         return is_told and now - self._worded > _OBEYING
 
-    def _command(self, wanted: Sequence[float] | None) -> None:
+    def _command(self, command: Sequence[float] | None) -> None:
         """Sends set values to drives that have power; None: they stay where they are."""
         self._beat()
-        self._want(wanted)
-        is_dropped = wanted is None and not self._holds
+        self._want(command)
+        is_dropped = command is None and not self._holds
         if not self._is_active:
             self._send(Controlword.DISABLE_VOLTAGE)
         elif self._is_braked or self._is_stopped or not self._may_run() or is_dropped:
@@ -416,7 +416,7 @@ class Epos2Device(IncrementalDevice):
         """Whether the axes have limits, so that they need a reference."""
 
     @abstractmethod
-    def _want(self, wanted: Sequence[float] | None) -> None:
+    def _want(self, command: Sequence[float] | None) -> None:
         """Takes note of what is commanded; None: the axes are to stay where they are."""
 
     @abstractmethod
@@ -460,10 +460,10 @@ class Epos2Device(IncrementalDevice):
         """
         is_running = self._is_active and self._is_running(now)
         has_power = self._is_active if self._holds else is_running
-        wanted = Condition(self._is_active, is_running, self._is_pressed, has_power)
+        condition = Condition(self._is_active, is_running, self._is_pressed, has_power)
         try:
             for controller, sample in zip(self._controllers, samples, strict=True):
-                controller.check(sample, wanted)
+                controller.check(sample, condition)
         except DeviceError:
             if self._settings.stops_together:
                 self._stop()
@@ -524,8 +524,8 @@ def together(remarks: Mapping[str, Sequence[str]]) -> list[str]:
         remarks: remarks by the node's name.
     """
     who: dict[str, list[str]] = {}
-    for name, said in remarks.items():
-        for words in said:
+    for name, remark in remarks.items():
+        for words in remark:
             who.setdefault(words, []).append(name)
     return [f"{', '.join(names)}: {words}" for words, names in who.items()]
 
@@ -569,5 +569,5 @@ def _check(settings: Epos2Settings, timing: Timing) -> None:
         if lower and len(lower) != axes:
             raise ValueError(f"limits must be {axes}, not {len(lower)}")
     node, number = settings.stop_node, settings.stop_input
-    taken = {} if node is None else {(node, number): "stop_input"}
-    check_switches(settings.switches, settings.node_ids, taken)
+    inputs_taken = {} if node is None else {(node, number): "stop_input"}
+    check_switches(settings.switches, settings.node_ids, inputs_taken)

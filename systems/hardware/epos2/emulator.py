@@ -487,8 +487,8 @@ class Epos2Nodes:
             )
             stack.callback(bus.shutdown)
             self._lines = [SlaveLine(bus, self._misbehaviour, self._clock) for _ in self._ids]
-            made = zip(self._ids, self._lines, self._motors, self._get("position"), strict=True)
-            self.nodes = [Epos2Node(*parts) for parts in made]
+            rows = zip(self._ids, self._lines, self._motors, self._get("position"), strict=True)
+            self.nodes = [Epos2Node(*parts) for parts in rows]
             self._press(self._clock())
             self._touch()
             self._publish()
@@ -594,10 +594,10 @@ class Epos2Nodes:
     def _measure(self) -> None:
         n = len(self.nodes)
         true = (*self._get("position"), *self._get("velocity"), *self._current())
-        shown = self._misbehaviour.shown(true, self._clock())
-        shown = tuple(value if math.isfinite(value) else 0.0 for value in shown)
+        shown_values = self._misbehaviour.shown(true, self._clock())
+        shown_values = tuple(value if math.isfinite(value) else 0.0 for value in shown_values)
         for i, node in enumerate(self.nodes):
-            node.measured = MeasuredMotor(*shown[i::n])
+            node.measured = MeasuredMotor(*shown_values[i::n])
 
     def _current(self) -> tuple[float, ...]:
         return self._get("current") if self._measures_current else (0.0,) * len(self.nodes)

@@ -64,8 +64,8 @@ class Epos2Positions(Epos2Device):
     def _has_limits(self) -> bool:
         return self._strokes is not None
 
-    def _want(self, wanted: Sequence[float] | None) -> None:
-        self._wanted = wanted
+    def _want(self, command: Sequence[float] | None) -> None:
+        self._wanted = command
 
     def _begin(self, settings: Sequence[int]) -> None:
         pairs = zip(settings, self._counts, strict=True)
@@ -93,19 +93,19 @@ class Epos2Positions(Epos2Device):
         self._moved = now
         self._send(Controlword.ENABLE_OPERATION, [wrapped(value) for value in self._set])
 
-    def _moved_on(self, wanted: Sequence[float], elapsed: float) -> list[int]:
+    def _moved_on(self, command: Sequence[float], elapsed: float) -> list[int]:
         """Set values after a time, on their ways to positions that are wanted [counts]."""
         step = math.floor(self._settings.counts(self._settings.max_velocity * elapsed))
-        axes = zip(wanted, self._set, self._directions, self._offset, strict=True)
+        axes = zip(command, self._set, self._directions, self._offset, strict=True)
         lower, upper = self._strokes or (None, None)
-        moved = []
+        positions = []
         for i, (position, value, sign, offset) in enumerate(axes):
             if not math.isfinite(position):
-                moved.append(value)
+                positions.append(value)
                 continue
             if lower is not None and upper is not None:
                 here = offset + sign * self._settings.position(value)
                 position = float(clamp(position, min(lower[i], here), max(upper[i], here)))
             way = sign * self._settings.counts(position - offset) - value
-            moved.append(value + round(float(clamp(way, -step, step))))
-        return moved
+            positions.append(value + round(float(clamp(way, -step, step))))
+        return positions

@@ -31,8 +31,8 @@ class Epos2Steered(Epos2Device):
         # Set values that have been sent; None: another controlword has.
         self._sent: list[int | None] | None = None
 
-    def _want(self, wanted: Sequence[float] | None) -> None:
-        self._wanted = (0.0,) * len(self._directions) if wanted is None else wanted
+    def _want(self, command: Sequence[float] | None) -> None:
+        self._wanted = (0.0,) * len(self._directions) if command is None else command
 
     def _begin(self, settings: Sequence[int]) -> None:
         """Enabled at zero, drives move nothing until the first command."""

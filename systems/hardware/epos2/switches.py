@@ -109,37 +109,37 @@ def group(
             f"{key}_nodes, {key}_outputs and {key}_inputs must be of the same length, not "
             f"{sizes[0]}, {sizes[1]} and {sizes[2]}"
         )
-    made = (Switch(*place) for place in zip(nodes, outputs, inputs, strict=True))
-    return SwitchGroup(part, key, tuple(made))
+    switches = (Switch(*place) for place in zip(nodes, outputs, inputs, strict=True))
+    return SwitchGroup(part, key, tuple(switches))
 
 
 def check_switches(
     groups: Sequence[SwitchGroup],
     node_ids: Sequence[int],
-    taken: Mapping[tuple[int, int], str],
+    inputs_taken: Mapping[tuple[int, int], str],
 ) -> None:
     """Refuses switches that cannot be wired so.
 
     Args:
         groups: all groups of a device.
         node_ids: its nodes.
-        taken: name of a further thing at an input, by (node, input).
+        inputs_taken: name of a further thing at an input, by (node, input).
 
     Raises:
         ValueError: an unknown node, or an output or input that is given twice.
     """
     outputs: dict[tuple[int, int], str] = {}
-    inputs = dict(taken)
+    inputs = dict(inputs_taken)
     for each in groups:
         for number, switch in enumerate(each.switches, start=1):
             if switch.node not in node_ids:
                 raise ValueError(f"{each.key}_nodes must be of the node_ids, not {switch.node}")
             name = f"{each.part} {number}"
-            for what, place, used in (
+            for what, place, places_used in (
                 ("output", switch.output, outputs),
                 ("input", switch.input, inputs),
             ):
-                other = used.setdefault((switch.node, place), name)
+                other = places_used.setdefault((switch.node, place), name)
                 if other != name:
                     raise ValueError(
                         f"{what} {place} of node {switch.node} is given twice: {other} and {name}"
@@ -178,8 +178,8 @@ class SwitchBoard:
         Args:
             commands: commands of `obey`.
         """
-        given = (commands.get(each.command, ()) for each in self._groups)
-        return all(switched(wanted) is not None for values in given for wanted in values)
+        groups_of_values = (commands.get(each.command, ()) for each in self._groups)
+        return all(switched(value) is not None for values in groups_of_values for value in values)
 
     def obey(self, commands: Mapping[str, Sequence[float]], may_open: bool, stands: bool) -> None:
         """Takes commands.
@@ -193,8 +193,8 @@ class SwitchBoard:
         for each in self._groups:
             if each.command not in commands:
                 continue
-            for switch, wanted in zip(each.switches, commands[each.command], strict=True):
-                is_closed = switched(wanted)
+            for switch, value in zip(each.switches, commands[each.command], strict=True):
+                is_closed = switched(value)
                 if is_closed or (is_closed is None and stands):
                     self._open.discard(switch)
                 elif is_closed is False and may_open:

@@ -186,11 +186,11 @@ class NiCard:
         """Reserves the channels of a task, and counts from the initial position on."""
         task = self._task(request)
         for other in self._tasks.values():
-            taken = set(other.channels) & set(task.channels)
+            shared_channels = set(other.channels) & set(task.channels)
             if other.kind == task.kind == "ai":
-                taken = {"ai"}  # the card has one converter
-            if other is not task and other.is_running and taken:
-                code = -200587 if "line" in min(taken) else -50103
+                shared_channels = {"ai"}  # the card has one converter
+            if other is not task and other.is_running and shared_channels:
+                code = -200587 if "line" in min(shared_channels) else -50103
                 raise NiRefusal(code, Device=self._device, Task_Name=task.name)
         task.is_running = True
         if task.kind == "watchdog":
@@ -221,11 +221,11 @@ class NiCard:
         is_time = 0.0 < request.timeout <= _LONGEST_WATCHDOG
         if not is_time and request.timeout != _NEVER:
             raise NiRefusal(-200668, Requested_Value=request.timeout)
-        made = self.CreateTask(request)
-        if made["new_session_initialized"]:
-            task = self._tasks[made["task"]["name"]]
+        watchdog_task = self.CreateTask(request)
+        if watchdog_task["new_session_initialized"]:
+            task = self._tasks[watchdog_task["task"]["name"]]
             task.kind, task.timeout = "watchdog", request.timeout
-        return made
+        return watchdog_task
 
     def CfgWatchdogDOExpirStates(self, request: Any) -> Mapping[str, Any]:
         """Sets what lines become when the watchdog expires."""

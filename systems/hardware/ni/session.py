@@ -56,14 +56,14 @@ class BoundedChannel:
 
     def unary_unary(self, *args: Any, **kwargs: Any) -> Callable[..., Any]:
         """See a gRPC channel; the call has a deadline."""
-        made: list[Any] = []
+        calls: list[Any] = []
 
         def call(request: Any, metadata: Any = None) -> Any:
             # Made when first used: each task makes a stub of some 700 calls, and uses ten.
-            if not made:
-                made.append(self._channel.unary_unary(*args, **kwargs))
-            left = max(self.until - time.monotonic(), 0.0)
-            return made[0](request, timeout=left, metadata=metadata)
+            if not calls:
+                calls.append(self._channel.unary_unary(*args, **kwargs))
+            time_left = max(self.until - time.monotonic(), 0.0)
+            return calls[0](request, timeout=time_left, metadata=metadata)
 
         return call
 

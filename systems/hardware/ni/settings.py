@@ -215,10 +215,10 @@ def expand_channels(text: str) -> tuple[str, ...]:
 
 
 def _expand_range(part: str, text: str) -> Iterator[str]:
-    found = re.fullmatch(r"([^:/\s]+/[^:\s]*?)(\d+)(?::(\d+))?", part)
-    if found is None:
+    match = re.fullmatch(r"([^:/\s]+/[^:\s]*?)(\d+)(?::(\d+))?", part)
+    if match is None:
         raise ValueError(f'{show(text)} does not name channels, as "Dev1/ao0:3" does')
-    first = int(found[2])
-    last = first if found[3] is None else int(found[3])
+    first = int(match[2])
+    last = first if match[3] is None else int(match[3])
     step = 1 if last >= first else -1
-    return (f"{found[1]}{number}" for number in range(first, last + step, step))
+    return (f"{match[1]}{number}" for number in range(first, last + step, step))

@@ -77,9 +77,9 @@ class NiTasks(NiSession):
         each = range(len(self._counters))
         if self._pool is None:
             return [self._read_counter(index) for index in each]
-        asked = [self._pool.submit(self._read_counter, index) for index in each]
-        wait(asked)
-        return [answer.result() for answer in asked]
+        futures = [self._pool.submit(self._read_counter, index) for index in each]
+        wait(futures)
+        return [answer.result() for answer in futures]
 
     def _read_counter(self, index: int) -> tuple[int, float]:
         with self._told():

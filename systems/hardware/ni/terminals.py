@@ -138,13 +138,13 @@ class LegWiring(NiWiring):
         # Plus and minus one: what is wrong or garbage changes a switch, too.
         bits = [1.0 if value > 0.5 else -1.0 for value in self._get("limits")]
         contact = -1.0 if self.is_pressed else 1.0
-        shown = self.misbehaviour.shown((*counts, *bits, contact), monotonic())
+        shown_values = self.misbehaviour.shown((*counts, *bits, contact), monotonic())
         size = len(counts)
-        lines = {f"port0/line{i}": value > 0.0 for i, value in enumerate(shown[size:-1])}
+        lines = {f"port0/line{i}": value > 0.0 for i, value in enumerate(shown_values[size:-1])}
         if self._stop_line:
             is_wrong = self.misbehaviour.kind == FaultKind.WRONG
-            lines[self._stop_line] = (contact if is_wrong else shown[-1]) > 0.0
-        return tuple(map(round, shown[:size])), lines
+            lines[self._stop_line] = (contact if is_wrong else shown_values[-1]) > 0.0
+        return tuple(map(round, shown_values[:size])), lines
 
     def _get(self, signal: str) -> tuple[float, ...]:
         return self._harness.get(f"{self._part}.{signal}")
@@ -193,5 +193,5 @@ class CellWiring(NiWiring):
         forces = (x if math.isfinite(x) else 0.0 for x in self._harness.get(self._signal))
         cells = zip(self._newton_per_volt.items(), forces, strict=True)
         volts = [force / per_volt + self._zero[name] for (name, per_volt), force in cells]
-        shown = self.misbehaviour.shown(volts, monotonic())
-        return dict(zip(self._newton_per_volt, shown, strict=True))
+        shown_values = self.misbehaviour.shown(volts, monotonic())
+        return dict(zip(self._newton_per_volt, shown_values, strict=True))

@@ -26,17 +26,17 @@ class NiWatchdog:
     def __init__(
         self,
         settings: NiDaqSettings,
-        told: Callable[[], AbstractContextManager[None]],
+        standing: Callable[[], AbstractContextManager[None]],
         options: Callable[[str], Any],
     ):
         """Creates it; nothing is opened.
 
         Args:
             settings: card, line of the relay, and timeout.
-            told: context that tells the driver library's errors as those of the device.
+            standing: context that tells the driver library's errors as those of the device.
             options: gRPC options of a task by its name; None for a card in this computer.
         """
-        self._settings, self._told, self._options = settings, told, options
+        self._settings, self._told, self._options = settings, standing, options
         self._errors, self._constants = need("nidaqmx.errors"), need("nidaqmx.constants")
         self._module, self._types = need("nidaqmx.system.watchdog"), need("nidaqmx.types")
         # One that is left armed, because its card cannot be reached, is left so on purpose.

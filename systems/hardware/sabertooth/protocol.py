@@ -204,8 +204,8 @@ class PacketParser:
         Args:
             data: bytes that have come next.
         """
-        found = (self._take(byte) for byte in data)
-        return [packet for packet in found if packet is not None]
+        packets = (self._take(byte) for byte in data)
+        return [packet for packet in packets if packet is not None]
 
     def reset(self) -> None:
         """Forgets a packet that has begun."""

@@ -214,13 +214,13 @@ class SabertoothSerial(Device):
         self._drive(range(self._size), [STOPPED] * self._size, now)
         self._had_room = now
 
-    def _send(self, wanted: Sequence[Power]) -> None:
+    def _send(self, powers: Sequence[Power]) -> None:
         """Sends what is most urgent, or all of it if the line can carry it."""
         waiting, now = self._waiting(), self._clock()
         room = self._line.room(now, waiting)
-        if all(power == STOPPED for power in wanted):
+        if all(power == STOPPED for power in powers):
             moving = [i for i, sent in enumerate(self._sent) if sent.power != STOPPED]
-            self._drive(moving, wanted, now)
+            self._drive(moving, powers, now)
             room -= len(moving)
         if room > 0:
             self._had_room = now
@@ -228,12 +228,12 @@ class SabertoothSerial(Device):
             if now - self._armed[oldest] >= _ARMING_INTERVAL:
                 self._arm(oldest, now)
                 room -= 1
-            self._drive(self._due(wanted, room, now), wanted, now)
+            self._drive(self._due(powers, room, now), powers, now)
         elif now - self._had_room > self._settings.serial_timeout:
             text = f"nothing leaves the port; {waiting} bytes wait"
             raise DeviceError(self.name, text, DeviceFault.SILENT)
 
-    def _due(self, wanted: Sequence[Power], room: int, now: float) -> list[int]:
+    def _due(self, powers: Sequence[Power], room: int, now: float) -> list[int]:
         """The actuators whose turn it is, if there is room for their packets."""
         if room >= self._size:
             return [*self._turns]
@@ -241,19 +241,19 @@ class SabertoothSerial(Device):
         due = (
             i
             for i in self._turns
-            if self._sent[i].power != wanted[i] or now - self._sent[i].at >= interval
+            if self._sent[i].power != powers[i] or now - self._sent[i].at >= interval
         )
         return list(due)[:room]
 
-    def _drive(self, which: Sequence[int], wanted: Sequence[Power], now: float) -> None:
+    def _drive(self, which: Sequence[int], powers: Sequence[Power], now: float) -> None:
         """Tells some of the motors what is wanted."""
         motors = [self._motors[i] for i in which]
-        data = [motor_packet(*motor, wanted[i]) for motor, i in zip(motors, which, strict=True)]
+        data = [motor_packet(*motor, powers[i]) for motor, i in zip(motors, which, strict=True)]
         for i in which:
             self._sent[i] = _UNKNOWN
         self._transmit(data, now)
         for i in which:
-            self._sent[i] = _Sent(wanted[i], now)
+            self._sent[i] = _Sent(powers[i], now)
         self._turns = [i for i in self._turns if i not in which] + [*which]
 
     def _arm(self, address: int, now: float) -> None:
@@ -333,8 +333,8 @@ def _packet_time(settings: SabertoothSettings) -> float:
 def _check(settings: SabertoothSettings, actuators: int) -> None:
     """Refuses settings that do not fit together."""
     addresses = tuple(settings.addresses)
-    known = {address for address in addresses if address in ADDRESSES}
-    if not known or len(known) != len(addresses):
+    admissible = {address for address in addresses if address in ADDRESSES}
+    if not admissible or len(admissible) != len(addresses):
         raise ValueError(
             f"addresses must be different ones of {ADDRESSES[0]}..{ADDRESSES[-1]}, not {addresses}"
         )

@@ -105,11 +105,11 @@ def deviated(nominal: PlatformGeometry, parameters: Floats) -> PlatformGeometry:
     rows = parameters[:_LEGS_END].reshape(LEG_COUNT, LEG_WIDTH)[:, : len(IDENTIFIABLE)].tolist()
     deviations = []
     for deviation, row in zip(before, rows, strict=True):
-        moved = {
+        deviated_legs = {
             name: getattr(deviation, name) + change
             for name, change in zip(IDENTIFIABLE, row, strict=True)
         }
-        deviations.append(replace(deviation, **moved))
+        deviations.append(replace(deviation, **deviated_legs))
     return replace(nominal, deviations=tuple(deviations))
 
 
@@ -133,13 +133,13 @@ def equivalent_parameters(
         The parameters; those of the ground are zero.
     """
     rows = []
-    for built, drawn, offset in zip(geometry.legs, nominal.legs, offsets, strict=True):
+    for actual, reference, offset in zip(geometry.legs, nominal.legs, offsets, strict=True):
         # l_x, l_y, l_z that bring about the same c with the nominal l_6 and l_7.
-        same = replace(built, l_6=drawn.l_6, l_7=drawn.l_7)
-        moved = np.subtract(built.p_MF, same.p_MF)
-        lengths = np.add([built.l_x, built.l_y, built.l_z], moved)
+        same = replace(actual, l_6=reference.l_6, l_7=reference.l_7)
+        offset_of_foot = np.subtract(actual.p_MF, same.p_MF)
+        lengths = np.add([actual.l_x, actual.l_y, actual.l_z], offset_of_foot)
         values = dict(zip(("l_x", "l_y", "l_z"), lengths.tolist(), strict=True))
-        rows += [values.get(k, getattr(built, k)) - getattr(drawn, k) for k in IDENTIFIABLE]
+        rows += [values.get(k, getattr(actual, k)) - getattr(reference, k) for k in IDENTIFIABLE]
         rows.append(float(offset))
     return np.array([*rows, *bias, 0.0, 0.0])
 
@@ -167,17 +167,17 @@ def foot_derivatives(leg: LegGeometry, extension: Elementwise) -> tuple[Vector3,
     delta_l_3 = (leg.l_3 + along) / (leg.l_3 * across)
     delta_l_4 = (leg.l_4 + leg.l_3 * along / leg.l_4) / (leg.l_3 * across)
     delta_d = -extension / (leg.l_3 * across)
-    turned = [scaled(by_psi, rate) for rate in (delta_l_3, delta_l_4, delta_d)]
+    rates_of_shank = [scaled(by_psi, rate) for rate in (delta_l_3, delta_l_4, delta_d)]
     longer = (-cb * x / leg.l_4, -sb * x / leg.l_4, -z / leg.l_4)
     derivatives = [
         (one, none, none),
         (none, one, none),
         (none, none, one),
         (-sb * reach, cb * reach, none),
-        turned[0],
-        plus(turned[1], longer),
+        rates_of_shank[0],
+        plus(rates_of_shank[1], longer),
         plus(by_psi, by_alpha),
-        turned[2],
+        rates_of_shank[2],
     ]
     return (c_x - cb * x, c_y - sb * x, c_z - z), derivatives
 
@@ -222,9 +222,11 @@ class StandingEquations:
         by_feet = (self._whitener @ jacobian).reshape(-1, PARAMETER_COUNT)
         if recording.reference is None:
             return feet, by_feet
-        seen = recording.referenced
+        is_referenced = recording.referenced
         scale = 1.0 / np.hypot(noise.attitude, noise.reference)
-        apart = scale * (recording.attitude - parameters[BIAS] - recording.reference)[seen]
+        apart = (
+            scale * (recording.attitude - parameters[BIAS] - recording.reference)[is_referenced]
+        )
         by_apart = np.zeros((*apart.shape, PARAMETER_COUNT))
         by_apart[:, :, BIAS] = -scale * np.eye(2)
         return (
@@ -248,8 +250,8 @@ class StandingEquations:
         attitude = recording.attitude - parameters[BIAS]
         if recording.reference is None:
             return attitude
-        known = np.where(recording.referenced[:, None], recording.reference, 0.0)
-        return share * attitude + (1.0 - share) * known
+        reference = np.where(recording.referenced[:, None], recording.reference, 0.0)
+        return share * attitude + (1.0 - share) * reference
 
     @cached_property
     def _whitener(self) -> Floats:
@@ -362,8 +364,8 @@ def ground_in_heading(ground: Floats, heading: Floats) -> Floats:
 
 def seeming_ground(recording: PoseRecording, nominal: PlatformGeometry) -> Floats:
     """Roll and pitch (2) of the ground by legs as drawn and a sensor without bias, on average."""
-    seen = estimate_ground(nominal, recording.extension, recording.attitude)
-    n_1, n_2, n_3 = turned(normal_of(*seen.T), recording.turned)
+    estimate = estimate_ground(nominal, recording.extension, recording.attitude)
+    n_1, n_2, n_3 = turned(normal_of(*estimate.T), recording.turned)
     return _inclination((n_1.mean(), n_2.mean(), n_3.mean()))
 
 

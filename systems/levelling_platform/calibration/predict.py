@@ -102,19 +102,19 @@ def cross_validate(
     folds = min(_FOLDS, len(recording))
     parts = []
     for fold in range(folds):
-        held = np.arange(len(recording)) % folds == fold
-        others, unused = recording[~held], recording[held]
-        found = calibrate(others, nominal, tolerances)
+        is_held_out = np.arange(len(recording)) % folds == fold
+        others, unused = recording[~is_held_out], recording[is_held_out]
+        calibration = calibrate(others, nominal, tolerances)
         ground = unused.ground
         if ground is None:
-            assert found.ground is not None
-            ground = ground_in_heading(found.ground, unused.turned)
-        attitude = unused.attitude - found.bias
+            assert calibration.ground is not None
+            ground = ground_in_heading(calibration.ground, unused.turned)
+        attitude = unused.attitude - calibration.bias
         if unused.reference is not None:
             attitude = np.where(unused.referenced[:, None], unused.reference, attitude)
         assert unused.height is not None
         posture = np.column_stack([attitude, unused.height])
-        parts.append(compare(found, nominal, unused, posture, ground))
+        parts.append(compare(calibration, nominal, unused, posture, ground))
     return Comparison(
         _joined([part.nominal for part in parts]), _joined([part.calibrated for part in parts])
     )

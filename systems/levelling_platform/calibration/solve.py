@@ -91,15 +91,15 @@ def undetermined_directions(
     # All 36 rows, also of fewer equations; of more, no square of their number.
     is_short = len(sensitivity) < tolerance.size
     _, singular, rows = scipy.linalg.svd(sensitivity, full_matrices=is_short)
-    known = int((singular >= 1.0).sum())
-    left_open = rows[known:].T
+    rank = int((singular >= 1.0).sum())
+    left_open = rows[rank:].T
     effect = _workspace_effect(nominal) * tolerance
-    _, moved, mixing = scipy.linalg.svd(effect @ left_open)
-    missed = (left_open @ mixing.T)[:, : int((moved > NEGLIGIBLE).sum())]
-    if not missed.size:
+    _, strengths, mixing = scipy.linalg.svd(effect @ left_open)
+    weak_directions = (left_open @ mixing.T)[:, : int((strengths > NEGLIGIBLE).sum())]
+    if not weak_directions.size:
         return np.zeros((0, tolerance.size))
-    _, triangle, order = scipy.linalg.qr(missed.T, mode="economic", pivoting=True)
-    count = missed.shape[1]
+    _, triangle, order = scipy.linalg.qr(weak_directions.T, mode="economic", pivoting=True)
+    count = weak_directions.shape[1]
     directions = np.empty((count, tolerance.size))
     directions[:, order] = scipy.linalg.solve(triangle[:, :count], triangle)
     return directions
@@ -168,14 +168,14 @@ def _advice(equations: StandingEquations, directions: Floats) -> list[str]:
     alike = [axis for axis, angle in spread.items() if angle < _SPREAD_ANGLE]
     if alike:
         advice.append(f"poses that differ in {listed(alike)} by several degrees")
-    missed = np.abs(directions[:, : LEG_COUNT * LEG_WIDTH]).reshape(-1, LEG_COUNT, LEG_WIDTH)
+    sizes = np.abs(directions[:, : LEG_COUNT * LEG_WIDTH]).reshape(-1, LEG_COUNT, LEG_WIDTH)
     enough = _SPREAD_SHARE_OF_STROKE * (stroke.extension_max - stroke.extension_min)
     still = []
-    for i in np.flatnonzero(missed.max(axis=(0, 2), initial=0.0) >= _PART).tolist():
-        used = recording.extension[recording.contact[:, i], i]
-        if not used.size:
+    for i in np.flatnonzero(sizes.max(axis=(0, 2), initial=0.0) >= _PART).tolist():
+        extensions = recording.extension[recording.contact[:, i], i]
+        if not extensions.size:
             advice.append(f"poses with leg {i + 1} on the ground")
-        elif np.ptp(used) < enough:
+        elif np.ptp(extensions) < enough:
             still.append(f"leg {i + 1}")
     if still:
         advice.append(f"poses over more of the stroke of {listed(still)}")
@@ -296,7 +296,7 @@ def _most_likely(equations: StandingEquations, start: Floats, prior: Floats) -> 
         sensitivity = equations.whitened(start + prior * scaled)[1] * prior
         return np.vstack([sensitivity, np.eye(PARAMETER_COUNT)])
 
-    found = scipy.optimize.least_squares(
+    solution = scipy.optimize.least_squares(
         residual,
         np.zeros(PARAMETER_COUNT),
         jacobian,
@@ -305,4 +305,4 @@ def _most_likely(equations: StandingEquations, start: Floats, prior: Floats) -> 
         xtol=_CONVERGED,
         gtol=_CONVERGED,
     )
-    return start + prior * found.x
+    return start + prior * solution.x

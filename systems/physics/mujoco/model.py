@@ -64,10 +64,11 @@ class MujocoModel:
             MissingExtra: MuJoCo is not installed.
             WiringError: a part of the plant that cannot be translated.
         """
-        told = len(balls) + len(couplings)
-        if plant.num_constraints() != told:
+        constraint_count = len(balls) + len(couplings)
+        if plant.num_constraints() != constraint_count:
             raise WiringError(
-                f"the plant has {plant.num_constraints()} constraints, {told} of them are told"
+                f"the plant has {plant.num_constraints()} constraints, but only "
+                f"{constraint_count} are given"
             )
         self.plant, self.feet, self.loads = plant, tuple(feet), tuple(loads)
         self._mujoco: Any = need("mujoco")
@@ -180,8 +181,8 @@ class MujocoModel:
 
     def index_of(self, joint: Joint) -> tuple[int, int]:
         """Indices of a joint's position and velocity in MuJoCo's."""
-        found = self.model.joint(joint_name(joint))
-        return int(found.qposadr[0]), int(found.dofadr[0])
+        mujoco_joint = self.model.joint(joint_name(joint))
+        return int(mujoco_joint.qposadr[0]), int(mujoco_joint.dofadr[0])
 
 
 _LOAD = 17  # mass, centre of mass (3), inertia about it (6), position (3) and quaternion (4)
@@ -202,8 +203,8 @@ class _StateMaps:
         for joint in joints_of(plant):
             if joint.num_velocities() == 0:
                 continue
-            found = model.joint(joint_name(joint))
-            q, v = int(found.qposadr[0]), int(found.dofadr[0])
+            mujoco_joint = model.joint(joint_name(joint))
+            q, v = int(mujoco_joint.qposadr[0]), int(mujoco_joint.dofadr[0])
             start, rate = joint.position_start(), joint.velocity_start()
             if isinstance(joint, QuaternionFloatingJoint):
                 self._positions[start : start + 7] = (q + 3, q + 4, q + 5, q + 6, q, q + 1, q + 2)
@@ -220,8 +221,8 @@ class _StateMaps:
         state = np.concatenate((qpos[self._positions], qvel[self._velocities]))
         for start, rate in self._floating:
             w = slice(self._size + rate, self._size + rate + 3)
-            self._mujoco.mju_rotVecQuat(turned := np.empty(3), state[w], state[start : start + 4])
-            state[w] = turned
+            self._mujoco.mju_rotVecQuat(rotated := np.empty(3), state[w], state[start : start + 4])
+            state[w] = rotated
         return state
 
     def to_mujoco(
@@ -232,8 +233,8 @@ class _StateMaps:
         for start, rate in self._floating:
             back = q[start : start + 4] * (1.0, -1.0, -1.0, -1.0)
             w = v[rate : rate + 3]
-            self._mujoco.mju_rotVecQuat(turned := np.empty(3), w, back)
-            qvel[rate : rate + 3] = turned
+            self._mujoco.mju_rotVecQuat(rotated := np.empty(3), w, back)
+            qvel[rate : rate + 3] = rotated
         qpos[self._positions] = q
         reordered = np.empty_like(v)
         reordered[self._velocities] = qvel

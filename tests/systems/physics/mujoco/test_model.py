@@ -161,7 +161,7 @@ def test_another_passenger_is_as_one_that_was_there_from_the_start():
 
 
 def test_constraints_that_are_not_told_are_refused():
-    with pytest.raises(WiringError, match="the plant has 8 constraints, 4 of them are told"):
+    with pytest.raises(WiringError, match="the plant has 8 constraints, but only 4 are given"):
         Machine(add_platform, balls=())
 
 
