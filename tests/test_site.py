@@ -38,7 +38,7 @@ def keys_of(kind, prefix=""):
 
 def test_every_system_has_its_symbol_and_table(reference):
     pages = dict(reference.systems())
-    text = "\n".join(pages.values())
+    text = "\n".join(page for name, page in pages.items() if name != "systems/index.md")
     headings = set(re.findall(r"^## (\w+)$", text, re.MULTILINE))
     symbols = set(re.findall(r'class="name">(\w+)<', text))
     assert headings == symbols
@@ -46,6 +46,73 @@ def test_every_system_has_its_symbol_and_table(reference):
     assert text.count("| port | size | unit | meaning |") == len(headings)
     for package in re.findall(r"^(\w+)$", pages["systems/index.md"].split("maxdepth: 1")[1], re.M):
         assert f"systems/{package}.md" in pages
+
+
+def test_indices_describe_every_page_and_name_every_system(reference):
+    pages = dict(reference.all_pages())
+    listed = re.findall(r"^\* \[(.*?)\]\((.*?)\): (.*)$", pages["index.md"], re.MULTILINE)
+    assert all(re.match(r"\S.{10,}\.$", described) for _, _, described in listed)
+    linked = {page.partition("#")[0] for _, page, _ in listed} | {"systems/index.md", "errors.md"}
+    indices = {"index.md", "scenarios/index.md", "diagrams/index.md"}
+    assert linked == {name for name in pages if name.endswith(".md")} - indices
+    assert [name.strip("`") for name, page, _ in listed if page.startswith("commands")] == [
+        f"parapod {name}" for name in COMMANDS
+    ]
+    for page in linked - {"systems/index.md", "errors.md", "commands.md"}:
+        folder, _, name = page.partition("/")
+        assert name.removesuffix(".md") in pages[f"{folder}/index.md"]
+    systems = re.findall(r"^\* \[(\w+)\]\((\w+\.md)#", pages["systems/index.md"], re.MULTILINE)
+    for name, page in systems:
+        assert f"\n## {name}\n" in pages[f"systems/{page}"], name
+    assert set(SYSTEMS) <= {name for name, _ in systems}
+
+
+def test_keys_stand_in_tables_that_narrow_screens_can_fold(reference):
+    (level,) = (entry for entry in _ENTRIES if entry.name == "level")
+    text = reference._scenario(level)
+    assert text.count(":::{div} keys\n| key | default |") == text.count("| key | default |") > 1
+    style = (_SITE / "static" / "site.css").read_text()
+    folded = style.partition("@media screen and (max-width: 46em) {")[2].partition("\n}")[0]
+    assert ".keys tr { display: flex" in folded
+
+
+def test_a_picture_of_a_loop_is_as_wide_as_its_page_and_one_has_all_ports(reference):
+    pytest.importorskip("pygraphviz")
+    pages = dict(reference.diagrams())
+    overview, whole = (pages[f"diagrams/walking_chair{end}.svg"] for end in ("", "_ports"))
+    assert re.search(rb'<svg [^>]*width="100%"\s+viewBox', overview)
+    assert overview.count(b'class="edge"') < whole.count(b'class="edge"')
+    page = pages["diagrams/walking_chair.md"]
+    assert 'data="walking_chair.svg"' in page
+    assert 'href="walking_chair_ports.svg"' in page
+
+
+def conf():
+    """Settings of Sphinx as a module."""
+    spec = importlib.util.spec_from_file_location("conf", _SITE / "conf.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_formulas_become_mathml_without_a_script_or_a_network():
+    pytest.importorskip("math_core")
+    mathml = conf().mathml
+    assert mathml(r"g = R^\top n", False) == (
+        "<math><mi>g</mi><mo>=</mo><msup><mi>R</mi><mi>⊤</mi></msup><mi>n</mi></math>"
+    )
+    block = mathml(r"a &= b \\ c &= d", True)
+    assert block.startswith('<math display="block"')
+    assert block.count("<mtr>") == 2
+    # Sphinx numbers a block; its lines have no numbers beside that.
+    numbered = mathml(r"\begin{align} a &= b \\ c &= d \end{align}", True)
+    assert "(1)" not in re.sub("<[^>]*>", "", numbered)
+
+
+def test_a_mistake_in_a_formula_is_an_error():
+    core = pytest.importorskip("math_core")
+    with pytest.raises(core.LatexError, match="foo"):
+        conf().mathml(r"\foo x", False)
 
 
 def test_classes_of_arguments_are_described_and_drakes_words_are_left_out(reference):

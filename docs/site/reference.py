@@ -10,7 +10,7 @@ import inspect
 import io
 import pkgutil
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import redirect_stdout, suppress
 from itertools import groupby
 from types import ModuleType
@@ -35,12 +35,14 @@ from parapod.systems.core.scenario_file import describe, load_scenario
 type Pages = Iterator[tuple[str, str | bytes]]
 
 _SECTION = re.compile(r"^(Args|Attributes|Raises|Returns|Yields):$")
+# Size of a picture, which instead is as wide as its page.
+_SIZE = re.compile(rb'width="\d+pt" height="\d+pt"')
 _ENTRY = re.compile(r"^    (\*{0,2}\w[\w., ]*): (.*)$")
 
 
 def all_pages() -> Pages:
     """Every page of the reference, and its beginning."""
-    yield "index.md", _INDEX
+    yield "index.md", index()
     yield from systems()
     yield from scenarios()
     yield from commands()
@@ -48,19 +50,39 @@ def all_pages() -> Pages:
     yield from diagrams()
 
 
-_INDEX = """# Reference
-
-Made from the code at every build.
-
-```{toctree}
-:maxdepth: 2
-diagrams/index
-systems/index
-scenarios/index
-commands
-errors
-```
-"""
+def index() -> str:
+    """The beginning: every page with its description, by part of the project and by machine."""
+    machines = _own_machines()
+    shared, own = [], []
+    for package in dict.fromkeys(map(_package, _sorted_systems())):
+        is_own = package in (machine.name for machine in machines)
+        (own if is_own else shared).append(_package_line(package, "systems/"))
+    parts = [
+        "# Reference\n\nMade from the code at every build.",
+        f"## Diagrams\n\n{_DIAGRAMS}",
+        *_items(_diagram_line(machine, "diagrams/") for machine in machines),
+        f"## Systems\n\n{_SYSTEMS} [All by name](systems/index.md).",
+        "### Shared by the machines",
+        *_items(shared),
+        "### Particular to one machine",
+        *_items(own),
+        "## Scenarios\n\nEvery key of every experiment, by machine.",
+        *_scenario_lists("scenarios/", 3),
+        "## Commands",
+    ]
+    for title, group in GROUPS.items():
+        lines = (
+            f"[`parapod {name}`](commands.md#parapod-{name}): {_sentence(command.HELP)}"
+            for name, command in group.items()
+        )
+        parts += [f"### {title.capitalize()}", *_items(lines)]
+    parts += [
+        "## Errors\n\n[Every error that parapod raises on purpose](errors.md) and its attributes.",
+        _toctree(
+            ["diagrams/index", "systems/index", "scenarios/index", "commands", "errors"], depth=2
+        ),
+    ]
+    return "\n\n".join(parts) + "\n"
 
 
 # --- systems
@@ -68,28 +90,49 @@ errors
 
 def systems() -> Pages:
     """A page for each package of systems: symbol, port table and arguments of each."""
-    kinds = sorted(_systems(), key=lambda kind: (_package(kind), class_name(kind)))
+    kinds = _sorted_systems()
     settings = sorted({one for kind in kinds for one in _settings(kind)}, key=class_name)
+    parts = [f"# Systems\n\n{_SYSTEMS}"]
     names = []
-    for package, members in groupby(kinds, _package):
+    for package, grouped in groupby(kinds, _package):
         names.append(package)
-        module = importlib.import_module(f"parapod.systems.{package}")
-        title = package.replace("_", " ").capitalize()
-        says = (inspect.getdoc(module) or "").split("\n\n")[0]
+        members = list(grouped)
+        parts += [f"## {_titled(package)}", _sentence(_first_line(_package_module(package)))]
+        parts += _items(_system_line(kind) for kind in members)
+        says = (inspect.getdoc(_package_module(package)) or "").split("\n\n")[0]
         described = [_described(one) for one in settings if _package(one) == package]
         if described:
             described.insert(0, "## Classes of arguments\n")
         yield (
             f"systems/{package}.md",
-            "\n".join((f"# {title}\n\n{says}\n", *map(_system, members), *described)),
+            "\n".join((f"# {_titled(package)}\n\n{says}\n", *map(_system, members), *described)),
         )
-    yield "systems/index.md", _contents("Systems", _SYSTEMS, names)
+    yield "systems/index.md", "\n\n".join([*parts, _toctree(names)]) + "\n"
 
 
 _SYSTEMS = (
     "Each is a Drake LeafSystem (or a Diagram of a few), to be used alone or in a diagram of your "
     "own. Sizes that are letters follow from the arguments."
 )
+
+
+def _sorted_systems() -> list[type]:
+    return sorted(_systems(), key=lambda kind: (_package(kind), class_name(kind)))
+
+
+def _system_line(kind: type) -> str:
+    name = class_name(kind)
+    page = f"{_package(kind)}.md#{name.lower()}"
+    return f"[{name}]({page}): {_sentence(_first_line(kind))}"
+
+
+def _package_line(package: str, folder: str) -> str:
+    says = _sentence(_first_line(_package_module(package)))
+    return f"[{_titled(package)}]({folder}{package}.md): {says}"
+
+
+def _package_module(package: str) -> ModuleType:
+    return importlib.import_module(f"parapod.systems.{package}")
 
 
 def _systems() -> set[type]:
@@ -179,20 +222,26 @@ def _symbol(name: str, rows: Sequence[PortRow]) -> str:
 
 def scenarios() -> Pages:
     """A page for each experiment, with every key of its scenario."""
-    groups: dict[str, list[str]] = {}
+    names = []
     for entry in _own_entries():
-        groups.setdefault(entry.group, []).append(entry.name)
+        names.append(entry.name)
         yield f"scenarios/{entry.name}.md", _scenario(entry)
-    yield (
-        "scenarios/index.md",
-        _contents(
-            "Scenarios",
-            "Every key of every experiment, as for `--set key=value` and scenario files. A file "
-            "of your own needs only the keys that differ; `parapod scenario NAME` prints a whole "
-            "one.",
-            [name for names in groups.values() for name in names],
-        ),
+    text = (
+        "Every key of every experiment, as for `--set key=value` and scenario files. A file of "
+        "your own needs only the keys that differ; `parapod scenario NAME` prints a whole one."
     )
+    parts = [f"# Scenarios\n\n{text}", *_scenario_lists("", 2), _toctree(names)]
+    yield "scenarios/index.md", "\n\n".join(parts) + "\n"
+
+
+def _scenario_lists(folder: str, level: int) -> Iterator[str]:
+    """Experiments under the headings of their machines."""
+    for title, entries in groupby(_own_entries(), lambda entry: entry.group):
+        yield f"{'#' * level} {title}"
+        yield from _items(
+            f"[{entry.name}]({folder}{entry.name}.md): {_sentence(entry.summary)}"
+            for entry in entries
+        )
 
 
 def _own_entries() -> list[Entry]:
@@ -203,14 +252,19 @@ def _scenario(entry: Entry) -> str:
     experiment = entry.load()
     scenario = load_scenario(experiment.schema, entry.default_scenario)
     rows = "\n".join(_keys(experiment.schema, scenario, ""))
-    head = "| key | default | admissible | meaning |\n|---|---|---|---|"
     families = "\n\n".join(_family(kind) for kind in _families(experiment.schema))
     document = as_markdown(inspect.getdoc(importlib.import_module(entry.point.module)) or "")
     return (
         f"# {entry.name}\n\n{document}\n\nBackends: "
         f"{', '.join(f'`{backend}`' for backend in experiment.backends)}.\n\n"
-        f"{head}\n{rows}\n\n{families}\n"
+        f"{_key_table(rows)}\n\n{families}\n"
     )
+
+
+def _key_table(rows: str) -> str:
+    """A table of keys, whose rows become blocks on narrow screens."""
+    head = "| key | default | admissible | meaning |\n|---|---|---|---|"
+    return f":::{{div}} keys\n{head}\n{rows}\n:::"
 
 
 def _keys(kind: Any, value: Any, prefix: str) -> Iterator[str]:
@@ -277,7 +331,7 @@ def _family(kind: Any) -> str:
         says = (inspect.getdoc(member) or "").split("\n\n")[0].replace("\n", " ")
         parts.append(f"### !{name}\n\n{says}")
         if rows:
-            parts.append(f"| key | default | admissible | meaning |\n|---|---|---|---|\n{rows}")
+            parts.append(_key_table(rows))
     return "\n\n".join(parts)
 
 
@@ -329,17 +383,38 @@ def _error(kind: type, level: int) -> Iterator[str]:
 
 def diagrams() -> Pages:
     """The loop of each machine's experiment, as a picture."""
-    names = []
-    for machine in list_machines():
+    machines = _own_machines()
+    for machine in machines:
         entry = find_entry(machine.experiment)
-        if entry.package != "parapod":
-            continue
         scenario = load_scenario(entry.load().schema, entry.default_scenario)
-        picture = draw(loop_of(entry.load(), scenario), 2).render()
-        names.append(machine.name)
-        yield f"diagrams/{machine.name}.svg", picture
+        loop = loop_of(entry.load(), scenario)
+        overview = draw(loop, 2, ports=False, fits_page=True).render()
+        yield f"diagrams/{machine.name}.svg", _SIZE.sub(b'width="100%"', overview, count=1)
+        yield f"diagrams/{machine.name}_ports.svg", draw(loop, 2).render()
         yield f"diagrams/{machine.name}.md", _diagram(machine, entry.name)
-    yield "diagrams/index.md", _contents("Diagrams", "The loop of each machine.", names)
+    parts = [
+        f"# Diagrams\n\n{_DIAGRAMS}",
+        *_items(_diagram_line(machine, "") for machine in machines),
+        _toctree([machine.name for machine in machines]),
+    ]
+    yield "diagrams/index.md", "\n\n".join(parts) + "\n"
+
+
+_DIAGRAMS = "The closed loop of each machine as a picture, and the ports of its station."
+
+
+def _own_machines() -> list[Any]:
+    return [
+        machine
+        for machine in list_machines()
+        if find_entry(machine.experiment).package == "parapod"
+    ]
+
+
+def _diagram_line(machine: Any, folder: str) -> str:
+    summary = _sentence(find_entry(machine.experiment).summary)
+    title = _titled(machine.name)
+    return f"[{title}]({folder}{machine.name}.md): loop of `{machine.experiment}`. {summary}"
 
 
 def _diagram(machine: Any, experiment: str) -> str:
@@ -348,15 +423,16 @@ def _diagram(machine: Any, experiment: str) -> str:
         for direction, ports in (("in", machine.inputs), ("out", machine.outputs))
         for port in ports
     )
-    picture = f"{machine.name}.svg"
-    return f"""# {machine.name.replace("_", " ").capitalize()}
+    name = machine.name
+    return f"""# {_titled(name)}
 
 The loop of `{experiment}`: station and controller, and what is in them. `parapod draw
-{experiment} --out loop.svg` draws it with your scenario. The pointer tells where a wire begins
-and ends; <a href="{picture}">alone it can be enlarged</a>.
+{experiment} --out loop.svg` draws it with your scenario. One wire stands for all from one block to
+another; the pointer shows their ports. <a href="{name}.svg">This picture alone</a>;
+<a href="{name}_ports.svg">with every port and wire</a>.
 
-<div class="wide">
-<object type="image/svg+xml" data="{picture}" aria-label="diagram"></object>
+<div class="fitted">
+<object type="image/svg+xml" data="{name}.svg" aria-label="diagram"></object>
 </div>
 
 ## Ports of the station
@@ -392,9 +468,28 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-def _contents(title: str, text: str, names: Sequence[str]) -> str:
+def _toctree(names: Sequence[str], depth: int = 1) -> str:
+    """Pages for the navigation; what a reader sees of them is listed with descriptions."""
     listed = "\n".join(names)
-    return f"# {title}\n\n{text}\n\n```{{toctree}}\n:maxdepth: 1\n{listed}\n```\n"
+    return f"```{{toctree}}\n:hidden:\n:maxdepth: {depth}\n{listed}\n```"
+
+
+def _items(lines: Iterable[str]) -> list[str]:
+    """Lines as one list."""
+    return ["\n".join(f"* {line}" for line in lines)]
+
+
+def _titled(name: str) -> str:
+    return name.replace("_", " ").capitalize()
+
+
+def _first_line(documented: Any) -> str:
+    return " ".join((inspect.getdoc(documented) or "").split("\n\n")[0].split())
+
+
+def _sentence(text: str) -> str:
+    """A description with a capital and a full stop."""
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
 
 
 def _modules(package: ModuleType) -> Iterator[ModuleType]:
