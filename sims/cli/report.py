@@ -73,8 +73,8 @@ def _print(run: "ChapterRun") -> None:
     """The chapter in a few lines."""
     from parapod.sims.report.page import counts
 
-    found = ", ".join(f"{count} {word}" for word, count in counts(run).items())
-    print(f"{run.chapter.title}: of {len(run.chapter.claims)} printed numbers {found}")
+    counts_by_word = ", ".join(f"{count} {word}" for word, count in counts(run).items())
+    print(f"{run.chapter.title}: of {len(run.chapter.claims)} printed numbers {counts_by_word}")
     if run.problem:
         print(run.problem)
     for part in run.parts:

@@ -104,14 +104,14 @@ def execute(arguments: argparse.Namespace) -> int:
     from parapod.sims.study.study import Study
     from parapod.sims.study.variables import split_variable
 
-    given = [split_variable(text) for text in arguments.vary]
-    for key, _ in given:
-        if [other for other, _ in given].count(key) > 1:
+    variables = [split_variable(text) for text in arguments.vary]
+    for key, _ in variables:
+        if [other for other, _ in variables].count(key) > 1:
             raise UsageError(f"--vary gives {key} twice")
     study = Study.of(
         arguments.name,
         scenario,
-        dict(given),
+        dict(variables),
         arguments.sampling,
         arguments.runs,
         arguments.sampling_seed,
@@ -127,8 +127,8 @@ def execute(arguments: argparse.Namespace) -> int:
         is_over = True
     finally:
         if not is_over and arguments.out is not None and records.done.any():
-            done = f"{records.done.sum()} of {study.sampling.runs} runs are in {arguments.out}"
-            print(f"parapod: {done}; --resume does the rest", file=sys.stderr)
+            progress = f"{records.done.sum()} of {study.sampling.runs} runs are in {arguments.out}"
+            print(f"parapod: {progress}; --resume does the rest", file=sys.stderr)
     return _show(StudyResult(study, records), arguments)
 
 

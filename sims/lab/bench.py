@@ -127,12 +127,12 @@ def recording(meshcat: Meshcat, path: Path, title: str) -> Iterator[None]:
         meshcat.SetAnimation(MeshcatAnimation(_FRAMES_PER_SECOND))
 
 
-def write_graphviz(path: Path, drawn: BlockDiagram) -> None:
+def write_graphviz(path: Path, drawing: BlockDiagram) -> None:
     """Writes a drawing of a diagram as Graphviz text (.dot, .gv) or picture (.svg, .png, .pdf).
 
     Args:
         path: the file.
-        drawn: the drawing.
+        drawing: the drawing.
 
     Raises:
         OutputError: the file cannot be written, its suffix says no format, or a picture is asked
@@ -140,12 +140,12 @@ def write_graphviz(path: Path, drawn: BlockDiagram) -> None:
     """
     suffix = path.suffix.lower()
     if suffix not in (*_AS_TEXT, *_RENDERED):
-        known = ", ".join((*_AS_TEXT, *_RENDERED))
+        suffixes = ", ".join((*_AS_TEXT, *_RENDERED))
         raise OutputError(
-            f"cannot write {quoted_path(path)}: a diagram's suffix must be one of {known}", path
+            f"cannot write {quoted_path(path)}: a diagram's suffix must be one of {suffixes}", path
         )
     try:
-        content = drawn.text.encode() if suffix in _AS_TEXT else drawn.render(suffix[1:])
+        content = drawing.text.encode() if suffix in _AS_TEXT else drawing.render(suffix[1:])
     except ParapodError as error:
         why = f"{error}; a .dot file needs nothing"
         raise OutputError(f"cannot write {quoted_path(path)}: {why}", path) from None
@@ -176,7 +176,7 @@ class Bench:
         backend: str,
         is_simulated: bool,
         scene: Callable[[], Meshcat],
-        needed: Sequence[str],
+        signals_needed: Sequence[str],
         structure: Hashable | None = None,
         begin: Any = None,
         watched: bool = True,
@@ -192,7 +192,7 @@ class Bench:
             backend: backend behind the machine's ports.
             is_simulated: true if the machine is simulated.
             scene: makes the scene around the machine.
-            needed: ports whose signals are recorded where no log is written.
+            signals_needed: ports whose signals are recorded where no log is written.
             structure: all that the loop is built from; None: it serves no other scenario.
             begin: machine's scenario that a loop of this structure is reset to.
             watched: true for the run that the options show and write.
@@ -207,35 +207,35 @@ class Bench:
             if getattr(options, name) and not is_simulated:
                 raise OutputError(f"--{name} shows a simulated machine; the backend is {backend}")
         meshcat = scene() if options.meshcat or options.html else None
-        log = tuple(needed) if options.log is None else None
+        log = tuple(signals_needed) if options.log is None else None
         reset_to = None
         if meshcat or self.options.loops is None or structure is None:
-            built = loop(meshcat=meshcat, log=log)
+            closed_loop = loop(meshcat=meshcat, log=log)
         else:
-            built = self.options.loops.of((structure, log), partial(loop, log=log))
+            closed_loop = self.options.loops.of((structure, log), partial(loop, log=log))
             reset_to = begin
         if options.graphviz is not None:
-            write_graphviz(options.graphviz, BlockDiagram(built))
-        simulator = Simulator(built)
+            write_graphviz(options.graphviz, BlockDiagram(closed_loop))
+        simulator = Simulator(closed_loop)
 
         def again() -> float:
             if backend == "hardware":
                 from parapod.sims.real_machine.job import run_on_hardware, show_timing
 
-                look = monitor(built, None) if monitor is not None else None
-                begun = time.perf_counter()
+                look = monitor(closed_loop, None) if monitor is not None else None
+                start = time.perf_counter()
                 timing = run_on_hardware(
-                    built, simulator, duration, options, self.name, partial(_is_ended, look)
+                    closed_loop, simulator, duration, options, self.name, partial(_is_ended, look)
                 )
-                show_timing(timing, built.station, self.console)
-                return time.perf_counter() - begun
-            built.reset(simulator.get_mutable_context(), reset_to)
-            monitors = [] if built.monitor is None else [built.monitor]
+                show_timing(timing, closed_loop.station, self.console)
+                return time.perf_counter() - start
+            closed_loop.reset(simulator.get_mutable_context(), reset_to)
+            monitors = [] if closed_loop.monitor is None else [closed_loop.monitor]
             if monitor is not None:
-                monitors.append(monitor(built, meshcat))
+                monitors.append(monitor(closed_loop, meshcat))
             if panel is not None:
                 root, remark = simulator.get_context(), partial(_say, self.console)
-                monitors.append(shown_on(panel, read_out, built, root, remark))
+                monitors.append(shown_on(panel, read_out, closed_loop, root, remark))
             if monitors:
                 simulator.set_monitor(_all_of(monitors))
             simulator.Initialize()
@@ -253,12 +253,12 @@ class Bench:
             else nullcontext()
         ):
             elapsed = again()
-        recorded = built.recording(simulator.get_context())
+        recorded = closed_loop.recording(simulator.get_context())
         return Run(
             recorded.time,
             recorded.signals,
             recorded.units,
-            built,
+            closed_loop,
             simulator,
             elapsed,
             panel,
@@ -360,8 +360,8 @@ class Live:
         self.panel, self.loop = panel, loop
         self.simulator = Simulator(loop)
         monitors = [] if loop.monitor is None else [loop.monitor]
-        shown = shown_on(panel, read_out, loop, self.simulator.get_context())
-        self.simulator.set_monitor(_all_of([*monitors, shown]))
+        visible = shown_on(panel, read_out, loop, self.simulator.get_context())
+        self.simulator.set_monitor(_all_of([*monitors, visible]))
 
     def begin(self) -> None:
         """Puts the loop where its scenario begins."""

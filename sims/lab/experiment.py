@@ -362,7 +362,7 @@ class LoopExperiment[S, D](Experiment[S, D]):
             backend=settings.backend,
             is_simulated=settings.backend in self.machine.plants,
             scene=partial(self.scene, scenario),
-            needed=self.needed(scenario),
+            signals_needed=self.needed(scenario),
             structure=None if structure is None else (type(self), structure),
             begin=None if structure is None else self.machine_scenario(scenario),
             watched=watched,

@@ -47,16 +47,16 @@ def traces(plots: Sequence[Plot]) -> list[dict[str, Any]]:
     ]
 
 
-def black(drawn: Sequence[dict[str, Any]]) -> list[int]:
+def black(curves: Sequence[dict[str, Any]]) -> list[int]:
     """Indices of the traces that are white on a dark page."""
-    return [k for k, trace in enumerate(drawn) if trace["line"]["color"] == _BLACK]
+    return [k for k, trace in enumerate(curves) if trace["line"]["color"] == _BLACK]
 
 
 def layout(plots: Sequence[Plot]) -> dict[str, Any]:
     """Axes and legends; `height` is that of a page on which each plot is easily read [pixel]."""
     count = len(plots)
     inner = count * _HEIGHT + (count - 1) * _GAP
-    made: dict[str, Any] = {
+    figure_layout: dict[str, Any] = {
         "height": inner + _ABOVE + _BELOW,
         "margin": {"l": 62, "r": 14, "t": _ABOVE, "b": _BELOW},
         "font": {"size": 12},
@@ -67,7 +67,7 @@ def layout(plots: Sequence[Plot]) -> dict[str, Any]:
     for k, plot in enumerate(plots):
         top = 1.0 - k * (_HEIGHT + _GAP) / inner
         is_last = k == count - 1
-        made[axis("xaxis", k)] = {
+        figure_layout[axis("xaxis", k)] = {
             "anchor": axis("y", k),
             "showticklabels": is_last,
             "ticks": "outside",
@@ -76,14 +76,14 @@ def layout(plots: Sequence[Plot]) -> dict[str, Any]:
             **({"matches": "x"} if k else {}),
             **({"title": {"text": "time [s]", "standoff": 6}} if is_last else {}),
         }
-        made[axis("yaxis", k)] = {
+        figure_layout[axis("yaxis", k)] = {
             "domain": [max(0.0, top - _HEIGHT / inner), top],
             "anchor": axis("x", k),
             "title": {"text": plot.quantity, "standoff": 4},
             "automargin": True,
             "exponentformat": "e",
         }
-        made[axis("legend", k)] = {
+        figure_layout[axis("legend", k)] = {
             "orientation": "h",
             "x": 0,
             "y": top,
@@ -92,7 +92,7 @@ def layout(plots: Sequence[Plot]) -> dict[str, Any]:
             "bgcolor": "rgba(0,0,0,0)",
             "entrywidth": 0,
         }
-    return made
+    return figure_layout
 
 
 def limit_line(place: int, limit: float, colour: str = _LIMIT) -> dict[str, Any]:

@@ -43,13 +43,13 @@ class StripChart:
             MissingExtra: plotly is not installed.
         """
         need("plotly")
-        known = [name for name in sizes if name in machine.table]
-        units = {name: machine.unit(name) for name in known}
+        names = [name for name in sizes if name in machine.table]
+        units = {name: machine.unit(name) for name in names}
         ends = machine.limits_of_ports if limits is None else limits
         there = Signals(
-            machine.title, {name: sizes[name] for name in known}, units, machine.element_name
+            machine.title, {name: sizes[name] for name in names}, units, machine.element_name
         )
-        plots = choose(there, usual(known, machine.plots), ends)
+        plots = choose(there, usual(names, machine.plots), ends)
         curves = [(plot, curve) for plot in plots for curve in plot.curves]
         self.signals = tuple(dict.fromkeys(curve.signal for _, curve in curves))
         self._elements = [(curve.signal, curve.element, plot.factor) for plot, curve in curves]

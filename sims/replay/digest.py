@@ -175,8 +175,8 @@ class _Changes:
         if len(self._times) > _PHASES:
             return [], [f"phases change more than {_PHASES} times and are not shown"]
         ends = [*self._times[1:], end][: len(self._times)]
-        known = [
+        finite = [
             names[int(value)] if 0.0 <= value < len(names) else f"{value:g}"
             for value in self._values
         ]
-        return [Phase(*each) for each in zip(known, self._times, ends, strict=True)], []
+        return [Phase(*each) for each in zip(finite, self._times, ends, strict=True)], []

@@ -55,16 +55,16 @@ def record(
     Returns:
         The scene; None where no machine can be drawn.
     """
-    shown = [each for each in (replay, against) if each is not None and each.subject.drawn]
-    if not shown:
+    drawable = [each for each in (replay, against) if each is not None and each.subject.drawn]
+    if not drawable:
         return None
-    host = shown[0].subject
+    host = drawable[0].subject
     meshcat = scene_of(host)
-    rate = min(_FASTEST, max(_rate(each.digest) for each in shown))
+    rate = min(_FASTEST, max(_rate(each.digest) for each in drawable))
     meshcat.StartRecording(rate)
     pale: dict[str, float] = {}
-    drawn = 0
-    for number, each in enumerate(shown):
+    pictures_done = 0
+    for number, each in enumerate(drawable):
         prefix = _OTHER if number else ""
         try:
             _draw(each, meshcat, prefix, begin, rate, console)
@@ -73,7 +73,7 @@ def record(
             for drawing in (MEASURED, DESIRED):
                 meshcat.Delete(prefix + drawing)
             continue
-        drawn += 1
+        pictures_done += 1
         pale[f"{_ROOT}{prefix}{DESIRED}"] = PALE
         if against is not None:  # translucent is the other machine, not what is asked for
             meshcat.SetProperty(prefix + DESIRED, "visible", False)
@@ -81,7 +81,7 @@ def record(
             pale[f"{_ROOT}{prefix}{MEASURED}"] = _TRANSLUCENT
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    return RecordedScene(meshcat.StaticHtml(), pale) if drawn else None
+    return RecordedScene(meshcat.StaticHtml(), pale) if pictures_done else None
 
 
 def _draw(
@@ -92,15 +92,15 @@ def _draw(
     Raises:
         ParapodError: its signals are not those of the machine.
     """
-    pictures, drawn = replay.digest.pictures, replay.subject.drawn
-    assert drawn is not None
-    twin = drawn.make(meshcat, prefix)
+    pictures, drawing = replay.digest.pictures, replay.subject.drawn
+    assert drawing is not None
+    twin = drawing.make(meshcat, prefix)
     with counted(console, f"drawing {replay.subject.label}", len(pictures)) as report:
-        for done, (time, row) in enumerate(pictures):
+        for count, (time, row) in enumerate(pictures):
             # In the middle of a frame, so that no rounding puts two into one.
             frame = round((time - begin) * rate)
-            twin.show(drawn.values(row), (frame + 0.5) / rate)
-            report(done)
+            twin.show(drawing.values(row), (frame + 0.5) / rate)
+            report(count)
 
 
 def scene_of(subject: Subject) -> "Meshcat":

@@ -30,9 +30,9 @@ def check_format(path: Path) -> None:
         OutputError: names the formats.
     """
     if path.suffix not in FORMATS:
-        known = ", ".join(FORMATS)
+        formats = ", ".join(FORMATS)
         raise OutputError(
-            f"cannot write {quoted_path(path)}: a figure's suffix must be one of {known}", path
+            f"cannot write {quoted_path(path)}: a figure's suffix must be one of {formats}", path
         )
 
 
@@ -93,9 +93,9 @@ def show(figure: Figure) -> None:
 
 
 def _windowless(reason: str) -> OutputError:
-    known = ", ".join(FORMATS)
+    formats = ", ".join(FORMATS)
     return OutputError(
-        f"no window can be opened: {reason}; name a file with --out ({known})", None
+        f"no window can be opened: {reason}; name a file with --out ({formats})", None
     )
 
 

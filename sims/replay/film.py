@@ -117,21 +117,21 @@ def _frames(
     replay: Replay, size: tuple[int, int], rate: float, console: Console
 ) -> Iterator[NDArray[np.uint8]]:
     """Pictures (height, width, 3) at a fixed rate."""
-    drawn, pictures = replay.subject.drawn, replay.digest.pictures
-    assert drawn is not None
+    drawing, pictures = replay.subject.drawn, replay.digest.pictures
+    assert drawing is not None
     stage: Any = scene_of(replay.subject)
-    twin = drawn.make(stage)
+    twin = drawing.make(stage)
     film: Film | None = None
     view = View(tuple(stage.camera), tuple(stage.target), _ANGLE, size, depth=_DEPTH)
     chosen = _at_rate(pictures, rate)
     with counted(console, f"filming {replay.subject.label}", len(chosen)) as report:
-        for done, number in enumerate(chosen):
+        for count, number in enumerate(chosen):
             time, row = pictures[number]
-            twin.show(drawn.values(row), time)
+            twin.show(drawing.values(row), time)
             graph, context = twin.scene_graphs()[MEASURED]
             film = film or Film(stage, graph, twin.path(MEASURED))
             yield film.picture(context, view)
-            report(done)
+            report(count)
 
 
 def _at_rate(pictures: Sequence[Picture], rate: float) -> list[int]:

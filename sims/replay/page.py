@@ -36,7 +36,7 @@ def make_page(replay: Replay, against: Replay | None, scene: RecordedScene | Non
     subject, digest = replay.subject, replay.digest
     logs = [replay] if against is None else [replay, against]
     begin, end = span([each.digest for each in logs])
-    drawn = [trace for number in range(len(logs)) for trace in _traces(logs, number)]
+    traces = [trace for number in range(len(logs)) for trace in _traces(logs, number)]
     remarks = [text for each in logs for text in each.remarks]
     speeds = [speed for speed in _SPEEDS if speed <= 1.0 or (end - begin) / speed >= 1.0]
     axes = _layout(logs, (begin, end))
@@ -46,11 +46,11 @@ def make_page(replay: Replay, against: Replay | None, scene: RecordedScene | Non
         "decimals": 3 if end - begin < 10.0 else 2,
         "phases": [vars(phase) for phase in digest.phases],
         "pale": {} if scene is None else dict(scene.pale),
-        "traces": drawn,
+        "traces": traces,
         "layout": axes,
         "height": axes["height"],
         "count": len(replay.plots),
-        "black": black(drawn),
+        "black": black(traces),
     }
     packed = {"plotly": plotly} | ({"meshcat": scene.page} if scene else {})
     return render_page(
@@ -93,19 +93,19 @@ def _traces(logs: Sequence[Replay], number: int) -> list[dict[str, Any]]:
 def _layout(logs: Sequence[Replay], ends: tuple[float, float]) -> dict[str, Any]:
     """Axes of the plots, with limits and phases."""
     phases = logs[0].digest.phases
-    made = layout(logs[0].plots)
-    made["shapes"] = []
+    page_layout = layout(logs[0].plots)
+    page_layout["shapes"] = []
     for k in range(len(logs[0].plots)):
         x, y = axis("x", k), axis("y", k)
-        made[axis("xaxis", k)]["range"] = list(ends)
+        page_layout[axis("xaxis", k)]["range"] = list(ends)
         if least := least_ends(logs, k):
-            made[axis("yaxis", k)]["autorangeoptions"] = {"include": list(least)}
+            page_layout[axis("yaxis", k)]["autorangeoptions"] = {"include": list(least)}
         plot = logs[0].plots[k]
         for limit in near_limits(logs, k):
             of = plot.place_of_limit(limit)
             colours = () if of is None else (plot.colours[of],)
-            made["shapes"].append(limit_line(k, limit, *colours))
-        made["shapes"] += [
+            page_layout["shapes"].append(limit_line(k, limit, *colours))
+        page_layout["shapes"] += [
             {
                 "type": "rect",
                 "layer": "below",
@@ -120,7 +120,7 @@ def _layout(logs: Sequence[Replay], ends: tuple[float, float]) -> dict[str, Any]
             }
             for number, phase in enumerate(phases)
         ]
-    made["annotations"] = [
+    page_layout["annotations"] = [
         {
             "text": phase.name,
             "x": 0.5 * (phase.begin + phase.end),
@@ -135,7 +135,7 @@ def _layout(logs: Sequence[Replay], ends: tuple[float, float]) -> dict[str, Any]
         for phase in phases
         if phase.end - phase.begin >= _NAMED * len(phase.name) * (ends[1] - ends[0])
     ]
-    return made
+    return page_layout
 
 
 def _array(values: Any, kind: str) -> dict[str, str]:

@@ -91,9 +91,9 @@ def _ends(logs: Sequence[Replay], number: int) -> tuple[float, float] | None:
     values = [
         each.values(plot, curve) for each in logs for curve in plot.curves if each.has(curve)
     ]
-    known = np.concatenate(values)
-    known = known[np.isfinite(known)]
-    return (float(known.min()), float(known.max())) if known.size else None
+    finite = np.concatenate(values)
+    finite = finite[np.isfinite(finite)]
+    return (float(finite.min()), float(finite.max())) if finite.size else None
 
 
 def open_replays(
@@ -146,8 +146,8 @@ def open_replays(
         else Signals(owner, sizes, units, machine.element_name)
     )
     measured = getattr(subject.experiment, "signals", ())
-    wanted = list(asked) or usual(signals.sizes, subject.plots, measured)
-    plots = choose(signals, wanted, subject.limits)
+    names = list(asked) or usual(signals.sizes, subject.plots, measured)
+    plots = choose(signals, names, subject.limits)
     replays = []
     for each, of in both:
         curves = [curve for plot in plots for curve in plot.curves]
@@ -156,9 +156,9 @@ def open_replays(
             of.remarks.append(f"{of.label} has no {', '.join(missing)}")
         there = dict.fromkeys(c.signal for c in curves if c.signal in each.sizes)
         sources = {} if of.drawn is None else of.drawn.sources
-        drawn = list(dict.fromkeys(sources.values()))
+        drawn_names = list(dict.fromkeys(sources.values()))
         tracker = None if of.drawn is None else of.drawn.tracker()
-        digest = gather(each, there, drawn, of.phase, console, between, tracker)
+        digest = gather(each, there, drawn_names, of.phase, console, between, tracker)
         replays.append(Replay(of, plots, digest))
     return replays[0], replays[1] if len(replays) > 1 else None
 

@@ -40,10 +40,10 @@ class Numbers:
 
 
 def _value(result: Result, key: str) -> float:
-    found = [metric.value for metric in result.metrics if metric.key == key]
-    if not found:
+    values = [metric.value for metric in result.metrics if metric.key == key]
+    if not values:
         raise KeyError(f"'{result.experiment}' measures no '{key}'")
-    return found[0]
+    return values[0]
 
 
 class Relation(Enum):

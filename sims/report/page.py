@@ -51,7 +51,7 @@ def counts(run: ChapterRun) -> dict[str, int]:
 
 def _chapter(run: ChapterRun, quick: bool) -> dict[str, Any]:
     numbers = run.numbers
-    used = [claim for claim in run.chapter.claims if claim.relation is Relation.USED]
+    claims_used = [claim for claim in run.chapter.claims if claim.relation is Relation.USED]
     return {
         "run": run,
         "chapter": run.chapter,
@@ -63,7 +63,7 @@ def _chapter(run: ChapterRun, quick: bool) -> dict[str, Any]:
             ]
             for is_input in (False, True)
         ],
-        "used": sum(claim.verdict(numbers).tone is not Tone.BAD for claim in used),
+        "used": sum(claim.verdict(numbers).tone is not Tone.BAD for claim in claims_used),
         "counts": counts(run),
         "bounds": _bounds(run),
         "errata": list(zip(run.chapter.errata, run.checks, strict=True)),

@@ -61,8 +61,8 @@ class ClusterCrew(Crew):
         Raises:
             NoWorkers: names where it is missing.
         """
-        found = self._client.run(version, _PACKAGE, on_error="return")
-        for worker, answer in found.items():
+        versions = self._client.run(version, _PACKAGE, on_error="return")
+        for worker, answer in versions.items():
             if not isinstance(answer, str):
                 raise NoWorkers(f"the worker at {worker} has no parapod: {_ADVICE}")
         try:

@@ -49,19 +49,19 @@ def draw_study(study: Study, records: Records) -> Iterator[Figure]:
     bounded = [column for column in records.columns if column.is_bounded]
     # Those nearest to their bounds first.
     ranked = sorted(bounded, key=lambda c: -np.nan_to_num(_largest(c.use), nan=-1.0))
-    shown = sorted(ranked[:_MOST_METRICS], key=bounded.index)
-    if shown:
-        yield _distributions(shown, records)
-    found = contributions(study.sampling, [_verdict(records), *shown])
-    if found:
-        yield _contributions(study, found)
+    metrics_shown = sorted(ranked[:_MOST_METRICS], key=bounded.index)
+    if metrics_shown:
+        yield _distributions(metrics_shown, records)
+    shares = contributions(study.sampling, [_verdict(records), *metrics_shown])
+    if shares:
+        yield _contributions(study, shares)
     numbers = [v for v in study.variables if v.is_number and v.key != "seed"]
     if ranked and numbers:
         yield _scatter(study, records, ranked[:_MOST_PANELS], numbers[:_MOST_VARIABLES])
     # Those that decide most whether all bounds are held.
-    if found and found[0].key == _PASSED:
+    if shares and shares[0].key == _PASSED:
         keys = [variable.key for variable in study.variables]
-        numbers.sort(key=lambda variable: -found[0].total[keys.index(variable.key)])
+        numbers.sort(key=lambda variable: -shares[0].total[keys.index(variable.key)])
     for one, other in itertools.islice(itertools.combinations(numbers, 2), _MOST_PAIRS):
         yield _border(study, records, one, other)
 
@@ -101,7 +101,7 @@ def _distributions(columns: Sequence[Column], records: Records) -> Figure:
 
 def _histogram(ax: "Axes", column: Column) -> None:
     is_finite = column.is_there & np.isfinite(column.values)
-    values, held = column.values[is_finite], column.held[is_finite]
+    values, is_held = column.values[is_finite], column.held[is_finite]
     limits = [column.limit(limits) for limits in (column.bound, column.at_least)]
     signed = values.min(initial=0.0) < 0.0 and limits[0] is not None
     ends = [*values, *(x for x in limits if x is not None)]
@@ -109,13 +109,13 @@ def _histogram(ax: "Axes", column: Column) -> None:
         ends.append(-limits[0])
     edges = np.linspace(min(ends, default=0.0), max(ends, default=1.0), 41)
     colours = {"color": [_HELD, _BROKEN], "stacked": True}
-    ax.hist([values[held], values[~held]], edges, **colours)  # type: ignore[arg-type]
+    ax.hist([values[is_held], values[~is_held]], edges, **colours)  # type: ignore[arg-type]
     for limit in (*limits, -limits[0] if signed and limits[0] is not None else None):
         if limit is not None:
             ax.axvline(limit, color="0.2", linestyle="--", linewidth=1.0)
-    lost = int((column.is_there & ~np.isfinite(column.values)).sum())
-    if lost:
-        ax.set_title(f"{lost} not finite", fontsize=7, color=_BROKEN, loc="right", pad=2)
+    infinite_count = int((column.is_there & ~np.isfinite(column.values)).sum())
+    if infinite_count:
+        ax.set_title(f"{infinite_count} not finite", fontsize=7, color=_BROKEN, loc="right", pad=2)
     ax.set_xlabel(_label(column), fontsize=8)
     ax.set_yticks([])
     ax.tick_params(labelsize=7)
@@ -129,25 +129,25 @@ def _label(column: Column) -> str:
     return f"{name} [{column.unit}]" if column.unit else name
 
 
-def _contributions(study: Study, found: Sequence[Contributions]) -> Figure:
+def _contributions(study: Study, shares: Sequence[Contributions]) -> Figure:
     names = [variable.key for variable in study.variables]
 
     def draw(canvas: "Canvas") -> None:
         ax = canvas.subplots()
-        middle = np.arange(len(found), dtype=float)
+        middle = np.arange(len(shares), dtype=float)
         height = 0.8 / len(names)
         for i, name in enumerate(names):
             at = middle - 0.4 + (i + 0.5) * height
             colour = COLOURS[i % len(COLOURS)]
-            total = np.array([one.total[i] for one in found])
+            total = np.array([one.total[i] for one in shares])
             low, high = (
-                np.array([getattr(one, end)[i] for one in found]) for end in ("low", "high")
+                np.array([getattr(one, end)[i] for one in shares]) for end in ("low", "high")
             )
             error = np.abs(np.stack((total - low, high - total)))
             style = {"linewidth": 0.8, "ecolor": "0.4", "capsize": 1.5}
             ax.barh(at, total, height, color=colour, alpha=0.35, xerr=error, error_kw=style)
-            ax.barh(at, [one.first[i] for one in found], height, color=colour, label=name)
-        ax.set_yticks(middle, [one.key for one in found], fontsize=8)
+            ax.barh(at, [one.first[i] for one in shares], height, color=colour, label=name)
+        ax.set_yticks(middle, [one.key for one in shares], fontsize=8)
         ax.invert_yaxis()
         ax.set_xlim(0.0, 1.05)
         ax.set_xlabel("share of the variance")
@@ -160,7 +160,7 @@ def _contributions(study: Study, found: Sequence[Contributions]) -> Figure:
         "Sobol indices of each metric: the share of its variance that a variable has alone "
         f"(full colour) and that in which it has a part (pale), {how}."
     )
-    size = (7.0, 1.2 + max(0.14 * len(names), 0.3) * len(found))
+    size = (7.0, 1.2 + max(0.14 * len(names), 0.3) * len(shares))
     return Figure("contributions", "What each variable contributes", caption, draw, size)
 
 
@@ -168,18 +168,18 @@ def _scatter(
     study: Study, records: Records, columns: Sequence[Column], variables: Sequence[Variable]
 ) -> Figure:
     values = {variable.key: _numbers(study, records, variable) for variable in variables}
-    done = np.flatnonzero(records.done)
+    runs_done = np.flatnonzero(records.done)
 
     def draw(canvas: "Canvas") -> None:
         axes = canvas.subplots(
             len(columns), len(variables), squeeze=False, sharex="col", sharey="row"
         )
         for row, column in zip(axes, columns, strict=True):
-            use, held = column.use[done], column.held[done]
+            use, is_held = column.use[runs_done], column.held[runs_done]
             is_finite = np.isfinite(use)
             for ax, variable in zip(row, variables, strict=True):
                 x = values[variable.key]
-                for which, colour in ((held, _HELD), (~held, _BROKEN)):
+                for which, colour in ((is_held, _HELD), (~is_held, _BROKEN)):
                     which = which & is_finite
                     style = {"color": colour, "markersize": 2.5}
                     ax.plot(x[which], 100.0 * use[which], ".", **_PIXELS | style)
@@ -207,20 +207,20 @@ def _numbers(study: Study, records: Records, variable: Variable) -> Array:
 
 def _border(study: Study, records: Records, one: Variable, other: Variable) -> Figure:
     x, y = (_numbers(study, records, variable) for variable in (one, other))
-    done = np.flatnonzero(records.done)
-    passed, refused = records.passed[done], records.refused[done]
+    runs_done = np.flatnonzero(records.done)
+    is_passed, refused = records.passed[runs_done], records.refused[runs_done]
 
     def draw(canvas: "Canvas") -> None:
         ax = canvas.subplots()
         xs, ys = _edges(x), _edges(y)
         every, _, _ = np.histogram2d(x, y, (xs, ys))
-        held, _, _ = np.histogram2d(x[passed], y[passed], (xs, ys))
+        counts, _, _ = np.histogram2d(x[is_passed], y[is_passed], (xs, ys))
         with np.errstate(invalid="ignore"):
-            share = 100.0 * held / every  # NaN where no run is
+            share = 100.0 * counts / every  # NaN where no run is
         image = ax.pcolormesh(xs, ys, share.T, cmap=_map(), vmin=0.0, vmax=100.0)
-        _draw_contour(ax, (xs, ys), held, every)
+        _draw_contour(ax, (xs, ys), counts, every)
         for which, marker, colour, label in (
-            (~passed & ~refused, "x", "0.1", "a bound is broken"),
+            (~is_passed & ~refused, "x", "0.1", "a bound is broken"),
             (refused, "+", _REFUSED, "refused or failed"),
         ):
             if which.any():
@@ -229,7 +229,7 @@ def _border(study: Study, records: Records, one: Variable, other: Variable) -> F
         ax.set_xlabel(one.key)
         ax.set_ylabel(other.key)
         ax.grid(visible=False)
-        if not passed.all():
+        if not is_passed.all():
             ax.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=2)
         canvas.colorbar(image, ax=ax, label="runs with all bounds held [%]")
 
@@ -246,24 +246,29 @@ def _border(study: Study, records: Records, one: Variable, other: Variable) -> F
 
 def _edges(values: Array) -> Array:
     """Edges of the cells of a map: one cell for each value where there are few."""
-    found = np.unique(values)
-    if 1 < found.size <= _CELLS:
-        middles = 0.5 * (found[1:] + found[:-1])
-        first, last = 1.5 * found[0] - 0.5 * found[1], 1.5 * found[-1] - 0.5 * found[-2]
+    values_in_use = np.unique(values)
+    if 1 < values_in_use.size <= _CELLS:
+        middles = 0.5 * (values_in_use[1:] + values_in_use[:-1])
+        first, last = (
+            1.5 * values_in_use[0] - 0.5 * values_in_use[1],
+            1.5 * values_in_use[-1] - 0.5 * values_in_use[-2],
+        )
         return np.concatenate(([first], middles, [last]))
-    low, high = float(found[0]), float(found[-1])
+    low, high = float(values_in_use[0]), float(values_in_use[-1])
     margin = 1e-9 + 1e-6 * abs(high) if low == high else 0.0
     cells = max(4, min(_CELLS, math.isqrt(values.size // _IN_CELL)))
     return np.linspace(low - margin, high + margin, cells + 1)
 
 
-def _draw_contour(ax: "Axes", edges: tuple[Array, Array], held: Array, every: Array) -> None:
+def _draw_contour(ax: "Axes", edges: tuple[Array, Array], is_held: Array, every: Array) -> None:
     """The border between cells in which most runs hold all bounds and the others."""
     if min(every.shape) < 2:
         return
     if (every != every[0, 0]).any():  # not a grid: neighbours help to tell the share
-        held, every = (gaussian_filter(one, _SMOOTHED, mode="nearest") for one in (held, every))
-    share = held / every
+        is_held, every = (
+            gaussian_filter(one, _SMOOTHED, mode="nearest") for one in (is_held, every)
+        )
+    share = is_held / every
     if np.isfinite(share).all() and share.min() < 0.5 < share.max():
         middles = [0.5 * (ends[1:] + ends[:-1]) for ends in edges]
         ax.contour(*middles, share.T, [0.5], colors="0.1", linewidths=1.5)

@@ -80,12 +80,12 @@ class StudyFile:
         Raises:
             OutputError: it cannot be written.
         """
-        begun = time.monotonic()
+        started = time.monotonic()
         table = to_table(self._study, self._records)
         with atomic_output(self._path) as temporary:
             need("pyarrow.parquet").write_table(table, temporary)
         self._written = time.monotonic()
-        self._pause = max(_WRITE_PERIOD, (self._written - begun) / _WRITE_SHARE)
+        self._pause = max(_WRITE_PERIOD, (self._written - started) / _WRITE_SHARE)
 
 
 def _journal(path: Path) -> Path:
@@ -172,9 +172,9 @@ def _read_table(path: Path, study: Mapping[str, Any], records: Records) -> None:
     """
     if not path.exists():
         return
-    table, found = load_table(path)
-    _compare(path, found["study"], study)
-    from_table(table, found["metrics"], records)
+    table, metadata = load_table(path)
+    _compare(path, metadata["study"], study)
+    from_table(table, metadata["metrics"], records)
 
 
 def _read_journal(
@@ -226,8 +226,8 @@ def load_table(path: Path) -> "tuple[pyarrow.Table, dict[str, Any]]":
     text = (table.schema.metadata or {}).get(_STUDY)
     if text is None:
         raise OutputError(f"{quoted_path(path)} is not the table of a study", path)
-    found: dict[str, Any] = json.loads(text)
-    return table, found
+    metadata: dict[str, Any] = json.loads(text)
+    return table, metadata
 
 
 def _compare(path: Path, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:

@@ -89,10 +89,10 @@ class Column:
 
     def limit(self, of: Array) -> float | None:
         """The bound of all runs that have measured it; None if it has none, or several."""
-        found = of[self.is_there]
-        if not found.size or np.isnan(found).any() or (found != found[0]).any():
+        limits = of[self.is_there]
+        if not limits.size or np.isnan(limits).any() or (limits != limits[0]).any():
             return None
-        return float(found[0])
+        return float(limits[0])
 
 
 @dataclass
@@ -140,8 +140,8 @@ class Records:
             KeyError: no such metric; names those that there are.
         """
         if key not in self._columns:
-            known = ", ".join(column.key for column in self.columns)
-            raise KeyError(f"no metric '{key}'; there are: {known}")
+            keys = ", ".join(column.key for column in self.columns)
+            raise KeyError(f"no metric '{key}'; there are: {keys}")
         return self._columns[key].values
 
     @property
@@ -161,8 +161,8 @@ class Records:
 
     def broken(self) -> list[str]:
         """By run, the keys of the metrics that it measured out of their bounds, with commas."""
-        found = [""] * self.sampling.runs
+        reasons = [""] * self.sampling.runs
         for column in self.columns:
             for run in np.flatnonzero(column.is_there & ~column.held).tolist():
-                found[run] += f", {column.key}" if found[run] else column.key
-        return found
+                reasons[run] += f", {column.key}" if reasons[run] else column.key
+        return reasons

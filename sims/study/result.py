@@ -66,8 +66,8 @@ class StudyResult:
             KeyError: there is none of that name; names those that there are.
         """
         if name not in self.table.column_names:
-            known = ", ".join(self.table.column_names)
-            raise KeyError(f"no column '{name}'; there are: {known}")
+            names = ", ".join(self.table.column_names)
+            raise KeyError(f"no column '{name}'; there are: {names}")
         return self.table[name].to_numpy()
 
     def __len__(self) -> int:
@@ -95,18 +95,18 @@ def read_study(path: Path | str) -> StudyResult:
         OutputError: it cannot be read, or is not the table of a study.
         MissingExtra: pyarrow is not installed.
     """
-    table, found = load_table(Path(path))
-    given = found["study"]
-    schema = find_entry(given["experiment"]).load().schema
+    table, metadata = load_table(Path(path))
+    entry = metadata["study"]
+    schema = find_entry(entry["experiment"]).load().schema
     study = Study.of(
-        given["experiment"],
-        build(schema, given["scenario"]),
-        given["variables"],
-        given["sampling"],
-        given["runs"],
-        given["sampling_seed"],
+        entry["experiment"],
+        build(schema, entry["scenario"]),
+        entry["variables"],
+        entry["sampling"],
+        entry["runs"],
+        entry["sampling_seed"],
     )
-    study = replace(study, software=Software(**given["software"]))
+    study = replace(study, software=Software(**entry["software"]))
     records = Records(study.sampling)
-    from_table(table, found["metrics"], records)
+    from_table(table, metadata["metrics"], records)
     return StudyResult(study, records)

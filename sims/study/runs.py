@@ -59,14 +59,14 @@ class Software:
 
 @functools.cache
 def _digest() -> str:
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for room in ("systems", "diagrams", "urdf", "sims"):
         (folder,) = map(Path, importlib.import_module(f"parapod.{room}").__path__)
         for path in sorted(folder.rglob("*")):
             if path.suffix in _SOURCE:
-                found.update(path.relative_to(folder).as_posix().encode())
-                found.update(path.read_bytes())
-    return found.hexdigest()[:12]
+                digest.update(path.relative_to(folder).as_posix().encode())
+                digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
 
 
 @dataclass(frozen=True)

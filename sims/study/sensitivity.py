@@ -57,7 +57,7 @@ def contributions(sampling: Sampling, columns: Sequence[Column]) -> list[Contrib
         count = sampling.base * (len(sampling.variables) + 2)
     else:
         return []
-    found = []
+    results = []
     for column in columns:
         values = column.values[:count]
         if not (column.is_there[:count] & np.isfinite(values)).all():
@@ -65,8 +65,8 @@ def contributions(sampling: Sampling, columns: Sequence[Column]) -> list[Contrib
         if np.ptp(values) <= _CONSTANT * np.abs(values).max():
             continue
         of = _of_grid if sampling.kind == "grid" else _of_design
-        found.append(of(sampling, column.key, values))
-    return found
+        results.append(of(sampling, column.key, values))
+    return results
 
 
 def _of_design(sampling: Sampling, key: str, values: Array) -> Contributions:

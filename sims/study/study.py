@@ -148,18 +148,18 @@ class Study:
             missing = self._in_order(np.flatnonzero(~records.done))
             pieces = ((run, self.sampling.values(run)) for run in missing)
             total = self.sampling.runs
-            done = total - len(missing)
-            report = stack.enter_context(counted(console, self.entry.name, total, done))
-            report(done)
-            for place, found in carry_out(crew, partial(carry_out_run, self.order), pieces):
+            runs_done = total - len(missing)
+            report = stack.enter_context(counted(console, self.entry.name, total, runs_done))
+            report(runs_done)
+            for place, outcome in carry_out(crew, partial(carry_out_run, self.order), pieces):
                 run = missing[place]
-                if isinstance(found, WorkerDied):
-                    found = Outcome(run, error=str(found))
-                records.add(found)
+                if isinstance(outcome, WorkerDied):
+                    outcome = Outcome(run, error=str(outcome))
+                records.add(outcome)
                 if file is not None:
-                    file.add(found)
-                done += 1
-                report(done)
+                    file.add(outcome)
+                runs_done += 1
+                report(runs_done)
 
     def _in_order(self, runs: NDArray[np.int_]) -> list[int]:
         """Runs of the same structure after each other, for workers build each structure once."""

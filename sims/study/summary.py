@@ -55,16 +55,16 @@ class MetricSummary:
         there = column.is_there
         values = column.values[there]
         with np.errstate(invalid="ignore"):  # between two infinite values
-            found = np.quantile(values, list(QUANTILES.values()), method="inverted_cdf")
+            quantiles = np.quantile(values, list(QUANTILES.values()), method="inverted_cdf")
         if np.isnan(values).any():
-            found = np.full(len(QUANTILES), np.nan)
+            quantiles = np.full(len(QUANTILES), np.nan)
         use = column.use
         worst = None if np.isnan(use).all() else int(np.nanargmax(use))
         return cls(
             column.key,
             column.unit,
             column.meaning,
-            dict(zip(QUANTILES, found.tolist(), strict=True)),
+            dict(zip(QUANTILES, quantiles.tolist(), strict=True)),
             _limits(column),
             int((column.held & there).sum()),
             int(there.sum()),
@@ -79,8 +79,8 @@ def _limits(column: Column) -> str:
         return ""
     single = [column.limit(limits) for limits in (column.bound, column.at_least)]
     varying = [
-        found is None and not np.isnan(limits).all()
-        for found, limits in zip(single, (column.bound, column.at_least), strict=True)
+        limits_in_use is None and not np.isnan(limits).all()
+        for limits_in_use, limits in zip(single, (column.bound, column.at_least), strict=True)
     ]
     if not any(varying):
         return Metric(column.key, 0.0, bound=single[0], at_least=single[1]).limits
@@ -179,10 +179,10 @@ def print_summary(summary: Summary, console: Console) -> None:
     console.print(Text(title, style="bold").append(variables, style="not bold"))
     if summary.metrics:
         console.print(_table(summary, console.width))
-    shown = [metric for metric in summary.worst if metric.use > 1.0] or list(summary.worst)
+    metrics_shown = [metric for metric in summary.worst if metric.use > 1.0] or list(summary.worst)
     commands = summary.commands
-    for run in list(dict.fromkeys(metric.worst for metric in shown))[:_SHOWN]:
-        of = [metric for metric in shown if metric.worst == run]
+    for run in list(dict.fromkeys(metric.worst for metric in metrics_shown))[:_SHOWN]:
+        of = [metric for metric in metrics_shown if metric.worst == run]
         style = "bold red" if any(metric.use > 1.0 for metric in of) else ""
         console.print(
             Text(f"run {run}, worst of {', '.join(metric.key for metric in of)}:", style=style)
@@ -194,9 +194,9 @@ def print_summary(summary: Summary, console: Console) -> None:
     more = len(summary.refusals) - _SHOWN
     if more > 0:
         console.print(f"and {more} more reasons", highlight=False)
-    left = study.sampling.runs - summary.done
-    if left:
-        console.print(Text(f"{left} of {study.sampling.runs} runs are not done", "bold red"))
+    runs_left = study.sampling.runs - summary.done
+    if runs_left:
+        console.print(Text(f"{runs_left} of {study.sampling.runs} runs are not done", "bold red"))
     style = "green" if summary.passed == summary.done else "bold red"
     text = f"all bounds held in {summary.passed} of {summary.done} runs"
     console.print(Text(text, style=style))
@@ -214,11 +214,11 @@ def _table(summary: Summary, width: int) -> Table:
     table.add_column("held", no_wrap=True, min_width=widest)
     for metric in summary.metrics:
         style = "green" if metric.held == metric.measured else "bold red"
-        held = f"{metric.held}/{metric.measured}" if metric.limits else "-"
+        held_share = f"{metric.held}/{metric.measured}" if metric.limits else "-"
         table.add_row(
             Text(f"{metric.key} [{metric.unit}]" if metric.unit else metric.key),
             *(f"{metric.quantiles[name]:.3g}" for name in names),
             metric.limits,
-            Text(held, style=style if metric.limits else ""),
+            Text(held_share, style=style if metric.limits else ""),
         )
     return table

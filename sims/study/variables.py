@@ -65,8 +65,8 @@ class Variable:
     def at(self, shares: Array) -> list[Any]:
         """Values at shares (n) of the distribution, or of the list of values; shares in 0..1."""
         if self.quantile is not None:
-            found: list[Any] = self.quantile(shares).tolist()
-            return found
+            values: list[Any] = self.quantile(shares).tolist()
+            return values
         last = len(self.values) - 1
         places = np.minimum((len(self.values) * shares).astype(int), last)
         return [self.values[place] for place in places.tolist()]
@@ -93,23 +93,23 @@ def split_variable(text: str) -> tuple[str, str]:
 
 
 def read_variables(
-    schema: type, tree: Mapping[str, Any], given: Mapping[str, str | Sequence[Any]]
+    schema: type, tree: Mapping[str, Any], texts: Mapping[str, str | Sequence[Any]]
 ) -> tuple[Variable, ...]:
     """The variables of a study, checked against what a scenario admits.
 
     Args:
         schema: the scenario's dataclass.
         tree: the scenario that they change, as plain data.
-        given: values by key: a sequence, or a text as above.
+        texts: values by key: a sequence, or a text as above.
 
     Raises:
         ScenarioError: a key that does not exist, values that are not admissible, or none.
     """
-    if not given:
+    if not texts:
         raise ScenarioError("a study varies at least one key, as in ground.pitch_deg=-5:5:11")
-    variables = tuple(_Reading(schema, tree, key).read(values) for key, values in given.items())
-    for inner in given:
-        for outer in given:
+    variables = tuple(_Reading(schema, tree, key).read(values) for key, values in texts.items())
+    for inner in texts:
+        for outer in texts:
             if inner.startswith(f"{outer}."):
                 raise ScenarioError(f"{inner} is a part of {outer}: vary only one of them", inner)
     return variables
@@ -123,10 +123,10 @@ class _Reading:
         self._reader = Reader(schema)
         self._kind, self._rule = self._reader.locate(schema, tree, key.split("."))
 
-    def read(self, given: str | Sequence[Any]) -> Variable:
-        if isinstance(given, str):
-            return self._from_text(given.strip())
-        values = [item.item() if isinstance(item, np.generic) else item for item in given]
+    def read(self, text: str | Sequence[Any]) -> Variable:
+        if isinstance(text, str):
+            return self._from_text(text.strip())
+        values = [item.item() if isinstance(item, np.generic) else item for item in text]
         return self._of_values(inline(values), values)
 
     def _from_text(self, text: str) -> Variable:
@@ -161,12 +161,12 @@ class _Reading:
         if len(values) == 0:
             self._refuse(text, "it has no values")
         if isinstance(values, range):
-            tried: Sequence[Any] = (values[0], values[-1])
+            ends: Sequence[Any] = (values[0], values[-1])
         elif len(values) > _LONGEST:
             self._refuse(text, f"it has more than {_LONGEST} values")
         else:
-            tried = values
-        for value in tried:
+            ends = values
+        for value in ends:
             self._reader.assign(self._schema, self._tree, self._key.split("."), value)
         return Variable(self._key, text, values)
 

@@ -172,7 +172,7 @@ def _validation() -> tuple[Claim, ...]:
     pitch, roll = "largest error of the pitch", "largest error of the roll"
     slope = ", ground at 5 deg"
     floor = ", prototype, floor at -.3 and .1 deg"
-    built = (
+    parts_list = (
         (height + floor, 1.0, "mm", "perturbed_height_error_mm"),
         (pitch + floor, 0.1, "deg", "perturbed_pitch_error_deg"),
         (roll + floor, 0.2, "deg", "perturbed_roll_error_deg"),
@@ -193,7 +193,7 @@ def _validation() -> tuple[Claim, ...]:
                 remark=_PROTOTYPE,
                 spread=(part, key),
             )
-            for what, printed, unit, key in built
+            for what, printed, unit, key in parts_list
         ),
     )
 

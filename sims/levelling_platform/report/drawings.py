@@ -101,9 +101,9 @@ def _draw_views(canvas: "Canvas") -> None:
     z = foot_to_centre(leg, _MIDDLE)[2]
     for side in (-1.0, 1.0):
         # What is inwards in the leg's plane is seen at the angle beta.
-        seen = np.array([-side * math.cos(leg.beta), 1.0])
+        axis_seen = np.array([-side * math.cos(leg.beta), 1.0])
         hip = np.array([side * leg.l_x, -leg.l_z])
-        joints = {name: hip + seen * at for name, at in _linkage(leg, _MIDDLE).items()}
+        joints = {name: hip + axis_seen * at for name, at in _linkage(leg, _MIDDLE).items()}
         _draw_leg(front, joints, _BLUE, 1.4)
         front.plot(*(1e3 * joints["D"]), "o", color=_ORANGE)
         _label(front, "$P_E$", hip, (-side * 10, -9))
@@ -145,16 +145,18 @@ def _draw_path(canvas: "Canvas") -> None:
     path, parts = canvas.subplots(1, 2)
     leg, extension = _PLATFORM.legs[0], np.linspace(*_STROKE, 121)
     feet = np.array([_linkage(leg, d)["D"] for d in np.linspace(0.375, 0.5, 200)])
-    used = np.array([_linkage(leg, d)["D"] for d in extension])
+    couplers = np.array([_linkage(leg, d)["D"] for d in extension])
     path.plot(1e3 * feet[:, 0], 1e3 * feet[:, 1], color=_GREY, lw=1.0, label="375 to 500 mm")
-    path.plot(1e3 * used[:, 0], 1e3 * used[:, 1], color=_BLUE, lw=2.5, label="390 to 420 mm")
+    path.plot(
+        1e3 * couplers[:, 0], 1e3 * couplers[:, 1], color=_BLUE, lw=2.5, label="390 to 420 mm"
+    )
     path.plot(0, 0, "o", color=_ORANGE)
     _label(path, "$P_E$", (0, 0), (-14, 0))
     path.set(xlabel="x of $P_D$ from $P_E$ [mm]", ylabel="z [mm]", aspect="equal")
     path.legend(fontsize=8, loc="upper center")
-    moved = -1e3 * (used - used[0])
-    parts.plot(1e3 * extension, moved[:, 0], label="$p_x$")
-    parts.plot(1e3 * extension, moved[:, 1], label="$p_z$")
+    displacement = -1e3 * (couplers - couplers[0])
+    parts.plot(1e3 * extension, displacement[:, 0], label="$p_x$")
+    parts.plot(1e3 * extension, displacement[:, 1], label="$p_z$")
     parts.set(xlabel="extension d [mm]", ylabel="change since 390 mm [mm]")
     parts.legend(fontsize=8)
 

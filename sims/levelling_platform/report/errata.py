@@ -166,11 +166,11 @@ def _inside(numbers: Numbers) -> Check:
 
 
 def _inclined(numbers: Numbers) -> Check:
-    moved = numbers("workspace", "inclined_difference_mm")
+    difference = numbers("workspace", "inclined_difference_mm")
     return Check(
-        f"On ground of 3 and 5 deg the tip is up to {moved:.1f} mm from where Eq. (14) puts it "
-        "with the same extensions: yaw is zero against gravity, and so not against the ground.",
-        moved > 1.0,
+        f"On ground of 3 and 5 deg the tip is up to {difference:.1f} mm from where Eq. (14) puts "
+        "it with the same extensions: yaw is zero against gravity, and so not against the ground.",
+        difference > 1.0,
     )
 
 

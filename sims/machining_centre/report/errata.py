@@ -32,10 +32,10 @@ _POSES = np.hstack(
 
 def _return_error(equation: int | str) -> tuple[float, float]:
     """Largest error of the pose, by the chain from joints with a misprint in [mm, rad]."""
-    found = np.tile(branch_joints(_TRIPOD, _POSES)[:, :1], (1, 3, 1))
-    for row, pose in zip(found[:, 0], _POSES, strict=True):
+    joints = np.tile(branch_joints(_TRIPOD, _POSES)[:, :1], (1, 3, 1))
+    for row, pose in zip(joints[:, 0], _POSES, strict=True):
         row[:] = printed_joints(_TRIPOD, pose, equation)
-    error = np.abs(branch_forward(_TRIPOD, found)[:, 0] - _POSES)
+    error = np.abs(branch_forward(_TRIPOD, joints)[:, 0] - _POSES)
     return 1e3 * float(error[:, :3].max()), float(error[:, 3:].max())
 
 
@@ -143,12 +143,13 @@ def _rows(_: Numbers) -> Check:
 
 
 def _weights(_: Numbers) -> Check:
-    found = float(wrench_indices(_TRIPOD, _POSES[0]).w_max)
-    scaled = found * _TRIPOD.legs
+    largest = float(wrench_indices(_TRIPOD, _POSES[0]).w_max)
+    scaled = largest * _TRIPOD.legs
     return Check(
-        f"H with W_q^-1 is for f~ within 1: the same wrenches as J^T f, w_Max = {found:.3f}. With "
-        f"f~ within 1/n as Eq. (26) has it w_Max were {scaled:.2f}, of forces whose sum is 1.",
-        scaled > 1.0 > found,
+        f"H with W_q^-1 is for f~ within 1: the same wrenches as J^T f, w_Max = {largest:.3f}. "
+        f"With f~ within 1/n as Eq. (26) has it w_Max were {scaled:.2f}, of forces whose sum "
+        "is 1.",
+        scaled > 1.0 > largest,
     )
 
 

@@ -45,8 +45,8 @@ def _put_in() -> tuple[Claim, ...]:
                 "Table 2", f"{name}, alpha", OFFSET_DEG[name], "deg", math.degrees(bench.offset)
             ),
         ]
-    asked = SPECIFICATION
-    turn = math.degrees(asked.speed[2])
+    specification = SPECIFICATION
+    turn = math.degrees(specification.speed[2])
     return (
         *claims,
         _used("Table 2", "pedal, l_5", PLATE["pedal"], "m", _PEDAL.plate),
@@ -54,26 +54,32 @@ def _put_in() -> tuple[Claim, ...]:
         _used("Table 2", "rear end of the rail", RAIL[0], "m", _PEDAL.slider_min),
         _used("Table 2", "front end of the rail", RAIL[1], "m", _PEDAL.slider_max),
         _used("Fig. 3", "treadmill, from drum to drum", 0.6, "m", _TREADMILL.plate),
-        _used("Table 1", "rotation of the pedal", 45.0, "deg", math.degrees(asked.pedal_angle)),
+        _used(
+            "Table 1",
+            "rotation of the pedal",
+            45.0,
+            "deg",
+            math.degrees(specification.pedal_angle),
+        ),
         _used("Table 1", "rotation of the treadmill", 14.0, "deg",
-              math.degrees(asked.treadmill_angle)),
-        _used("Table 1", "horizontal speed", 2.75, "m/s", asked.speed[0]),
-        _used("Table 1", "vertical speed", 2.5, "m/s", asked.speed[1]),
+              math.degrees(specification.treadmill_angle)),
+        _used("Table 1", "horizontal speed", 2.75, "m/s", specification.speed[0]),
+        _used("Table 1", "vertical speed", 2.5, "m/s", specification.speed[1]),
         _used("Table 1", "angular speed", 900.0, "deg/s", turn),
-        _used("Table 1", "horizontal load", 500.0, "N", asked.load[0]),
-        _used("Table 1", "vertical load", 1000.0, "N", asked.load[1]),
+        _used("Table 1", "horizontal load", 500.0, "N", specification.load[0]),
+        _used("Table 1", "vertical load", 1000.0, "N", specification.load[1]),
     )  # fmt: skip
 
 
 def _found() -> tuple[Claim, ...]:
     """Ranges of Table 1, the offset, and the sentence below Figure 3."""
-    asked = SPECIFICATION
+    specification = SPECIFICATION
     speed, frequency, duty = 2.0, 2.0, 0.5
     return (
-        Claim("Table 1", "horizontal range of motion", 1e3 * asked.x_range, "mm",
+        Claim("Table 1", "horizontal range of motion", 1e3 * specification.x_range, "mm",
               _key("least_width_mm"), Relation.AT_LEAST,
               remark="in the orientation that has least, at some height"),
-        Claim("Table 1", "vertical range of motion", 1e3 * asked.z_range, "mm",
+        Claim("Table 1", "vertical range of motion", 1e3 * specification.z_range, "mm",
               _key("least_height_mm"), Relation.MISSING,
               remark="in the orientation that has least; four of six have it"),
         Claim("Table 1", "both at once, in all orientations", len(BENCHES) * 3, "orientations",

@@ -30,12 +30,12 @@ def _argument(_: Numbers) -> Check:
     pose = _poses()
     sliders = slider_places(_PEDAL, pose)
     off = printed_theta(_PEDAL, sliders, 1.0) + _PEDAL.offset - pose[:, 2]
-    turned = np.abs(np.degrees(np.remainder(off, 2.0 * math.pi)) - 180.0)
+    angle = np.abs(np.degrees(np.remainder(off, 2.0 * math.pi)) - 180.0)
     return Check(
         f"From sliders of {len(pose)} poses the printed sign '+' gives the plate turned by "
-        f"180 deg within {turned.max():.0e} deg. With l_4^2 + D^2 - l_3^2 as argument '-' gives "
+        f"180 deg within {angle.max():.0e} deg. With l_4^2 + D^2 - l_3^2 as argument '-' gives "
         "the pose, T above the line from P to A_3, and '+' the other assembly.",
-        bool(turned.max() < 1e-6),
+        bool(angle.max() < 1e-6),
     )
 
 
@@ -87,13 +87,13 @@ def _plate(_: Numbers) -> Check:
 
 def _gap(_: Numbers) -> Check:
     shared = replace(_TREADMILL, strut_gap=0.1)
-    found = workspace(shared, _STEEP)
+    area = workspace(shared, _STEEP)
     whole = workspace(_TREADMILL, _STEEP)
-    tall = 1e3 * (found.z_max - found.z_min)
+    tall = 1e3 * (area.z_max - area.z_min)
     both = workspace(shared, (-_STEEP, _STEEP))
     return Check(
         f"With 100 mm between A_2 and A_3 too the treadmill at +14 deg keeps a strip of "
-        f"{tall:.1f} mm, {100.0 * found.area / whole.area:.1f} % of its area, and no place at all "
+        f"{tall:.1f} mm, {100.0 * area.area / whole.area:.1f} % of its area, and no place at all "
         "for both +14 and -14 deg. The text has the stop between A_1 and A_2 alone.",
         tall < 2.0 and both.is_empty,
     )

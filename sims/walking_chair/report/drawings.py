@@ -65,16 +65,16 @@ def _draw_arrangement(canvas: "Canvas") -> None:
     axes: Any = canvas.subplots()
     corners = _LEG.upper_joints * (1.0, 1.0, 0.0)
     for leg in range(4):
-        turned = corners @ CHAIR_GEOMETRY.R_SA[leg].T + CHAIR_GEOMETRY.p_SA[leg]
-        _polygon(axes, turned[:, :2], color="black", linewidth=1.4)
-        for k, (x, y, _) in enumerate(turned):
+        rotated = corners @ CHAIR_GEOMETRY.R_SA[leg].T + CHAIR_GEOMETRY.p_SA[leg]
+        _polygon(axes, rotated[:, :2], color="black", linewidth=1.4)
+        for k, (x, y, _) in enumerate(rotated):
             axes.plot(1e3 * x, 1e3 * y, "o", color=COLOURS[k], ms=6)
-        x, y, _ = turned.mean(axis=0)
+        x, y, _ = rotated.mean(axis=0)
         axes.text(1e3 * x, 1e3 * y, f"leg {leg + 1}", ha="center", va="center")
-        outward = 1e3 * turned[0, 1]
+        outward = 1e3 * rotated[0, 1]
         label = f"$A_{leg + 1}$"
         shift = (0, 8 if outward > 0.0 else -14)
-        place = (1e3 * turned[0, 0], outward)
+        place = (1e3 * rotated[0, 0], outward)
         axes.annotate(label, place, shift, textcoords="offset points", ha="center")
     for vector, name in (((80.0, 0.0), "$x_S$"), ((0.0, 80.0), "$y_S$")):
         axes.annotate("", vector, (0.0, 0.0), arrowprops={"arrowstyle": "->"})

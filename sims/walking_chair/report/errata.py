@@ -127,10 +127,10 @@ def _impulses() -> Check:
         gait_branches(CHAIR_GEOMETRY, _GAIT, ends, side).velocity for side in ("left", "right")
     ]
     steps = 1e3 * np.abs(sides[1] - sides[0]).max(axis=(1, 2))
-    shown = ", ".join(f"{step:.2f}" for step in steps)
+    printed_steps = ", ".join(f"{step:.2f}" for step in steps)
     return Check(
-        f"At 5, 10, 15 and 20 s the branches' velocities jump by up to {shown} mm/s, which are "
-        "impulses of the acceleration; within a phase it is smooth.",
+        f"At 5, 10, 15 and 20 s the branches' velocities jump by up to {printed_steps} mm/s, "
+        "which are impulses of the acceleration; within a phase it is smooth.",
         bool((steps > 4.0).all()),
     )
 
