@@ -24,9 +24,10 @@ from parapod.sims.lab.panel import Panel
 from parapod.sims.lab.run import Monitor, ReadOut, Run
 from parapod.sims.lab.stage import Stage
 from parapod.sims.lab.strip_chart import StripChart
-from parapod.sims.output.atomic import atomic_output, write_page
+from parapod.sims.output.atomic import atomic_output
 from parapod.sims.output.options import RunOptions
 from parapod.sims.output.progress import progress
+from parapod.sims.output.scene_page import write_page
 from parapod.systems.core.errors import MissingExtra, OutputError, ParapodError
 from parapod.systems.core.ports import value_of
 from parapod.systems.core.quoting import quoted_path
@@ -108,8 +109,16 @@ def make_viewer(camera: Sequence[float], target: Sequence[float]) -> Meshcat:
 
 
 @contextmanager
-def recording(meshcat: Meshcat, path: Path, title: str) -> Iterator[None]:
+def recording(
+    meshcat: Meshcat, path: Path, title: str, facts: Sequence[str] = ()
+) -> Iterator[None]:
     """Records what is drawn meanwhile into one HTML file that plays without a network.
+
+    Args:
+        meshcat: the scene.
+        path: the file.
+        title: title of the page.
+        facts: origin of the recording, in a few words each.
 
     Raises:
         OutputError: the file cannot be written.
@@ -119,7 +128,7 @@ def recording(meshcat: Meshcat, path: Path, title: str) -> Iterator[None]:
         yield
         meshcat.StopRecording()
         meshcat.PublishRecording()
-        write_page(path, meshcat.StaticHtml(), title)
+        write_page(path, meshcat.StaticHtml(), title, facts)
     finally:
         meshcat.StopRecording()
         meshcat.DeleteRecording()
@@ -174,6 +183,7 @@ class Bench:
         *,
         title: str,
         backend: str,
+        seed: int,
         is_simulated: bool,
         scene: Callable[[], Meshcat],
         signals_needed: Sequence[str],
@@ -190,6 +200,7 @@ class Bench:
             read_out: says what the page shows.
             title: the machine's.
             backend: backend behind the machine's ports.
+            seed: seed of everything random.
             is_simulated: true if the machine is simulated.
             scene: makes the scene around the machine.
             signals_needed: ports whose signals are recorded where no log is written.
@@ -247,8 +258,9 @@ class Bench:
             panel = Panel(meshcat, f"{self.name}: {title}")
             say_where(panel, title, self.console)
         page = options.html if meshcat is not None else None
+        facts = [f"backend {backend}", f"seed {seed}"]
         with (
-            recording(meshcat, page, f"{self.name} - parapod")
+            recording(meshcat, page, f"{self.name}: {title}", facts)
             if meshcat and page
             else nullcontext()
         ):

@@ -33,7 +33,6 @@ from parapod.diagrams.plots import Limits
 from parapod.sims.lab.bench import Bench, make_viewer, write_graphviz
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Monitor, Run
-from parapod.sims.output.atomic import write_page
 from parapod.sims.output.drawn import DrawnLog, LogDrawing
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.logs.files import check_log, write_experiment_log
@@ -42,6 +41,7 @@ from parapod.sims.output.logs.scene_messages import scene_messages
 from parapod.sims.output.options import RunOptions
 from parapod.sims.output.progress import waiting
 from parapod.sims.output.results import Metric, Result
+from parapod.sims.output.scene_page import write_page
 from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError
 from parapod.systems.core.schema import check as check_scenario
 
@@ -177,6 +177,14 @@ class Experiment[S, D]:
             self.identified(scenario, data),
         )
 
+    @property
+    def _title(self) -> str:
+        """Experiment and machine, where it has one."""
+        try:
+            return f"{self.name}: {self.drawn_machine().title}"
+        except ParapodError:
+            return self.name
+
     def drawn_machine(self) -> Machine[Any]:
         """The machine whose motion its log tells.
 
@@ -234,8 +242,10 @@ class Experiment[S, D]:
     def _after(self, scenario: S, options: RunOptions) -> None:
         """Writes the scene."""
         if options.html is not None:
+            settings: Any = scenario
             scene = self.scene(scenario)  # type: ignore[attr-defined]
-            write_page(options.html, scene.StaticHtml(), f"{self.name} - parapod")
+            facts = [f"backend {settings.backend}", f"seed {settings.seed}"]
+            write_page(options.html, scene.StaticHtml(), self._title, facts)
 
     def check_backend(self, backend: str) -> None:
         """Refuses a backend on which the experiment does not run.
@@ -360,6 +370,7 @@ class LoopExperiment[S, D](Experiment[S, D]):
             self.read_out,
             title=self.machine.title,
             backend=settings.backend,
+            seed=settings.seed,
             is_simulated=settings.backend in self.machine.plants,
             scene=partial(self.scene, scenario),
             signals_needed=self.needed(scenario),

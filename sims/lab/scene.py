@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydrake.geometry import Meshcat
 
-from parapod.sims.output.atomic import write_page
+from parapod.sims.output.scene_page import scene_page, write_page
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Scene:
     be turned with the mouse.
 
     Attributes:
-        html: the page.
+        html: the page as Meshcat gives it.
         height: height in a notebook [pixel].
     """
 
@@ -36,7 +36,7 @@ class Scene:
         meshcat.PublishRecording()
         return cls(meshcat.StaticHtml(), height)
 
-    def write(self, path: Path | str, title: str = "parapod") -> None:
+    def write(self, path: Path | str, title: str = "Scene") -> None:
         """Writes the page to a file.
 
         Raises:
@@ -45,7 +45,8 @@ class Scene:
         write_page(Path(path), self.html, title)
 
     def _repr_html_(self) -> str:
+        page = escape(scene_page(self.html))
         return (
-            f'<iframe srcdoc="{escape(self.html)}" width="100%" height="{self.height}" '
+            f'<iframe srcdoc="{page}" width="100%" height="{self.height}" '
             'style="border: 1px solid #ccc" title="scene"></iframe>'
         )

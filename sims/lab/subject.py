@@ -5,8 +5,6 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import Any
 
-import numpy as np
-
 from parapod.diagrams.drivers.external import load_installed_drivers
 from parapod.diagrams.machine import Machine
 from parapod.diagrams.plots import Limits
@@ -16,6 +14,7 @@ from parapod.sims.output.drawn import DrawnLog, LogDrawing
 from parapod.sims.output.logs.mcap import Message, Picture
 from parapod.sims.output.logs.scene_messages import scene_messages
 from parapod.sims.output.logs.stored import WALL_CLOCKS
+from parapod.sims.output.moment import moment
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.quoting import printable
 from parapod.systems.core.scenario_file import parse, read_scenario
@@ -136,7 +135,9 @@ class Subject:
             yield f"parapod {printable(entry)}"
         began = self.metadata.get("wall_time", 0.0)
         if began > WALL_CLOCKS:
-            yield np.datetime64(int(began), "s").item().strftime("%Y-%m-%d %H:%M:%S UTC")
+            yield moment(began)
+        elif written := self.metadata.get("written"):
+            yield printable(written)
 
     def machine_scenario(self) -> Any:
         """The machine's part of the scenario."""

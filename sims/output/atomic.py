@@ -2,11 +2,9 @@
 
 import json
 import os
-import re
 import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -103,23 +101,6 @@ def atomic_output(path: Path) -> Iterator[Path]:
         raise _cannot_write(path, error.strerror or str(error)) from error
     finally:
         temporary.unlink(missing_ok=True)
-
-
-def write_page(path: Path, html: str, title: str) -> None:
-    """Writes a page of Meshcat under a title of its own.
-
-    Args:
-        path: the file.
-        html: page that `Meshcat.StaticHtml` gives.
-        title: shown by browsers in tabs and bookmarks.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    named = f"<title>{escape(title)}</title>"
-    with atomic_output(path) as temporary:
-        html = re.sub("<title>.*?</title>", lambda _: named, html, count=1)
-        temporary.write_text(html, encoding="utf-8")
 
 
 def write_json(path: Path, data: Mapping[str, Any]) -> None:

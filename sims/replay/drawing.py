@@ -12,6 +12,7 @@ from parapod.diagrams.twin import DESIRED, MEASURED, PALE
 from parapod.sims.lab.discovery import find_experiment
 from parapod.sims.lab.subject import Subject
 from parapod.sims.output.progress import counted
+from parapod.sims.output.scene_page import bare_page
 from parapod.sims.replay.digest import Digest
 from parapod.sims.replay.replay import Replay
 from parapod.systems.core.errors import ParapodError
@@ -81,7 +82,7 @@ def record(
             pale[f"{_ROOT}{prefix}{MEASURED}"] = _TRANSLUCENT
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    return RecordedScene(meshcat.StaticHtml(), pale) if pictures_done else None
+    return RecordedScene(bare_page(meshcat.StaticHtml()), pale) if pictures_done else None
 
 
 def _draw(

@@ -457,7 +457,10 @@ def test_watching_a_loop_changes_no_number(tmp_path):
     page = (tmp_path / "a.html").read_text()
     assert not re.search(r"<script[^>]*\bsrc=|<link[^>]*\bhref=\"(?!data:)", page)
     assert len(page) > 1e6
-    assert re.findall("<title>(.*?)</title>", page) == ["level - parapod"]
+    title = "level: the levelling platform"
+    assert re.findall("<title>(.*?)</title>", page) == [f"{title} - parapod"]
+    assert f"<h1>{title}</h1><p>backend {scenario.backend} · seed {scenario.seed} · " in page
+    assert re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC</p>", page)
 
 
 def test_importing_every_experiment_draws_nothing():

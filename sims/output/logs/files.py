@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from parapod.sims.output.atomic import atomic_output
 from parapod.sims.output.logs.mcap import Draw, write_mcap
 from parapod.sims.output.logs.stored import Log, open_log
+from parapod.sims.output.moment import moment
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
 from parapod.systems.core.scenario_file import dump_scenario
@@ -99,6 +100,7 @@ def write_experiment_log(
         "experiment": experiment,
         "parapod": version("parapod"),
         "scenario": dump_scenario(scenario),
+        "written": moment(),
     }
     units = {name: unit for name, (_, unit) in signals.items()}
     samples = {name: values for name, (values, _) in signals.items()}

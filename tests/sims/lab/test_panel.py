@@ -1,6 +1,7 @@
 """The page beside a Meshcat scene: its controls, its numbers, and whom it obeys."""
 
 import json
+import re
 import subprocess
 import sys
 import time
@@ -59,6 +60,18 @@ def test_the_page_frames_the_scene_under_its_title(panel, meshcat):
     assert f":{meshcat.port()}/".encode() in page
     assert ask(panel, "/elsewhere")[0] == 404
     assert "localhost" in repr(panel)
+
+
+def test_the_bar_of_meshcats_own_controls_is_above_what_is_seen(panel, meshcat):
+    page = ask(panel)[1].decode()
+    (frame,) = re.findall(r"\n  iframe \{(.*?)\}", page)
+    (shift,) = re.findall(r"top: -(\d+)px", frame)
+    assert f"height: calc(100% + {shift}px)" in frame
+    (stage,) = re.findall(r"#stage \{(.*?)\}", page)[:1]
+    assert "overflow: hidden" in stage
+    assert '<div id="stage"><iframe' in page
+    bars = re.findall(r"\.close-button\{[^}]*?height:(\d+)px;cursor", meshcat.StaticHtml())
+    assert bars == [shift]
 
 
 def test_numbers_are_shown_as_they_are_and_nothing_for_what_is_not_known(panel):

@@ -7,6 +7,7 @@ from pydrake.math import RigidTransform
 
 import parapod
 from parapod.sims.lab.scene import Scene
+from parapod.sims.output.scene_page import scene_page
 
 _FRAMES = 100
 
@@ -31,13 +32,13 @@ def test_a_recording_that_was_begun_is_in_the_scene(recorded):
 def test_a_scene_stands_in_a_notebook_as_a_page_of_its_own(recorded):
     shown = recorded[1]._repr_html_()
     (page,) = re.findall('srcdoc="([^"]*)"', shown)
-    assert html.unescape(page) == recorded[1].html
+    assert html.unescape(page) == scene_page(recorded[1].html)
     assert 'height="300"' in shown
 
 
 def test_a_scene_is_written_under_a_title(recorded, tmp_path):
     recorded[1].write(tmp_path / "box.html", "A box")
-    assert "<title>A box</title>" in (tmp_path / "box.html").read_text()
+    assert "<title>A box - parapod</title>" in (tmp_path / "box.html").read_text()
 
 
 def test_an_experiment_without_a_machine_has_no_viewer():

@@ -16,7 +16,7 @@ from rich.console import Console
 from parapod.diagrams.machine import find_machine
 from parapod.sims.cli.main import main
 from parapod.sims.lab.discovery import find_entry, find_experiment
-from parapod.sims.output.logs.files import write_experiment_log
+from parapod.sims.output.logs.files import read_log, write_experiment_log
 from parapod.sims.output.logs.mcap import McapWriter
 from parapod.sims.replay import digest as digests
 from parapod.sims.replay.page import make_page
@@ -90,6 +90,22 @@ def test_a_page_has_the_machine_its_plots_and_its_phases(log, capsys):
     assert "mm" in height["hovertemplate"]
     titles = [content["layout"][f"yaxis{k}"]["title"]["text"] for k in ("", 2, 3)]
     assert titles == ["[mm]", "[deg]", "legs.position [mm]"]
+
+
+def test_a_page_tells_when_its_log_was_written_not_when_it_is_replayed(log, monkeypatch):
+    written = read_log(log).metadata["written"]
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC", written)
+    for suffix in ("csv", "mcap", "npz"):
+        path = log.with_suffix(f".{suffix}")
+        with monkeypatch.context() as then:
+            then.setattr("parapod.sims.output.logs.files.moment", lambda: "2020-02-02 20:02 UTC")
+            write(path)
+        assert main(["replay", str(path), "--html", "walk.html"]) == 0
+        text, _, scene = page_of(log.with_suffix(".html"))
+        (origin,) = re.findall("<p>(.*?)</p>", text)
+        assert origin.startswith(f"walk.{suffix} · backend ")
+        assert origin.endswith(" · 2020-02-02 20:02 UTC")
+        assert "#status-message" in scene.partition("<body>")[0]  # hidden from the beginning
 
 
 def test_two_logs_share_a_scene_and_the_other_one_is_dashed_and_translucent(log, capsys):
