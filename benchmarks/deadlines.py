@@ -129,7 +129,7 @@ def driven(
         with wake_ups() as counts:
             try:
                 run_on_hardware(
-                    *(loop, Simulator(loop), duration, options, "deadlines"), begun=begun
+                    *(loop, Simulator(loop), duration, options, "deadlines"), announce=begun
                 )
             except ParapodError as error:
                 ended = str(error)

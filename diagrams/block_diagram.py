@@ -447,9 +447,9 @@ def _inches(width: float, height: float) -> str:
 
 def _with_width(svg: bytes, width: float) -> bytes:
     """A picture whose size is exact: Graphviz rounds it to points."""
-    found = re.search(rb'viewBox="[\d.]+ [\d.]+ ([\d.]+) ([\d.]+)"', svg)
-    assert found is not None
-    height = width * float(found[2]) / float(found[1])
+    match = re.search(rb'viewBox="[\d.]+ [\d.]+ ([\d.]+) ([\d.]+)"', svg)
+    assert match is not None
+    height = width * float(match[2]) / float(match[1])
     size = f'width="{width:g}mm" height="{height:.1f}mm"'.encode()
     return re.sub(rb'width="\d+pt" height="\d+pt"', size, svg, count=1)
 

@@ -89,7 +89,7 @@ def execute(arguments: argparse.Namespace) -> int:
     if arguments.only is not None:
         diagram = part_of(diagram, arguments.only)
     depth = arguments.depth or (2 if arguments.only is None else 1)
-    drawn = BlockDiagram(
+    drawing = BlockDiagram(
         diagram,
         depth,
         ports=depth == 1 if arguments.ports is None else arguments.ports,
@@ -98,6 +98,6 @@ def execute(arguments: argparse.Namespace) -> int:
         width_mm=arguments.width_mm,
         fits_page=not arguments.ports,
     )
-    write_graphviz(arguments.out, drawn)
+    write_graphviz(arguments.out, drawing)
     print(f"wrote {arguments.out}")
     return HELD

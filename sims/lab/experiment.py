@@ -236,8 +236,8 @@ class Experiment[S, D]:
     def _before(self, scenario: S, options: RunOptions) -> None:
         """Writes the diagram, before a run is spent on a file that cannot be written."""
         if options.graphviz is not None:
-            drawn = BlockDiagram(self.loop(scenario))  # type: ignore[attr-defined]
-            write_graphviz(options.graphviz, drawn)
+            drawing = BlockDiagram(self.loop(scenario))  # type: ignore[attr-defined]
+            write_graphviz(options.graphviz, drawing)
 
     def _after(self, scenario: S, options: RunOptions) -> None:
         """Writes the scene."""

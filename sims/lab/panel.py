@@ -404,11 +404,11 @@ def _delete(things: dict[str, Any], name: str, strict: bool) -> bool:
     return things.pop(name, None) is not None
 
 
-def _serve(panel: Panel) -> ThreadingHTTPServer:
+def _serve(owner: Panel) -> ThreadingHTTPServer:
     class Handler(_Handler):
-        shown = panel
+        panel = owner
 
-    address = "127.0.0.1" if panel._host == _LOCAL else panel._host
+    address = "127.0.0.1" if owner._host == _LOCAL else owner._host
     for port in PORTS:
         try:
             return ThreadingHTTPServer((address, port), Handler)
@@ -420,7 +420,7 @@ def _serve(panel: Panel) -> ThreadingHTTPServer:
 class _Handler(BaseHTTPRequestHandler):
     """Answers who has the token, and obeys pages of this panel alone."""
 
-    shown: Panel
+    panel: Panel
 
     def do_GET(self) -> None:
         url = urlsplit(self.path)
@@ -428,15 +428,15 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._is_admitted():
             self._answer(HTTPStatus.FORBIDDEN)
         elif url.path == "/":
-            self._answer(HTTPStatus.OK, "text/html; charset=utf-8", self.shown._page)
+            self._answer(HTTPStatus.OK, "text/html; charset=utf-8", self.panel._page)
         elif url.path == "/beat":
-            self.shown._beat(query.get("page", [""])[0])
+            self.panel._beat(query.get("page", [""])[0])
             self._answer(HTTPStatus.NO_CONTENT)
         elif url.path == "/state":
-            self._tell(self.shown._state(query.get("page", [""])[0]))
+            self._tell(self.panel._state(query.get("page", [""])[0]))
         elif url.path == "/samples":
-            self._tell(self.shown._samples(query.get("since", [""])[0]))
-        elif url.path == "/plotly.js" and self.shown._samples(""):
+            self._tell(self.panel._samples(query.get("since", [""])[0]))
+        elif url.path == "/plotly.js" and self.panel._samples(""):
             self._answer(HTTPStatus.OK, "text/javascript; charset=utf-8", library().encode())
         else:
             self._answer(HTTPStatus.NOT_FOUND)
@@ -455,7 +455,7 @@ class _Handler(BaseHTTPRequestHandler):
                 request = json.loads(self.rfile.read(size))
             except ValueError:
                 request = None
-            is_done = self.shown._obey(request)
+            is_done = self.panel._obey(request)
             self._answer(HTTPStatus.NO_CONTENT if is_done else HTTPStatus.BAD_REQUEST)
 
     def _is_admitted(self) -> bool:
@@ -464,7 +464,7 @@ class _Handler(BaseHTTPRequestHandler):
         A page of this computer alone must also be asked for by its name, not by a stranger's.
         The token is in the address: a browser would show a cookie to all servers of this computer.
         """
-        if self.shown._host == _LOCAL:
+        if self.panel._host == _LOCAL:
             host = urlsplit(f"//{self.headers.get('Host', '')}").hostname
             if host not in (_LOCAL, "127.0.0.1"):
                 return False

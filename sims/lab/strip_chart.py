@@ -56,16 +56,16 @@ class StripChart:
         self._rows: deque[list[float | None]] = deque(maxlen=1 + round(LENGTH / PERIOD))
         self._count, self._newest = 0, -math.inf
         self._lock = threading.Lock()
-        drawn = traces(plots)
+        declared_curves = traces(plots)
         axes = layout(plots)
         del axes["height"]
         axes["margin"] |= {"l": 50, "r": 6}
         for k in range(len(plots)):  # in one line, although the page has little room
             axes[axis("legend", k)]["font"] = {"size": 9}
         self.description: Mapping[str, Any] = {
-            "traces": drawn,
+            "traces": declared_curves,
             "layout": axes,
-            "black": black(drawn),
+            "black": black(declared_curves),
             "limits": [plot.limits for plot in plots],
             "limit_line": limit_line(0, 0.0),
             "places": [k for k, plot in enumerate(plots) for _ in plot.curves],

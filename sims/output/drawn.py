@@ -70,8 +70,10 @@ class DrawnLog:
         if twin is None:
             raise ParapodError(f"{machine.title} has no drawing")
         stand_ins = {**twin.stand_ins, **({} if drawing is None else drawing.stand_ins)}
-        told = {n: n if n in shapes else stand_ins.get(n, "") for n in sorted(twin.signals)}
-        sources = {name: source for name, source in told.items() if source in shapes}
+        signal_names = {
+            n: n if n in shapes else stand_ins.get(n, "") for n in sorted(twin.signals)
+        }
+        sources = {name: source for name, source in signal_names.items() if source in shapes}
         missing = twin.needed - sources.keys()
         if missing:
             raise ParapodError(f"the log has no {', '.join(sorted(missing))}")

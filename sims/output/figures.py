@@ -163,9 +163,9 @@ def render(figure: Figure, form: Print = Print()) -> bytes:
     return buffer.getvalue()
 
 
-def _add_caption(canvas: "Canvas", figure: Figure, drawn: tuple[float, float]) -> float:
+def _add_caption(canvas: "Canvas", figure: Figure, inches: tuple[float, float]) -> float:
     """Writes title and caption below the drawing; the height that they take [inch]."""
-    width, height = drawn
+    width, height = inches
     size = _CAPTION_SIZE / _POINTS
     words = ". ".join(text for text in (figure.title, figure.caption) if text)
     lines = textwrap.wrap(words, int((width - 2.0 * size) / (_LETTER * size)))

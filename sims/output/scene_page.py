@@ -54,7 +54,7 @@ def write_page(
     html: str,
     title: str,
     facts: Iterable[str] = (),
-    made: float | None = None,
+    written: float | None = None,
 ) -> None:
     """Writes a page of Meshcat under a title of its own.
 
@@ -63,11 +63,11 @@ def write_page(
         html: page that `Meshcat.StaticHtml` gives.
         title: title above the scene, in tabs and in bookmarks.
         facts: origin of the scene, in a few words each.
-        made: time at which the scene was made, since 1970 [s]; None: now.
+        written: time at which the scene was made, since 1970 [s]; None: now.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    facts = [*facts, f"parapod {version('parapod')}", moment(made)]
+    facts = [*facts, f"parapod {version('parapod')}", moment(written)]
     with atomic_output(path) as temporary:
         temporary.write_text(scene_page(html, title, facts), encoding="utf-8")

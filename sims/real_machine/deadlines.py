@@ -247,8 +247,8 @@ def _emulated_turn(
             try:
                 run_on_hardware(
                     *(loop, Simulator(loop), duration, options, "bench-rt"),
-                    asked=measured.setting.asked,
-                    begun=timings.append,
+                    requests=measured.setting.asked,
+                    announce=timings.append,
                 )
             except ParapodError as error:
                 if not timings:

@@ -106,8 +106,8 @@ def run_on_hardware(
     options: RunOptions,
     what: str,
     is_over: Callable[[Context], bool] = lambda root: False,
-    asked: Collection[str] = USUAL,
-    begun: Callable[[Timing], None] = _unheard,
+    requests: Collection[str] = USUAL,
+    announce: Callable[[Timing], None] = _unheard,
 ) -> Timing:
     """Runs a closed loop whose station is hardware; the machine is neutral when this returns.
 
@@ -121,8 +121,8 @@ def run_on_hardware(
         options: console for progress, and file of the log.
         what: name of the work, for the progress and in the log.
         is_over: is told the root context at every tick; whether the work is done.
-        asked: names of the privileges that it takes, see `privileges`.
-        begun: is given the timing before the first tick, also of a run that then fails.
+        requests: names of the privileges that it takes, see `privileges`.
+        announce: is given the timing before the first tick, also of a run that then fails.
 
     Raises:
         DeviceError: a device is not there, is another one, or has failed.
@@ -142,7 +142,7 @@ def run_on_hardware(
         write = stack.enter_context(logged(options, loop, root, what))
         # Before any device waits for heartbeats, because a collection stops all threads; and the
         # devices' threads, which send them, inherit the priority.
-        outcomes = stack.enter_context(undisturbed(asked))
+        outcomes = stack.enter_context(undisturbed(requests))
 
         def say(text: str) -> None:
             options.console.print(text, markup=False, highlight=False, soft_wrap=True)
@@ -177,7 +177,7 @@ def run_on_hardware(
         running = RealTimeLoop(simulator, station.scenario.control.period, on_tick)
         running.timing.refused = tuple(each for each in outcomes if not each.is_taken)
         running.timing.clock = clock
-        begun(running.timing)
+        announce(running.timing)
         # Those of the beginning have grown old meanwhile.
         parts.await_measurements(_PATIENCE)
         try:

@@ -119,14 +119,16 @@ def parsed_cores(text: str) -> set[int]:
 
 
 @contextmanager
-def privileges(asked: Collection[str], kernel: Kernel = KERNEL) -> Iterator[tuple[Outcome, ...]]:
+def privileges(
+    requests: Collection[str], kernel: Kernel = KERNEL
+) -> Iterator[tuple[Outcome, ...]]:
     """Takes privileges for the calling thread and those that it starts meanwhile.
 
     The memory's is of the whole process. Programs that it starts meanwhile inherit policy and
     cores, not the locked memory.
 
     Args:
-        asked: names of `PRIVILEGES`.
+        requests: names of `PRIVILEGES`.
         kernel: system calls.
 
     Yields what the kernel has said to each.
@@ -135,7 +137,7 @@ def privileges(asked: Collection[str], kernel: Kernel = KERNEL) -> Iterator[tupl
     with ExitStack() as stack:
         outcomes = []
         for name in PRIVILEGES:
-            if name in asked:
+            if name in requests:
                 try:
                     outcomes.append(Outcome(name, True, takers[name](kernel, stack)))
                 except (OSError, AttributeError, ValueError) as error:

@@ -261,7 +261,7 @@ def rehearse(diagram: Diagram, context: Context) -> None:
 
 @contextmanager
 def undisturbed(
-    asked: Collection[str] = USUAL, kernel: Kernel = KERNEL
+    requests: Collection[str] = USUAL, kernel: Kernel = KERNEL
 ) -> Iterator[tuple[Outcome, ...]]:
     """Keeps Python's garbage collector and other programs away, as far as permitted.
 
@@ -270,7 +270,7 @@ def undisturbed(
     may have them.
 
     Args:
-        asked: names of `PRIVILEGES`.
+        requests: names of `PRIVILEGES`.
         kernel: system calls.
 
     Yields what the kernel has said to each of them.
@@ -282,7 +282,7 @@ def undisturbed(
     gc.disable()
     sys.setswitchinterval(SWITCH_INTERVAL)
     try:
-        with privileges(asked, kernel) as outcomes:
+        with privileges(requests, kernel) as outcomes:
             yield outcomes
     finally:
         sys.setswitchinterval(interval)

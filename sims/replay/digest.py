@@ -64,7 +64,7 @@ class Digest:
 def gather(
     log: StoredLog,
     plotted: Collection[str],
-    drawn: Collection[str],
+    drawn_names: Collection[str],
     phase: tuple[str, tuple[str, ...]] | None,
     console: Console,
     between: tuple[float, float] | None = None,
@@ -75,7 +75,7 @@ def gather(
     Args:
         log: the log.
         plotted: signals to plot.
-        drawn: signals by which the machine is drawn.
+        drawn_names: signals by which the machine is drawn.
         phase: signal that tells phases and the names of its values; None: there is none.
         console: console for progress.
         between: first and last time that is wanted [s]; None: all.
@@ -86,7 +86,7 @@ def gather(
         OutputError: the log cannot be read.
         ParapodError: there is no sample, or none between the times.
     """
-    names = list(dict.fromkeys([*plotted, *drawn, *([phase[0]] if phase else ())]))
+    names = list(dict.fromkeys([*plotted, *drawn_names, *([phase[0]] if phase else ())]))
     sizes = log.sizes
     extremes = {name: Extremes(sizes[name], _BUCKETS) for name in plotted}
     pictures: Snapshots[Picture] = Snapshots(_PICTURES)
@@ -98,7 +98,7 @@ def gather(
         for time, samples in log.pieces(names):
             whole = (whole[0] if rows or whole[1] else float(time[0]), float(time[-1]))
             # Also of what is before the times that are wanted.
-            tracked = {} if track is None else track(time, {n: samples[n] for n in drawn})
+            tracked = {} if track is None else track(time, {n: samples[n] for n in drawn_names})
             chosen = (time >= first) & (time <= last)
             if not chosen.all():
                 time = time[chosen]
@@ -110,8 +110,10 @@ def gather(
             rows += len(time)
             for name, each in extremes.items():
                 each.add(time, samples[name].reshape(len(time), -1).astype(float))
-            if drawn:
-                _keep(pictures, time, {name: samples[name] for name in drawn} | dict(tracked))
+            if drawn_names:
+                _keep(
+                    pictures, time, {name: samples[name] for name in drawn_names} | dict(tracked)
+                )
             if phase is not None:
                 changes.add(time, samples[phase[0]].reshape(len(time), -1)[:, 0])
             report(log.done)
@@ -134,11 +136,15 @@ def gather(
             f"{log.path.name}: {int(rows)} samples; curves show smallest and largest values "
             f"of each {bucket} of them, {bucket * (end - begin) / rows:.2g} s"
         )
-    shown = pictures.rows
-    apart = (shown[-1][0] - shown[0][0]) / (len(shown) - 1) if len(shown) > 1 else 0.0
+    picture_rows = pictures.rows
+    apart = (
+        (picture_rows[-1][0] - picture_rows[0][0]) / (len(picture_rows) - 1)
+        if len(picture_rows) > 1
+        else 0.0
+    )
     if apart > _FLUENT:
         remarks.append(f"{log.path.name}: the machine is drawn every {apart:.2g} s")
-    return Digest(lines, shown, phases, begin, end, int(rows), remarks)
+    return Digest(lines, picture_rows, phases, begin, end, int(rows), remarks)
 
 
 def _keep(pictures: Snapshots[Picture], time: Floats, samples: Mapping[str, Floats]) -> None:

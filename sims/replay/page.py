@@ -75,7 +75,7 @@ def span(digests: Sequence[Digest]) -> tuple[float, float]:
 
 def _traces(logs: Sequence[Replay], number: int) -> list[dict[str, Any]]:
     """Curves of one of the logs, dashed of another one than the first."""
-    each, made = logs[number], []
+    each, page_traces = logs[number], []
     curves = [(plot, curve) for plot in each.plots for curve in plot.curves]
     for trace, (plot, curve) in zip(traces(each.plots), curves, strict=True):
         if not each.has(curve):
@@ -86,8 +86,8 @@ def _traces(logs: Sequence[Replay], number: int) -> list[dict[str, Any]]:
         trace["line"]["dash"] = "5px,3px" if number else "solid"
         if number:
             trace["hovertemplate"] = trace["hovertemplate"].replace("</extra>", " (other)</extra>")
-        made.append(trace)
-    return made
+        page_traces.append(trace)
+    return page_traces
 
 
 def _layout(logs: Sequence[Replay], ends: tuple[float, float]) -> dict[str, Any]:

@@ -99,7 +99,7 @@ def _ends(logs: Sequence[Replay], number: int) -> tuple[float, float] | None:
 def open_replays(
     path: Path,
     against: Path | None,
-    asked: Sequence[str],
+    requests: Sequence[str],
     console: Console,
     *,
     between: tuple[float, float] | None = None,
@@ -110,7 +110,7 @@ def open_replays(
     Args:
         path: the log.
         against: the other log, or None.
-        asked: plots, see `choose`; none: the usual ones.
+        requests: plots, see `choose`; none: the usual ones.
         console: console for progress.
         between: first and last time that is wanted [s]; None: all.
         is_drawn: true if the machines are drawn.
@@ -146,7 +146,7 @@ def open_replays(
         else Signals(owner, sizes, units, machine.element_name)
     )
     measured = getattr(subject.experiment, "signals", ())
-    names = list(asked) or usual(signals.sizes, subject.plots, measured)
+    names = list(requests) or usual(signals.sizes, subject.plots, measured)
     plots = choose(signals, names, subject.limits)
     replays = []
     for each, of in both:

@@ -306,9 +306,9 @@ def from_table(
     for item in about:
         metric = Metric(item["key"], math.nan, item["unit"], meaning=item["meaning"])
         column = Column.empty(metric, records.sampling.runs)
-        found = table[item["key"]]
-        column.is_there[runs] = found.is_valid().to_numpy()
-        column.values[runs] = found.to_numpy()
+        values = table[item["key"]]
+        column.is_there[runs] = values.is_valid().to_numpy()
+        column.values[runs] = values.to_numpy()
         for name in _LIMITS:
             limits, key = getattr(column, name), f"{item['key']}.{name}"
             if key in table.column_names:

@@ -114,9 +114,9 @@ class Study:
         default = checked(load_scenario(self.schema, self.entry.default_scenario))
         changed = dict(_differing(default, self.order.tree))
         values = self.sampling.values(run)
-        given = dict(zip(self.order.keys, values, strict=True))
+        values_by_key = dict(zip(self.order.keys, values, strict=True))
         # Of a part that differs whole, the variables' own keys come last and win.
-        settings = [f"{key}={inline(value)}" for key, value in (changed | given).items()]
+        settings = [f"{key}={inline(value)}" for key, value in (changed | values_by_key).items()]
         return shlex.join(["parapod", "run", self.entry.name, "--set", *settings])
 
     def carry_out(

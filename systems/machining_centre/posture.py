@@ -170,8 +170,8 @@ class CentrePosture(LeafSystem):
         self.DeclareDiscreteState(_beginning(geometry, pose, footholds))
         inputs = {port.ticket() for port in (self._position, self._locks, self._clamps)}
         self._found = declare_cached(self, "posture", self._calc, inputs | {self.xd_ticket()})
-        shown = declare_cached(self, "shown", self._calc_shown, {self.xd_ticket()})
-        self._shown = shown if is_sampled else self._found
+        state_entry = declare_cached(self, "shown", self._calc_shown, {self.xd_ticket()})
+        self._shown = state_entry if is_sampled else self._found
         for name, size, calc in (
             ("pose", 6, self._calc_pose),
             ("feet", 6 * n, self._calc_feet),

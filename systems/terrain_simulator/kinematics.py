@@ -131,9 +131,9 @@ def inverse_kinematics(geometry: BenchGeometry, pose: ArrayLike) -> NDArray[np.f
             to pass the line P T A_3; names the first limit of the first pose.
         ValueError: wrong shape.
     """
-    (taken,), shape = columns((pose, 3, "pose"))
-    now = _shape(geometry, taken)
-    places = _places(geometry, taken[0], now)
+    (pose_columns,), shape = columns((pose, 3, "pose"))
+    now = _shape(geometry, pose_columns)
+    places = _places(geometry, pose_columns[0], now)
     if not all(np.all(root >= 0.0) for root in _left(geometry, places, now)):
         _refuse(geometry, np.asarray(pose, dtype=float))
     return stack(places, shape)
@@ -142,8 +142,8 @@ def inverse_kinematics(geometry: BenchGeometry, pose: ArrayLike) -> NDArray[np.f
 @nan_without_warning
 def slider_places(geometry: BenchGeometry, pose: ArrayLike) -> NDArray[np.float64]:
     """The same whatever the limits; NaN where a link is too short."""
-    (taken,), shape = columns((pose, 3, "pose"))
-    return stack(_places(geometry, taken[0], _shape(geometry, taken)), shape)
+    (pose_columns,), shape = columns((pose, 3, "pose"))
+    return stack(_places(geometry, pose_columns[0], _shape(geometry, pose_columns)), shape)
 
 
 @nan_without_warning
@@ -208,8 +208,8 @@ def jacobian(geometry: BenchGeometry, pose: ArrayLike) -> NDArray[np.float64]:
         geometry: the bench.
         pose: (..., 3) x, z, phi [m, m, rad].
     """
-    (taken,), shape = columns((pose, 3, "pose"))
-    now = _shape(geometry, taken)
+    (pose_columns,), shape = columns((pose, 3, "pose"))
+    now = _shape(geometry, pose_columns)
     rise = quotient(0.5 * now.s_1, now.height_p)
     # Motion of P and rate of phi, a slider a row.
     motions = (
@@ -237,8 +237,8 @@ def slider_rates(
         pose: (..., 3) x, z, phi [m, m, rad].
         twist: (..., 3) rates of x, z, phi [m/s, m/s, rad/s].
     """
-    (taken, (dx, dz, dphi)), shape = columns((pose, 3, "pose"), (twist, 3, "twist"))
-    now = _shape(geometry, taken)
+    (pose_columns, (dx, dz, dphi)), shape = columns((pose, 3, "pose"), (twist, 3, "twist"))
+    now = _shape(geometry, pose_columns)
     pivots = (
         (now.to_p, now.height_p, now.s_1),
         (now.to_p, now.height_p, -now.s_1),
@@ -263,8 +263,8 @@ def inverse_jacobian(geometry: BenchGeometry, pose: ArrayLike) -> NDArray[np.flo
         geometry: the bench.
         pose: (..., 3) x, z, phi [m, m, rad].
     """
-    (taken,), shape = columns((pose, 3, "pose"))
-    now = _shape(geometry, taken)
+    (pose_columns,), shape = columns((pose, 3, "pose"))
+    now = _shape(geometry, pose_columns)
     first, third = quotient(now.height_p, now.s_1), quotient(now.height_t, now.u_3)
     entries = []
     for (x_C, z_C), slope in ((now.to_p, first), (now.to_p, -first), (now.to_t, third)):
@@ -337,8 +337,8 @@ def singularity(geometry: BenchGeometry, pose: ArrayLike) -> Singularity:
     Returns:
         Arrays (...); NaN where a link is too short.
     """
-    (taken,), shape = columns((pose, 3, "pose"))
-    now = _shape(geometry, taken)
+    (pose_columns,), shape = columns((pose, 3, "pose"))
+    now = _shape(geometry, pose_columns)
     result = stack(
         [
             _sin_mu(geometry, now),
@@ -370,9 +370,9 @@ def places_and_margins(
     geometry: BenchGeometry, pose: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """`slider_places` and `margins` of the same poses."""
-    (taken,), shape = columns((pose, 3, "pose"))
-    now = _shape(geometry, taken)
-    places = _places(geometry, taken[0], now)
+    (pose_columns,), shape = columns((pose, 3, "pose"))
+    now = _shape(geometry, pose_columns)
+    places = _places(geometry, pose_columns[0], now)
     return stack(places, shape), stack(_left(geometry, places, now), shape)
 
 

@@ -71,15 +71,15 @@ def inertial_wrench(geometry: BenchGeometry, bodies: BenchMasses, motion: ArrayL
 
 def _wrench(geometry: BenchGeometry, bodies: BenchMasses, q: Array, K: Array) -> Array:
     pose, twist, change = q[..., :3], q[..., 3:6], q[..., 6:]
-    (taken, slopes, speeding, places), shape = columns(
+    (pose_columns, slopes, speeding, places), shape = columns(
         (q, 9, "motion"),
         (K.reshape(*K.shape[:-2], 9), 9, "inverse Jacobian"),
         (slider_accelerations(geometry, pose, twist, change), 3, "accelerations"),
         (slider_places(geometry, pose), 3, "places"),
     )
-    at_p, at_t = (_point(place, taken) for place in (geometry.p_OP, geometry.p_OT))
-    parts = [_carried(bodies.plate, _point((0.0, -bodies.below), taken))]
-    parts.append([0.0, 0.0, bodies.inertia * taken[8]])
+    at_p, at_t = (_point(place, pose_columns) for place in (geometry.p_OP, geometry.p_OT))
+    parts = [_carried(bodies.plate, _point((0.0, -bodies.below), pose_columns))]
+    parts.append([0.0, 0.0, bodies.inertia * pose_columns[8]])
     ends = ((at_p, geometry.link), (at_p, geometry.link), (at_t, geometry.strut))
     for i, (end, length) in enumerate(ends):
         rail = _Point((places[i], 0.0), (slopes[3 * i : 3 * i + 3], _LEVEL), (speeding[i], 0.0))

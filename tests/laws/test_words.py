@@ -1,7 +1,7 @@
 """Words that people read: a text begins with its subject, in plain and British English.
 
 Texts are docstrings with their `Args:` and `Attributes:`, comments, messages, help and the pages
-of `docs/`.
+of `docs/`. A name of a variable is a word that people read as well.
 """
 
 import ast
@@ -231,3 +231,30 @@ def test_spelling_is_british(folder):
                 if not any(part in " ".join(text.split()) for part in _EXCEPTIONS):
                     wrong.append(f"{path.relative_to(ROOT)}: {match[0]}")
     fail_with(wrong)
+
+
+# Participles that do not say of what: `reachable_poses` and `drawn_links` do.
+_BARE = re.compile(
+    "asked|begun|done|drawn|found|given|gone|heard|known|led|made|said|seen|shown|taken|told|"
+    "tried|wanted"
+)
+
+
+@each_folder
+def test_a_variable_says_what_it_holds(folder):
+    """Variables of functions and their arguments; fields are read beside their object."""
+    wrong = []
+    for path in sorted((ROOT / folder).glob("*.py" if "/" not in folder else "**/*.py")):
+        for function in ast.walk(ast.parse(path.read_text())):
+            if not isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+                continue
+            for node in ast.walk(function):
+                if isinstance(node, ast.arg):
+                    name, line = node.arg, node.lineno
+                elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                    name, line = node.id, node.lineno
+                else:
+                    continue
+                if _BARE.fullmatch(name):
+                    wrong.append(f"{path.relative_to(ROOT)}:{line}: {name}")
+    fail_with(sorted({*wrong}))

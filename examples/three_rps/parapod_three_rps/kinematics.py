@@ -62,11 +62,11 @@ def jacobian(geometry: Geometry, pose: ArrayLike) -> Floats:
 
 def forward(geometry: Geometry, lengths: ArrayLike) -> Floats:
     """Pose (3) at lengths (3) [m] by Newton's method from the level pose; NaN where none is."""
-    wanted = np.asarray(lengths, dtype=float)
+    goal = np.asarray(lengths, dtype=float)
     reach = geometry.base - geometry.platform
-    pose = np.array([0.0, 0.0, np.sqrt(max(np.mean(wanted) ** 2 - reach**2, 1e-4))])
+    pose = np.array([0.0, 0.0, np.sqrt(max(np.mean(goal) ** 2 - reach**2, 1e-4))])
     for _ in range(20):
-        missing = wanted - inverse(geometry, pose)
+        missing = goal - inverse(geometry, pose)
         if np.abs(missing).max() < 1e-12:
             return pose
         pose = pose + np.linalg.solve(jacobian(geometry, pose), missing)

@@ -86,8 +86,8 @@ def add_plant(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | No
         drawing = add(builder, Drawing(meshcat), "drawing")
         connect(builder, platform.GetOutputPort("pose"), drawing.GetInputPort("pose"))
 
-    def reset(root_context: Context, begun: Scenario) -> None:
-        error = np.random.default_rng(begun.seed).uniform(-1.0, 1.0, 3) * begun.gain_error
+    def reset(root_context: Context, beginning: Scenario) -> None:
+        error = np.random.default_rng(beginning.seed).uniform(-1.0, 1.0, 3) * beginning.gain_error
         context = actuators.GetMyMutableContextFromRoot(root_context)
         actuators.set_gain_scale(context, 1.0 + error)
 
