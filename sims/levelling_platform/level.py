@@ -266,20 +266,21 @@ def _settling_time(
 ) -> float:
     """From the estimate until the platform stays level [s]; infinite if it does not.
 
-    It has to stay so until a waypoint asks for something else; some are shrunk to nothing.
+    It has to stay so until a waypoint asks for another posture. Waypoints that are shrunk until
+    level and they differ by less than the bounds ask for none; they widen the bounds instead.
     """
-    away = [np.abs([w.roll_deg, w.pitch_deg, w.height_mm]) for w in job.waypoints]
-    leaving = [
-        w.time
-        for w, size in zip(job.waypoints, away, strict=True)
-        if (scale * size > _LEVEL).any()
-    ]
-    levelling = (time >= job.estimate_at) & (
-        time < job.estimate_at + min(leaving, default=job.end)
-    )
-    outside = np.flatnonzero(
-        (np.abs(posture[levelling] - [0.0, 0.0, job.height_mm]) > _LEVEL).any(axis=1)
-    )
+    since = time - job.estimate_at
+    until, tolerance = job.end, np.tile(_LEVEL, (time.size, 1))
+    for waypoint in job.waypoints:
+        size = scale * np.abs([waypoint.roll_deg, waypoint.pitch_deg, waypoint.height_mm])
+        if (size > _LEVEL).any():
+            until = min(until, waypoint.time)
+        else:
+            begun = since >= waypoint.time
+            tolerance[begun] = np.maximum(tolerance[begun], _LEVEL + size)
+    levelling = (since >= 0.0) & (since < until)
+    error = np.abs(posture - [0.0, 0.0, job.height_mm])
+    outside = np.flatnonzero((error > tolerance)[levelling].any(axis=1))
     if not outside.size:
         return 0.0
     last = int(outside[-1]) + 1

@@ -220,6 +220,7 @@ class Part:
         quick_text: work of a quick report, where `text` says more than that.
         is_random: true if seeds make a difference.
         adds_to: name of an earlier part; what that one shows too is not shown again.
+        source: section, figures or equations of the paper; empty where the part goes beyond it.
     """
 
     name: str
@@ -231,6 +232,7 @@ class Part:
     quick_text: str = ""
     is_random: bool = True
     adds_to: str = ""
+    source: str = ""
 
 
 @dataclass(frozen=True)

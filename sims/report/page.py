@@ -65,6 +65,7 @@ def _chapter(run: ChapterRun, quick: bool) -> dict[str, Any]:
         ],
         "used": sum(claim.verdict(numbers).tone is not Tone.BAD for claim in claims_used),
         "counts": counts(run),
+        "contradicts": not all(check.passed for check in run.checks),
         "bounds": _bounds(run),
         "errata": list(zip(run.chapter.errata, run.checks, strict=True)),
         "parts": [_part(part, numbers.results, quick) for part in run.parts],

@@ -1,4 +1,4 @@
-"""The levelling platform's chapter: experiments in the paper's order, and what is beyond it."""
+"""The levelling platform's chapter: the machine's work, then its model."""
 
 import math
 
@@ -59,83 +59,11 @@ _ENGINES = (
 
 _PARTS = (
     Part(
-        "validate-kinematics",
-        "The kinematic model (section 3.3)",
-        "The paper holds Eqs. (10) to (12) beside a co-simulation on ground of 5 deg, and beside "
-        "its prototype. Here the same equations, solved in closed form, are held beside a plant "
-        "of rigid bodies with closed loops and contact: with legs as drawn, and with every length "
-        "off by up to .5 mm and every angle by up to .2 deg.",
-        "validate-kinematics",
-        quick=(
-            "plant.time_step=0.002",
-            "job.settled_after=1",
-            "job.waypoints=[{time: 1.5, roll_deg: 2, pitch_deg: -2, height_mm: 10}]",
-            "job.end=3",
-        ),
-    ),
-    Part(
-        "workspace",
-        "The workspace (section 4)",
-        "Where the tip of the upright arm can be: exact, in closed form, with its volume, beside "
-        "the eight surfaces that the paper prints. `--html FILE` writes a picture to be turned.",
-        "workspace",
-        quick=("resolution=40",),
-        is_random=False,
-    ),
-    Part(
-        "identify-actuators",
-        "The actuators (section 5.2)",
-        "Ten voltage steps with legs lifted and under the platform's weight; K from voltages and "
-        "encoders alone.",
-        "identify-actuators",
-        quick=_COARSE,
-    ),
-    Part(
-        "track-posture",
-        "The control of the posture (section 6.4)",
-        "Postures followed by three machines: legs as drawn, as built, and as built with the "
-        "outer inclination loop that the paper leaves as its next step.",
-        "track-posture",
-        quick=(
-            *_COARSE,
-            "job.settled_after=5",
-            "job.waypoints=[{time: 5.5, roll_deg: 2, pitch_deg: -1, height_mm: 15}]",
-            "job.end=13",
-        ),
-    ),
-    Part(
-        "slip",
-        "Slip of the feet (section 7)",
-        "The legs lift the platform, then they are braked and the arm swings by 45 deg in a "
-        "second. The solver's own creep on inclined ground is measured apart from it. (The "
-        "caption printed below Fig. 23 is that of Fig. 5.)",
-        "slip",
-        quick=("plant.time_step=0.002",),
-    ),
-    Part(
-        "level",
-        "The whole job",
-        "Beyond the paper's figures: unknown ground, noise, biases, friction and gains off by up "
-        "to 15 % at once. The platform finds out how the ground slopes, levels itself, follows "
-        "postures and holds while the arm swings.",
-        "level",
-        quick=_COARSE,
-    ),
-    Part(
-        "compare-engines",
-        "Two engines",
-        "Beyond the paper, which trusts one co-simulation: the same bodies, drives and commands, "
-        "simulated by Drake and by MuJoCo.",
-        "compare-engines",
-        quick=("steps_ms=[4, 2]", "plant.time_step=0.002", *_ENGINES),
-        is_random=False,
-    ),
-    Part(
         "deploy",
-        "The whole operation (section 2.2)",
-        "The paper says in three sentences how the platform is used: it drives to a place, lowers "
-        "its legs until they touch, and takes a posture. Here it does so under a supervisor, on "
-        "ground that is inclined and uneven, and drives away again.",
+        "The whole operation",
+        "The platform drives to a place, lowers its legs until they touch, levels itself and "
+        "takes a posture, on ground that is inclined and uneven, and drives away again. A "
+        "supervisor leads it. The paper describes this use in three sentences.",
         "deploy",
         quick=(
             "plant.leg_model=reduced",
@@ -143,43 +71,123 @@ _PARTS = (
             "drive.distance_m=0.05",
             "work.hold_s=0.5",
         ),
+        source="section 2.2",
     ),
     Part(
-        "fault-campaign",
-        "Faults",
-        "Beyond the paper: every kind of fault of every device in every phase of the operation, "
-        "what is found, after how long, and how the machine reacts.",
-        "fault-campaign",
-        quick=("device=encoder", "phase=posture", "window=3"),
-        quick_text="Beyond the paper: every kind of fault of an encoder while the platform takes "
-        "a posture, what is found, after how long, and how the machine reacts. The whole campaign "
-        "has every device and phase.",
-        is_random=False,
+        "level",
+        "The whole job",
+        "The platform estimates the slope of unknown ground, levels itself, follows postures and "
+        "holds while the arm swings, with noise, biases, friction and gains off by up to 15 % at "
+        "once. The paper has neither noise nor friction.",
+        "level",
+        quick=_COARSE,
+    ),
+    Part(
+        "track-posture",
+        "The control of the posture",
+        "Three machines follow postures: legs as drawn, legs as built, and legs as built with "
+        "the outer inclination loop that the paper leaves as its next step.",
+        "track-posture",
+        quick=(
+            *_COARSE,
+            "job.settled_after=5",
+            "job.waypoints=[{time: 5.5, roll_deg: 2, pitch_deg: -1, height_mm: 15}]",
+            "job.end=13",
+        ),
+        source="section 6.4",
     ),
     Part(
         "uneven-ground",
         "Uneven ground",
-        "Beyond the paper, which assumes a plane: feet at heights that differ by 40 mm.",
+        "The feet stand at heights that differ by 40 mm. The paper assumes a plane.",
         "uneven-ground",
         quick=_COARSE,
     ),
     Part(
+        "fault-campaign",
+        "Faults",
+        "Every kind of fault is injected into every device in every phase of the operation: "
+        "which finding follows, after how long, and how the machine reacts. The paper injects "
+        "none.",
+        "fault-campaign",
+        quick=("device=encoder", "phase=posture", "window=3"),
+        quick_text="Every kind of fault is injected into an encoder while the platform takes a "
+        "posture: which finding follows, after how long, and how the machine reacts. The whole "
+        "campaign has every device and phase.",
+        is_random=False,
+    ),
+    Part(
         "calibrate",
         "Calibration",
-        "Beyond the paper, which explains its errors by legs that are not equal: what the legs "
-        "really measure, from 30 recorded poses.",
+        "30 recorded poses give the true lengths of the legs. The paper explains its errors by "
+        "legs that are not equal, and does not measure them.",
         "calibrate",
+    ),
+    Part(
+        "validate-kinematics",
+        "The kinematic model",
+        "Eqs. (10) to (12), solved in closed form, are compared with a plant of rigid bodies "
+        "with closed loops and contact: with legs as drawn, and with every length off by up to "
+        ".5 mm and every angle by up to .2 deg. The paper compares them with a co-simulation on "
+        "ground of 5 deg and with its prototype.",
+        "validate-kinematics",
+        quick=(
+            "plant.time_step=0.002",
+            "job.settled_after=1",
+            "job.waypoints=[{time: 1.5, roll_deg: 2, pitch_deg: -2, height_mm: 10}]",
+            "job.end=3",
+        ),
+        source="section 3.3",
+    ),
+    Part(
+        "workspace",
+        "The workspace",
+        "Positions that the tip of the upright arm reaches: exact, in closed form, with their "
+        "volume, beside the eight surfaces that the paper prints. `--html FILE` writes a picture "
+        "to turn.",
+        "workspace",
+        quick=("resolution=40",),
+        is_random=False,
+        source="section 4",
     ),
     Part(
         "turntable",
         "The turntable",
-        "Beyond the paper: the motor in the arm's base, which the prototype has and the paper "
-        "leaves for future work.",
+        "A motor in the arm's base turns the arm. The prototype has it; the paper leaves it for "
+        "future work.",
         "workspace",
         ("turntable=true",),
         quick=("resolution=40",),
         is_random=False,
         adds_to="workspace",
+    ),
+    Part(
+        "identify-actuators",
+        "The actuators",
+        "Ten voltage steps with legs lifted and under the platform's weight give K from voltages "
+        "and encoders alone.",
+        "identify-actuators",
+        quick=_COARSE,
+        source="section 5.2",
+    ),
+    Part(
+        "slip",
+        "Slip of the feet",
+        "The legs lift the platform, then they are braked and the arm swings by 45 deg in a "
+        "second. The solver's own creep on inclined ground is measured apart from it. (The "
+        "caption printed below Fig. 23 is that of Fig. 5.)",
+        "slip",
+        quick=("plant.time_step=0.002",),
+        source="section 7",
+    ),
+    Part(
+        "compare-engines",
+        "Two engines",
+        "Drake and MuJoCo simulate the same bodies, drives and commands. The paper relies on one "
+        "co-simulation.",
+        "compare-engines",
+        quick=("steps_ms=[4, 2]", "plant.time_step=0.002", *_ENGINES),
+        is_random=False,
     ),
 )
 
@@ -222,10 +230,10 @@ CHAPTER = Chapter(
         "Sciences 8 (2018) 2612"
     ),
     summary=(
-        "A platform of 50 kg stands on four legs, each a parallelogram with a linear actuator on "
-        "its diagonal, and carries a light arm of 2 m. The paper gives its kinematic model, its "
-        "control and its workspace. Below is every number that it prints beside the same number "
-        "here, every figure again, and what goes beyond them."
+        "A platform of 50 kg drives to a place, lowers four legs, each a parallelogram with a "
+        "linear actuator on its diagonal, measures how the ground slopes, levels itself and "
+        "carries a light arm of 2 m. The machine and its work come first; the paper's model, "
+        "actuators and workspace follow, then each number that it prints beside the same here."
     ),
     parts=_PARTS,
     claims=CLAIMS,

@@ -80,12 +80,13 @@ _QUICK = (
 _PARTS = (
     Part(
         "centre-machining",
-        "Machining (section V-A, Fig. 7)",
-        "The paper drills nothing. Here a tripod of rigid bodies drills a row of inclined holes "
-        "into a panel of 3 m radius, with the drill's thrust and torque; every hole is checked "
-        "against the wrench index before it is begun.",
+        "Machining",
+        "A tripod of rigid bodies drills a row of inclined holes into a panel of 3 m radius, "
+        "with the drill's thrust and torque; every hole is checked against the wrench index "
+        "before it is begun. The paper drills none.",
         "centre-machining",
         quick=(_KINEMATIC, "holes.count=1"),
+        source="section V-A, Fig. 7",
     ),
     Part(
         "centre-machining-quadruped",
@@ -97,13 +98,13 @@ _PARTS = (
     ),
     Part(
         "centre-walk",
-        "Walking (section V-B and C, Figs. 7 and 8)",
+        "Walking",
         "Machining, reconfiguration, a swing of each limb and machining again, as in the phases "
-        "of Fig. 7. The paper shows one walk as a picture and prints no number of it; here the "
-        "plan is found, the bodies are rigid, the legs yield, and the feet are clamped where they "
-        "have come to.",
+        "of Fig. 7: the plan is searched, the bodies are rigid, the legs yield, and the feet are "
+        "clamped where they arrive. The paper shows one walk as a picture, without numbers.",
         "centre-walk",
         quick=(*_QUICK, "walk.advance_mm=60"),
+        source="section V-B and C, Figs. 7 and 8",
     ),
     Part(
         "centre-walk-quadruped",
@@ -115,22 +116,24 @@ _PARTS = (
     ),
     Part(
         "centre-locks",
-        "Locked joints (sections V-C and VII)",
-        "Which joints are locked while a foot swings decides whether the foot can be led and "
-        "whether the platform is held. The paper locks q_1 of both standing limbs and leaves the "
-        "choice to future work; here every pair is tried, by kinematics and with rigid bodies.",
+        "Locked joints",
+        "The joints that are locked while a foot swings decide whether the foot can be led and "
+        "whether the platform is held. Every pair is tried, by kinematics and with rigid bodies. "
+        "The paper locks q_1 of both standing limbs and leaves the choice to future work.",
         "centre-locks",
         quick=("poses=50",),
+        source="sections V-C and VII",
     ),
     Part(
         "centre-workspace",
-        "Workspace and wrenches (section VI, Tables I and II, Figs. 11 and 12)",
-        "Where the platform can be, upright, and what it resists there. The paper counts the "
-        "points of a grid that it does not print; here cells are made smaller until nothing "
-        "changes, and the grid with which the first row comes out stands beside them.",
+        "Workspace and wrenches",
+        "Positions that the upright platform reaches, and the wrenches that it resists there. "
+        "Cells are made smaller until the result stays; the grid that gives the paper's first "
+        "row stands beside them, since the paper does not print its own.",
         "centre-workspace",
         quick=("cell_mm=25",),
         is_random=False,
+        source="section VI, Tables I and II, Figs. 11 and 12",
     ),
 )
 
@@ -168,8 +171,8 @@ CHAPTER = Chapter(
         "A tripod and a quadruped, two prismatic actuators a limb, machine in six axes with all "
         "feet clamped, and walk: passive joints are locked, one foot is unclamped, and all legs "
         "together swing it. The paper gives the kinematics of both modes and compares what the "
-        "two machines reach and resist. Below is every number that it prints beside the same "
-        "number here, and its errata."
+        "two machines reach and resist. The machines and their work come first, then each number "
+        "that the paper prints beside the same here."
     ),
     parts=_PARTS,
     claims=CLAIMS,

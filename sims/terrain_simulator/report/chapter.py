@@ -36,40 +36,32 @@ _SHORT = ("gait.strides=1", "gait.run_up=0", "begin=0.1", "shift=0.1", "end=0.05
 
 _PARTS = (
     Part(
-        "bench-workspace",
-        "Workspaces and singularities (section 4, Tables 1 and 2, Fig. 6)",
-        "The paper shows the workspaces of both benches in three orientations each and concludes "
-        "that Table 2 fulfils Table 1. Here they are exact, with and without a distance from the "
-        "singularities, and what they hold of Table 1 is said box by box.",
-        "bench-workspace",
-        is_random=False,
-    ),
-    Part(
         "bench-walk",
-        "A walking trot on the pedal (section 2, Fig. 2)",
-        "The paper derives its specification from the ground reaction forces of a simulated "
-        "quadruped of 120 kg, which it shows as curves. Here one leg of such a robot trots at "
-        "1.5 m/s on the pedal: the plate gives it its footholds, the slide carries a quarter of "
-        "the body, and its drive plays the other legs. The forces stand beside the laws that bind "
-        "them.",
+        "A walking trot on the pedal",
+        "One leg of a quadruped of 120 kg trots at 1.5 m/s on the pedal: the plate gives it its "
+        "footholds, the slide carries a quarter of the body, and its drive acts for the other "
+        "legs. The forces are checked by the laws of mechanics. The paper derives its "
+        "specification from such forces and shows them as curves.",
         "bench-walk",
         quick=(*_SHORT, "gait.speed_m_s=0.8"),
+        source="section 2, Fig. 2",
     ),
     Part(
         "bench-walk-flying",
-        "A flying trot on the treadmill (section 2, Figs. 2 and 3)",
-        "The fastest motion that the paper names, 2.75 m/s. On the pedal it is possible at the "
-        "limit only; the treadmill, whose belt carries the foot back, has room for it.",
+        "A flying trot on the treadmill",
+        "2.75 m/s is the fastest motion that the paper names. The pedal reaches it just before "
+        "its limit; the treadmill, whose belt carries the foot back, has room for it.",
         "bench-walk",
         ("configuration=treadmill", "gait.speed_m_s=2.75", "gait.duty=0.4", "gait.ramp=0.3"),
         quick=(*_SHORT, "gait.speed_m_s=1"),
+        source="section 2, Figs. 2 and 3",
     ),
     Part(
         "bench-course",
         "Slopes, stairs and steps, on the bench and in the world",
-        "The paper names the terrains that the bench is for and plays none. Here each is walked "
-        "twice by the same leg with the same controller: on the plate that plays it, and over the "
-        "terrain itself, laid out in the world. That both agree is what makes the bench right.",
+        "The same leg with the same controller walks each terrain twice: on the plate that plays "
+        "it, and over the terrain itself. The bench is right if both agree. The paper names "
+        "these terrains and plays none.",
         "bench-course",
         quick=("courses=[slope down 20]", "strides=1", "run_up=0"),
         quick_text="One slope alone, on the bench and in the world.",
@@ -77,13 +69,24 @@ _PARTS = (
     ),
     Part(
         "bench-leg",
-        "Legs of somebody's own (section 3)",
-        "The bench is for legs of any structure that move in a plane. Here one of three joints, "
-        "described by a URDF, is looked at, steps, and jumps by 0.3 m, which is what Table 1's "
-        "vertical speed of 2.5 m/s is for; and the leg of the walking chair, which is a parallel "
-        "mechanism itself, stands and steps.",
+        "Legs of somebody's own",
+        "The bench is for legs of any structure that move in a plane. A leg of three joints, "
+        "described by a URDF, is examined, steps, and jumps by 0.3 m, for which Table 1 has its "
+        "vertical speed of 2.5 m/s; and the leg of the walking chair, a parallel mechanism "
+        "itself, stands and steps.",
         "bench-leg",
         quick=("jump_mm=100", "strides=1", "tries=[step, jump]"),
+        source="section 3",
+    ),
+    Part(
+        "bench-workspace",
+        "Workspaces and singularities",
+        "Exact workspaces of both benches, with and without a distance from the singularities, "
+        "and the part of Table 1 that they contain, box by box. The paper shows them in three "
+        "orientations and concludes that Table 2 fulfills Table 1.",
+        "bench-workspace",
+        is_random=False,
+        source="section 4, Tables 1 and 2, Fig. 6",
     ),
 )
 
@@ -119,8 +122,8 @@ CHAPTER = Chapter(
     summary=(
         "A bench moves a pedal or a small treadmill under a single leg, so that it walks, trots "
         "and climbs without a robot around it: three sliders on one rail lead the plate along, up "
-        "and round. The paper gives the kinematics, singularities and workspaces. Below is every "
-        "number that it prints beside the same number here, and its errata."
+        "and round. Walks, runs and courses come first, then the workspaces and each number "
+        "that the paper prints beside the same here."
     ),
     parts=_PARTS,
     claims=CLAIMS,

@@ -44,33 +44,45 @@ def _take() -> tuple[Picture, ...]:
 
 _PARTS = (
     Part(
+        "chair-walk",
+        "Walking with a passenger",
+        "Four legs with closed loops, contact and a passenger of 57 kg, forward and back.",
+        "chair-walk",
+        quick=("plant.time_step=0.005", "gait.way=forward"),
+        source="Figs. 15 to 18",
+    ),
+    Part(
         "chair-gait",
-        "The trotting gait (Fig. 8)",
+        "The trotting gait",
         "Lengths, speeds and accelerations of all twelve branches, for the body's motion as it "
         "is printed (Eq. 45) and for one without steps of the velocity.",
         "chair-gait",
         is_random=False,
+        source="Fig. 8",
     ),
     Part(
         "chair-circle",
-        "A foot on a circle (Eq. 49, Figs. 11 and 14)",
-        "The paper measures one leg's foot with a laser tracker. Here drives with a lag, gains "
-        "that are off and an encoder follow the same circle in the three modes that the paper "
-        "compares in words.",
+        "A foot on a circle",
+        "Drives with a lag, gains that are off and an encoder lead one foot on a circle in the "
+        "three modes that the paper compares in words. The paper measures it with a laser "
+        "tracker.",
         "chair-circle",
         is_random=False,
+        source="Eq. 49, Figs. 11 and 14",
     ),
     Part(
-        "chair-walk",
-        "Walking with a passenger (Figs. 15 to 18)",
-        "Four legs with closed loops, contact and a passenger of 57 kg, forward and back.",
-        "chair-walk",
-        quick=("plant.time_step=0.005", "gait.way=forward"),
+        "chair-payload",
+        "How much it carries",
+        "The largest payload over the gait by linear programming, beside the paper's, which is "
+        "measured by the rated current.",
+        "chair-payload",
+        is_random=False,
+        source="Eqs. 50 to 55",
     ),
     Part(
         "chair-engines",
         "Two engines",
-        "Beyond the paper: the same bodies, drives and gait, simulated by Drake and by MuJoCo.",
+        "Drake and MuJoCo simulate the same bodies, drives and gait.",
         "chair-engines",
         quick=(
             "steps_ms=[4]",
@@ -80,14 +92,6 @@ _PARTS = (
             "gait.swing_height_mm=10",
             "gait.phase_duration=1",
         ),
-        is_random=False,
-    ),
-    Part(
-        "chair-payload",
-        "How much it carries (Eqs. 50 to 55)",
-        "The largest payload over the gait by linear programming, beside the paper's, which is "
-        "measured by the rated current.",
-        "chair-payload",
         is_random=False,
     ),
 )
@@ -131,9 +135,8 @@ CHAPTER = Chapter(
     ),
     summary=(
         "A chair of 49 kg stands on four legs, each a 2-UPS+UP parallel mechanism, and carries a "
-        "passenger with a trotting gait on flat feet. The paper gives the kinematics of leg and "
-        "chair, the gait, a compound position control and experiments. Below is every number "
-        "that it prints beside the same number here, every figure again, and its errata."
+        "passenger with a trotting gait on flat feet. The walk comes first, then gait, control "
+        "and payload, then each number that the paper prints beside the same here."
     ),
     parts=_PARTS,
     claims=CLAIMS,

@@ -115,6 +115,13 @@ def test_waypoints_that_shrank_to_nothing_do_not_end_the_way_to_the_level_postur
     assert result["settling_time_s"] > 7.0  # the first waypoint comes before
 
 
+def test_waypoints_smaller_than_the_bounds_do_not_undo_a_level_posture(steep):
+    result = steep(-6.0, -2.0)
+    assert 0.1 < result["posture_scale"] < 0.2  # waypoints of 0.17 deg, bounds of 0.2 deg
+    assert 6.0 < result["settling_time_s"] < 7.0
+    assert result.broken == ()
+
+
 def test_a_platform_that_never_gets_level_has_no_settling_time(execute):
     weak = ("control.voltage_limit=0.5", "actuators.coulomb_friction=2e4")
     result = execute("level", *BRIEF, *weak)

@@ -125,7 +125,7 @@ def test_the_contents_list_all_chapters_with_their_sections_first(page):
     assert len(chapters) == 2
     sections = []
     for at, title in ((1, CHAPTER.title), (2, "Another thing")):
-        links = [f"numbers-{at}", f"missing-{at}", f"machine-{at}", f"swing-{at}", f"errata-{at}"]
+        links = [f"machine-{at}", f"swing-{at}", f"numbers-{at}", f"missing-{at}", f"errata-{at}"]
         sections += [f"chapter-{at}", *links]
         assert re.search(rf'<a href="#chapter-{at}">{title}</a>', above)
         # A chapter's own contents stay.
@@ -135,10 +135,16 @@ def test_the_contents_list_all_chapters_with_their_sections_first(page):
     assert Tags(above.split("<header>")[1].split("</header>")[0]).targets == sections
 
 
-def test_what_is_put_in_and_the_components_are_folded_away_and_counted(page):
+def test_the_machine_comes_first_and_the_papers_apparatus_is_folded_away_and_counted(page):
     _, text = page()
-    folded = re.findall(r"<details>(.*?)</details>", text, re.DOTALL)
-    assert text.count("<details") == len(folded) == 2  # closed, each of them
+    above, apparatus = text.split('<details class="paper" id="paper-1">')  # closed
+    assert above.index('id="machine-1"') < above.index('id="swing-1"')
+    assert apparatus.startswith(
+        "\n<summary>Beside the paper <small>(3 printed numbers, 1 erratum)</small></summary>"
+    )
+    assert all(f'id="{part}-1"' in apparatus for part in ("numbers", "missing", "errata"))
+    folded = re.findall(r"<details>(.*?)</details>", apparatus, re.DOTALL)
+    assert text.count("<details") == len(folded) + 1 == 3  # closed, each of them
     used, components = folded
     assert re.search(r"<summary>What is put in <small>\(1 numbers?, 1 of them as ", used)
     assert '<td data-is="printed" class="number">50 kg</td>' in used
@@ -146,6 +152,20 @@ def test_what_is_put_in_and_the_components_are_folded_away_and_counted(page):
     assert "<th>component in the paper (Table 9)</th>" in components
     assert "<code>Motor</code>" in components
     assert "4 times better" not in used
+
+
+def test_the_papers_apparatus_is_open_where_an_erratum_is_not_shown(page):
+    wrong = replace(CHAPTER.errata[0], check=lambda _: Check("it is", False))
+    assert 'id="paper-1" open>' in page(replace(CHAPTER, errata=(wrong,)))[1]
+
+
+def test_a_part_names_its_source_in_the_paper(page):
+    sourced = replace(CHAPTER.parts[0], source="Eq. 7")
+    assert (
+        "Swinging <small>Eq. 7 of the paper</small></h3>"
+        in (page(replace(CHAPTER, parts=(sourced,)))[1])
+    )
+    assert "Swinging</h3>" in page()[1]
 
 
 def test_what_is_folded_away_is_printed(page):
