@@ -150,13 +150,13 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
         """Largest differences, gaps, and how fast each was."""
         late = data.run.time >= self.counts_from(scenario)
         for quantity in self.quantities:
-            kind = "root mean square" if quantity.is_rough else "largest"
+            kind = ("largest", "root mean square")[quantity.is_rough]
             yield Metric(
                 f"{quantity.key}_difference_{quantity.unit}",
                 quantity.difference(data.signals, late),
                 quantity.unit,
                 quantity.bound,
-                meaning=f"{kind} between the engines, of {quantity.meaning}",
+                meaning=f"difference of {quantity.meaning} between the engines, {kind}",
             )
         settings: Any = scenario
         most = self.most_open if settings.plant.time_step <= FINE_STEP else None
@@ -178,7 +178,8 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
                     f"{quantity.key}_difference_at_{1e6 * step:.0f}_us",
                     quantity.difference(pair, late),
                     quantity.unit,
-                    meaning=f"difference between the engines with steps of {1e3 * step:g} ms",
+                    meaning=f"difference of {quantity.meaning} between the engines, steps of "
+                    f"{1e3 * step:g} ms",
                 )
 
     def draw(self, scenario: S, data: Engines) -> Iterator[Figure]:

@@ -78,6 +78,7 @@ _NAMED = 1.5
 # What the paper's closed loop stayed within (section 7).
 _ANGLE_BOUND, _HEIGHT_BOUND = 0.2, 2.0
 _PAPER = (0.2, 0.2, 2.0)
+_NOT_HELD = "the platform held no posture"
 _LIFTED = 0.5  # a foot that is back sooner has not been lost [s]
 _CLEARANCE = 20.0  # clearance of the wheels while the platform works [mm]
 # A command that jumps is one that changes by more than this in a period [V].
@@ -296,7 +297,7 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
         """
         run = data.run
         data.watch.raise_refusal(run.context)
-        meaning = "of what the operator wanted to do"
+        meaning = "steps of the operator's plan that were not done"
         yield Metric("steps_left", data.steps_left, "", 0.0, meaning=meaning)
         yield from _posture(scenario, run)
         yield from _standing(scenario, run)
@@ -455,10 +456,11 @@ def _posture(scenario: DeployScenario, signals: Signals) -> list[Metric]:
         desired[2] += np.mean(scenario.ground.foot_heights_mm)
     reached = in_deg_and_mm(posture_of(scenario, signals)[_holding(signals)])
     error = reached - desired if reached.size else np.full((1, 3), np.nan)
-    meaning = "largest while the posture is held, against gravity and the feet's mean height"
+    condition = "while the posture is held, against gravity and the feet's mean height"
     if not is_true:
-        meaning += ", as measured"
-    return error_metrics(error, "", (_ANGLE_BOUND, _HEIGHT_BOUND), _PAPER, meaning)
+        condition += ", as measured"
+    bounds = (_ANGLE_BOUND, _HEIGHT_BOUND)
+    return error_metrics(error, "", bounds, _PAPER, condition, _NOT_HELD)
 
 
 def _standing(scenario: DeployScenario, signals: Signals) -> list[Metric]:
@@ -472,6 +474,7 @@ def _standing(scenario: DeployScenario, signals: Signals) -> list[Metric]:
             "mm",
             at_least=1e3 * StabilityMonitorParams().margin,
             meaning="smallest margin of the zero-moment point inside the feet, while held",
+            undefined=_NOT_HELD,
         ),
         Metric(
             "wheel_clearance_mm",
@@ -479,6 +482,7 @@ def _standing(scenario: DeployScenario, signals: Signals) -> list[Metric]:
             "mm",
             at_least=_CLEARANCE,
             meaning="clearance of the lowest wheel while held",
+            undefined=_NOT_HELD,
         ),
         Metric(
             "lifted_s",

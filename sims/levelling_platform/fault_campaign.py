@@ -402,7 +402,7 @@ def _metrics(cells: Sequence[Cell]) -> tuple[Metric, ...]:
     caught = [cell for cell in injected if cell.device != "command"]
     none = 0.0
     return (
-        Metric("cells", len(cells), meaning="devices x kinds x phases"),
+        Metric("cells", len(cells), meaning="cells of the campaign: devices x kinds x phases"),
         Metric("cells_injected", len(injected), meaning="cells whose signal really changed"),
         Metric("cells_found", len(injected) - len(unnoticed), meaning="faults detected"),
         Metric(
@@ -424,7 +424,7 @@ def _metrics(cells: Sequence[Cell]) -> tuple[Metric, ...]:
             sum(cell.is_misnamed for cell in injected),
             "",
             none,
-            meaning="found under the name of another device",
+            meaning="faults found under the name of another device",
         ),
         Metric(
             "cells_late",

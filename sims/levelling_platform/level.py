@@ -175,6 +175,8 @@ def _posture_metrics(
             "s",
             _settling_bound(scenario, run.time, posture),
             meaning=f"time until level within {_ANGLE_BOUND:g} deg and {_HEIGHT_BOUND:g} mm",
+            undefined="the platform was not level before a waypoint asked for another posture, or "
+            "the end",
         ),
     ]
 
@@ -276,8 +278,8 @@ def _settling_time(
         if (size > _LEVEL).any():
             until = min(until, waypoint.time)
         else:
-            begun = since >= waypoint.time
-            tolerance[begun] = np.maximum(tolerance[begun], _LEVEL + size)
+            later = since >= waypoint.time
+            tolerance[later] = np.maximum(tolerance[later], _LEVEL + size)
     levelling = (since >= 0.0) & (since < until)
     error = np.abs(posture - [0.0, 0.0, job.height_mm])
     outside = np.flatnonzero((error > tolerance)[levelling].any(axis=1))

@@ -170,7 +170,8 @@ def error_metrics(
     prefix: str = "",
     bounds: tuple[float | None, float | None] = (None, None),
     paper: tuple[float | None, float | None, float | None] = (None, None, None),
-    meaning: str = "",
+    condition: str = "",
+    undefined: str = "",
 ) -> list[Metric]:
     """The largest errors as metrics `<prefix>roll_error_deg`, and so on.
 
@@ -179,7 +180,8 @@ def error_metrics(
         prefix: prefix of the keys.
         bounds: bounds of the angles [deg] and of the height [mm]; None for none.
         paper: values of the paper for roll, pitch [deg] and height [mm].
-        meaning: meaning of the first metric, for people.
+        condition: time and reference of the errors, for people.
+        undefined: reason for which there may be no finite errors.
     """
     largest = np.abs(error).max(axis=0)
     return [
@@ -189,7 +191,8 @@ def error_metrics(
             unit,
             bounds[0] if unit == "deg" else bounds[1],
             paper=paper[i],
-            meaning=meaning,
+            meaning=f"largest {key.split('_')[0]} error {condition}",
+            undefined=undefined,
         )
         for i, (key, unit, _) in enumerate(AXES)
     ]

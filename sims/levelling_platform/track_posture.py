@@ -223,8 +223,7 @@ def _outer(scenario: LevellingScenario) -> LevellingScenario:
 def _errors(
     run: _Run, prefix: str, bounds: tuple[float | None, float | None], whose: str
 ) -> list[Metric]:
-    meaning = f"largest at rest, {whose}"
-    return error_metrics(run.error[run.at_rest], prefix, bounds, _PAPER, meaning)
+    return error_metrics(run.error[run.at_rest], prefix, bounds, _PAPER, f"at rest, {whose}")
 
 
 def _extension_error(run: _Run, port: str, whose: str, bound: float | None = None) -> Metric:
@@ -262,18 +261,18 @@ def _moving_errors(perturbed: _Run, outer: _Run) -> list[Metric]:
             "perturbed_moving_rms_deg",
             perturbed.moving_error,
             "deg",
-            meaning="inclination while moving, legs as built",
+            meaning="largest inclination error while moving, legs as built",
         ),
         Metric(
             "outer_loop_moving_rms_deg",
             outer.moving_error,
             "deg",
-            meaning="inclination while moving, with the outer loop",
+            meaning="largest inclination error while moving, with the outer loop",
         ),
         Metric(
             "outer_loop_moving_ratio",
             outer.moving_error / perturbed.moving_error,
-            meaning="inclination error with the outer loop by that without, while moving",
+            meaning="ratio of the inclination error while moving, with the outer loop to without",
         ),
         Metric(
             "outer_loop_moving_loss_deg",
@@ -294,21 +293,21 @@ def _stability(scenario: LevellingScenario) -> list[Metric]:
         for delay in _DELAYS
         for axis in margins(loop, delay + sample_period())
     ]
-    of = "smallest for K +-15 % and up to 20 ms of delay beside the sampling"
+    condition = "for K +-15 % and up to 20 ms of delay beside the sampling"
     return [
         Metric(
             "gain_margin_dB",
             min(axis.gain_db for axis in limits),
             "dB",
             at_least=_GAIN_MARGIN,
-            meaning=of,
+            meaning=f"smallest gain margin {condition}",
         ),
         Metric(
             "phase_margin_deg",
             math.degrees(min(axis.phase for axis in limits)),
             "deg",
             at_least=_PHASE_MARGIN,
-            meaning=of,
+            meaning=f"smallest phase margin {condition}",
         ),
         Metric(
             "crossover_rad_s",

@@ -43,7 +43,7 @@ class UnevenGround(LevellingExperiment[Run]):
         yield from error_metrics(
             (_truth(scenario, run) - _desired(run))[settled],
             bounds=_BOUNDS,
-            meaning="largest error after settling, against gravity and the feet's mean height",
+            condition="after settling, against gravity and the feet's mean height",
         )
         yield from _feet(run, np.array(scenario.ground.foot_heights_mm))
 
@@ -74,7 +74,12 @@ def _feet(run: Run, heights: np.ndarray) -> list[Metric]:
     lift = 1e3 * run["truth.foot_height"].max(axis=0)
     offsets = 1e3 * run["foot_offsets_estimated"][-1]
     return [
-        Metric("unevenness_mm", float(np.ptp(heights)), "mm", meaning="highest less lowest foot"),
+        Metric(
+            "unevenness_mm",
+            float(np.ptp(heights)),
+            "mm",
+            meaning="height of the highest foot above the lowest",
+        ),
         Metric(
             "largest_offset_mm",
             float(np.abs(offsets).max()),

@@ -92,8 +92,8 @@ class ValidateKinematics(LevellingExperiment[Comparisons]):
             (data.drawn, "", _BOUNDS, _SIMULATED, "as drawn, on a slope"),
             (data.built, "perturbed_", (None, None), _MEASURED, "as built, on a floor"),
         ):
-            meaning = f"largest difference of model and plant, legs {legs}"
-            yield from error_metrics(case.truth - case.model, prefix, bounds, paper, meaning)
+            condition = f"of the model against the plant, legs {legs}"
+            yield from error_metrics(case.truth - case.model, prefix, bounds, paper, condition)
 
     def draw(self, scenario: LevellingScenario, data: Comparisons) -> Iterator[Figure]:
         """Postures of both (Figs. 8 to 11)."""

@@ -228,7 +228,12 @@ def measure_volume(scenario: WorkspaceScenario) -> Finding:
     coarser = _volume(arm, scenario.resolution // 2)
     tips = Workspace(GEOMETRY, arm).tip_of_extensions(boundary(GEOMETRY, _EDGE))
     extents = [
-        Metric(f"extent_{axis}_mm", 1e3 * float(np.ptp(tips[:, i])), "mm")
+        Metric(
+            f"extent_{axis}_mm",
+            1e3 * float(np.ptp(tips[:, i])),
+            "mm",
+            meaning=f"extent of the workspace along {axis}",
+        )
         for i, axis in enumerate("xyz")
     ]
     return Finding(
@@ -243,7 +248,8 @@ def measure_volume(scenario: WorkspaceScenario) -> Finding:
                 _round_trip_error(scenario, arm),
                 "m",
                 _ROUND_TRIP_BOUND,
-                meaning=f"extensions to tip and back, largest of {_ROUND_TRIPS}, inclined ground",
+                meaning=f"largest error of {_ROUND_TRIPS} round trips from extensions to tip, on "
+                "a slope",
             ),
         )
     )
@@ -255,11 +261,11 @@ def _volume(arm: ArmGeometry, resolution: int) -> float:
 
 def _resolution_error(what: str, value: float, coarser: float) -> Metric:
     return Metric(
-        f"{what}_resolution_error",
+        f"{what.split()[0]}_resolution_error",
         abs(coarser / value - 1.0),
         "",
         _RESOLUTION_BOUND,
-        meaning="relative difference to the volume at half the resolution",
+        meaning=f"relative change of the {what} from half the resolution",
     )
 
 
@@ -293,19 +299,19 @@ def compare_surfaces(scenario: WorkspaceScenario) -> Finding:
             "inside_fraction_counted",
             _share(grid.count, is_inside),
             paper=_PAPER_SHARE,
-            meaning="share of points that are uniform in the extensions of legs 1 to 3",
+            meaning="share inside the surfaces of points uniform in three legs' extensions",
         ),
         Metric(
             "inside_fraction_best",
             share,
             paper=_PAPER_SHARE,
-            meaning="largest share of the volume inside, by the place of the arm's base",
+            meaning="largest share of the volume inside the surfaces for any base of the arm",
         ),
         Metric(
             "unreachable_fraction",
             1.0 - float(is_reached.mean()),
             paper=0.0,
-            meaning="share of what the surfaces enclose that the tip does not reach",
+            meaning="share of the enclosed volume that the tip does not reach",
         ),
         Metric(
             "enclosed_volume_m3",
@@ -433,14 +439,18 @@ def measure_turntable(scenario: WorkspaceScenario) -> Finding:
         Metric(
             "swept_volume_m3", swept, "m^3", meaning="volume reached with the turntable turning it"
         ),
-        _resolution_error("swept", swept, coarser),
-        Metric("swept_gain", swept / leaning, meaning="swept by leaning volume"),
+        _resolution_error("swept volume", swept, coarser),
+        Metric(
+            "swept_gain",
+            swept / leaning,
+            meaning="ratio of the volume with the turntable to that of the leaning arm",
+        ),
         Metric(
             "stability_margin_mm",
             1e3 * _least_stability(arm),
             "mm",
             at_least=0.0,
-            meaning="least distance of the centre of mass from the edges between the feet",
+            meaning="smallest distance of the centre of mass from the edges between the feet",
         ),
     )
     note = (

@@ -225,14 +225,14 @@ def common_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
         yield Metric(
             "smallest_wrench_index",
             float(run["wrench_index"][machining].min()),
-            meaning="w_minmax of the postures in which is drilled",
+            meaning="smallest w_MinMax of the postures while drilling",
         )
         yield Metric(
             "smallest_wrench_margin_N",
             float(run["wrench_margin"][machining].min()),
             "N",
             at_least=0.0,
-            meaning="force resisted in every direction, less drill and weight",
+            meaning="smallest force resisted in every direction, less drill and weight",
         )
     yield Metric(
         "clamps_open",

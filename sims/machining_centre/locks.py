@@ -193,11 +193,12 @@ class CentreLocks(Experiment[CentreLocksScenario, Comparison]):
     def measure(self, scenario: CentreLocksScenario, data: Comparison) -> Iterator[Metric]:
         """Singular values of the best pair and the paper's, and what falls."""
         best, printed = data.best, data.printed
-        share = f"{100.0 - _PERCENTILE:.0f} % of the poses are better"
-        yield Metric("best_sigma", best.sigma, meaning=f"{best.name}; parallel to the ground")
-        yield Metric("best_sigma_around", best.sigma_around, meaning=share)
-        yield Metric("paper_sigma", printed.sigma, meaning=f"{printed.name}; parallel")
-        yield Metric("paper_sigma_around", printed.sigma_around, meaning=share)
+        for key, pair in (("best", best), ("paper", printed)):
+            where = f"smallest singular value with {pair.name} locked"
+            meaning = f"{where}, platform parallel to the ground"
+            yield Metric(f"{key}_sigma", pair.sigma, meaning=meaning)
+            meaning = f"{where}, exceeded in {100.0 - _PERCENTILE:.0f} % of the poses"
+            yield Metric(f"{key}_sigma_around", pair.sigma_around, meaning=meaning)
         yield Metric(
             "paper_sunk_mm",
             1e3 * printed.sunk,
@@ -229,7 +230,7 @@ class CentreLocks(Experiment[CentreLocksScenario, Comparison]):
             1e3 * data.unlocked_sunk,
             "mm",
             at_least=1e3 * _FALLEN,
-            meaning="a tripod without any lock falls",
+            meaning="way by which a tripod without locks sinks",
         )
         yield Metric(
             "quadruped_sigma",
@@ -241,7 +242,7 @@ class CentreLocks(Experiment[CentreLocksScenario, Comparison]):
             1e3 * data.quadruped_sunk,
             "mm",
             1.0,
-            meaning="its three limbs hold it",
+            meaning="way by which a quadruped without locks sinks on three limbs",
         )
 
     def note(self, scenario: CentreLocksScenario, data: Comparison) -> Iterator[str]:

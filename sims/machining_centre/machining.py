@@ -71,6 +71,7 @@ def _errors(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
         "mm",
         _LOADED if has_thrust else _FREE,
         meaning="error of the drill's tip, root mean square while machining",
+        undefined="the drill did not machine",
     )
     yield Metric(
         "position_error_free_mm",
@@ -78,16 +79,21 @@ def _errors(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
         "mm",
         _FREE,
         meaning="error of the drill's tip, root mean square outside the material",
+        undefined="the drill was always in the material",
     )
     yield Metric(
         "angle_error_mrad",
         1e3 * rms(angle[machining]),
         "mrad",
         meaning="angle error of the platform, root mean square while machining",
+        undefined="the drill did not machine",
     )
     if has_thrust:
         yield Metric(
-            "peak_thrust_N", float(run["tool.force"][:, 0].max()), "N", meaning="on the drill"
+            "peak_thrust_N",
+            float(run["tool.force"][:, 0].max()),
+            "N",
+            meaning="largest thrust on the drill",
         )
     deepest = -float(run["truth.tip_height"][machining].min())
     depth = 1e-3 * scenario.holes.depth_mm * np.cos(np.radians(scenario.holes.tilt_deg))
@@ -104,7 +110,7 @@ def _errors(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
             "holes",
             float(run["operation"][-1, 0]),
             at_least=holes,
-            meaning="holes that are drilled",
+            meaning="drilled holes",
         )
 
 

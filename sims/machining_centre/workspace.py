@@ -194,19 +194,19 @@ class CentreWorkspace(Experiment[CentreWorkspaceScenario, Workspaces]):
 def _table(name: str, survey: Survey, limbs: int) -> Iterator[Metric]:
     for threshold, printed in zip(THRESHOLDS, REACHABLE_PERCENT[limbs], strict=True):
         key = "reachable" if not threshold else f"above_{round(1e3 * threshold):03d}"
-        words = "reached" if not threshold else f"reached with w_MinMax > {threshold:g}"
+        condition = f" with w_MinMax > {threshold:g}" if threshold else ""
         yield Metric(
             f"{name}_{key}_percent",
             survey.percent(threshold),
             "%",
             paper=printed,
-            meaning=f"{words}, of the box",
+            meaning=f"share of the box that the {name} reaches{condition}",
         )
-    names = ("w_minmax", "w_max", "ratio")
+    names = {"w_minmax": "w_MinMax", "w_max": "w_Max", "ratio": "w_Max / w_MinMax"}
     means = survey.means(MEANS_ABOVE) if survey.percent(MEANS_ABOVE) else (math.nan,) * 3
-    for key, mean, printed in zip(names, means, MEANS[limbs], strict=True):
+    for (key, words), mean, printed in zip(names.items(), means, MEANS[limbs], strict=True):
         if math.isfinite(mean):
-            meaning = f"where w_MinMax > {MEANS_ABOVE:g}"
+            meaning = f"mean of {words} where w_MinMax > {MEANS_ABOVE:g}, {name}"
             yield Metric(f"{name}_{key}_mean", mean, paper=printed, meaning=meaning)
 
 
@@ -215,7 +215,7 @@ def _comparison(data: Workspaces) -> Iterator[Metric]:
     counted = {limbs: data.printed[limbs].percent(0.0) for limbs in NAMES}
     printed = {limbs: REACHABLE_PERCENT[limbs][0] for limbs in NAMES}
     for limbs, name in NAMES.items():
-        meaning = f"reached, of {_NODES} nodes an edge, faces included"
+        meaning = f"share of nodes that the {name} reaches, {_NODES} along an edge, faces included"
         yield Metric(
             f"{name}_nodes_percent", counted[limbs], "%", paper=printed[limbs], meaning=meaning
         )
@@ -232,27 +232,27 @@ def _comparison(data: Workspaces) -> Iterator[Metric]:
         three.percent(0.0) - four.percent(0.0),
         "points",
         at_least=0.0,
-        meaning="than the quadruped, without a threshold",
+        meaning="share of the box reached by the tripod, less the quadruped's",
     )
     yield Metric(
         "quadruped_resists_more",
         min(four.percent(t) - three.percent(t) for t in THRESHOLDS[1:]),
         "points",
         at_least=0.0,
-        meaning="points above a threshold than the tripod, least of the three thresholds",
+        meaning="smallest lead of the quadruped in the share of the box above each threshold",
     )
     yield Metric(
         "quadruped_w_max_least",
         float(four.push.min()),
         at_least=MEANS[4][1],
-        meaning="least w_Max wherever it reaches, however moments are weighed; the printed mean "
-        "is less",
+        meaning="smallest w_Max of the quadruped, however moments are weighed; the printed "
+        "mean is less",
     )
     yield Metric(
         "tripod_w_max_most",
         float(three.indices.w_max.max()),
         bound=MEANS[3][1],
-        meaning="largest w_Max anywhere; the printed mean is more",
+        meaning="largest w_Max of the tripod; the printed mean is more",
     )
 
 

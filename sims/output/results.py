@@ -43,6 +43,7 @@ class Metric:
         is_timing: true if the clock has measured it: the same run gives another value each time.
         paper: value of the paper, in the same unit, or in words; None if it has none.
         meaning: meaning of the number, for people.
+        undefined: reason for which there may be no finite number, for people.
     """
 
     key: str
@@ -53,6 +54,14 @@ class Metric:
     meaning: str = ""
     at_least: float | None = None
     is_timing: bool = False
+    undefined: str = ""
+
+    @property
+    def remark(self) -> str:
+        """Meaning, and the reason for a value that is not finite."""
+        if not self.undefined or math.isfinite(self.value):
+            return self.meaning
+        return f"{self.meaning}; {amount(self.value)}: {self.undefined}"
 
     @property
     def is_bounded(self) -> bool:
@@ -97,7 +106,8 @@ class Metric:
     def __str__(self) -> str:
         bound = f"bound {self.limits.removeprefix('<= ')} {self.unit}".rstrip()
         bound = bound if self.is_bounded else "no bound"
-        return f"{self.key} = {amount(self.value, self.unit)} ({bound})"
+        reason = "" if not self.undefined or math.isfinite(self.value) else f": {self.undefined}"
+        return f"{self.key} = {amount(self.value, self.unit)} ({bound}){reason}"
 
 
 @dataclass(frozen=True)
@@ -184,7 +194,7 @@ class Result:
 
         rows = "".join(
             f"<tr><td style='text-align:left'>{escape(m.key)}<br>"
-            f"<small>{escape(m.meaning)}</small></td>"
+            f"<small>{escape(m.remark)}</small></td>"
             f"<td>{amount(m.value, m.unit)}</td><td>{escape(m.limits)}</td>"
             f"<td>{escape(as_words(m.paper))}</td><td>{m.verdict}</td></tr>"
             for m in self.metrics
@@ -245,8 +255,8 @@ def _width(cell: Text | str) -> int:
 
 def _row(metric: Metric) -> list[Text]:
     name = Text(f"{metric.key} [{metric.unit}]" if metric.unit else metric.key)
-    if metric.meaning:
-        name.append(f"\n{metric.meaning}", style="dim")
+    if metric.remark:
+        name.append(f"\n{metric.remark}", style="dim")
     style = {"held": "green", "BROKEN": "bold red"}.get(metric.verdict, "")
     verdict = Text(metric.verdict, style=style)
     paper = Text(as_words(metric.paper))

@@ -265,7 +265,7 @@ def _spread(ends: Found, homing: Homing) -> Metric:
         1e3 * float(ends.spread.max()),
         "mm",
         1e3 * homing.spread,
-        meaning=f"spread of {APPROACHES} approaches to an end",
+        meaning=f"largest spread of {APPROACHES} approaches to an end",
     )
 
 

@@ -194,7 +194,7 @@ def _read(
             1e3 * float(np.median(costs)),
             "ms",
             1e3 * _STEP,
-            meaning=f"one reading of {thread.device.name}",
+            meaning=f"median time of one reading of {thread.device.name}",
         )
     ]
     if "accel" in rows:
@@ -216,9 +216,15 @@ def _at_rest(accel: NDArray[np.float64], gyro: NDArray[np.float64]) -> list[Metr
             _GRAVITY_ERROR,
             meaning="error of the specific force",
         ),
-        Metric("gyro_at_rest_deg_s", rate, "deg/s", _RATE_AT_REST, meaning="largest mean rate"),
         Metric(
-            "upside_down", float(up <= 0.0), bound=0.0, meaning="1: the z axis does not point up"
+            "gyro_at_rest_deg_s",
+            rate,
+            "deg/s",
+            _RATE_AT_REST,
+            meaning="largest mean turn rate at rest",
+        ),
+        Metric(
+            "upside_down", float(up <= 0.0), bound=0.0, meaning="1 if the z axis does not point up"
         ),
     ]
 
@@ -267,12 +273,12 @@ def _move(
     others = np.delete(np.abs(way).max(axis=0), move.index)
     unit = move.measured_unit
     return [
-        Metric("reached", reached, unit, meaning=f"expected {expected:.3g} {unit}"),
+        Metric("reached", reached, unit, meaning=f"measured way, {expected:.3g} {unit} expected"),
         Metric(
             "wrong_sign",
             float(reached * expected <= 0.0),
             bound=0.0,
-            meaning="1: moves against the command, or not at all (at its end?)",
+            meaning="1 if the axis moves against the command, or rests (at its end?)",
         ),
         Metric(
             "scale_error_percent",

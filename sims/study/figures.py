@@ -1,4 +1,4 @@
-"""Figures of a study: distributions, contributions of the variables, borders of feasibility."""
+"""Figures of a study, in order of worth: maps of what holds, contributions, distributions."""
 
 import itertools
 import math
@@ -11,8 +11,7 @@ from scipy.ndimage import gaussian_filter  # type: ignore[import-untyped]
 
 from parapod.diagrams.style import COLOURS
 from parapod.sims.output.figures import Figure
-from parapod.sims.output.results import Metric
-from parapod.sims.study.records import Column, Records
+from parapod.sims.study.records import ALL_HELD, Column, Records
 from parapod.sims.study.sensitivity import Contributions, contributions
 from parapod.sims.study.study import Study
 from parapod.sims.study.variables import Variable
@@ -24,11 +23,14 @@ if TYPE_CHECKING:
 type Array = NDArray[np.float64]
 
 _HELD, _BROKEN, _REFUSED = COLOURS[2], COLOURS[1], "0.55"
+# Beginning of the names of maps.
+MAP = "border_"
 # Metrics, panels, pairs and variables that are drawn; more of them would be too small to read.
 _MOST_METRICS, _MOST_PANELS, _MOST_PAIRS, _MOST_VARIABLES = 12, 4, 3, 5
-_PASSED = "all bounds held"
-# Height of a panel [inch].
-_PANEL = 1.7
+# Width of figures, as wide as the page, and of maps, two of which stand beside each other [inch].
+_WIDTH, _MAP = 9.0, (6.0, 4.6)
+# Height of a panel [inch]; size of letters, 10 pixels of the page or more [pt].
+_PANEL, _LETTERS = 1.7, 8.5
 # Cells along each variable of a map, and mean number of runs in each that is aimed at, where runs
 # do not lie on a grid; there the border is that of shares smoothed over this number of cells.
 _CELLS, _IN_CELL = 24, 8
@@ -50,28 +52,20 @@ def draw_study(study: Study, records: Records) -> Iterator[Figure]:
     # Those nearest to their bounds first.
     ranked = sorted(bounded, key=lambda c: -np.nan_to_num(_largest(c.use), nan=-1.0))
     metrics_shown = sorted(ranked[:_MOST_METRICS], key=bounded.index)
-    if metrics_shown:
-        yield _distributions(metrics_shown, records)
-    shares = contributions(study.sampling, [_verdict(records), *metrics_shown])
+    shares = contributions(study.sampling, [records.verdict, *metrics_shown])
+    numbers = [v for v in study.variables if v.is_number and v.key != "seed"]
+    decisive = list(numbers)
+    if shares and shares[0].key == ALL_HELD:
+        keys = [variable.key for variable in study.variables]
+        decisive.sort(key=lambda variable: -shares[0].total[keys.index(variable.key)])
+    for one, other in itertools.islice(itertools.combinations(decisive, 2), _MOST_PAIRS):
+        yield _map_of_feasibility(study, records, one, other)
     if shares:
         yield _contributions(study, shares)
-    numbers = [v for v in study.variables if v.is_number and v.key != "seed"]
     if ranked and numbers:
         yield _scatter(study, records, ranked[:_MOST_PANELS], numbers[:_MOST_VARIABLES])
-    # Those that decide most whether all bounds are held.
-    if shares and shares[0].key == _PASSED:
-        keys = [variable.key for variable in study.variables]
-        numbers.sort(key=lambda variable: -shares[0].total[keys.index(variable.key)])
-    for one, other in itertools.islice(itertools.combinations(numbers, 2), _MOST_PAIRS):
-        yield _border(study, records, one, other)
-
-
-def _verdict(records: Records) -> Column:
-    """Whether all bounds were held, as a metric: 1 or 0; a run that was refused held none."""
-    metric = Metric(_PASSED, 0.0)
-    column = Column.empty(metric, records.sampling.runs)
-    column.values[:], column.is_there[:] = records.passed, records.done
-    return column
+    if metrics_shown:
+        yield _distributions(metrics_shown, records)
 
 
 def _largest(values: Array) -> float:
@@ -80,7 +74,7 @@ def _largest(values: Array) -> float:
 
 def _distributions(columns: Sequence[Column], records: Records) -> Figure:
     count = int(records.done.sum())
-    width = min(3, len(columns))
+    width = min(4, len(columns))
     rows = math.ceil(len(columns) / width)
 
     def draw(canvas: "Canvas") -> None:
@@ -95,7 +89,7 @@ def _distributions(columns: Sequence[Column], records: Records) -> Figure:
         f"Each metric over those of {count} runs that measured it, in green where its bound "
         "(dashed) is held and in orange where it is broken."
     )
-    size = (7.0, _PANEL * rows + 0.2)
+    size = (_WIDTH, _PANEL * rows + 0.2)
     return Figure("distributions", "Distributions against the bounds", caption, draw, size)
 
 
@@ -115,10 +109,12 @@ def _histogram(ax: "Axes", column: Column) -> None:
             ax.axvline(limit, color="0.2", linestyle="--", linewidth=1.0)
     infinite_count = int((column.is_there & ~np.isfinite(column.values)).sum())
     if infinite_count:
-        ax.set_title(f"{infinite_count} not finite", fontsize=7, color=_BROKEN, loc="right", pad=2)
-    ax.set_xlabel(_label(column), fontsize=8)
+        ax.set_title(
+            f"{infinite_count} not finite", fontsize=_LETTERS, color=_BROKEN, loc="right", pad=2
+        )
+    ax.set_xlabel(_label(column), fontsize=_LETTERS)
     ax.set_yticks([])
-    ax.tick_params(labelsize=7)
+    ax.tick_params(labelsize=_LETTERS)
     ax.spines["left"].set_visible(False)
     ax.grid(visible=False)
 
@@ -147,12 +143,12 @@ def _contributions(study: Study, shares: Sequence[Contributions]) -> Figure:
             style = {"linewidth": 0.8, "ecolor": "0.4", "capsize": 1.5}
             ax.barh(at, total, height, color=colour, alpha=0.35, xerr=error, error_kw=style)
             ax.barh(at, [one.first[i] for one in shares], height, color=colour, label=name)
-        ax.set_yticks(middle, [one.key for one in shares], fontsize=8)
+        ax.set_yticks(middle, [one.key for one in shares], fontsize=_LETTERS)
         ax.invert_yaxis()
         ax.set_xlim(0.0, 1.05)
         ax.set_xlabel("share of the variance")
         columns = min(3, len(names))
-        ax.legend(fontsize=8, ncols=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+        ax.legend(fontsize=_LETTERS, ncols=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0))
 
     is_exact = study.sampling.kind == "grid"
     how = "exact for the grid" if is_exact else "with the 95 % interval of the total share"
@@ -160,7 +156,7 @@ def _contributions(study: Study, shares: Sequence[Contributions]) -> Figure:
         "Sobol indices of each metric: the share of its variance that a variable has alone "
         f"(full colour) and that in which it has a part (pale), {how}."
     )
-    size = (7.0, 1.2 + max(0.14 * len(names), 0.3) * len(shares))
+    size = (_WIDTH, 1.2 + max(0.14 * len(names), 0.3) * len(shares))
     return Figure("contributions", "What each variable contributes", caption, draw, size)
 
 
@@ -185,16 +181,16 @@ def _scatter(
                     ax.plot(x[which], 100.0 * use[which], ".", **_PIXELS | style)
                 ax.axhline(100.0, color="0.2", linestyle="--", linewidth=1.0)
                 ax.set_ylim(bottom=0.0)
-                ax.tick_params(labelsize=7)
-            row[0].set_ylabel(f"{column.key}\n[% of its bound]", fontsize=7)
+                ax.tick_params(labelsize=_LETTERS)
+            row[0].set_ylabel(f"{column.key}\n[% of its bound]", fontsize=_LETTERS)
         for ax, variable in zip(axes[-1], variables, strict=True):
-            ax.set_xlabel(variable.key, fontsize=8)
+            ax.set_xlabel(variable.key, fontsize=_LETTERS)
 
     caption = (
         "The metrics that come nearest to their bounds, over each variable: share of the bound "
         "that each run uses; above the dashed line the bound is broken."
     )
-    size = (7.0, 0.5 + _PANEL * len(columns))
+    size = (_WIDTH, 0.5 + _PANEL * len(columns))
     return Figure("over_variables", "Metrics over the variables", caption, draw, size)
 
 
@@ -205,7 +201,7 @@ def _numbers(study: Study, records: Records, variable: Variable) -> Array:
     return np.array([study.sampling.values(run)[place] for run in runs], float)
 
 
-def _border(study: Study, records: Records, one: Variable, other: Variable) -> Figure:
+def _map_of_feasibility(study: Study, records: Records, one: Variable, other: Variable) -> Figure:
     x, y = (_numbers(study, records, variable) for variable in (one, other))
     runs_done = np.flatnonzero(records.done)
     is_passed, refused = records.passed[runs_done], records.refused[runs_done]
@@ -228,9 +224,10 @@ def _border(study: Study, records: Records, one: Variable, other: Variable) -> F
                 ax.plot(x[which], y[which], marker, color=colour, label=label, **_PIXELS | style)
         ax.set_xlabel(one.key)
         ax.set_ylabel(other.key)
+        ax.tick_params(labelsize=_LETTERS)
         ax.grid(visible=False)
         if not is_passed.all():
-            ax.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=2)
+            ax.legend(fontsize=_LETTERS, loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=2)
         canvas.colorbar(image, ax=ax, label="runs with all bounds held [%]")
 
     others = [v.key for v in study.variables if v not in (one, other)]
@@ -239,9 +236,9 @@ def _border(study: Study, records: Records, one: Variable, other: Variable) -> F
         f"Share of the runs in which all bounds are held{over}; the line is the border between "
         "more and less than half of them."
     )
-    name = f"border_{one.key}_{other.key}".replace(".", "_")
-    title = f"Border of feasibility: {one.key} and {other.key}"
-    return Figure(name, title, caption, draw, (7.0, 4.6))
+    name = f"{MAP}{one.key}_{other.key}".replace(".", "_")
+    title = f"Where the bounds hold: {one.key} and {other.key}"
+    return Figure(name, title, caption, draw, _MAP)
 
 
 def _edges(values: Array) -> Array:

@@ -35,6 +35,8 @@ _STUDY = b"parapod.study"
 # Shortest time between two writings of the table, which take a small share of the time [s].
 _WRITE_PERIOD, _WRITE_SHARE = 5.0, 0.03
 _LIMITS = ("bound", "at_least")
+# Texts of a metric that are written once.
+_WORDS = ("unit", "meaning", "undefined")
 
 
 class StudyFile:
@@ -57,7 +59,7 @@ class StudyFile:
             OutputError: the file cannot be written.
         """
         new = [metric for metric in outcome.metrics if metric.key not in self._known]
-        lines = [{"metric": m.key, "unit": m.unit, "meaning": m.meaning} for m in new]
+        lines = [{"metric": m.key} | {name: getattr(m, name) for name in _WORDS} for m in new]
         self._known.update(metric.key for metric in new)
         metrics = [[m.key, float(m.value), m.bound, m.at_least] for m in outcome.metrics]
         row = {"run": outcome.run, "metrics": metrics, "error": outcome.error}
@@ -186,7 +188,7 @@ def _read_journal(
         OutputError: it is none of this study.
     """
     complete = 0
-    about: dict[str, Mapping[str, Any]] = {}
+    about: dict[str, dict[str, Any]] = {}
     for line in stream:
         try:
             item = json.loads(line) if line.endswith(b"\n") else None
@@ -198,12 +200,10 @@ def _read_journal(
         if "study" in item:
             _compare(path, item["study"], study)
         elif "metric" in item:
-            about[item["metric"]] = item
+            about[item.pop("metric")] = item
         else:
             metrics = [
-                Metric(
-                    key, value, about[key]["unit"], bound, None, about[key]["meaning"], at_least
-                )
+                Metric(key, value, bound=bound, at_least=at_least, **about[key])
                 for key, value, bound, at_least in item["metrics"]
             ]
             records.add(Outcome(item["run"], tuple(metrics), item["error"]))
@@ -272,7 +272,7 @@ def to_table(study: Mapping[str, Any], records: Records) -> "pyarrow.Table":
     for column in records.columns:
         missing = ~column.is_there[runs]
         columns[column.key] = arrow.array(column.values[runs], mask=missing, from_pandas=False)
-        item: dict[str, Any] = {"key": column.key, "unit": column.unit, "meaning": column.meaning}
+        item: dict[str, Any] = {name: getattr(column, name) for name in ("key", *_WORDS)}
         for name in _LIMITS:
             limits = getattr(column, name)
             item[name] = column.limit(limits)
@@ -304,7 +304,7 @@ def from_table(
         if error:
             records.errors[run] = error
     for item in about:
-        metric = Metric(item["key"], math.nan, item["unit"], meaning=item["meaning"])
+        metric = Metric(item["key"], math.nan, **{name: item.get(name, "") for name in _WORDS})
         column = Column.empty(metric, records.sampling.runs)
         values = table[item["key"]]
         column.is_there[runs] = values.is_valid().to_numpy()

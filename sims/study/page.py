@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from parapod.sims.lab.pages import render_page
 from parapod.sims.output.figures import Figure
+from parapod.sims.study.figures import MAP
 from parapod.sims.study.study import Study
 from parapod.sims.study.summary import QUANTILES, Summary
 
@@ -24,7 +25,8 @@ def make_page(
         template=template,
         study=study,
         summary=summary,
-        figures=figures,
+        maps=[figure for figure in figures if figure.name.startswith(MAP)],
+        figures=[figure for figure in figures if not figure.name.startswith(MAP)],
         quantiles=QUANTILES,
         commands=list(_commands(summary)),
     )

@@ -12,6 +12,9 @@ from parapod.sims.study.sampling import Sampling
 
 type Array = NDArray[np.float64]
 
+# Name of the verdict on a run among its metrics.
+ALL_HELD = "all bounds held"
+
 
 @dataclass
 class Column:
@@ -26,6 +29,7 @@ class Column:
         at_least: smallest admissible value (runs).
         is_there: true where a run measured it (runs); a measured value may be NaN.
         place: first run that measured it, and its place among that run's metrics.
+        undefined: reason for which it may have no finite value.
     """
 
     key: str
@@ -36,13 +40,15 @@ class Column:
     at_least: Array
     is_there: NDArray[np.bool_]
     place: tuple[int, int]
+    undefined: str = ""
 
     @classmethod
     def empty(cls, metric: Metric, runs: int) -> "Column":
         """Before any run."""
         values, bound, at_least = (np.full(runs, np.nan) for _ in range(3))
         there, place = np.zeros(runs, bool), (runs, 0)
-        return cls(metric.key, metric.unit, metric.meaning, values, bound, at_least, there, place)
+        words, arrays = (metric.key, metric.unit, metric.meaning), (values, bound, at_least, there)
+        return cls(*words, *arrays, place, metric.undefined)
 
     def put(self, run: int, place: int, metric: Metric) -> None:
         """Takes the metric of a run."""
@@ -158,6 +164,13 @@ class Records:
         for column in self._columns.values():
             passed &= column.held | ~column.is_there
         return passed
+
+    @property
+    def verdict(self) -> Column:
+        """Whether all bounds were held, as a metric: 1 or 0; a run that was refused held none."""
+        column = Column.empty(Metric(ALL_HELD, 0.0), self.sampling.runs)
+        column.values[:], column.is_there[:] = self.passed, self.done
+        return column
 
     def broken(self) -> list[str]:
         """By run, the keys of the metrics that it measured out of their bounds, with commas."""

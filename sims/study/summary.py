@@ -14,6 +14,7 @@ from rich.text import Text
 
 from parapod.sims.output.results import Metric, amount, plain_number
 from parapod.sims.study.records import Column, Records
+from parapod.sims.study.sensitivity import contributions
 from parapod.sims.study.study import Study
 
 QUANTILES: Mapping[str, float] = {"min": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "max": 1.0}
@@ -21,6 +22,8 @@ QUANTILES: Mapping[str, float] = {"min": 0.0, "5 %": 0.05, "median": 0.5, "95 %"
 _WIDE = 110
 # Runs whose commands are printed, and reasons for refusals.
 _SHOWN = 5
+# Metrics that the answer names.
+_NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,8 @@ class MetricSummary:
         measured: number of runs that have measured it.
         worst: run that uses most of its bound; None without a bound.
         use: share of the bound that this run uses; more than 1 is broken.
+        not_finite: number of runs whose value is not finite.
+        undefined: reason for such a value; empty if it has none.
     """
 
     key: str
@@ -48,6 +53,16 @@ class MetricSummary:
     measured: int
     worst: int | None
     use: float
+    not_finite: int = 0
+    undefined: str = ""
+
+    @property
+    def remark(self) -> str:
+        """Meaning, and the reason for values that are not finite."""
+        if not self.not_finite:
+            return self.meaning
+        reason = self.undefined or "the run gives no reason"
+        return f"{self.meaning}; not finite in {self.not_finite} runs: {reason}"
 
     @classmethod
     def of(cls, column: Column) -> "MetricSummary":
@@ -70,6 +85,8 @@ class MetricSummary:
             int(there.sum()),
             worst,
             np.nan if worst is None else float(use[worst]),
+            int((~np.isfinite(values)).sum()),
+            column.undefined,
         )
 
 
@@ -103,6 +120,8 @@ class Summary:
         metrics: in the order in which the runs measure them.
         refusals: reasons for which runs were refused or failed, with their numbers of runs and
             the first of these; the most frequent first.
+        decisive: variable with the largest part in whether all bounds are held, and its share of
+            the variance; None where the sampling does not tell.
     """
 
     study: Study
@@ -110,6 +129,7 @@ class Summary:
     passed: int
     metrics: tuple[MetricSummary, ...]
     refusals: tuple[tuple[str, int, int], ...]
+    decisive: tuple[str, float] | None = None
 
     @classmethod
     def of(cls, study: Study, records: Records) -> "Summary":
@@ -120,7 +140,26 @@ class Summary:
             int(records.passed.sum()),
             tuple(MetricSummary.of(column) for column in records.columns),
             _refusals(records.errors),
+            _decisive(study, records),
         )
+
+    @property
+    def answer(self) -> str:
+        """What came out, in a few sentences."""
+        sentences = [f"All bounds held in {self.passed} of {self.done} runs."]
+        if refused := sum(count for _, count, _ in self.refusals):
+            sentences.append(f"{refused} were refused or failed.")
+        broken = {m.key: m.measured - m.held for m in self.metrics if m.held < m.measured}
+        broken = {m.key: broken[m.key] for m in self.worst if m.key in broken}
+        if broken:
+            keys = sorted(broken, key=lambda key: -broken[key])[:_NAMED]
+            most = ", ".join(f"{key} ({broken[key]})" for key in keys)
+            sentences.append(f"Broken most often: {most}.")
+        if self.decisive:
+            key, share = self.decisive
+            text = f"{key} decides most: it has a part in {100.0 * share:.0f} % of the variance."
+            sentences.append(text)
+        return " ".join(sentences)
 
     @property
     def worst(self) -> tuple[MetricSummary, ...]:
@@ -157,6 +196,14 @@ class Summary:
             ],
             "commands": {str(run): command for run, command in self.commands.items()},
         }
+
+
+def _decisive(study: Study, records: Records) -> tuple[str, float] | None:
+    shares = contributions(study.sampling, [records.verdict])
+    if not shares:
+        return None
+    most = int(np.argmax(shares[0].total))
+    return study.variables[most].key, float(shares[0].total[most])
 
 
 def _refusals(errors: Mapping[int, str]) -> tuple[tuple[str, int, int], ...]:
@@ -197,9 +244,11 @@ def print_summary(summary: Summary, console: Console) -> None:
     runs_left = study.sampling.runs - summary.done
     if runs_left:
         console.print(Text(f"{runs_left} of {study.sampling.runs} runs are not done", "bold red"))
+    for metric in summary.metrics:
+        if metric.not_finite:
+            console.print(Text(f"{metric.key}: {metric.remark}"))
     style = "green" if summary.passed == summary.done else "bold red"
-    text = f"all bounds held in {summary.passed} of {summary.done} runs"
-    console.print(Text(text, style=style))
+    console.print(Text(summary.answer, style=style))
 
 
 def _table(summary: Summary, width: int) -> Table:

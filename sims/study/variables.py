@@ -145,7 +145,9 @@ class _Reading:
         if len(parts) == 3:
             if parts[2] != int(parts[2]) or not 1 <= parts[2] <= _LONGEST:
                 self._refuse(text, f"the number of values must be whole, 1..{_LONGEST}")
-            values = np.linspace(first, last, int(parts[2])).tolist()
+            # As people write them: -1.4, and not -1.4000000000000004.
+            evenly = np.linspace(first, last, int(parts[2])).tolist()
+            values = [float(f"{value:.15g}") for value in evenly]
             if self._kind is int:
                 return self._of_values(text, [int(x) if x == int(x) else x for x in values])
             return self._of_values(text, values)

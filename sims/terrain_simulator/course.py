@@ -199,8 +199,8 @@ class BenchCourse(LoopExperiment[BenchCourseScenario, Courses]):
         """Differences between bench and world, the largest of all and of each terrain."""
         each = {name: _differences(pair) for name, pair in data.pairs.items()}
         for key, unit, bound, meaning in (
-            ("force_difference_percent", "%", _FORCE, "root mean square of the ground's force on "
-             "the foot, bench less world, by that of the force"),
+            ("force_difference_percent", "%", _FORCE, "difference of the ground's force on the "
+             "foot between bench and world, root mean square"),
             ("height_error_mm", "mm", _HEIGHT, "largest difference of the hip's heights"),
             ("foothold_error_mm", "mm", _FOOTHOLD, "largest difference of a foot that presses"),
         ):  # fmt: skip

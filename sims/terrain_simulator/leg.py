@@ -342,7 +342,7 @@ def _reach(scenario: BenchLegScenario, leg: LegModel, data: Trial) -> Iterator[M
         1e3 * reach_margin(leg, feet),
         "mm",
         at_least=_REACH,
-        meaning="distance by which the foot could be farther from the hip everywhere on its way",
+        meaning="smallest reserve of the leg's reach on the foot's way",
     )
     low, high = leg.limits
     own = [run["leg.position"] for name, run in data.runs.items() if name != "chair"]
@@ -355,7 +355,7 @@ def _reach(scenario: BenchLegScenario, leg: LegModel, data: Trial) -> Iterator[M
         float(np.degrees(stroke_left)),
         "deg",
         at_least=0.0,
-        meaning="least distance of a joint from its limits",
+        meaning="smallest distance of a joint from its limits",
     )
 
 
@@ -380,7 +380,7 @@ def _standing(key: str, run: Run, walk: BenchWalk, when: str) -> Metric:
         float(carried[stands].mean()) / walk.support.weight,
         bound=1.0 + _WEIGHT,
         at_least=1.0 - _WEIGHT,
-        meaning=f"force of ground and slide drive by the weight, {when}",
+        meaning=f"ratio of the force of ground and slide drive to the weight, {when}",
     )
 
 
@@ -389,7 +389,13 @@ def _jump_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
     pushes = run.time > task.instants[1]
     touchdowns = np.flatnonzero(pushes & (upwards < _TOUCH))
     if not touchdowns.size:
-        yield Metric("takeoff_speed_m_s", np.nan, "m/s", meaning="it has not left the plate")
+        yield Metric(
+            "takeoff_speed_m_s",
+            np.nan,
+            "m/s",
+            meaning="speed of the hip at take-off",
+            undefined="the foot did not leave the plate",
+        )
         return
     off = int(touchdowns[0])
     speed = float(run["hip.velocity"][off, 0])
@@ -399,7 +405,8 @@ def _jump_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
         speed,
         "m/s",
         paper=2.5,
-        meaning=f"speed of the hip; {scenario.jump_mm:g} mm need {task.takeoff_speed:.3f} m/s; "
+        meaning="speed of the hip at take-off; "
+        f"{scenario.jump_mm:g} mm need {task.takeoff_speed:.3f} m/s; "
         "the paper's is the plate's vertical speed",
     )
     rise = float(height[off:].max() - task.hip[1] - (task.stretched - task.standing))
@@ -408,11 +415,12 @@ def _jump_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
         1e3 * rise - scenario.jump_mm,
         "mm",
         _HEIGHT,
-        meaning="height of the jump above the stretched leg, less that asked for",
+        meaning="error of the jump's height above the stretched leg",
     )
     lands = np.flatnonzero((run.time > run.time[off] + 0.5 * task.flight) & (upwards > _TOUCH))
     peak = float(upwards[lands[0] :].max()) if lands.size else np.nan
-    yield Metric("landing_peak_N", peak, "N", meaning="largest force of the ground at the landing")
+    meaning, undefined = "largest force of the ground at the landing", "the foot did not land"
+    yield Metric("landing_peak_N", peak, "N", meaning=meaning, undefined=undefined)
 
 
 def _chair_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:

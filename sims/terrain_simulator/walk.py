@@ -234,13 +234,13 @@ def force_metrics(walk: BenchWalk, run: Run, desired: WalkMotion) -> Iterator[Me
             float(upwards[steady].mean()) / walk.support.weight,
             bound=1.0 + _MEAN,
             at_least=1.0 - _MEAN,
-            meaning="mean force upwards by the weight, over whole strides",
+            meaning="ratio of the mean force upwards to the weight, over whole strides",
         )
         meant = desired.force[steady]
         yield Metric(
             "impulse_ratio",
             float(upwards[steady & desired.stance].sum() / meant.sum()),
-            meaning="impulse of the stances by that of the gait's force",
+            meaning="ratio of the stances' impulse to that of the gait's force",
         )
     yield Metric(
         "peak_force_N", float(upwards.max()), "N", meaning="largest force of the ground upwards"
@@ -256,14 +256,14 @@ def force_metrics(walk: BenchWalk, run: Run, desired: WalkMotion) -> Iterator[Me
         "cell_error_N",
         float(np.sqrt(np.mean(reported[desired.stance] ** 2))),
         "N",
-        meaning="root mean square of the force cells in stance, their delay included",
+        meaning="error of the force cells in stance, root mean square, their delay included",
     )
     guessed = run["load_estimated"][:, 1] + upwards
     yield Metric(
         "current_error_N",
         float(np.sqrt(np.mean(guessed[desired.stance] ** 2))),
         "N",
-        meaning="error of the load by the sliders' currents",
+        meaning="error of the load estimated from the sliders' currents",
     )
 
 
@@ -275,7 +275,7 @@ def leg_metrics(scenario: TerrainBenchScenario, run: Run, desired: WalkMotion) -
         "hip_error_mm",
         1e3 * float(np.abs(height).max()),
         "mm",
-        meaning="largest distance of the hip's height from that of the gait",
+        meaning="largest error of the hip's height",
     )
     places = leg.places(run["leg.position"], desired.pose[0, :, 2])
     swings = ~desired.stance
@@ -291,7 +291,7 @@ def leg_metrics(scenario: TerrainBenchScenario, run: Run, desired: WalkMotion) -
     yield Metric(
         "torque_share",
         float((torque / np.array(leg.max_torque)).max()),
-        meaning="largest torque of a joint by what its drive can give",
+        meaning="largest share of its drive's torque that a joint needs",
     )
 
 

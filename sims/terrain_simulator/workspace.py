@@ -127,17 +127,18 @@ class BenchWorkspace(Experiment[BenchWorkspaceScenario, Workspaces]):
         specification = SPECIFICATION
         yield Metric(
             "least_width_mm", 1e3 * wide, "mm", at_least=1e3 * specification.x_range,
-            paper=1e3 * specification.x_range, meaning="smallest width of all orientations",
+            paper=1e3 * specification.x_range,
+            meaning="smallest width of the workspace in all orientations",
         )  # fmt: skip
         yield Metric(
             "least_height_mm", 1e3 * tall, "mm", paper=1e3 * specification.z_range,
-            meaning="smallest height of all orientations",
+            meaning="smallest height of the workspace in all orientations",
         )  # fmt: skip
         boxes = [area.widest_box(specification.z_range) for area in data.free.values()]
         fitting = sum(box is not None and box.width >= specification.x_range for box in boxes)
         yield Metric(
             "orientations_with_box", fitting, bound=0,
-            meaning="orientations of Fig. 6 with both ranges of Table 1 at once",
+            meaning="number of orientations of Fig. 6 that contain both ranges of Table 1",
         )  # fmt: skip
         for name in BENCHES:
             yield from _boxes(name, scenario, data)
@@ -206,9 +207,13 @@ def _areas(name: str, most_deg: float, data: Workspaces) -> Iterator[Metric]:
     for way, sign in WAYS.items():
         free, guarded = data.free[name, way], data.guarded[name, way]
         angle = f"phi = {sign * most_deg:+.0f} deg" if sign else "plate level"
-        yield Metric(f"{name}_{way}_area_m2", free.area, "m^2", meaning=f"{angle}")
+        meaning = f"area of the {name}'s workspace, {angle}"
+        yield Metric(f"{name}_{way}_area_m2", free.area, "m^2", meaning=meaning)
         yield Metric(
-            f"{name}_{way}_guarded_m2", guarded.area, "m^2", meaning=f"{angle}, off singularities"
+            f"{name}_{way}_guarded_m2",
+            guarded.area,
+            "m^2",
+            meaning=f"{meaning}, off singularities",
         )
 
 
@@ -219,22 +224,24 @@ def _boxes(name: str, scenario: BenchWorkspaceScenario, data: Workspaces) -> Ite
     key = "largest_box_mm" if name == "pedal" else f"{name}_box_mm"
     yield Metric(
         key, 1e3 * (box.width if box else 0.0), "mm",
-        meaning=f"widest, {scenario.box_height_mm:g} mm high, at all angles of the {name}",
+        meaning=f"widest box, {scenario.box_height_mm:g} mm high, at all angles of the {name}",
     )  # fmt: skip
     if box is None:
         return
     speeds, forces = _asked(*BENCHES[name], box)
     yield Metric(
         f"{name}_vertical_m_s", speeds[1], "m/s",
-        meaning=f"slider's largest speed in it at {SPECIFICATION.speed[1]:g} m/s upwards",
+        meaning=f"largest speed of the {name}'s sliders in that box at "
+        f"{SPECIFICATION.speed[1]:g} m/s upwards",
     )  # fmt: skip
     yield Metric(
         f"{name}_turning_m_s", speeds[2], "m/s",
-        meaning=f"speed at {math.degrees(SPECIFICATION.speed[2]):.0f} deg/s",
+        meaning=f"largest speed of the {name}'s sliders in that box at "
+        f"{math.degrees(SPECIFICATION.speed[2]):.0f} deg/s",
     )  # fmt: skip
     yield Metric(
         f"{name}_force_N", forces, "N",
-        meaning="slider's largest under both loads of Table 1, at the plate's middle",
+        meaning=f"largest force of the {name}'s sliders under Table 1's loads, plate's middle",
     )  # fmt: skip
 
 

@@ -433,14 +433,14 @@ def _errors(scenario: ChairCircleScenario, recordings: dict[str, Recording]) -> 
     errors = {mode: recording.foot_error_mm for mode, recording in recordings.items()}
     bounds = {"compound": _ERROR_BY_PERIOD * scenario.control.period}
     for mode, error in errors.items():
-        meaning = f"largest on the circle from {SETTLING:g} s on, mode {mode}"
+        meaning = f"largest error of the foot from {SETTLING:g} s on, mode {mode}"
         yield Metric(f"foot_error_{mode}_mm", error, "mm", bounds.get(mode), meaning=meaning)
     yield Metric(
         "compound_by_velocity",
         errors["compound"] / errors["velocity"],
         "",
         _COMPOUND_BY_VELOCITY,
-        meaning="these errors: what correcting the velocity by the position is worth",
+        meaning="ratio of the foot's error in mode compound to that in mode velocity",
     )
     for mode, recording in recordings.items():
         yield Metric(
@@ -480,19 +480,23 @@ def _velocities(
             ripple,
             "mm/s",
             paper="little noticeable" if mode == "compound" else None,
-            meaning=f"rms of the branches' velocities about the planned ones, mode {mode}",
+            meaning=f"ripple of the branches' velocities, root mean square, mode {mode}",
         )
     yield Metric(
         "ripple_by_position",
         ripples["compound"] / ripples["position"],
         "",
         _COMPOUND_BY_POSITION,
-        meaning="these ripples: what leading the drives at a velocity is worth",
+        meaning="ratio of the ripple in mode compound to that in mode position",
     )
     compound, limit = recordings["compound"], scenario.drives.max_velocity_mm_s
     for key, velocity, meaning in (
-        ("planned", compound.planned.velocity, "largest that the circle asks of a branch"),
-        ("max", compound.velocity, "largest of a branch, mode compound"),
+        (
+            "planned",
+            compound.planned.velocity,
+            "largest speed of a branch on the circle, as planned",
+        ),
+        ("max", compound.velocity, "largest speed of a branch, mode compound"),
     ):
         largest = 1e3 * float(np.abs(velocity).max())
         yield Metric(f"{key}_branch_speed_mm_s", largest, "mm/s", limit, meaning=meaning)
@@ -501,7 +505,7 @@ def _velocities(
         -1e3 * float(stroke_excess(GEOMETRY, compound.planned.length).max()),
         "mm",
         at_least=0.0,
-        meaning="smallest distance of a branch from the ends of its stroke, as planned",
+        meaning="smallest planned distance of a branch from the ends of its stroke",
     )
 
 

@@ -393,7 +393,14 @@ def _stroke_metrics(printed: SampledWalk, smooth: SampledWalk) -> tuple[Metric, 
                 paper=f">= {low:g}",
                 meaning=f"smallest length of the {words}",
             ),
-            Metric(f"{name}_longest_mm", longest, "mm", high_bound, paper=f"<= {high:g}"),
+            Metric(
+                f"{name}_longest_mm",
+                longest,
+                "mm",
+                high_bound,
+                paper=f"<= {high:g}",
+                meaning=f"largest length of the {words}",
+            ),
         ]
     return tuple(metrics)
 

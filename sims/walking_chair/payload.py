@@ -338,7 +338,7 @@ def payload_metrics(scenario: ChairPayloadScenario, instants: list[Instant]) -> 
                 "kg",
                 at_least=PAPER_PAYLOAD,
                 paper=PAPER_PAYLOAD,
-                meaning=f"largest throughout the step, forces spread at their best, {words}",
+                meaning=f"largest payload throughout the step, best spread of forces, {words}",
             )
             for name, words in _friction_words(scenario)
         ),
@@ -348,7 +348,7 @@ def payload_metrics(scenario: ChairPayloadScenario, instants: list[Instant]) -> 
                 max(_largest(getattr(instant, f"least_{name}")) for instant in instants),
                 "N",
                 limit,
-                meaning=f"least possible largest force of a branch under {mass:g} kg, {words}",
+                meaning=f"smallest possible peak force of a branch under {mass:g} kg, {words}",
             )
             for name, words in _friction_words(scenario)
         ),

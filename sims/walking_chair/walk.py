@@ -189,7 +189,7 @@ def _truth_metrics(
             float(np.linalg.norm(error, axis=1).max()),
             "mm",
             _BODY_ERROR + 0.1 * _DRIFT * (cycles - 1),
-            meaning="largest distance of the body's centre from where the gait has it",
+            meaning="largest error of the body's centre",
         ),
         Metric(
             "tilt_deg",
@@ -198,7 +198,12 @@ def _truth_metrics(
             _TILT,
             meaning="largest roll or pitch of the body",
         ),
-        Metric("yaw_deg", float(np.abs(attitude[:, 2]).max()), "deg", meaning="largest heading"),
+        Metric(
+            "yaw_deg",
+            float(np.abs(attitude[:, 2]).max()),
+            "deg",
+            meaning="largest heading of the body",
+        ),
         Metric(
             "drift_mm",
             float(np.hypot(*error[-1, :2])),
@@ -211,7 +216,7 @@ def _truth_metrics(
             1e3 * max(0.0, -float(signals["truth.foot_height"][after_start].min())),
             "mm",
             _SINKING,
-            meaning="lowest corner of any foot; contact gives way a little",
+            meaning="largest depth of a foot's corner in the ground, since contact yields",
         ),
         Metric(
             "peak_force_N",
@@ -245,7 +250,7 @@ def _controller_metrics(
             "branch_error_mm",
             1e3 * float(np.abs(late[after_start]).max()),
             "mm",
-            meaning="largest distance of a branch from where it should be",
+            meaning="largest error of a branch's length",
         ),
         Metric(
             "max_branch_speed_mm_s",
@@ -260,12 +265,17 @@ def _controller_metrics(
             1e3 * float(signals["support_margin"][walking].min()),
             "mm",
             at_least=scenario.control.support_margin_mm,
-            meaning="smallest margin while walking, from the currents",
+            meaning="smallest stability margin while walking, from the currents",
         ),
     ]
     if scenario.backend in SIMULATED:
         metrics += [
-            Metric("payload_estimated_kg", float(payload[0]), "kg", meaning="from the currents"),
+            Metric(
+                "payload_estimated_kg",
+                float(payload[0]),
+                "kg",
+                meaning="payload estimated from the currents",
+            ),
             Metric(
                 "payload_error_kg",
                 float(mass_error),

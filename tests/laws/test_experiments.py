@@ -262,6 +262,25 @@ def test_metrics_have_keys_units_and_bounds_that_fit_together(part, finished):
             assert metric.at_least <= metric.bound
 
 
+# First words of metrics' meanings: quantities, and adjectives that go before them.
+QUANTITIES = re.compile(
+    r"((relative )?change|(smallest )?singular value|(simulated )?time|actuator gain|angle|area|"
+    r"bias|cells|clearance|condition number|creep|depth|difference|drift|drilled holes|error|"
+    r"extent|faults|feet|force|height|increase|kinds|mass|mean|number|pairs|payload|ratio|ripple|"
+    r"share|slip|speed|spread|standard deviation|steps|stiffness|volume|way|"
+    r"largest|smallest|longest|lowest|widest)\b"
+)
+
+
+@each_part
+def test_meanings_of_metrics_stand_alone_in_a_table_of_any_order(part, finished):
+    metrics = finished(part).result.metrics
+    assert [m.key for m in metrics if not QUANTITIES.match(m.meaning)] == []
+    meanings = [metric.meaning for metric in metrics]
+    assert len(meanings) == len(set(meanings))
+    assert [m.key for m in metrics if not (math.isfinite(m.value) or m.undefined)] == []
+
+
 @each_part
 def test_every_figure_is_drawn_says_what_it_shows_and_has_one_unit_an_axis(
     part, finished, monkeypatch

@@ -280,7 +280,12 @@ def prediction_metrics(
             "mm",
             meaning="error of a foot, calibrated",
         ),
-        Metric("nominal_foot_error_mm", 1e3 * comparison.nominal.size, "mm", meaning="drawing"),
+        Metric(
+            "nominal_foot_error_mm",
+            1e3 * comparison.nominal.size,
+            "mm",
+            meaning="error of a foot, drawing",
+        ),
     ]
     for prefix, prediction in (("", comparison.calibrated), ("nominal_", comparison.nominal)):
         roll, pitch, height = np.abs(prediction.posture).max(axis=0).tolist()
@@ -296,7 +301,8 @@ def prediction_metrics(
                     unit,
                     _EXACT[name] if is_bounded and not prefix else None,
                     paper=_PROTOTYPE[name] if prefix else None,
-                    meaning="largest error, " + ("drawing" if prefix else "calibrated"),
+                    meaning=f"largest error of a predicted {name}, "
+                    + ("drawing" if prefix else "calibrated"),
                 )
             )
     return metrics
@@ -316,7 +322,8 @@ def fit_metrics(calibration: Calibration) -> list[Metric]:
             "chi2_per_dof",
             calibration.chi2_per_dof,
             bound=1.0 + _CHI2_SPREAD * spread,
-            meaning="1 if model and noise are right",
+            meaning="ratio of the residual's variance to the noise's; 1 if model and noise are "
+            "right",
         ),
         Metric("length_std_mm", 1e3 * length, "mm", meaning=f"{sure} length"),
         Metric(
@@ -332,12 +339,12 @@ def fit_metrics(calibration: Calibration) -> list[Metric]:
             "mg",
             meaning="standard deviation of the bias, the larger of roll and pitch",
         ),
-        Metric("accel_bias_roll_mg", roll, "mg", meaning="bias by which the roll is too large"),
-        Metric("accel_bias_pitch_mg", pitch, "mg", meaning="bias by which the pitch is too large"),
+        Metric("accel_bias_roll_mg", roll, "mg", meaning="bias that makes the roll too large"),
+        Metric("accel_bias_pitch_mg", pitch, "mg", meaning="bias that makes the pitch too large"),
         Metric(
             "condition",
             calibration.condition,
-            meaning="condition number of the sensitivity, in tolerances",
+            meaning="condition number of the poses' sensitivity, scaled by tolerances",
         ),
     ]
 
@@ -353,20 +360,20 @@ def truth_metrics(
             "sensed_improvement_factor",
             sensed.improvement,
             at_least=IMPROVEMENT,
-            meaning="largest improvement, against the posture of the corrected inertial sensor",
+            meaning="largest improvement of a posture, against the corrected inertial sensor",
         ),
         Metric(
             "accel_bias_error_mg",
             1e3 * float(bias),
             "mg",
             0.25 if is_tracked else None,
-            meaning="error of roll or pitch, the larger one",
+            meaning="error of the estimated sensor bias, the larger of roll and pitch",
         ),
         Metric(
             "offset_error_mm",
             1e3 * float(offset),
             "mm",
-            meaning="error of the worst encoder offset; l_3, l_4 and alpha make up for it",
+            meaning="error of the worst encoder offset, for which l_3, l_4 and alpha make up",
         ),
     ]
 

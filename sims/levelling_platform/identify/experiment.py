@@ -372,7 +372,7 @@ def gain_metrics(unloaded: Steps, loaded: Steps, is_bounded: bool = True) -> tup
             "%",
             100.0 * SHARE,
             paper="very little",
-            meaning="K with load against K without",
+            meaning="change of K by the load",
         ),
         *(
             Metric(
@@ -381,7 +381,7 @@ def gain_metrics(unloaded: Steps, loaded: Steps, is_bounded: bool = True) -> tup
                 "%",
                 100.0 * SHARE if is_bounded else None,
                 paper=100.0 * SHARE,
-                meaning="largest deviation of a step's K from 0.01, any leg",
+                meaning=f"largest deviation of a step's K from 0.01, any leg, {case}",
             )
             for case, identified in zip(CASES, (unloaded, loaded), strict=True)
         ),
@@ -391,7 +391,7 @@ def gain_metrics(unloaded: Steps, loaded: Steps, is_bounded: bool = True) -> tup
                 identified.spread_percent,
                 "%",
                 paper="similar",
-                meaning="spread of the four legs' mean K, largest less smallest",
+                meaning=f"spread of the four legs' mean K, largest less smallest, {case}",
             )
             for case, identified in zip(CASES, (unloaded, loaded), strict=True)
         ),
@@ -409,7 +409,7 @@ def separated_metrics(
     """
     if truth is None:
         unloaded, loaded = (identified.gain for identified in cases)
-        meaning = "of K with friction separated, with load against without, largest of a leg"
+        meaning = "largest change of a leg's K by the load, with friction separated"
         difference = 100.0 * float(np.abs(loaded / unloaded - 1.0).max())
         return (
             Metric("gain_difference_percent", difference, "%", _DIFFERENCE_BOUND, meaning=meaning),
@@ -420,7 +420,7 @@ def separated_metrics(
             100.0 * float(np.abs(identified.gain / truth - 1.0).max()),
             "%",
             _SEPARATED_BOUND,
-            meaning="largest error of K of a leg with friction separated, against the true K",
+            meaning=f"largest error of K of a leg with friction separated, {case}",
         )
         for case, identified in zip(CASES, cases, strict=True)
     )
@@ -440,13 +440,25 @@ def stroke_metrics(recordings: Recordings) -> tuple[Metric, ...]:
         del both[0]
     low, high = (1e3 * limit for limit in STROKE)
     metrics = [
-        Metric("smallest_extension_mm", 1e3 * float(np.min(both)), "mm", at_least=low),
-        Metric("largest_extension_mm", 1e3 * float(np.max(both)), "mm", high),
+        Metric(
+            "smallest_extension_mm",
+            1e3 * float(np.min(both)),
+            "mm",
+            at_least=low,
+            meaning="smallest extension of a leg",
+        ),
+        Metric(
+            "largest_extension_mm",
+            1e3 * float(np.max(both)),
+            "mm",
+            high,
+            meaning="largest extension of a leg",
+        ),
         *lifted,
     ]
     if recordings.loaded.attitude is not None:
         tilt = float(np.degrees(np.abs(recordings.loaded.attitude)).max())
-        meaning = "largest roll or pitch; no controller is at work"
+        meaning = "largest roll or pitch of the platform, without a controller"
         metrics.append(Metric("largest_tilt_deg", tilt, "deg", meaning=meaning))
     return tuple(metrics)
 
@@ -459,7 +471,7 @@ def _mean_gain(case: str, mean: float) -> Metric:
         (1.0 + SHARE) * NOMINAL,
         paper=NOMINAL,
         at_least=(1.0 - SHARE) * NOMINAL,
-        meaning="K of Eq. (17), mean over ten steps and four legs",
+        meaning=f"actuator gain K of Eq. (17), mean over ten steps and four legs, {case}",
     )
 
 

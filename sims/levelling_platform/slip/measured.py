@@ -266,7 +266,7 @@ def measured_metrics(scenario: SlipScenario, data: Measured) -> Iterator[Metric]
         1e3 * height - scenario.lift.height_mm,
         "mm",
         HEIGHT_BOUND,
-        meaning="height above the commanded one when the arm begins to swing, by the encoders",
+        meaning="error of the height when the arm begins to swing, by the encoders",
     )
     until = data.between(times.lift, times.swing)
     tilt = np.degrees(np.abs(data.attitude[until] - data.attitude[until][0]).max())
@@ -298,7 +298,7 @@ def _swing_metrics(data: Measured) -> Iterator[Metric]:
     after = data.between(data.times.end - _BEFORE, data.times.end)
     swing = data.between(data.times.swing, data.times.end)
     change = data.attitude[after].mean(axis=0) - data.attitude[before].mean(axis=0)
-    meaning = "roll or pitch after the swing against before, by the inertial sensor"
+    meaning = "change of roll or pitch by the swing, by the inertial sensor"
     yield Metric(
         "arm_tilt_left_deg", float(np.degrees(np.abs(change).max())), "deg", meaning=meaning
     )

@@ -189,7 +189,12 @@ def slip_metrics(scenario: SlipScenario, recording: Recording) -> tuple[Metric, 
             paper="< 0.01",
             meaning="largest slip of a leg from the arm's swing on, actuators braked",
         ),
-        Metric("arm_slip_left_mm", float(swinging[-1].max()), "mm", meaning="at the end"),
+        Metric(
+            "arm_slip_left_mm",
+            float(swinging[-1].max()),
+            "mm",
+            meaning="slip of a leg by the arm's swing, at the end",
+        ),
         Metric(
             "actuator_slip_mm",
             float(lifted.max()),
@@ -199,7 +204,12 @@ def slip_metrics(scenario: SlipScenario, recording: Recording) -> tuple[Metric, 
             at_least=ACTUATOR_SLIP[0],
             meaning="largest slip of a leg while the actuators lift the platform",
         ),
-        Metric("rest_slip_mm", float(waiting.max()), "mm", meaning="between lift and swing"),
+        Metric(
+            "rest_slip_mm",
+            float(waiting.max()),
+            "mm",
+            meaning="largest slip of a leg between lift and swing",
+        ),
     )
 
 
@@ -214,7 +224,7 @@ def lift_metrics(scenario: SlipScenario, recording: Recording) -> tuple[Metric, 
             reached - scenario.lift.height_mm,
             "mm",
             HEIGHT_BOUND,
-            meaning="height above the commanded one when the arm begins to swing",
+            meaning="error of the height when the arm begins to swing",
         ),
         Metric("lift_tilt_deg", float(tilt.max()), "deg", meaning="largest tilt until the swing"),
     )
@@ -227,7 +237,7 @@ def creep_metrics(scenario: SlipScenario, speeds: list[float]) -> tuple[Metric, 
         scenario: scenario that was run.
         speeds: at each of `CREEP_STEPS` [m/s].
     """
-    still = f"standing still on {scenario.creep.pitch_deg:g} deg"
+    still = f"creep of the feet at rest on ground of {scenario.creep.pitch_deg:g} deg"
     # Reduced legs creep at the floor, whatever the step.
     is_full = scenario.plant.leg_model == "full"
     keys = ("creep_mm_s", "creep_2ms_mm_s", "creep_4ms_mm_s")
@@ -241,7 +251,7 @@ def creep_metrics(scenario: SlipScenario, speeds: list[float]) -> tuple[Metric, 
             speeds[2] / speeds[1],
             bound=2.4 if is_full else None,
             at_least=1.6 if is_full else None,
-            meaning="4 ms to 2 ms: 2 says that the creep is in proportion to the time step",
+            meaning="ratio of the creep with steps of 4 ms to that with 2 ms: 2 if in proportion",
         ),
     )
 

@@ -83,7 +83,7 @@ _PARTS = (
         "Workspaces and singularities",
         "Exact workspaces of both benches, with and without a distance from the singularities, "
         "and the part of Table 1 that they contain, box by box. The paper shows them in three "
-        "orientations and concludes that Table 2 fulfills Table 1.",
+        "orientations and concludes that Table 2 fulfils Table 1.",
         "bench-workspace",
         is_random=False,
         source="section 4, Tables 1 and 2, Fig. 6",

@@ -67,6 +67,9 @@ def test_the_quick_report_claims_no_more_of_the_campaign_than_was_run():
     assert {"device=encoder", "phase=posture"} <= {*part.quick}
     assert "every device in every phase" in part.text
     done, left = part.quick_text.split(" The whole campaign ")
-    assert "every kind of fault of an encoder while the platform takes a posture" in done
+    assert (
+        "Every kind of fault is injected into an encoder while the platform takes a posture"
+        in done
+    )
     assert not re.search("every (device|phase)", done)
     assert re.search("every device and phase", left)

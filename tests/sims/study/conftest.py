@@ -64,7 +64,8 @@ class Trial(Experiment[TrialScenario, None]):
 
     def measure(self, scenario, data):
         total = scenario.x + 2.0 * scenario.y
-        yield Metric("total_mm", total if scenario.kind == "good" else math.inf, "mm", 5.0)
+        value = total if scenario.kind == "good" else math.inf
+        yield Metric("total_mm", value, "mm", 5.0, undefined="the sum is endless")
         yield Metric("floor_mm", scenario.y, "mm", at_least=-1.0)
         if scenario.x > 0.0:
             yield Metric("own_mm", scenario.x, "mm", 1.0 + abs(scenario.y), meaning="of its own")

@@ -1,14 +1,19 @@
 """Figures and page of a study."""
 
+import io
 import re
 
 import numpy as np
 import pytest
 from matplotlib.contour import QuadContourSet
+from matplotlib.text import Text
+from rich.console import Console
 
 from parapod.sims.output.figures import draw, render
 from parapod.sims.study.page import make_page
 from parapod.sims.study.records import Column
+from parapod.sims.study.sensitivity import contributions
+from parapod.sims.study.summary import print_summary
 from tests.sims.study.conftest import carry_out
 
 ALL = {"x": "-10:10:9", "y": "-5:5:9", "kind": "good,crash"}
@@ -26,7 +31,7 @@ def result(study):
 
 def test_a_grid_shows_distributions_contributions_and_its_border(result):
     names = [one.name for one in result.figures]
-    assert names == ["distributions", "contributions", "over_variables", "border_y_x"]
+    assert names == ["border_y_x", "contributions", "over_variables", "distributions"]
     for one in result.figures:
         assert b"<svg" in render(one)
 
@@ -89,6 +94,54 @@ def test_the_page_needs_nothing_else_and_says_everything(result):
     for command in result.summary.commands.values():
         assert command.replace("'", "&#39;") in page
     assert "<!doctype" not in result._repr_html_()
+
+
+def test_the_page_answers_first_then_shows_where_the_bounds_hold(result):
+    page = make_page(result.study, result.summary, result.figures)
+    passed = result.records.passed.sum()
+    answer = (
+        f"All bounds held in {passed} of 162 runs. 81 were refused or failed. Broken most often: "
+    )
+    titles = [one.title for one in result.figures]
+    parts = [answer, "<table", *titles, "<h3>Metrics</h3>", "<h3>Runs to look at</h3>"]
+    places = [page.index(part) for part in parts]
+    assert places == sorted(places)
+    assert titles[0].startswith("Where the bounds hold")
+
+
+def test_the_answer_names_the_variable_that_decides(study):
+    result = carry_out(study({"x": "-9:1:5", "y": "0:5:11"}))
+    share = contributions(result.study.sampling, [result.records.verdict])[0].total
+    key = "xy"[int(np.argmax(share))]
+    assert result.summary.decisive == (key, pytest.approx(max(share)))
+    assert result.summary.answer.endswith(
+        f"{key} decides most: it has a part in {100.0 * max(share):.0f} % of the variance."
+    )
+
+
+def test_values_that_are_not_finite_have_their_reason(study):
+    result = carry_out(study({"x": "0:1:2", "kind": "good,endless"}))
+    remark = "not finite in 2 runs: the sum is endless"
+    assert remark in make_page(result.study, result.summary, result.figures)
+    console = Console(file=io.StringIO(), width=200)
+    print_summary(result.summary, console)
+    assert remark in console.file.getvalue()
+
+
+def test_letters_of_figures_are_10_pixels_of_the_page_or_more(result):
+    (scale,) = re.findall(
+        r"img \{ min-width: calc\(var\(--inches\) \* ([\d.]+)rem\)",
+        make_page(result.study, result.summary, result.figures),
+    )
+    pixels_of_a_point = 16.0 * float(scale) / 72.0
+    for one in result.figures:
+        for text in draw(one).findobj(Text):
+            if text.get_text():
+                assert text.get_fontsize() * pixels_of_a_point >= 10.0, text
+
+
+def test_values_of_a_range_are_written_as_people_write_them(study):
+    assert study({"x": "-7:7:11"}).variables[0].values[4:6] == [-1.4, 0.0]
 
 
 # bound, at_least, value: share of the bound that is used
