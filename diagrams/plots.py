@@ -22,7 +22,7 @@ _USUAL = 4
 _ASKED_FOR = ("_desired", "_desired_state", "_command", "_asked", "_request", "_node")
 ASKED, MEASURED, TRUE = "asked for", "measured", "true"
 # The same colour for the same role in every plot.
-_OF_ROLES = {ASKED: COLOURS[0], MEASURED: COLOURS[1], TRUE: COLOURS[2]}
+ROLE_COLOURS = {ASKED: COLOURS[0], MEASURED: COLOURS[1], TRUE: COLOURS[2]}
 
 
 def role_of(signal: str) -> str:
@@ -138,7 +138,7 @@ class Plot:
     def colours(self) -> tuple[str, ...]:
         """Colours of the curves: of their roles where each has another one, else in turn."""
         if self._is_one_a_role:
-            return tuple(_OF_ROLES[role] for role in self._roles)
+            return tuple(ROLE_COLOURS[role] for role in self._roles)
         return tuple(COLOURS[place % len(COLOURS)] for place in range(len(self.curves)))
 
     @property

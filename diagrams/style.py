@@ -4,6 +4,8 @@ from typing import Any
 
 # Colours that stay apart in print and for the colour-blind (Okabe and Ito), in order of use.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+# Lines of bounds.
+BOUND: dict[str, Any] = {"color": "0.2", "linestyle": "--", "linewidth": 1.0}
 _STYLE: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.grid": True,

@@ -321,4 +321,5 @@ def _figure(scenario: LevellingScenario, run: Run) -> Figure:
         lines,
         "asked for",
         scenario.job.estimate_at + scenario.job.settled_after,
+        (_ANGLE_BOUND, _HEIGHT_BOUND),
     )

@@ -19,12 +19,13 @@ from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM, make_job_sources
 from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import BODIES, ControlScenario, LevellingScenario
+from parapod.diagrams.plots import ROLE_COLOURS
 from parapod.diagrams.style import COLOURS
 from parapod.sims.lab.bench import Live, make_viewer, simulate
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import ReadOut
-from parapod.sims.output.figures import Figure
+from parapod.sims.output.figures import Figure, draw_bound
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
@@ -206,6 +207,7 @@ def posture_figure(
     lines: dict[str, NDArray[np.float64]],
     reference: str,
     counts_from: float = -math.inf,
+    bounds: tuple[float | None, float | None] = (None, None),
 ) -> Figure:
     """Roll, pitch and height over time, above their errors against one of the lines.
 
@@ -219,21 +221,26 @@ def posture_figure(
         lines: label -> (n, 3) posture [deg, deg, mm].
         reference: label of the line that the others are compared with.
         counts_from: time from which on errors count, which is marked [s].
+        bounds: bounds of the errors of angles [deg] and of the height [mm]; None for none.
     """
     counts = time >= counts_from
+    roles = {line: ROLE_COLOURS[line] for line in lines if line in ROLE_COLOURS}
+    in_turn = (colour for colour in COLOURS if colour not in roles.values())
+    colours = {line: roles.get(line) or next(in_turn) for line in lines}
 
     def draw(canvas: "Canvas") -> None:
         axes: Any = canvas.subplots(2, 3, sharex=True, height_ratios=(2, 1))
-        for i, (_, _, label) in enumerate(AXES):
+        for i, (_, unit, label) in enumerate(AXES):
             errors = []
-            for k, (line, posture) in enumerate(lines.items()):
+            for line, posture in lines.items():
                 width = 2.2 if line == reference else 1.0
-                colour = COLOURS[k % len(COLOURS)]
+                colour = colours[line]
                 axes[0, i].plot(time, posture[:, i], color=colour, linewidth=width, label=line)
                 if line != reference:
                     errors.append(posture[:, i] - lines[reference][:, i])
                     axes[1, i].plot(time, errors[-1], color=colour, linewidth=1.0)
             axes[1, i].set_ylim(_limits(np.array(errors)[:, counts]))
+            draw_bound(axes[1, i], bounds[0] if unit == "deg" else bounds[1])
             axes[0, i].set_ylabel(label)
             axes[1, i].set_ylabel(f"error [{label.split('[')[1]}")
             axes[1, i].set_xlabel("time [s]")
@@ -242,6 +249,8 @@ def posture_figure(
                     row.axvspan(time[0], counts_from, color="0.93", zorder=0, label=_UNCOUNTED)
         canvas.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
 
+    if bounds != (None, None):
+        caption += " Dashed: bounds of the errors."
     return Figure(name, title, caption, draw, (9.0, 4.4))
 
 

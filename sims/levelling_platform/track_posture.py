@@ -360,6 +360,7 @@ def _tracking(
             lines,
             "asked for",
             began,
+            (_PAPER[0], _PAPER[2]),
         ),
         Figure(
             "fig22",

@@ -57,6 +57,7 @@ class UnevenGround(LevellingExperiment[Run]):
             {"asked for": _desired(run), "true": _truth(scenario, run)},
             "asked for",
             scenario.job.estimate_at + scenario.job.settled_after,
+            _BOUNDS,
         )
 
 

@@ -97,16 +97,17 @@ class ValidateKinematics(LevellingExperiment[Comparisons]):
 
     def draw(self, scenario: LevellingScenario, data: Comparisons) -> Iterator[Figure]:
         """Postures of both (Figs. 8 to 11)."""
-        for case, name, legs in (
-            (data.drawn, "fig08_09", "as drawn, on a slope"),
-            (data.built, "fig10_11", "as built, on a floor"),
+        for case, name, legs, bounds in (
+            (data.drawn, "fig08_09", "as drawn, on a slope", _BOUNDS),
+            (data.built, "fig10_11", "as built, on a floor", (None, None)),
         ):
             lines = {"multibody plant": case.truth, "kinematic model": case.model}
             caption = (
                 f"Kinematic model and multibody plant, legs {legs} (the paper's {_named(name)})."
             )
             title = f"Model and plant, legs {legs}"
-            yield posture_figure(name, title, caption, case.time, lines, "multibody plant")
+            reference = "multibody plant"
+            yield posture_figure(name, title, caption, case.time, lines, reference, bounds=bounds)
 
 
 def _compare(scenario: LevellingScenario, run: Run) -> Comparison:

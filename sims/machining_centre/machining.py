@@ -19,6 +19,7 @@ from parapod.sims.machining_centre.jobs import (
     shade_phases,
     tip_errors,
 )
+from parapod.sims.output.figures import draw_bound
 from parapod.sims.output.results import Metric
 from parapod.systems.machining_centre.sequence import Phase
 
@@ -41,7 +42,7 @@ class CentreMachining(CentreJob):
     picture = (
         "centre_machining",
         "A row of holes",
-        "Blue: drilling. Above how far the drill's tip is from where it is to be, and its "
+        "Blue: drilling. Above the error of the drill's tip, with its bound, and its "
         "thrust; below the legs' forces, and what the posture resists in every direction "
         "beyond drill and weight.",
         (8.0, 4.6),
@@ -121,6 +122,8 @@ def _draw(scenario: CentreScenario, run: Run, canvas: "Canvas") -> None:
     tip, _ = tip_errors(scenario.plan.job.process, run)
     axes[0, 0].plot(run.time, 1e3 * tip, color=COLOURS[0])
     axes[0, 0].set(ylabel="error of the tip [mm]", ylim=(0.0, None))
+    bound = _LOADED if scenario.process.thrust_N > 0.0 else _FREE
+    draw_bound(axes[0, 0], bound, "bound of the root mean square")
     axes[0, 1].plot(run.time, run["tool.force"][:, 0], color=COLOURS[1])
     axes[0, 1].set_ylabel("thrust [N]")
     for leg, force in enumerate(run["truth.leg_force"].T):

@@ -18,6 +18,7 @@ from parapod.sims.machining_centre.jobs import (
     shade_phases,
     tip_errors,
 )
+from parapod.sims.output.figures import draw_bound
 from parapod.sims.output.results import Metric
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_centre.job import Swing
@@ -184,6 +185,7 @@ def _draw(scenario: CentreScenario, run: Run, canvas: "Canvas") -> None:
     tip, _ = tip_errors(scenario.plan.job.process, run)
     axes[1, 0].plot(run.time, 1e3 * tip, color=COLOURS[0])
     axes[1, 0].set(ylabel="error of the tip [mm]", ylim=(0.0, None))
+    draw_bound(axes[1, 0], _MACHINED, "bound of the root mean square")
     for leg, force in enumerate(run["truth.leg_force"].T):
         axes[1, 1].plot(run.time, force, color=COLOURS[leg // 2], lw=0.8)
     axes[1, 1].set(ylabel="forces of the legs [N]")

@@ -10,12 +10,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from parapod.diagrams.style import style
+import numpy as np
+
+from parapod.diagrams.style import BOUND, style
 from parapod.sims.output.atomic import atomic_output, check_folder
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import printable, quoted_path
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
     from matplotlib.legend import Legend
 
@@ -23,6 +26,35 @@ FORMATS = ("svg", "png", "pdf")
 # Size of a caption's letters [point], their mean width and the distance of lines by that size.
 _CAPTION_SIZE, _LETTER, _LINE = 8.0, 0.58, 1.3
 _POINTS, _MM = 72.0, 25.4  # to an inch
+# A bound up to this many times as large as the curves is drawn, a larger one is written.
+_NEAR = 4.0
+
+
+def draw_bound(axes: "Axes", bound: float | None, of: str = "bound") -> None:
+    """Draw a bound of errors, on both sides of zero if they have signs; one far off is written.
+
+    Args:
+        axes: axes of the errors, whose curves are drawn already.
+        bound: largest admissible size, in the axes' unit; None draws nothing.
+        of: name of the bound.
+    """
+    if bound is None:
+        return
+    low, high = axes.get_ylim()
+    if bound > _NEAR * max(-low, high):
+        place: dict[str, Any] = {
+            "transform": axes.transAxes,
+            "ha": "right",
+            "va": "bottom",
+            "fontsize": "small",
+        }
+        axes.text(1.0, 1.01, f"{of} {bound:g}", color=BOUND["color"], **place)
+        return
+    is_signed = any(np.nanmin(line.get_ydata(), initial=0.0) < 0.0 for line in axes.lines)
+    margin = 1.05 * bound
+    axes.set_ylim(min(low, -margin) if is_signed else low, max(high, margin))
+    for side in (-bound, bound) if is_signed else (bound,):
+        axes.axhline(side, **BOUND)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter  # type: ignore[import-untyped]
 
-from parapod.diagrams.style import COLOURS
+from parapod.diagrams.style import BOUND, COLOURS
 from parapod.sims.output.figures import Figure
 from parapod.sims.study.records import ALL_HELD, Column, Records
 from parapod.sims.study.sensitivity import Contributions, contributions
@@ -106,7 +106,7 @@ def _histogram(ax: "Axes", column: Column) -> None:
     ax.hist([values[is_held], values[~is_held]], edges, **colours)  # type: ignore[arg-type]
     for limit in (*limits, -limits[0] if signed and limits[0] is not None else None):
         if limit is not None:
-            ax.axvline(limit, color="0.2", linestyle="--", linewidth=1.0)
+            ax.axvline(limit, **BOUND)
     infinite_count = int((column.is_there & ~np.isfinite(column.values)).sum())
     if infinite_count:
         ax.set_title(
@@ -179,7 +179,7 @@ def _scatter(
                     which = which & is_finite
                     style = {"color": colour, "markersize": 2.5}
                     ax.plot(x[which], 100.0 * use[which], ".", **_PIXELS | style)
-                ax.axhline(100.0, color="0.2", linestyle="--", linewidth=1.0)
+                ax.axhline(100.0, **BOUND)
                 ax.set_ylim(bottom=0.0)
                 ax.tick_params(labelsize=_LETTERS)
             row[0].set_ylabel(f"{column.key}\n[% of its bound]", fontsize=_LETTERS)

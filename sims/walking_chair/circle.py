@@ -25,7 +25,7 @@ from parapod.diagrams.walking_chair.twin import LegTwin
 from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment, Logged
 from parapod.sims.output.drawn import LogDrawing
-from parapod.sims.output.figures import Figure
+from parapod.sims.output.figures import Figure, draw_bound
 from parapod.sims.output.results import Metric
 from parapod.systems.actuators.compound_position_controller import (
     MODES,
@@ -400,9 +400,9 @@ class ChairCircle(Experiment[ChairCircleScenario, dict[str, Recording]]):
             Figure(
                 "circle_errors",
                 "Error of the foot over time",
-                "Above the distance from where the foot should be at the same instant; below the "
-                "error of the trajectory's radius, which a foot that is late has not.",
-                partial(_draw_errors, data),
+                "Above the error of the foot at each instant, dashed its bound in mode compound; "
+                "below the error of the trajectory's radius, which a foot that is late has not.",
+                partial(_draw_errors, data, _compound_bound(scenario)),
                 (8.0, 4.6),
             ),
             Figure(
@@ -428,10 +428,15 @@ def _record(scenario: ChairCircleScenario, mode: str, bench: Bench) -> Recording
     return Recording(params.circle, time, position, velocity, foot)
 
 
+def _compound_bound(scenario: ChairCircleScenario) -> float:
+    """Bound of the foot's error in mode compound [mm]."""
+    return _ERROR_BY_PERIOD * scenario.control.period
+
+
 def _errors(scenario: ChairCircleScenario, recordings: dict[str, Recording]) -> Iterator[Metric]:
     """Errors of the foot in every mode, and how they compare."""
     errors = {mode: recording.foot_error_mm for mode, recording in recordings.items()}
-    bounds = {"compound": _ERROR_BY_PERIOD * scenario.control.period}
+    bounds = {"compound": _compound_bound(scenario)}
     for mode, error in errors.items():
         meaning = f"largest error of the foot from {SETTLING:g} s on, mode {mode}"
         yield Metric(f"foot_error_{mode}_mm", error, "mm", bounds.get(mode), meaning=meaning)
@@ -590,7 +595,7 @@ def _draw_circle(recordings: dict[str, Recording], canvas: "Canvas") -> None:
     panels[0].set_ylabel("y [mm]")
 
 
-def _draw_errors(recordings: dict[str, Recording], canvas: "Canvas") -> None:
+def _draw_errors(recordings: dict[str, Recording], bound: float, canvas: "Canvas") -> None:
     upper, lower = canvas.subplots(2, 1, sharex=True)
     for i, (mode, recording) in enumerate(recordings.items()):
         # The first on top: the last one runs to and fro.
@@ -598,6 +603,7 @@ def _draw_errors(recordings: dict[str, Recording], canvas: "Canvas") -> None:
         upper.plot(recording.time, 1e3 * recording.distance, label=f"mode {mode}", **style)
         lower.plot(recording.time, 1e3 * recording.radial_error, **style)
     upper.set_ylabel("error [mm]")
+    draw_bound(upper, bound, "bound of mode compound")
     lower.set_ylabel("radial error [mm]")
     lower.set_xlabel("time [s]")
     for axes in (upper, lower):

@@ -18,7 +18,7 @@ from pydrake.systems.framework import Context
 from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.style import COLOURS
+from parapod.diagrams.style import BOUND, COLOURS
 from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.plants import Simulation
@@ -27,7 +27,7 @@ from parapod.sims.lab.bench import LOOK_PERIOD, Live, make_viewer, stay_live
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import ReadOut, Run, realtime_metric
-from parapod.sims.output.figures import Figure
+from parapod.sims.output.figures import Figure, draw_bound
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
@@ -182,13 +182,12 @@ def _truth_metrics(
     force = signals["truth.force"][after_start]
     is_fine = scenario.backend == "kinematic" or scenario.plant.time_step <= _FINE_STEP
     heavy = scenario.passenger.mass_kg > 57.0
-    cycles = max(gait.cycles for gait in scenario.gait.walk.gaits)
     return [
         Metric(
             "body_error_mm",
             float(np.linalg.norm(error, axis=1).max()),
             "mm",
-            _BODY_ERROR + 0.1 * _DRIFT * (cycles - 1),
+            _body_bound(scenario),
             meaning="largest error of the body's centre",
         ),
         Metric(
@@ -305,6 +304,12 @@ def _shade_swings(axes: "Axes", time: NDArray[np.float64], signals: Signals) -> 
         axes.axvspan(time[begin], time[min(end, len(time) - 1)], color="0.93", zorder=0)
 
 
+def _body_bound(scenario: ChairScenario) -> float:
+    """Bound of the body's error, which grows with the cycles [mm]."""
+    cycles = max(gait.cycles for gait in scenario.gait.walk.gaits)
+    return _BODY_ERROR + 0.1 * _DRIFT * (cycles - 1)
+
+
 def _body(scenario: ChairScenario, time: NDArray[np.float64], signals: Signals) -> Figure:
     desired = body_desired(scenario, signals)
     true = signals["truth.body_position"]
@@ -326,7 +331,9 @@ def _body(scenario: ChairScenario, time: NDArray[np.float64], signals: Signals) 
             label = ("roll", "pitch", "yaw")[axis]
             axes[1, 0].plot(time, attitude[:, axis], label=label)
         axes[0, 1].set_ylabel("error of the body [mm]")
+        draw_bound(axes[0, 1], _body_bound(scenario))
         axes[1, 0].set_ylabel("attitude [deg]")
+        draw_bound(axes[1, 0], _TILT, "bound of roll and pitch")
         heights = 1e3 * signals["truth.foot_height"].reshape(-1, 4, 3).min(axis=2)
         for leg in range(4):
             axes[1, 1].plot(time, heights[:, leg], label=f"leg {leg + 1}")
@@ -340,7 +347,7 @@ def _body(scenario: ChairScenario, time: NDArray[np.float64], signals: Signals) 
         "chair_walk_body",
         "The walk",
         "Where the body is (pale: where the gait has it), how far it is off, and the feet; "
-        "two feet are in the air where the ground is grey.",
+        "two feet are in the air where the ground is grey. Dashed: bounds.",
         draw,
         (9.0, 5.0),
     )
@@ -380,7 +387,7 @@ def _margin(scenario: ChairScenario, time: NDArray[np.float64], signals: Signals
             panel.set_xlabel("time [s]")
         left.plot(time, margin, label="this phase and the next")
         required = scenario.control.support_margin_mm
-        left.axhline(required, color=COLOURS[1], label="required")
+        left.axhline(required, **BOUND, label="required")
         left.set(ylabel="support margin [mm]", ylim=(0.0, None))
         left.legend(ncols=2, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0))
         since_start = time >= scenario.begin

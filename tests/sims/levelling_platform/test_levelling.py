@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from parapod.diagrams.plots import ROLE_COLOURS
 from parapod.sims.levelling_platform.levelling import posture_figure
 from parapod.sims.output.figures import draw
 
@@ -48,3 +49,17 @@ def test_the_time_before_errors_count_is_marked(part, finished):
         )
     (legend,) = canvas.legends
     assert "errors do not count yet" in [text.get_text() for text in legend.get_texts()]
+
+
+def test_rows_of_errors_have_their_bounds_and_roles_their_colours():
+    time = np.linspace(0.0, 1.0, 11)
+    asked = np.zeros((11, 3))
+    true = asked + [0.1, -0.1, 0.5] * np.sin(time)[:, None]
+    figure = posture_figure(
+        "f", "F", "C.", time, {"asked for": asked, "true": true}, "asked for", bounds=(0.2, 1.0)
+    )
+    axes = draw(figure).axes
+    for axes_of_error, bound in zip(axes[3:], (0.2, 0.2, 1.0), strict=True):
+        curve, *bounds = axes_of_error.lines
+        assert curve.get_color() == ROLE_COLOURS["true"]
+        assert [line.get_ydata()[0] for line in bounds] in ([-bound, bound], [bound])

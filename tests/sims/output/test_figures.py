@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from parapod.sims.output.figures import FORMATS, Figure, Print, render, write_figures
+from parapod.sims.output.figures import FORMATS, Figure, Print, draw_bound, render, write_figures
 from parapod.sims.output.figures import draw as draw_figure
 from parapod.systems.core.errors import OutputError
 
@@ -166,3 +166,29 @@ def test_a_legend_that_is_wider_than_a_narrow_figure_gets_fewer_columns():
     (legend,) = canvas.legends
     assert legend.get_window_extent().width <= canvas.bbox.width
     assert "long name, 5" in words
+
+
+@pytest.mark.parametrize(
+    ("errors", "bound", "sides", "words"),
+    [
+        ((-0.1, 0.05), 0.2, [-0.2, 0.2], []),
+        ((0.0, 0.1), 0.2, [0.2], []),
+        ((-0.1, 0.3), 0.2, [-0.2, 0.2], []),
+        ((0.0, 0.001), 0.2, [], ["bound 0.2"]),
+        ((0.0, 0.1), None, [], []),
+    ],
+)
+def test_a_bound_is_drawn_where_it_is_near_and_written_where_it_is_far(
+    errors, bound, sides, words
+):
+    def with_bound(canvas):
+        axes = canvas.subplots()
+        axes.plot([0.0, 1.0], errors)
+        draw_bound(axes, bound)
+
+    (axes,) = draw_figure(Figure("error", "Error", "Below its bound.", with_bound)).axes
+    dashed = [line.get_ydata()[0] for line in axes.lines if line.get_linestyle() == "--"]
+    assert dashed == sides
+    assert [text.get_text() for text in axes.texts] == words
+    low, high = axes.get_ylim()
+    assert all(low < side < high for side in sides)
