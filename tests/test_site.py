@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from parapod.diagrams.drivers.driver import Driver
 from parapod.sims.cli.main import COMMANDS
 from parapod.sims.lab.discovery import list_entries
 from parapod.systems.core import schema
@@ -74,6 +75,21 @@ def test_keys_stand_in_tables_that_narrow_screens_can_fold(reference):
     style = (_SITE / "static" / "site.css").read_text()
     folded = style.partition("@media screen and (max-width: 46em) {")[2].partition("\n}")[0]
     assert ".keys tr { display: flex" in folded
+
+
+def test_every_setting_of_every_driver_has_a_meaning(reference):
+    drivers = {
+        name: kind
+        for name, kind in Driver.variants().items()
+        if kind.__module__.startswith("parapod.")
+    }
+    text = "\n".join(reference._scenario(entry) for entry in _ENTRIES)
+    tables = dict(re.findall(r"^### !(\w+)$(.*?)(?=^##|\Z)", text, re.MULTILINE | re.DOTALL))
+    assert tables.keys() >= drivers.keys()
+    for name, kind in drivers.items():
+        for key in schema.fields_of(kind):
+            row = rf"^\| `{key}` \|.*\| [^|]+ \|$"
+            assert re.search(row, tables[name], re.MULTILINE), f"{name}.{key}"
 
 
 def test_a_picture_of_a_loop_is_as_wide_as_its_page_and_one_has_all_ports(reference):
