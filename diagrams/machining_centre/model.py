@@ -1,4 +1,15 @@
-"""A machining centre's bodies, joints, clamps and closed loops in a MultibodyPlant; pictures."""
+"""A machining centre's bodies, joints, clamps and closed loops in a MultibodyPlant; pictures.
+
+Eight joints a limb, its loop closed by a ball constraint, feet welded to clamps. Drake fixes a
+constraint's place when a plant is finalized; so a clamp is a body that is welded to a frame whose
+pose is a parameter of the context (`FixedOffsetFrame`), which is put where the foot stands. That
+costs no joint: bodies that float and are locked cost a third of the speed, and have no lock in a
+default context. Locks and clamps are parameters, which no system can change while a simulation
+steps: `Locking` changes them between two steps, in one place, and only what stands.
+
+Half the step leaves a quarter of the clamps' yielding (29 um at 1 ms, standing). Masses and
+stiffnesses are assumptions: a platform of 10 kg, 2.1 kg a leg, 10 N/um.
+"""
 
 import math
 from collections.abc import Sequence

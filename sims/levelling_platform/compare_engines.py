@@ -5,6 +5,27 @@ geometry and stiffness; so must the feet's forces, as far as statics determines 
 determine how two opposite feet and the other two share the weight: legs that are a few micrometres
 longer bear tens of newtons more, and actuators whose friction depends on their load come to rest a
 few micrometres apart. That share is a matter of history, and is shown for itself.
+
+Largest differences at 1 ms: posture .0059 deg and .050 mm, beyond the rods' own extensions .0019
+deg and .020 mm; feet's forces, as far as statics determines them, 1.2 N (.19 N rms) of 130 N; gap
+of the loops .96 um with Drake, .024 um with MuJoCo.
+
+| step | 4 ms | 2 ms | 1 ms | .5 ms |
+|---|---|---|---|---|
+| angles [deg] | .0098 | .0024 | .0059 | .0014 |
+| height [mm] | .21 | .065 | .050 | .010 |
+
+* Load sharing: in motion it differs by up to 62 N a foot, and by 414 N at a rod. Actuators then
+  come to rest up to 31 um apart, which is most of the difference in posture, and why it does not
+  fall evenly with the step.
+* Loops: Drake regularises the constraints by the step. Their gap grows from 1 um at 1 ms to 3 um
+  at 2 ms, six times as much at the height. MuJoCo's loops here are springs of 1e10 N/m.
+* Creep of the standing platform: Drake .019 mm/s, MuJoCo .0009 mm/s at 1 ms. MuJoCo's friction
+  here is 1e4 N s/m of damping and 1e4 kg of added mass along the ground.
+* Sliding feet lift in MuJoCo's convex contact, by friction times their way in a step. Here
+  friction stops at a rate of 100 1/s, and at 1 ms they lift by 2 um; stopped at once they would
+  chatter at 1 ms already. Up to 5 ms they are quiet; at 10 ms the platform hops 5 cm down the
+  slope while it moves.
 """
 
 import math

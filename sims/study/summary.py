@@ -145,7 +145,7 @@ class Summary:
 
     @property
     def answer(self) -> str:
-        """What came out, in a few sentences."""
+        """Outcome in a few sentences."""
         sentences = [f"All bounds held in {self.passed} of {self.done} runs."]
         if refused := sum(count for _, count, _ in self.refusals):
             sentences.append(f"{refused} were refused or failed.")

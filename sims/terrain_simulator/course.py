@@ -3,6 +3,14 @@
 Slopes, stairs, steps: each is walked twice by the same leg with the same controller, once on the
 plate that plays it and once over the terrain itself. The bench is only right if both agree in what
 leg and ground feel.
+
+In the world the leg's slide hangs on a column that goes along with the body. Forces of the ground
+differ by .3 to 2.5 % (root mean square) on slopes of 20 and 30 deg, stairs of 17 x 29 cm up and 15
+x 30 cm down, steps of 12 cm and alternating slopes; heights of the hip by half a millimetre.
+Without the body's inertia in the slide's drive (`adds_inertia=false`) stairs and steps differ
+twice as much. The rest is the way of a foot that nears a slope: in the world it comes down along
+the ground, on the bench the plate comes with it. A foot that would hit an edge does so in the
+world only: `least_clearance_mm` shows it beforehand.
 """
 
 from collections.abc import Iterator

@@ -3,6 +3,15 @@
 The plate gives the foot its footholds, the slide carries a quarter of the body, and the drive of
 the slide plays the other legs. Ground reaction forces stand beside the laws that bind them: over
 whole strides their mean is the weight, within a stance their impulse is that of the gait's force.
+
+| measured at 1 ms | trot 1.5 m/s, pedal | trot 2.75 m/s, treadmill |
+|---|---|---|
+| plate from its path | .056 mm, .0005 deg | .05 mm, .009 deg |
+| mean force by weight | .9999 | 1.0000 |
+| largest force | 923 N | 1190 N, at touchdown |
+| hip from its gait | 1.6 mm | 3.0 mm |
+| sliders, largest speed | 2.67 m/s | .4 m/s |
+| real-time factor, nothing recorded | 2.7 | 2.5 |
 """
 
 from collections.abc import Callable, Iterator

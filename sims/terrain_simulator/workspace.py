@@ -2,6 +2,16 @@
 
 Section 4 of the paper, exact: nothing is simulated. At a height and an angle the places along the
 rail are one interval in closed form, so that areas converge with the square of the cells.
+
+| | pedal | treadmill |
+|---|---|---|
+| area at -45, 0, +45 deg (treadmill: 14) [m^2] | .1276, .1040, .0704 | .1362, .1512, .0871 |
+| with sin mu >= .25 [m^2] | .1276, .1040, .0402 | .1141, .1089, .0871 |
+| widest box 80 mm high, at all angles | 367 mm | 457 mm |
+
+Table 1 asks for 500 x 200 mm: 500 mm along the rail are possible in every orientation, 200 mm
+upwards in four of six, both at once in none. alpha = 33 deg is the largest whole angle with which
+A_3 keeps 100 mm from A_2 while the pedal's front end is up by 45 deg.
 """
 
 import math

@@ -3,6 +3,17 @@
 Both simulate the same bodies, drives and gait. Feet that come down and leave make it harder than
 the platform. Four flat feet have twelve corners, of which three bear what statics determines; how
 much each branch bears hangs on micrometres, while all feet together bear the weight.
+
+| step | 4 ms | 2 ms | 1 ms | .5 ms |
+|---|---|---|---|---|
+| body [mm] | .14 | .11 | .10 | .096 |
+| roll and pitch [deg] | .0039 | .0024 | .0020 | .0018 |
+
+At 1 ms the heading differs by .025 deg, all feet together bear the same within 3.5 N rms of 1040
+N, and the branches' forces differ by 10 N rms. The tenth of a millimetre that no step removes is
+along the ground, at touchdowns, where corners slide on regularised friction until all of them
+bear; .04 mm of it are left in the end, and height differs by .02 mm. Gaits so hasty that Drake's
+drives saturate (427 N) are not comparable: MuJoCo's drives have no limit here.
 """
 
 import math

@@ -5,6 +5,36 @@ accelerometer are off by what manufacturing leaves. In each pose the encoders, t
 and the optical tracker of Appendix B are read; from these the machine is identified, and its
 posture is predicted on poses that were not used. A real machine is led through the poses, and
 somebody with an instrument is asked what it tells.
+
+Each foot that stands gives g(attitude - bias, ground) . P_i(d_i + offset_i) + r = h: least squares
+on up to 120 such equations of 30 poses, weighted with their covariance (the four of a pose share
+the errors of attitude and height), and on the difference of inertial sensor and tracker (height
+.05 mm, inclination .01 deg).
+
+* Eight numbers a leg, not ten: l_6 and l_7 act through the constant part of P_i only. A wrong l_7
+  is a wrong l_z, a wrong l_6 is wrong l_x, l_y and l_z. They keep their nominal values.
+* Most single lengths stay uncertain, and the posture does not depend on them. 30 mm of stroke bend
+  the leg's curve so little that l_3, l_4, alpha and the encoder's offset act as two or three
+  numbers, and inclinations of a few degrees hardly show l_x and l_y. The data determine 19 of 34
+  directions better than the tolerances; in the others the tolerances decide (weak measurements:
+  maximum a posteriori), where one tolerance moves the feet by less than .05 mm. Encoder offsets
+  alone are accurate to .15 mm.
+* A sensor that leans and four legs that lean with it look alike in every pose, on any ground. With
+  the inertial sensor alone the bias is known to .8 mg, however many poses there are; with the
+  tracker's inclination to .05 mg. Posture against the sensor is equally exact both ways.
+* Unknown ground looks like bias. A platform that is turned on it tells them apart
+  (`ground.known=false poses.turns_deg=[0,180]`); an error of ground that counts as known goes into
+  the bias.
+
+A recording that leaves open anything that moves the feet by .05 mm is refused, with the names of
+the open directions and the poses that would help. Root mean square errors over 100 other poses,
+seeds 0..19 (smallest, median, largest):
+
+| | drawing | calibrated | factor |
+|---|---|---|---|
+| feet's heights by the posture, with tracker [mm] | .33/1.9/3.8 | .023/.043/.072 | 5.8/38.9/99.1 |
+| without tracker, against gravity [mm] | the same | .21/.64/1.2 | .5/2.7/18.3 |
+| without tracker, against the corrected sensor | | | 15.1/32.7/93.2 |
 """
 
 import math
