@@ -32,9 +32,9 @@ class Tilt(LoopExperiment):
         turning = run.after(2.0 * scenario.motion.period)
         error = turning["truth.pose"] - turning["pose_desired_state"][:, :3]
         tilt = np.degrees(np.hypot(*error[:, :2].T).max())
-        yield Metric("tilt_error_deg", tilt, "deg", 0.1, meaning="largest error while turning")
+        yield Metric("tilt_error_deg", tilt, "deg", 0.1, meaning="largest tilt error")
         height = 1e3 * np.abs(error[:, 2]).max()
-        yield Metric("height_error_mm", height, "mm", 1.0, meaning="largest error while turning")
+        yield Metric("height_error_mm", height, "mm", 1.0, meaning="largest height error")
 
     def draw(self, scenario, run):
         """The normal's path."""
