@@ -13,7 +13,7 @@ from parapod.sims.cli.main import COMMANDS
 from parapod.sims.lab.discovery import list_entries
 from parapod.systems.core import schema
 from parapod.systems.core.errors import ParapodError
-from tests.laws.conftest import SYSTEMS
+from tests.laws.conftest import SYSTEMS, TEMPLATES
 
 _ROOT = Path(__file__).parents[1]
 _SITE = _ROOT / "docs" / "site"
@@ -47,6 +47,14 @@ def test_every_system_has_its_symbol_and_table(reference):
     assert text.count("| port | size | unit | meaning |") == len(headings)
     for package in re.findall(r"^(\w+)$", pages["systems/index.md"].split("maxdepth: 1")[1], re.M):
         assert f"systems/{package}.md" in pages
+
+
+def test_systems_say_whether_they_convert(reference):
+    pages = dict(reference.systems())
+    text = "\n".join(page for name, page in pages.items() if name != "systems/index.md")
+    parts = dict(re.findall(r"^## (\w+)$(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL))
+    converting = {name for name, part in parts.items() if "\nConverts to AutoDiffXd.\n" in part}
+    assert converting == set(TEMPLATES) & set(parts)
 
 
 def test_indices_describe_every_page_and_name_every_system(reference):

@@ -170,7 +170,8 @@ def _settings(kind: type) -> Iterator[type]:
 
 def _system(kind: type) -> str:
     symbol = _symbol(class_name(kind), port_table(kind))
-    return "\n\n".join((f"## {class_name(kind)}", symbol, *_made(kind)))
+    scalars = "Converts to AutoDiffXd." if "_construct" in vars(kind) else "Floats only."
+    return "\n\n".join((f"## {class_name(kind)}", symbol, scalars, *_made(kind)))
 
 
 def _described(kind: type) -> str:

@@ -3,6 +3,12 @@
 Each cell begins at the same instant of a faultless run. Its fault stays, and the platform is
 watched for a while: what is found, after how long, how the machine reacts, how far it leaves the
 path of the faultless run, and whether every output stays finite and within its limits.
+
+448 cells, of which 364 change a signal. 287 of these are found, none under the name of another
+device; the others do no harm, and each is listed with its reason. All outputs stay finite and
+within their limits. Until the fault is found the platform leaves the path of the faultless run by
+1.0 deg (a stuck or wrong encoder) and 8.2 mm (a contact switch that does not close, so that its
+leg goes on lowering) at most.
 """
 
 import math

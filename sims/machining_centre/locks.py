@@ -3,6 +3,11 @@
 The paper locks q_1 of both standing limbs and leaves the choice to future work. Of all pairs of
 joints there are here how well the locked values determine the platform's pose, how well legs and
 locks hold it, and how far the platform of rigid bodies sinks when a foot is let go.
+
+With q_1 of both standing limbs locked, as the paper has it, the platform is held, but where it is
+parallel to the ground a foot's pose does not determine it: the smallest singular value is 0. With
+q_6 of one and q_2 of the other it is .064. Of 28 pairs one lets the platform fall: q_6 of both, by
+477 mm in half a second.
 """
 
 import math

@@ -2,6 +2,19 @@
 
 One foot after the other is let go while joints are locked, swung by all legs, and clamped where it
 has come to. The walk's plan is found, and refused where a leg, a lock or the drill would not do.
+
+| multibody, 1 ms | tripod | quadruped |
+|---|---|---|
+| tip while machining, rms, with thrust / outside | .037 / .040 mm | .030 / .033 mm |
+| foot from its foothold, largest | .25 mm | .56 mm |
+| platform sinks when a clamp opens | .47 mm | 1.84 mm |
+| foot's way in the second after its clamp has closed | .07 mm | .004 mm |
+| tip's error after the walk | .11 mm | .38 mm |
+| largest force of a leg | 340 N | 350 N |
+
+Encoders do not see legs yield, but currents show their forces: `control.knows_stiffness` has the
+posture account for it, which leaves a fifth of the drift of a walk (.39 mm of 1.85 mm after two
+steps of each foot).
 """
 
 from collections.abc import Iterator

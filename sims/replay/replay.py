@@ -1,4 +1,8 @@
-"""Logs as they are replayed: one alone, or laid over another."""
+"""Logs as they are replayed: one alone, or laid over another.
+
+The walking chair's steps are counted over all samples, also of what is before `--between` and of
+those between two pictures.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -3,6 +3,18 @@
 A URDF of any planar leg, with the names of its links and joints, is all that is needed. First its
 mass, its joints' limits and its reach over the plate are told; then it steps onto a step that the
 plate plays, and jumps as high as Table 1 has it in mind: its vertical speed is that of 0.3 m.
+
+The walking chair's leg on the bench, measured at 1 ms:
+
+| | level | 10 deg up, rear leg | 10 deg down, front leg |
+|---|---|---|---|
+| the leg's loops, the bench's [um] | .13, .62 | .13, .78 | .13, .54 |
+| foot in stance, in swing [mm] | .18, .11 | .17, .12 | .17, .12 |
+| force of the ground beside the gait's, rms by peak [%] | 2.0 | 2.0 | 2.0 |
+| force along by upwards, where it presses | .08 | .15 | .14 |
+
+Screws that yield by 1 um for a newton make most of the error in stance. Down the slope the
+ground's forces differ from those over a slope in the world by 1.3 %, the hip's heights by .07 mm.
 """
 
 import math

@@ -4,6 +4,10 @@ Eqs. (50)-(54) of the paper, and the 57 kg of Fig. 17. The chair stands still at
 step. Forces of the ground are spread over the corners of its feet so that no branch exceeds its
 actuator's thrust; the largest payload for which there is such a way bounds what any control can
 carry. The support polygon says how far it is from tipping.
+
+The paper's payload of 57 kg is an experiment with rated currents. An optimal distribution of
+forces carries 168.6 kg without friction and 211 kg with it; a foot that stands on E_1 alone 37.9
+kg. The paper's number is what a UP branch with .82 of its leg's load reaches.
 """
 
 from collections.abc import Iterable, Iterator

@@ -2,6 +2,11 @@
 
 With bodies, contact and closed loops, or quasi-static: Figs. 15 to 18 of the paper. Refused before
 the first step where a stroke, a speed, a force or the support would not do.
+
+One cycle forward and back with 57 kg, drives off by up to 2 % and 1 mm/s: body within .50 mm of
+the gait's, tilt .007 deg, largest force of a branch 193 N of 427 N, gap of the loops .16 um,
+passenger by the currents within .3 kg and 4 mm. Contact must be stiff: with a point stiffness of
+1e6 N/m the chair tips where with 1e7 it stands. Here it is 2.5e7.
 """
 
 import copy
