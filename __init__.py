@@ -13,7 +13,7 @@
     parapod.run("level", seed=3, backend="kinematic")  # metrics, bounds and figures
     parapod.study("level", {"seed": "0:20", "ground.pitch_deg": "-5:5:11"})  # on all cores
     parapod.draw(loop)  # the diagram as a picture
-    parapod.Scene.of(meshcat)  # what `closed_loop(scenario, meshcat=viewer(scenario))` has drawn
+    parapod.Scene.from_meshcat(meshcat)  # drawn by `closed_loop(scenario, meshcat=meshcat)`
     parapod.Alone(system, {"voltage": 3.0})  # one component in a diagram that can be simulated
 
 `parapod list` names the experiments, `parapod.experiments()` too. A package with a machine or an

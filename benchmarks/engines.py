@@ -301,8 +301,8 @@ class MujocoBench:
         self._start = np.zeros(mujoco.mj_stateSize(model, kind))
         mujoco.mj_getState(model, self._data, self._start, kind)
         self._control = self._controls(leg)
-        rollout: Any = need("mujoco.rollout")
-        self._rollout = rollout.Rollout(nthread=0)
+        stepper: Any = need("mujoco.rollout")
+        self._step_all = stepper.Rollout(nthread=0)
         floating = next(i for i in range(model.njnt) if model.jnt_type[i] == 0)
         self._pose = 1 + int(model.jnt_qposadr[floating])
 
@@ -346,7 +346,7 @@ class MujocoBench:
         """States (n, m) after each step."""
         self._mujoco.mj_resetData(self._model, self._data)
         start, control = self._start[None], self._control[None]
-        states, _ = self._rollout.rollout(self._model, self._data, start, control)
+        states, _ = self._step_all.rollout(self._model, self._data, start, control)
         state: Floats = states[0]
         return state
 

@@ -202,7 +202,7 @@ class Tests:
         self._is_used[self._numbers[test]] = False
         return False
 
-    def of(self, mutant: Mutant) -> tuple[list[str], int]:
+    def tests_for(self, mutant: Mutant) -> tuple[list[str], int]:
         """Tests that may see a mutant, as many as there is time for, and how many there are.
 
         First those of files that import the changed one, each kind by duration. What stands

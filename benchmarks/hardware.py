@@ -17,7 +17,7 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.output.options import RunOptions
 from parapod.sims.real_machine.job import run_on_hardware
 from parapod.sims.real_machine.own_emulator import own_emulator
-from parapod.sims.real_machine.punctuality import bench_real_time
+from parapod.sims.real_machine.punctuality import measure_punctuality
 from parapod.sims.real_machine.real_time import DeadlineError, Timing
 from parapod.systems.hardware.device import DeviceError
 
@@ -80,7 +80,7 @@ def _punctuality(console: Console) -> list[Measurement]:
     """Punctuality of the loop without devices; the machine's own wake-up beside it."""
     results = []
     scenario = LevellingScenario(backend="mock")
-    for p in bench_real_time(PLATFORM, scenario, (100.0, 200.0, 500.0), 5.0, console):
+    for p in measure_punctuality(PLATFORM, scenario, (100.0, 200.0, 500.0), 5.0, console):
         late, alone = 1e3 * p.period_error[1], 1e3 * p.wake_up[1]
         cost = 1e3 * p.cost[1]
         results += [

@@ -192,7 +192,7 @@ def _try(mutant: Mutant, tests: Tests, copy: _Copy) -> Outcome:
     """
     began, part = time.monotonic(), 1.0
     while True:
-        chosen, count = tests.of(mutant)
+        chosen, count = tests.tests_for(mutant)
         if not chosen:
             return Outcome(mutant, "not covered")
         chosen = chosen[: max(1, int(part * len(chosen)))]

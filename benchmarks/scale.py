@@ -77,7 +77,7 @@ def run(console: Console) -> list[Measurement]:
 
 
 def _timed(workers: int, settings: tuple[str, ...], runs: int) -> _Timed:
-    study = Study.of("level", parapod.scenario("level", *settings), {"seed": range(runs)})
+    study = Study.make("level", parapod.scenario("level", *settings), {"seed": range(runs)})
     clocks: list[tuple[float, float]] = []
     memory: list[float] = []
     with TemporaryDirectory() as folder, LocalCrew(workers) as crew:

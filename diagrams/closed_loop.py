@@ -80,7 +80,7 @@ class ClosedLoop[S](Diagram):
             WiringError: a system whose ports do not fit, or a port to record that does not exist.
         """
         super().__init__()
-        machine = machine.of(scenario)
+        machine = machine.for_scenario(scenario)
         self.machine, self.scenario = machine, scenario
         settings: Any = scenario
         period = settings.control.period

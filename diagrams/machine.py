@@ -6,6 +6,7 @@ once, in this folder. A machine is found by its name among the entry points `par
 """
 
 import json
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -151,11 +152,16 @@ class Machine[S]:
     resets: Callable[[S], tuple[str, ...]] = lambda scenario: ()
     variant: Callable[[S], Mapping[str, Any]] | None = None
 
-    def of(self, scenario: S) -> "Machine[S]":
+    def for_scenario(self, scenario: S) -> "Machine[S]":
         """The machine as a scenario has it."""
         if self.variant is None:
             return self
         return replace(self, **self.variant(scenario), variant=None)
+
+    def of(self, scenario: S) -> "Machine[S]":
+        """Former name of `for_scenario`."""
+        warnings.warn("Machine.of is now Machine.for_scenario", DeprecationWarning, stacklevel=2)
+        return self.for_scenario(scenario)
 
     def structure(self, scenario: S) -> str:
         """The built-in part of a scenario, as a text: one loop serves all that share it."""

@@ -117,12 +117,12 @@ def add_adapted_model(
         adapt: changes the file's `robot` element in place.
     """
     ElementTree.register_namespace("drake", "http://drake.mit.edu")
-    robot = ElementTree.fromstring(
+    root = ElementTree.fromstring(
         Path(parser.package_map().ResolveUrl(url)).read_text(encoding="utf-8")
     )
-    robot.set("name", name)
-    adapt(robot)
-    (model,) = parser.AddModelsFromString(ElementTree.tostring(robot, encoding="unicode"), "urdf")
+    root.set("name", name)
+    adapt(root)
+    (model,) = parser.AddModelsFromString(ElementTree.tostring(root, encoding="unicode"), "urdf")
     return model
 
 

@@ -46,7 +46,7 @@ class Station[S](Diagram):
             WiringError: a backend without the machine's ports.
         """
         super().__init__()
-        self.machine, self.scenario = machine.of(scenario), scenario
+        self.machine, self.scenario = machine.for_scenario(scenario), scenario
         builder = DiagramBuilder()
         self.behind = self.machine.behind(builder, scenario, meshcat)
         _export(builder, self.machine, self.behind)

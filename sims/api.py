@@ -102,7 +102,7 @@ def loop_of(experiment: Any, scenario: Any, **options: Any) -> ClosedLoop[Any]:
 def viewer(scenario: Any) -> Meshcat:
     """The scene of a scenario's experiment, in which a closed loop can be drawn.
 
-    Its camera is where the whole machine is seen; `Scene.of(viewer)` shows it in a notebook.
+    Its camera shows the whole machine; `Scene.from_meshcat(viewer)` shows it in a notebook.
 
     Args:
         scenario: from `scenario`, or a machine's own.
@@ -192,7 +192,7 @@ def study(
         raise ParapodError("either an executor or a cluster does the work, not both")
     settings = scenario(experiment) if isinstance(experiment, str) else experiment
     name = _experiment_of(settings).name
-    study = Study.of(name, settings, vary, sampling, runs, sampling_seed)
+    study = Study.make(name, settings, vary, sampling, runs, sampling_seed)
     records = Records(study.sampling)
     if executor is not None:
         size = workers or getattr(executor, "_max_workers", None) or os.cpu_count() or 1

@@ -291,7 +291,7 @@ def click_after(monkeypatch):
     return prepare
 
 
-class Bench:
+class Stand:
     """A system alone: a test sets its inputs, steps its updates and reads its outputs.
 
     Attributes:
@@ -344,9 +344,9 @@ class Bench:
 
 
 @pytest.fixture(scope="session")
-def bench():
-    """bench(system, **inputs): see `Bench`; tests with more words derive their own class."""
-    return Bench
+def stand():
+    """stand(system, **inputs): see `Stand`; tests with more words derive their own class."""
+    return Stand
 
 
 def _fix(system, context, **inputs):

@@ -213,7 +213,7 @@ def test_a_notebook_runs_and_shows_what_it_says(kernel, name):
     found = execute(kernel, name, without=DEVICES)  # which need a clock
     check(found, FACTS[name])
     scenes = [data for data in found.shown() if "srcdoc=" in data.get("text/html", "")]
-    assert len(scenes) == NOTEBOOKS[name].read_text().count("parapod.Scene.of(")
+    assert len(scenes) == NOTEBOOKS[name].read_text().count("parapod.Scene.from_meshcat(")
 
 
 @pytest.mark.slow

@@ -50,7 +50,7 @@ class Beginning:
     noise_seed: int
 
     @classmethod
-    def of(cls, scenario: LevellingScenario, geometry: PlatformGeometry) -> Self:
+    def from_scenario(cls, scenario: LevellingScenario, geometry: PlatformGeometry) -> Self:
         """Works out the beginning of a scenario.
 
         Args:

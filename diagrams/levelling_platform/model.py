@@ -157,10 +157,10 @@ def _is_of_leg(directive: Any) -> bool:
     return str(name).startswith(("hip_", "leg_"))
 
 
-def _move_joints(origins: Mapping[str, Sequence[float]], robot: Element) -> None:
+def _move_joints(origins: Mapping[str, Sequence[float]], root: Element) -> None:
     """Gives joints of a URDF model other origins [m]."""
     for joint, origin in origins.items():
-        element = robot.find(f"joint[@name='{joint}']/origin")
+        element = root.find(f"joint[@name='{joint}']/origin")
         assert element is not None
         element.set("xyz", " ".join(map(repr, origin)))
 

@@ -365,7 +365,7 @@ class Simulation:
             scenario: its `Beginning` is taken. What is built in, such as the plant with its
                 dimensions, the sensors' resolution and the job's times, stays.
         """
-        beginning = Beginning.of(scenario, self.geometry)
+        beginning = Beginning.from_scenario(scenario, self.geometry)
         actuators = self.actuators.GetMyMutableContextFromRoot(root_context)
         self.actuators.set_extension(actuators, beginning.extension)
         self.actuators.set_gain_scale(actuators, beginning.gain_scale)
@@ -404,7 +404,7 @@ def add_simulated(
         meshcat: draws the machine there; None for no drawing.
     """
     geometry, period = geometry_as_built(scenario), scenario.control.period
-    beginning = Beginning.of(scenario, geometry)
+    beginning = Beginning.from_scenario(scenario, geometry)
     rods = LinearActuator(
         scenario.actuators.params,
         time_step=time_step,

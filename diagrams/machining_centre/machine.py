@@ -17,8 +17,8 @@ from parapod.diagrams.machining_centre.twin import CentreTwin
 from parapod.diagrams.plots import Limits
 from parapod.diagrams.wiring import named_source
 
-# Longest time after which somebody has a job end [s].
-_LONG = 1e4
+# Upper bound of `stop_at` [s].
+_LAST_STOP = 1e4
 # Lag of a drive behind set values, and of its velocity's loop, where devices command it [ms].
 _ARRIVAL, _LAG = 15.0, 5.0
 # One leg of six moves the platform; one of eight would only strain the other seven.
@@ -26,10 +26,10 @@ _MOVES_ALONE = 3
 
 
 def _stop(scenario: CentreScenario) -> Sequence[System]:
-    """Source that has the job end, where somebody is to."""
+    """Source of `stop`, if the scenario sets `stop_at`."""
     if scenario.stop_at is None:
         return ()
-    instants = (-1.0, scenario.stop_at, scenario.stop_at + _LONG)
+    instants = (-1.0, scenario.stop_at, scenario.stop_at + _LAST_STOP)
     pressed = PiecewisePolynomial.ZeroOrderHold(instants, [[0.0, 1.0, 1.0]])
     return (named_source("stop", pressed),)
 

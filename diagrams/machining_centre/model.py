@@ -84,12 +84,12 @@ def add_centre(
     return CentreModel(plant, geometry, tuple(clamps))
 
 
-def _fit(geometry: CentreGeometry, robot: Element) -> None:
+def _fit(geometry: CentreGeometry, root: Element) -> None:
     """Gives a limb the pivots and strokes of a centre; its links stay as they are drawn."""
     aside = geometry.platform_radius * math.sin(geometry.half_angle)
     for side, sign in (("left", -1.0), ("right", 1.0)):
-        pivot = robot.find(f"joint[@name='{side}_swing']/origin")
-        stroke = robot.find(f"joint[@name='{side}_length']/limit")
+        pivot = root.find(f"joint[@name='{side}_swing']/origin")
+        stroke = root.find(f"joint[@name='{side}_length']/limit")
         assert pivot is not None
         assert stroke is not None
         pivot.set("xyz", f"0 {sign * aside:.16f} 0")  # its digits in the file

@@ -144,9 +144,9 @@ class ChairLeg:
         self.model.check(walk)
 
 
-def _without_gains(robot: ElementTree.Element) -> None:
+def _without_gains(root: ElementTree.Element) -> None:
     """Takes the drives' own position loops off the leg's screws: the controller has them."""
-    for actuator in robot.iterfind("transmission/actuator"):
+    for actuator in root.iterfind("transmission/actuator"):
         for child in list(actuator):
             if child.tag.endswith("controller_gains"):
                 actuator.remove(child)

@@ -93,9 +93,9 @@ def add_bench(
     parser = Parser(plant)
     configure_parser(parser)
 
-    def limit(robot: ElementTree.Element) -> None:
+    def limit(root: ElementTree.Element) -> None:
         for name in SLIDERS if max_force is not None else ():
-            limit_element = robot.find(f"joint[@name='{name}']/limit")
+            limit_element = root.find(f"joint[@name='{name}']/limit")
             assert limit_element is not None
             limit_element.set("effort", repr(max_force))
 
@@ -145,8 +145,8 @@ def add_leg_on_slide(
             "hip.mass_kg",
         )
 
-    def adapt(robot: ElementTree.Element) -> None:
-        inertial = robot.find("link[@name='slide']/inertial/mass")
+    def adapt(root: ElementTree.Element) -> None:
+        inertial = root.find("link[@name='slide']/inertial/mass")
         assert inertial is not None
         inertial.set("value", repr(weight))
 

@@ -62,9 +62,9 @@ def add_passenger(plant: MultibodyPlant) -> None:
     plant.Finalize()
 
 
-def _weigh(passenger: Passenger, robot: Element) -> None:
+def _weigh(passenger: Passenger, root: Element) -> None:
     """Gives the model of a passenger its mass and moments of inertia."""
-    mass, inertia = robot.find("link/inertial/mass"), robot.find("link/inertial/inertia")
+    mass, inertia = root.find("link/inertial/mass"), root.find("link/inertial/inertia")
     assert mass is not None
     assert inertia is not None
     mass.set("value", repr(float(passenger.mass)))

@@ -50,7 +50,7 @@ class Beginning:
     offset: NDArray[np.float64]
 
     @classmethod
-    def of(cls, scenario: ChairScenario, walk: Walk) -> Self:
+    def from_scenario(cls, scenario: ChairScenario, walk: Walk) -> Self:
         """Works out the beginning of a scenario.
 
         Args:
@@ -202,7 +202,7 @@ class Simulation:
             scenario: its `Beginning` is taken. What is built in, such as the walk and the
                 encoders' resolution, stays.
         """
-        beginning = Beginning.of(scenario, self.walk)
+        beginning = Beginning.from_scenario(scenario, self.walk)
         self.drives.set_position(root_context, beginning.lengths.ravel())
         self.drives.set_imperfection(root_context, beginning.gain, beginning.offset)
         self.plant.stand(root_context, beginning)
@@ -230,7 +230,7 @@ def add_simulated(
         meshcat: draws the machine there; None for no drawing.
     """
     walk = scenario.gait.walk
-    beginning = Beginning.of(scenario, walk)
+    beginning = Beginning.from_scenario(scenario, walk)
     servo = VelocityServo(
         drive_params(scenario),
         len(BRANCHES),

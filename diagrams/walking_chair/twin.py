@@ -43,7 +43,7 @@ class ChairTwin(Twin):
     def __init__(self, meshcat: Meshcat | None, scenario: ChairScenario, prefix: str = ""):
         """Draws nothing yet; see `Twin`."""
         super().__init__(meshcat, scenario, prefix)
-        beginning = Beginning.of(scenario, scenario.gait.walk)
+        beginning = Beginning.from_scenario(scenario, scenario.gait.walk)
         self._statics: dict[str, KinematicChair] = {}
         for drawing in _DRAWN:
             position = self.input(drawing, len(BRANCHES))
@@ -57,7 +57,7 @@ class ChairTwin(Twin):
     @classmethod
     def tracker(cls, scenario: ChairScenario) -> Tracker:
         """Counts the steps; see `Twin`."""
-        return _Steps(Beginning.of(scenario, scenario.gait.walk).body)
+        return _Steps(Beginning.from_scenario(scenario, scenario.gait.walk).body)
 
     def show(self, values: Mapping[str, NDArray[Any]], time: float = 0.0) -> None:
         """See `Twin`."""

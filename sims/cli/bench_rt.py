@@ -81,8 +81,8 @@ def execute(arguments: argparse.Namespace) -> int:
         this_computer,
         watched_throttling,
     )
-    from parapod.sims.real_machine.deadlines import bench_settings, print_settings, settings_of
-    from parapod.sims.real_machine.punctuality import bench_real_time, print_punctuality
+    from parapod.sims.real_machine.deadlines import compare_settings, print_settings, settings_of
+    from parapod.sims.real_machine.punctuality import measure_punctuality, print_punctuality
 
     experiment = find_experiment(arguments.name)
     scenario = experiment.schema(backend=arguments.backend)
@@ -101,13 +101,13 @@ def execute(arguments: argparse.Namespace) -> int:
     with watched_throttling(computer) as throttling:
         if on_devices or arguments.settings or arguments.log:
             settings = settings_of(arguments.settings, arguments.log)
-            measured = bench_settings(
+            measured = compare_settings(
                 machine, machine.experiment, scenario, rates, seconds, settings, aside
             )
             report["settings"] = [one.as_json() for one in measured]
             print_settings(measured, screen)
         else:
-            results = bench_real_time(machine, scenario, rates, seconds, aside)
+            results = measure_punctuality(machine, scenario, rates, seconds, aside)
             report["rates"] = [result.as_json() for result in results]
             print_punctuality(results, screen)
     report["throttling"] = throttling.as_json()

@@ -83,7 +83,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
     from parapod.diagrams.block_diagram import BlockDiagram, part_of
     from parapod.sims.api import loop_of
-    from parapod.sims.lab.bench import write_graphviz
+    from parapod.sims.lab.runner import write_graphviz
 
     diagram: Diagram = loop_of(experiment, scenario)
     if arguments.only is not None:

@@ -108,7 +108,7 @@ def execute(arguments: argparse.Namespace) -> int:
     for key, _ in variables:
         if [other for other, _ in variables].count(key) > 1:
             raise UsageError(f"--vary gives {key} twice")
-    study = Study.of(
+    study = Study.make(
         arguments.name,
         scenario,
         dict(variables),

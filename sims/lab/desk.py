@@ -259,8 +259,8 @@ def _serve(sink: int) -> None:
 
 def _open(described: Mapping[str, str]) -> tuple[Panel, Any]:
     """The page, and what draws the machine."""
-    from parapod.sims.lab.bench import served_at
     from parapod.sims.lab.discovery import find_entry
+    from parapod.sims.lab.runner import served_at
 
     experiment: Any = find_entry(described["experiment"]).load()
     scenario = pickle.loads(base64.b64decode(described["scenario"]))

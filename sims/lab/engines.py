@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.style import COLOURS
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.run import Run, realtime_metric
+from parapod.sims.lab.runner import Runner
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError
@@ -61,7 +61,7 @@ class Quantity:
     counts: bool = False
     is_rough: bool = False
 
-    def of(self, signals: Mapping[str, Floats]) -> Floats:
+    def values(self, signals: Mapping[str, Floats]) -> Floats:
         """(n, k) values of a run, as they are shown."""
         values: Floats = self.scale * signals[self.signal][:, list(self.elements)]
         return values
@@ -70,7 +70,7 @@ class Quantity:
         self, pair: Mapping[Any, Mapping[str, Floats]], when: NDArray[np.bool_]
     ) -> float:
         """Difference between two runs over the times that count [unit]."""
-        one, other = (self.of(signals)[when] for signals in pair.values())
+        one, other = (self.values(signals)[when] for signals in pair.values())
         if self.is_rough:
             return float(np.sqrt(np.mean((other - one) ** 2)))
         return float(np.abs(other - one).max())
@@ -117,12 +117,12 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
         """Further signals (n, k), by names that no port has."""
         return {}
 
-    def run(self, scenario: S, bench: Bench) -> Engines:
+    def run(self, scenario: S, runner: Runner) -> Engines:
         """Runs both with the scenario's step, and again with every other one."""
         settings: Any = scenario
         runs = {
             backend: self.run_loop(
-                with_engine(scenario, backend), bench, watched=backend == settings.backend
+                with_engine(scenario, backend), runner, watched=backend == settings.backend
             )
             for backend in ENGINES
         }
@@ -133,7 +133,7 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
                 run = runs[backend]
                 if not np.isclose(1e-3 * step, own):
                     again = with_engine(scenario, backend, 1e-3 * step)
-                    run = self.run_loop(again, bench, watched=False)
+                    run = self.run_loop(again, runner, watched=False)
                 repeated[backend].append(self._all_signals(scenario, run))
         return Engines(
             runs[settings.backend],
@@ -206,10 +206,10 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
                 for (backend, signals), colour in zip(data.signals.items(), COLOURS, strict=False):
                     width = 2.2 if backend == next(iter(ENGINES)) else 1.0
                     lines = axes[0, i].plot(
-                        time, quantity.of(signals), color=colour, linewidth=width
+                        time, quantity.values(signals), color=colour, linewidth=width
                     )
                     lines[0].set_label(ENGINES[backend])
-                one, other = map(quantity.of, data.signals.values())
+                one, other = map(quantity.values, data.signals.values())
                 axes[1, i].plot(time[late], (other - one)[late], color=COLOURS[2], linewidth=0.8)
                 axes[0, i].set_ylabel(f"{quantity.meaning} [{quantity.unit}]")
                 axes[1, i].set_ylabel(f"difference [{quantity.unit}]")

@@ -30,9 +30,9 @@ from parapod.diagrams.block_diagram import BlockDiagram
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machine import Machine
 from parapod.diagrams.plots import Limits
-from parapod.sims.lab.bench import Bench, make_viewer, write_graphviz
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Monitor, Run
+from parapod.sims.lab.runner import Runner, make_viewer, write_graphviz
 from parapod.sims.output.drawn import DrawnLog, LogDrawing
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.logs.files import check_log, write_experiment_log
@@ -93,7 +93,7 @@ class Experiment[S, D]:
             ScenarioError: parts that do not fit together.
         """
 
-    def run(self, scenario: S, bench: Bench) -> D:
+    def run(self, scenario: S, runner: Runner) -> D:
         """Carries out the experiment; the same scenario gives the same data."""
         raise NotImplementedError(f"{type(self).__name__} does not define run")
 
@@ -129,7 +129,7 @@ class Experiment[S, D]:
         if self.drawing is None:
             return {}
         of_machine = self.machine_scenario(scenario)
-        limits = self.drawing.machine.of(of_machine).all_limits(of_machine)
+        limits = self.drawing.machine.for_scenario(of_machine).all_limits(of_machine)
         pairs = self.drawing.stand_ins.items()
         return {**limits, **{other: limits[name] for name, other in pairs if name in limits}}
 
@@ -160,7 +160,7 @@ class Experiment[S, D]:
         with waiting(options.console, f"{self.name}: planning"):
             self.check(scenario)
         self._before(scenario, options)
-        data = self.run(scenario, Bench(self.name, options))
+        data = self.run(scenario, Runner(self.name, options))
         self._after(scenario, options)
         if options.log is not None and settings.backend != "hardware":
             self.write_log(options.log, scenario, *self.logged(scenario, data))  # type: ignore[attr-defined]
@@ -230,7 +230,9 @@ class Experiment[S, D]:
         """
         machine = self.drawn_machine()
         settings = self.machine_scenario(scenario)
-        drawing = DrawnLog.of(machine.of(settings), settings, self.drawing, shapes)
+        drawing = DrawnLog.from_shapes(
+            machine.for_scenario(settings), settings, self.drawing, shapes
+        )
         return scene_messages(drawing, pictures)
 
     def _before(self, scenario: S, options: RunOptions) -> None:
@@ -337,15 +339,15 @@ class LoopExperiment[S, D](Experiment[S, D]):
         """Work that lets the viewer move the machine after the run, or None."""
         return None
 
-    def run(self, scenario: S, bench: Bench) -> D:
+    def run(self, scenario: S, runner: Runner) -> D:
         """Runs the closed loop, watched and recorded as the options ask."""
-        data: Any = self.run_loop(scenario, bench)
+        data: Any = self.run_loop(scenario, runner)
         return data
 
     def run_loop(
         self,
         scenario: S,
-        bench: Bench,
+        runner: Runner,
         *,
         watched: bool = True,
         monitor: Callable[[ClosedLoop[Any], Meshcat | None], Monitor] | None = None,
@@ -354,7 +356,7 @@ class LoopExperiment[S, D](Experiment[S, D]):
 
         Args:
             scenario: the scenario.
-            bench: runs it.
+            runner: runs it.
             watched: true for the run that the options show and write.
             monitor: makes the simulator's monitor, which may end the run.
 
@@ -363,8 +365,8 @@ class LoopExperiment[S, D](Experiment[S, D]):
             OutputError: a file cannot be written.
         """
         settings: Any = scenario
-        structure = None if bench.options.loops is None else self.structure(scenario)
-        return bench.run(
+        structure = None if runner.options.loops is None else self.structure(scenario)
+        return runner.run(
             partial(self.loop, scenario),
             self.duration(scenario),
             self.read_out,
@@ -381,15 +383,15 @@ class LoopExperiment[S, D](Experiment[S, D]):
         )
 
     def _before(self, scenario: S, options: RunOptions) -> None:
-        """The bench draws the loop that it runs."""
+        """The runner draws the loop that it runs."""
 
     def _after(self, scenario: S, options: RunOptions) -> None:
-        """The bench records the scene of the run."""
+        """The runner records the scene of the run."""
 
     def limits(self, scenario: S) -> Limits:
         """Those that the machine declares."""
         of_machine = self.machine_scenario(scenario)
-        return self.machine.of(of_machine).all_limits(of_machine)
+        return self.machine.for_scenario(of_machine).all_limits(of_machine)
 
     def watched(self, data: D) -> Run:
         """The run that the options show and write."""

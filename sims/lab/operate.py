@@ -10,10 +10,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.sims.lab.bench import LOOK_PERIOD, in_real_time
 from parapod.sims.lab.desk import Desk
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Readout
+from parapod.sims.lab.runner import LOOK_PERIOD, in_real_time
 from parapod.sims.output.options import RunOptions
 from parapod.sims.output.progress import waiting
 from parapod.systems.core.errors import OutputError, ParapodError

@@ -413,8 +413,8 @@ def _serve(owner: Panel) -> ThreadingHTTPServer:
         try:
             return ThreadingHTTPServer((address, port), Handler)
         except OSError as error:
-            failure = error
-    raise OSError(f"no port of {PORTS[0]}..{PORTS[-1]} is free on this computer") from failure
+            last_error = error
+    raise OSError(f"no port of {PORTS[0]}..{PORTS[-1]} is free on this computer") from last_error
 
 
 class _Handler(BaseHTTPRequestHandler):

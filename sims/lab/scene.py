@@ -1,5 +1,6 @@
 """Scenes of Meshcat in a notebook or a page, which need no server and no network."""
 
+import warnings
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
@@ -25,7 +26,7 @@ class Scene:
     height: int = 420
 
     @classmethod
-    def of(cls, meshcat: Meshcat, height: int = 420) -> "Scene":
+    def from_meshcat(cls, meshcat: Meshcat, height: int = 420) -> "Scene":
         """The scene as it is now; a recording that has been begun ends, and is in it.
 
         Args:
@@ -35,6 +36,12 @@ class Scene:
         meshcat.StopRecording()
         meshcat.PublishRecording()
         return cls(meshcat.StaticHtml(), height)
+
+    @classmethod
+    def of(cls, meshcat: Meshcat, height: int = 420) -> "Scene":
+        """Former name of `from_meshcat`."""
+        warnings.warn("Scene.of is now Scene.from_meshcat", DeprecationWarning, stacklevel=2)
+        return cls.from_meshcat(meshcat, height)
 
     def write(self, path: Path | str, title: str = "Scene") -> None:
         """Writes the page to a file.

@@ -47,7 +47,7 @@ class Subject:
     remarks: list[str] = field(default_factory=list)
 
     @classmethod
-    def of(
+    def from_metadata(
         cls,
         label: str,
         shapes: Mapping[str, tuple[int, ...]],
@@ -161,9 +161,9 @@ class Subject:
         machine = self.experiment.drawn_machine()
         self.machine = machine
         self.scenario = self._read_scenario(machine)
-        self.machine = machine.of(self.machine_scenario())
+        self.machine = machine.for_scenario(self.machine_scenario())
         settings = self.machine_scenario()
-        self.drawn = DrawnLog.of(self.machine, settings, self._drawing, self.shapes)
+        self.drawn = DrawnLog.from_shapes(self.machine, settings, self._drawing, self.shapes)
 
     def _read_scenario(self, machine: Machine[Any]) -> Any:
         """The scenario; of hardware's drivers, which need not be known here, nothing is needed.
@@ -202,7 +202,7 @@ def draw_log(
     Raises:
         ParapodError: the machine cannot be drawn.
     """
-    subject = Subject.of("log", shapes, metadata)
+    subject = Subject.from_metadata("log", shapes, metadata)
     if subject.drawn is None:
         raise ParapodError(subject.undrawn)
     return scene_messages(subject.drawn, pictures)

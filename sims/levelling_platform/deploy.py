@@ -42,10 +42,10 @@ from parapod.diagrams.levelling_platform.scenario import (
     SensorScenario,
     emulated_hardware,
 )
-from parapod.sims.lab.bench import Bench, stay_live
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout
 from parapod.sims.lab.run import Monitor, Run, realtime_metric
+from parapod.sims.lab.runner import Runner, stay_live
 from parapod.sims.levelling_platform.levelling import (
     AXES,
     error_metrics,
@@ -280,18 +280,18 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
         """The ground's slope against a horizontal floor."""
         return make_scene(scenario.machine)
 
-    def run(self, scenario: DeployScenario, bench: Bench) -> Operation:
+    def run(self, scenario: DeployScenario, runner: Runner) -> Operation:
         """Runs until the operator has nothing left to do, or something is refused."""
         watches: list[OperationWatch] = []
 
         def monitor(loop: ClosedLoop[Any], meshcat: Meshcat | None) -> Monitor:
-            label = PhaseLabel(meshcat) if meshcat and bench.options.html else None
+            label = PhaseLabel(meshcat) if meshcat and runner.options.html else None
             is_real = scenario.backend == "hardware"
             steps = len(scenario.steps())
             watches.append(OperationWatch(loop, steps, label, ends_at_fault=is_real))
             return watches[-1].look
 
-        run = self.run_loop(scenario, bench, monitor=monitor)
+        run = self.run_loop(scenario, runner, monitor=monitor)
         return Operation(run, watches[-1].steps_left(run.context), watches[-1])
 
     def measure(self, scenario: DeployScenario, data: Operation) -> Iterator[Metric]:

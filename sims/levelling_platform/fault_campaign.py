@@ -26,8 +26,8 @@ from pydrake.systems.framework import Context, EventStatus
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.scenario import GroundScenario, PlatformFault
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment
+from parapod.sims.lab.runner import Runner
 from parapod.sims.lab.work import LocalCrew, WorkerDied, carry_out
 from parapod.sims.levelling_platform.deploy import (
     Deploy,
@@ -203,7 +203,7 @@ class FaultCampaign(Experiment[FaultCampaignScenario, list[Cell]]):
     backends = ("kinematic",)
     takes = "2 min"
 
-    def run(self, scenario: FaultCampaignScenario, bench: Bench) -> list[Cell]:
+    def run(self, scenario: FaultCampaignScenario, runner: Runner) -> list[Cell]:
         """Runs each device in each phase, on all cores."""
         devices, phases = _devices(scenario), _phases(scenario)
         pieces = [(phase, device) for phase in phases for device in devices]
@@ -211,7 +211,7 @@ class FaultCampaign(Experiment[FaultCampaignScenario, list[Cell]]):
         total = len(pieces) * len(FaultKind)
         cells_by_fault: dict[int, list[Cell]] = {}
         crew = LocalCrew(min(len(pieces), os.cpu_count() or 1))
-        with crew, counted(bench.console, "faults", total) as report:
+        with crew, counted(runner.console, "faults", total) as report:
             for number, cells in carry_out(crew, work, pieces):
                 if isinstance(cells, WorkerDied):
                     phase, device = pieces[number]

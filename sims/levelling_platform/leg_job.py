@@ -26,9 +26,9 @@ from parapod.diagrams.levelling_platform.scenario import (
 )
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import idle_inputs
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.run import Monitor, Run
+from parapod.sims.lab.runner import Runner
 from parapod.systems.core.errors import RefusedRequest
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 
@@ -86,7 +86,7 @@ def make_simulator(builder: DiagramBuilder, station: Station[LevellingScenario])
 
 
 class LegJob(LoopExperiment[LevellingScenario, Run]):
-    """The loop that such an experiment runs, as the bench wants it."""
+    """The loop that such an experiment runs, as the runner wants it."""
 
     machine = PLATFORM
     backends = PLATFORM.backends
@@ -205,7 +205,7 @@ class LegWatch:
 def carry_out[W: LegWatch](
     job: LegJob,
     scenario: LevellingScenario,
-    bench: Bench,
+    runner: Runner,
     make_watch: Callable[[ClosedLoop[Any]], W],
 ) -> W:
     """Runs a job on the scenario's machine; returns what watched it.
@@ -226,7 +226,7 @@ def carry_out[W: LegWatch](
 
         return look
 
-    job.run_loop(scenario, bench, monitor=monitor)
+    job.run_loop(scenario, runner, monitor=monitor)
     return watches[-1]
 
 

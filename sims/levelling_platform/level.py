@@ -16,9 +16,9 @@ from rich.console import Console
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import BODIES, JobScenario, LevellingScenario
-from parapod.sims.lab.bench import RESTART, stay_live
 from parapod.sims.lab.panel import Panel
 from parapod.sims.lab.run import Run, realtime_metric
+from parapod.sims.lab.runner import RESTART, stay_live
 from parapod.sims.levelling_platform.levelling import (
     AS_MEASURED,
     LIVE_HELP,

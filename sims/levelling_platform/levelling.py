@@ -21,10 +21,10 @@ from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import BODIES, ControlScenario, LevellingScenario
 from parapod.diagrams.plots import ROLE_COLOURS
 from parapod.diagrams.style import COLOURS
-from parapod.sims.lab.bench import Live, make_viewer, simulate
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import ReadOut
+from parapod.sims.lab.runner import Live, make_viewer, simulate
 from parapod.sims.output.figures import Figure, draw_bound
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError

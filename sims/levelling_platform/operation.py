@@ -15,8 +15,8 @@ from parapod.diagrams.levelling_platform.controller import make_supervised_contr
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.lab.bench import Live
 from parapod.sims.lab.panel import Panel, Readout, Row
+from parapod.sims.lab.runner import Live
 from parapod.sims.levelling_platform.levelling import read_posture
 from parapod.systems.core.errors import RefusedRequest, UnreachablePosture
 from parapod.systems.core.ports import value_of

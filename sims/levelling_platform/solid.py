@@ -16,8 +16,8 @@ from rich.console import Console
 from parapod.diagrams.levelling_platform.model import add_drawing
 from parapod.diagrams.style import COLOURS
 from parapod.diagrams.wiring import add
-from parapod.sims.lab.bench import END, LOOK_PERIOD, make_viewer
 from parapod.sims.lab.panel import Panel
+from parapod.sims.lab.runner import END, LOOK_PERIOD, make_viewer
 from parapod.sims.output.figures import Figure
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics

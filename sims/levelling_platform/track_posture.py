@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from parapod.diagrams.levelling_platform.inclination_margins import alone, margins, open_loop
 from parapod.diagrams.levelling_platform.scenario import SIMULATED, LevellingScenario
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.run import Run
+from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.levelling import (
     AS_MEASURED,
     MEASURED,
@@ -73,7 +73,7 @@ class _Run:
     moving: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, scenario: LevellingScenario, run: Run) -> Self:
+    def from_run(cls, scenario: LevellingScenario, run: Run) -> Self:
         """Looks at a run."""
         state = run["posture_desired_state"]
         changing = (np.abs(state[:, 3:]) > 1e-9).any(axis=1)
@@ -156,19 +156,19 @@ class TrackPosture(LevellingExperiment[Runs]):
         if not scenario.job.waypoints:
             raise ScenarioError("job.waypoints is empty: no posture is followed", "job.waypoints")
 
-    def run(self, scenario: LevellingScenario, bench: Bench) -> Runs:
+    def run(self, scenario: LevellingScenario, runner: Runner) -> Runs:
         """Lets the machines follow; the last is the one that is watched."""
         if scenario.backend == "hardware":
-            return _of_real_machine(self, scenario, bench)
+            return _of_real_machine(self, scenario, runner)
         inner = replace(scenario.control, outer_loop=False)
         prompt = replace(scenario.sensors, imu_delay_ms=0.0)
         perturbed = replace(scenario, control=inner, sensors=prompt)
         as_drawn = replace(scenario.plant, length_error_mm=0.0, angle_error_deg=0.0)
         nominal = replace(perturbed, plant=as_drawn)
         return Runs(
-            _Run.of(nominal, self.run_loop(nominal, bench, watched=False)),
-            _Run.of(perturbed, self.run_loop(perturbed, bench, watched=False)),
-            _Run.of(_outer(scenario), self.run_loop(_outer(scenario), bench)),
+            _Run.from_run(nominal, self.run_loop(nominal, runner, watched=False)),
+            _Run.from_run(perturbed, self.run_loop(perturbed, runner, watched=False)),
+            _Run.from_run(_outer(scenario), self.run_loop(_outer(scenario), runner)),
         )
 
     def measure(self, scenario: LevellingScenario, data: Runs) -> Iterator[Metric]:
@@ -200,11 +200,13 @@ class TrackPosture(LevellingExperiment[Runs]):
             yield _bode(_outer(scenario))
 
 
-def _of_real_machine(experiment: TrackPosture, scenario: LevellingScenario, bench: Bench) -> Runs:
+def _of_real_machine(
+    experiment: TrackPosture, scenario: LevellingScenario, runner: Runner
+) -> Runs:
     """The machine follows twice; the second time the outer loop corrects it."""
     inner = replace(scenario, control=replace(scenario.control, outer_loop=False))
-    without = _Run.of(inner, experiment.run_loop(inner, bench, watched=False))
-    with_loop = _Run.of(_outer(scenario), experiment.run_loop(_outer(scenario), bench))
+    without = _Run.from_run(inner, experiment.run_loop(inner, runner, watched=False))
+    with_loop = _Run.from_run(_outer(scenario), experiment.run_loop(_outer(scenario), runner))
     return Runs(None, without, with_loop)
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.levelling_platform.scenario import GroundScenario, LevellingScenario
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.run import Run
+from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.levelling import (
     LevellingExperiment,
     error_metrics,
@@ -77,13 +77,13 @@ class ValidateKinematics(LevellingExperiment[Comparisons]):
     signals = ("truth.posture", "legs.extension")
     takes = "20 s"
 
-    def run(self, scenario: LevellingScenario, bench: Bench) -> Comparisons:
+    def run(self, scenario: LevellingScenario, runner: Runner) -> Comparisons:
         """Moves both platforms; the first is the one that is watched."""
         as_drawn = replace(scenario.plant, length_error_mm=0.0, angle_error_deg=0.0)
         as_nominal = replace(scenario, plant=as_drawn)
         as_manufactured = replace(scenario, ground=_FLOOR)
-        run = self.run_loop(as_nominal, bench)
-        unwatched = self.run_loop(as_manufactured, bench, watched=False)
+        run = self.run_loop(as_nominal, runner)
+        unwatched = self.run_loop(as_manufactured, runner, watched=False)
         return Comparisons(run, _compare(as_nominal, run), _compare(as_manufactured, unwatched))
 
     def measure(self, scenario: LevellingScenario, data: Comparisons) -> Iterator[Metric]:

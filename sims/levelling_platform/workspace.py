@@ -36,9 +36,9 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from scipy.optimize import minimize  # type: ignore[import-untyped]
 
-from parapod.sims.lab.bench import Bench, say_where
 from parapod.sims.lab.experiment import Experiment
 from parapod.sims.lab.panel import Panel, Readout, Row
+from parapod.sims.lab.runner import Runner, say_where
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.options import RunOptions
 from parapod.sims.output.results import Metric
@@ -154,7 +154,7 @@ class WorkspaceScenario(Schema):
 GEOMETRY = PlatformGeometry()
 
 
-class MeasureWorkspace(Experiment[WorkspaceScenario, list["Finding"]]):
+class MeasureWorkspace(Experiment[WorkspaceScenario, list["Survey"]]):
     """Measures the workspace."""
 
     schema = WorkspaceScenario
@@ -170,7 +170,7 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Finding"]]):
 
         return draw(scenario.arm.upright, scenario.turned)
 
-    def run(self, scenario: WorkspaceScenario, bench: Bench) -> list["Finding"]:
+    def run(self, scenario: WorkspaceScenario, runner: Runner) -> list["Survey"]:
         """Works out volume, surfaces, inclined ground and, if it may turn, the turntable."""
         steps = {
             "measuring the volume": measure_volume,
@@ -179,31 +179,31 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Finding"]]):
         }
         if scenario.turntable:
             steps["turning the turntable"] = measure_turntable
-        with bench.console.status("") as status:
-            findings = []
+        with runner.console.status("") as status:
+            surveys = []
             for what, step in steps.items():
                 status.update(what)
-                findings.append(step(scenario))
-        return findings
+                surveys.append(step(scenario))
+        return surveys
 
-    def measure(self, scenario: WorkspaceScenario, data: list["Finding"]) -> Iterator[Metric]:
-        """Numbers of all findings."""
-        for finding in data:
-            yield from finding.metrics
+    def measure(self, scenario: WorkspaceScenario, data: list["Survey"]) -> Iterator[Metric]:
+        """Numbers of all surveys."""
+        for survey in data:
+            yield from survey.metrics
 
-    def note(self, scenario: WorkspaceScenario, data: list["Finding"]) -> Iterator[str]:
-        """Sentences of all findings."""
-        for finding in data:
-            yield from finding.notes
+    def note(self, scenario: WorkspaceScenario, data: list["Survey"]) -> Iterator[str]:
+        """Sentences of all surveys."""
+        for survey in data:
+            yield from survey.notes
 
-    def draw(self, scenario: WorkspaceScenario, data: list["Finding"]) -> Iterable[Figure]:
+    def draw(self, scenario: WorkspaceScenario, data: list["Survey"]) -> Iterable[Figure]:
         """The solid, its sections and the turntable's ring (Fig. 12)."""
         from parapod.sims.levelling_platform.solid import figures
 
         return figures(scenario.arm.upright, scenario.turned)
 
     def afterwards(
-        self, scenario: WorkspaceScenario, data: list["Finding"], options: RunOptions
+        self, scenario: WorkspaceScenario, data: list["Survey"], options: RunOptions
     ) -> Callable[[], None] | None:
         """Draws the workspace for the browser; what is left to do is to wait for its viewers."""
         if not options.meshcat:
@@ -230,7 +230,7 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Finding"]]):
 
 
 @dataclass(frozen=True)
-class Finding:
+class Survey:
     """Numbers and notes on one matter.
 
     Attributes:
@@ -242,7 +242,7 @@ class Finding:
     notes: tuple[str, ...] = ()
 
 
-def measure_volume(scenario: WorkspaceScenario) -> Finding:
+def measure_volume(scenario: WorkspaceScenario) -> Survey:
     """Volume and extents of the workspace, and the closed form's round trip."""
     arm = scenario.arm.upright
     volume = _volume(arm, scenario.resolution)
@@ -257,7 +257,7 @@ def measure_volume(scenario: WorkspaceScenario) -> Finding:
         )
         for i, axis in enumerate("xyz")
     ]
-    return Finding(
+    return Survey(
         (
             Metric(
                 "volume_m3", volume, "m^3", meaning="volume of all points that the tip reaches"
@@ -299,7 +299,7 @@ def _round_trip_error(scenario: WorkspaceScenario, arm: ArmGeometry) -> float:
     return float(np.abs(reached[:, :3] - extension).max())
 
 
-def compare_surfaces(scenario: WorkspaceScenario) -> Finding:
+def compare_surfaces(scenario: WorkspaceScenario) -> Survey:
     """Compare the eight printed surfaces with the workspace, and say why they differ."""
     arm = scenario.arm.upright
     grid = posture_grid(GEOMETRY, scenario.resolution)
@@ -341,7 +341,7 @@ def compare_surfaces(scenario: WorkspaceScenario) -> Finding:
             meaning="volume that the surfaces enclose",
         ),
     )
-    return Finding(metrics, (_about_base(arm, best, share), _about_rounding(scenario, best)))
+    return Survey(metrics, (_about_base(arm, best, share), _about_rounding(scenario, best)))
 
 
 def _inside(arm: ArmGeometry, grid: PostureGrid) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -413,7 +413,7 @@ def _about_rounding(scenario: WorkspaceScenario, best: tuple[float, float, float
     )
 
 
-def check_inclined_ground(scenario: WorkspaceScenario) -> Finding:
+def check_inclined_ground(scenario: WorkspaceScenario) -> Survey:
     """Eq. (14): is the workspace on inclined ground that of level ground, rotated?"""
     arm = scenario.arm.upright
     grid = posture_grid(GEOMETRY, scenario.resolution // 2)
@@ -444,10 +444,10 @@ def check_inclined_ground(scenario: WorkspaceScenario) -> Finding:
         f"the ground's normal through foot 2, by up to {math.degrees(np.abs(turn).max()):.2f} deg "
         "here."
     )
-    return Finding(metrics, (note,))
+    return Survey(metrics, (note,))
 
 
-def measure_turntable(scenario: WorkspaceScenario) -> Finding:
+def measure_turntable(scenario: WorkspaceScenario) -> Survey:
     """Measure the reach of a leaning arm without and with the turntable, and its stability."""
     arm = replace(scenario.arm.upright, lean=scenario.arm.lean)
     leaning = _volume(arm, scenario.resolution)
@@ -479,7 +479,7 @@ def measure_turntable(scenario: WorkspaceScenario) -> Finding:
         f"only. Swept volume: {scenario.resolution} by {scenario.resolution} cells in each of "
         f"{scenario.resolution // 2} directions from that axis."
     )
-    return Finding(metrics, (note,))
+    return Survey(metrics, (note,))
 
 
 def _least_stability(arm: ArmGeometry) -> float:

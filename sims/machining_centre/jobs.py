@@ -17,10 +17,10 @@ from parapod.diagrams.machining_centre.controller import make_controller
 from parapod.diagrams.machining_centre.drawing import draw_panel
 from parapod.diagrams.machining_centre.machine import MACHINING_CENTRE
 from parapod.diagrams.machining_centre.scenario import BODIES, CentreScenario
-from parapod.sims.lab.bench import Bench, Live, make_viewer, stay_live
 from parapod.sims.lab.experiment import LoopExperiment, largest
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Monitor, ReadOut, Run, realtime_metric
+from parapod.sims.lab.runner import Live, Runner, make_viewer, stay_live
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ParapodError, ScenarioError
@@ -139,13 +139,13 @@ class CentreJob(LoopExperiment[CentreScenario, Run]):
         """A scene around the centre's way, with the panel."""
         return make_scene(scenario)
 
-    def run(self, scenario: CentreScenario, bench: Bench) -> Run:
+    def run(self, scenario: CentreScenario, runner: Runner) -> Run:
         """Runs the job until it is done."""
 
         def until_done(loop: ClosedLoop[Any], meshcat: Meshcat | None) -> Monitor:
             return _until_done(loop, scenario.end)
 
-        return self.run_loop(scenario, bench, monitor=until_done)
+        return self.run_loop(scenario, runner, monitor=until_done)
 
     def operated(self, scenario: CentreScenario, controls: Any) -> ClosedLoop[CentreScenario]:
         """The centre without a job: a person moves its platform and lifts its feet."""

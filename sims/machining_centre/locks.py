@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from parapod.diagrams.machining_centre.bench import CentreBench, make_centre_bench
+from parapod.diagrams.machining_centre.held_centre import HeldCentre, make_held_centre
 from parapod.diagrams.style import COLOURS
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment
+from parapod.sims.lab.runner import Runner
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.progress import counted
 from parapod.sims.output.results import Metric
@@ -175,17 +175,17 @@ class CentreLocks(Experiment[CentreLocksScenario, Comparison]):
         """
         inverse_kinematics(_TRIPOD, scenario.home)
 
-    def run(self, scenario: CentreLocksScenario, bench: Bench) -> Comparison:
+    def run(self, scenario: CentreLocksScenario, runner: Runner) -> Comparison:
         """Tries every pair."""
         sets = lock_sets(_TRIPOD, _LIMB)
-        centre = make_centre_bench(_TRIPOD, scenario.time_step)
+        centre = make_held_centre(_TRIPOD, scenario.time_step)
         home, around = scenario.home, scenario.around
         pairs = []
-        with counted(bench.console, "pairs of locks", len(sets)) as tell:
+        with counted(runner.console, "pairs of locks", len(sets)) as tell:
             for count, lock_set in enumerate(sets, start=1):
                 pairs.append(_tried(centre, home, around, lock_set, scenario.duration))
                 tell(count)
-        four = make_centre_bench(_QUADRUPED, scenario.time_step)
+        four = make_held_centre(_QUADRUPED, scenario.time_step)
         conditions = lock_conditions(_QUADRUPED, home, LockSet(_LIMB), along="left")
         loose = LockSet(_LIMB).joints
         return Comparison(
@@ -289,7 +289,7 @@ class CentreLocks(Experiment[CentreLocksScenario, Comparison]):
 
 
 def _tried(
-    centre: CentreBench, home: Array, around: Array, lock_set: LockSet, duration: float
+    centre: HeldCentre, home: Array, around: Array, lock_set: LockSet, duration: float
 ) -> Pair:
     at_home, spread = (
         lock_conditions(_TRIPOD, poses, lock_set, along="left") for poses in (home, around)
@@ -301,7 +301,7 @@ def _tried(
 
 
 def fall(
-    bench: CentreBench,
+    held: HeldCentre,
     pose: Array,
     limb: int,
     joints: tuple[tuple[int, int], ...],
@@ -310,7 +310,7 @@ def fall(
     """Way of the platform after a foot has been let go, and the largest drift of a locked joint.
 
     Args:
-        bench: the centre.
+        held: the centre.
         pose: (6) at which it stands first [m, rad].
         limb: limb whose foot is released, counted from 1.
         joints: locked joints (limb, joint).
@@ -319,18 +319,18 @@ def fall(
     Returns:
         Distance of P_O from where it was [m], and drift [rad].
     """
-    simulator = Simulator(bench.diagram)
-    root, model = simulator.get_mutable_context(), bench.model
-    bench.stand(root, pose)
-    context = bench.context(root)
+    simulator = Simulator(held.diagram)
+    root, model = simulator.get_mutable_context(), held.model
+    held.stand(root, pose)
+    context = held.context(root)
     model.lock(context, joints)
     model.unclamp(context, limb)
     locked = [model.lock_joint(*joint) for joint in joints]
     before = [joint.get_angle(context) for joint in locked]
-    start = bench.pose(root)
+    start = held.pose(root)
     simulator.Initialize()
     simulator.AdvanceTo(duration)
-    way = float(np.linalg.norm((bench.pose(root) - start)[:3]))
+    way = float(np.linalg.norm((held.pose(root) - start)[:3]))
     after = [joint.get_angle(context) for joint in locked]
     return way, float(np.abs(np.subtract(after, before)).max(initial=0.0))
 

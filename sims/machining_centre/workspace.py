@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from parapod.diagrams.style import COLOURS
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment
+from parapod.sims.lab.runner import Runner
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.progress import counted
 from parapod.sims.output.results import Metric
@@ -108,7 +108,7 @@ class CentreWorkspace(Experiment[CentreWorkspaceScenario, Workspaces]):
     backends = ("exact",)
     takes = "5 s"
 
-    def run(self, scenario: CentreWorkspaceScenario, bench: Bench) -> Workspaces:
+    def run(self, scenario: CentreWorkspaceScenario, runner: Runner) -> Workspaces:
         """Tests all points of both centres."""
         height, cell = 1e-3 * scenario.height_mm, 1e-3 * scenario.cell_mm
         grids = {
@@ -118,7 +118,7 @@ class CentreWorkspace(Experiment[CentreWorkspaceScenario, Workspaces]):
         }
         total = len(NAMES) * sum(map(len, grids.values()))
         surveys: dict[str, dict[int, Survey]] = {}
-        with counted(bench.console, "points", total) as tell:
+        with counted(runner.console, "points", total) as tell:
             points_done = 0
             for name, points in grids.items():
                 surveys[name] = {}

@@ -48,7 +48,7 @@ class DrawnLog:
     sources: Mapping[str, str]
 
     @classmethod
-    def of(
+    def from_shapes(
         cls,
         machine: Machine[Any],
         scenario: Any,

@@ -10,8 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from parapod.diagrams.style import BOUND, style
 from parapod.sims.output.atomic import atomic_output, check_folder
 from parapod.systems.core.errors import OutputError
@@ -50,7 +48,8 @@ def draw_bound(axes: "Axes", bound: float | None, of: str = "bound") -> None:
         }
         axes.text(1.0, 1.01, f"{of} {bound:g}", color=BOUND["color"], **place)
         return
-    is_signed = any(np.nanmin(line.get_ydata(), initial=0.0) < 0.0 for line in axes.lines)
+    values: Any = (line.get_ydata() for line in axes.lines)
+    is_signed = any(value < 0.0 for curve in values for value in curve)
     margin = 1.05 * bound
     axes.set_ylim(min(low, -margin) if is_signed else low, max(high, margin))
     for side in (-bound, bound) if is_signed else (bound,):

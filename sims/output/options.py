@@ -19,7 +19,7 @@ class Loops:
     def __init__(self) -> None:
         self._loops: dict[Hashable, ClosedLoop[Any]] = {}
 
-    def of(self, structure: Hashable, build: Callable[[], ClosedLoop[Any]]) -> ClosedLoop[Any]:
+    def loop(self, structure: Hashable, build: Callable[[], ClosedLoop[Any]]) -> ClosedLoop[Any]:
         """The loop of a structure, to be reset to a scenario.
 
         Args:

@@ -147,7 +147,7 @@ class Measured:
         return values
 
 
-def bench_settings(
+def compare_settings(
     machine: Machine[Any],
     experiment: str,
     scenario: Any,

@@ -66,9 +66,9 @@ _PATIENCE = 0.2
 # Time between two looks at switches [s]: contacts bounce for some milliseconds, and those that
 # tell of forces have the plant's contacts solved for once more.
 _SWITCH_PERIOD = 0.01
-# Physics that are so late are no longer what a controller takes them for [s].
+# Lag above which the emulation is reported as too late [s].
 _TOO_LATE = 0.05
-# An emulated time waits for physics that are so late [s].
+# Lag for which an emulated time waits [s].
 _SLACK = 3e-3
 # Rates at which emulated time may run [-], and what is tried to choose one: some times a piece of
 # the physics [s], which is to take this share of a processor [-], where there are two.
@@ -199,7 +199,7 @@ class EmulatedMachine:
         Raises:
             ScenarioError: no machine's, another backend, or an emulator runs already.
         """
-        self.machine = machine = machine.of(scenario)
+        self.machine = machine = machine.for_scenario(scenario)
         if scenario.backend not in machine.plants or machine.emulated is None:
             raise ScenarioError(
                 f"backend = '{scenario.backend}' cannot be behind emulated devices; "

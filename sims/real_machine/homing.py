@@ -60,7 +60,7 @@ def home_part(
         HomingError: an axis does not find its end, or the emergency stop is pressed.
         DeviceError: a device is not there, is another one, or fails.
     """
-    machine = machine.of(scenario)
+    machine = machine.for_scenario(scenario)
     if part not in machine.homings:
         able = ", ".join(machine.homings) or "none"
         raise ScenarioError(f"part {quoted(part)} cannot be homed; those that can: {able}")

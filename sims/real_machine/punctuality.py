@@ -55,7 +55,7 @@ class Punctuality:
         return values
 
 
-def bench_real_time(
+def measure_punctuality(
     machine: Machine[Any],
     scenario: Any,
     rates: Sequence[float],

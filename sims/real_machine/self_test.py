@@ -83,7 +83,7 @@ def check_part(
         DeviceError: a device is not there, is another one, or fails.
     """
     drivers: list[Driver] = scenario.hardware.drivers
-    machine = machine.of(scenario)
+    machine = machine.for_scenario(scenario)
     parts = make_parts(drivers, machine.inputs, machine.measured, scenario.control.period)
     if part not in parts.threads:
         raise ScenarioError(f"part {quoted(part)} is not one of {', '.join(parts.threads)}")

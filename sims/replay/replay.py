@@ -129,13 +129,13 @@ def open_replays(
         ParapodError: a log without a sample.
     """
     log = open_log(path)
-    subject = Subject.of(path.name, log.shapes, log.metadata, is_drawn)
+    subject = Subject.from_metadata(path.name, log.shapes, log.metadata, is_drawn)
     both: list[tuple[StoredLog, Subject]] = [(log, subject)]
     owner = quoted_path(path)
     if against is not None:
         other = open_log(against)
         label = f"{against.name} (other)" if against.name == path.name else against.name
-        both.append((other, Subject.of(label, other.shapes, other.metadata, is_drawn)))
+        both.append((other, Subject.from_metadata(label, other.shapes, other.metadata, is_drawn)))
         owner += f" or {quoted_path(against)}"
         _lay_by_clock(log, other, both[1][1])
     sizes: dict[str, int] = {}

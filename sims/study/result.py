@@ -48,7 +48,7 @@ class StudyResult:
     @cached_property
     def summary(self) -> Summary:
         """Quantiles, bounds, worst runs."""
-        return Summary.of(self.study, self.records)
+        return Summary.from_records(self.study, self.records)
 
     @property
     def figures(self) -> tuple[Figure, ...]:
@@ -98,7 +98,7 @@ def read_study(path: Path | str) -> StudyResult:
     table, metadata = load_table(Path(path))
     entry = metadata["study"]
     schema = find_entry(entry["experiment"]).load().schema
-    study = Study.of(
+    study = Study.make(
         entry["experiment"],
         build(schema, entry["scenario"]),
         entry["variables"],

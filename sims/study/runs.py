@@ -47,7 +47,7 @@ class Software:
     drake: str
 
     @classmethod
-    def of(cls, entry: Entry) -> "Software":
+    def from_entry(cls, entry: Entry) -> "Software":
         """That of this process."""
         package = f"{entry.package} {version(entry.package)}"
         return cls(package, f"{version('parapod')} ({_digest()})", version("drake"))
@@ -163,7 +163,7 @@ def _shop(order: Order) -> _Shop:
             ) from None
         load_installed_drivers()
         options = RunOptions(console=Console(file=io.StringIO(), quiet=True), loops=Loops())
-        shop = _Shop(Software.of(entry), entry.load(), options)
+        shop = _Shop(Software.from_entry(entry), entry.load(), options)
         # What has been imported stays: the garbage collector need not go through it each run.
         gc.collect()
         gc.freeze()

@@ -42,7 +42,7 @@ class Sampling:
     seed: int = 0
 
     @classmethod
-    def of(
+    def make(
         cls, kind: str, variables: Sequence[Variable], runs: int | None = None, seed: int = 0
     ) -> "Sampling":
         """A sampling, checked.

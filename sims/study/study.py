@@ -44,7 +44,7 @@ class Study:
     software: Software
 
     @classmethod
-    def of(
+    def make(
         cls,
         experiment: str,
         scenario: Any,
@@ -77,8 +77,8 @@ class Study:
                 raise ScenarioError(
                     "a study simulates; one of its backends is hardware", "backend"
                 )
-        chosen = Sampling.of(sampling, variables, runs, sampling_seed)
-        return cls(entry, tree, chosen, Software.of(entry))
+        chosen = Sampling.make(sampling, variables, runs, sampling_seed)
+        return cls(entry, tree, chosen, Software.from_entry(entry))
 
     @property
     def variables(self) -> tuple[Variable, ...]:

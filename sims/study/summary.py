@@ -65,8 +65,8 @@ class MetricSummary:
         return f"{self.meaning}; not finite in {self.not_finite} runs: {reason}"
 
     @classmethod
-    def of(cls, column: Column) -> "MetricSummary":
-        """That of a column."""
+    def from_column(cls, column: Column) -> "MetricSummary":
+        """Summary of one column."""
         there = column.is_there
         values = column.values[there]
         with np.errstate(invalid="ignore"):  # between two infinite values
@@ -132,13 +132,13 @@ class Summary:
     decisive: tuple[str, float] | None = None
 
     @classmethod
-    def of(cls, study: Study, records: Records) -> "Summary":
-        """That of all runs that have been carried out."""
+    def from_records(cls, study: Study, records: Records) -> "Summary":
+        """Summary of the runs that have been carried out."""
         return cls(
             study,
             int(records.done.sum()),
             int(records.passed.sum()),
-            tuple(MetricSummary.of(column) for column in records.columns),
+            tuple(MetricSummary.from_column(column) for column in records.columns),
             _refusals(records.errors),
             _decisive(study, records),
         )

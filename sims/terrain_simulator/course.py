@@ -32,10 +32,10 @@ from parapod.diagrams.terrain_simulator.scenario import (
     TerrainBenchScenario,
 )
 from parapod.diagrams.terrain_simulator.world import walking_in_the_world
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Readout
 from parapod.sims.lab.run import Run, realtime_metric
+from parapod.sims.lab.runner import Runner
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.sims.terrain_simulator.courses import COURSES, scenario_of
@@ -92,7 +92,7 @@ class BenchCourseScenario(Schema):
     mass_kg: float = quantity(30.0, 0.1, 1000.0)
     time_step: float = quantity(1e-3, 2.5e-4, 1e-3)
 
-    def of(self, name: str) -> TerrainBenchScenario:
+    def walk_over(self, name: str) -> TerrainBenchScenario:
         """The walk over one terrain.
 
         Raises:
@@ -156,7 +156,7 @@ class BenchCourse(LoopExperiment[BenchCourseScenario, Courses]):
 
     def machine_scenario(self, scenario: BenchCourseScenario) -> TerrainBenchScenario:
         """The walk over the first terrain."""
-        return scenario.of(scenario.courses[0])
+        return scenario.walk_over(scenario.courses[0])
 
     def check(self, scenario: BenchCourseScenario) -> None:
         """Refuses a course before anything moves.
@@ -172,7 +172,7 @@ class BenchCourse(LoopExperiment[BenchCourseScenario, Courses]):
             raise ScenarioError("courses names a terrain twice", "courses")
         for name in scenario.courses:
             try:
-                check_bench(scenario.of(name))
+                check_bench(scenario.walk_over(name))
             except ScenarioError:
                 raise
             except ParapodError as error:
@@ -190,17 +190,17 @@ class BenchCourse(LoopExperiment[BenchCourseScenario, Courses]):
         """Pose, force and distance."""
         return read_out(loop, root_context)
 
-    def run(self, scenario: BenchCourseScenario, bench: Bench) -> Courses:
+    def run(self, scenario: BenchCourseScenario, runner: Runner) -> Courses:
         """Walks each terrain on the bench and in the world."""
         on_bench, in_world = BenchWalking(self.name), _InTheWorld(self.name)
         pairs = {}
         for i, name in enumerate(scenario.courses):
-            walk = scenario.of(name)
-            bench.name = f"{self.name}, {name}"
-            ran = on_bench.run_loop(walk, bench, watched=i == 0)
+            walk = scenario.walk_over(name)
+            runner.name = f"{self.name}, {name}"
+            ran = on_bench.run_loop(walk, runner, watched=i == 0)
             # There the body does rise, and its drive plays only the other legs.
             free = replace(walk, hip=replace(walk.hip, adds_inertia=False))
-            pairs[name] = Pair(walk, ran, in_world.run_loop(free, bench, watched=False))
+            pairs[name] = Pair(walk, ran, in_world.run_loop(free, runner, watched=False))
         return Courses(pairs)
 
     def measure(self, scenario: BenchCourseScenario, data: Courses) -> Iterator[Metric]:

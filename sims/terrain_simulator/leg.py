@@ -42,10 +42,10 @@ from parapod.diagrams.terrain_simulator.scenario import (
     TerrainBenchScenario,
 )
 from parapod.diagrams.terrain_simulator.terrains import Slope, Step
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Readout
 from parapod.sims.lab.run import Run, realtime_metric
+from parapod.sims.lab.runner import Runner
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.sims.terrain_simulator.walk import (
@@ -192,7 +192,7 @@ class BenchLegScenario(Schema):
 
 
 @dataclass(frozen=True)
-class Trial:
+class LegTest:
     """Runs of a leg.
 
     Attributes:
@@ -224,7 +224,7 @@ class _Jump(BenchWalking):
         return ClosedLoop(TERRAIN_BENCH, scenario, sources=sources, **options)
 
 
-class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
+class BenchLeg(LoopExperiment[BenchLegScenario, LegTest]):
     """Tries a leg."""
 
     machine = TERRAIN_BENCH
@@ -273,7 +273,7 @@ class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
         """Pose, force and distance."""
         return read_out(loop, root_context)
 
-    def run(self, scenario: BenchLegScenario, bench: Bench) -> Trial:
+    def run(self, scenario: BenchLegScenario, runner: Runner) -> LegTest:
         """Steps, and jumps."""
         tasks: dict[str, tuple[BenchWalking, TerrainBenchScenario]] = {
             "step": (BenchWalking(self.name), scenario.walk),
@@ -281,13 +281,13 @@ class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
         }
         runs: dict[str, Run] = {}
         for name in dict.fromkeys(scenario.tries):
-            bench.name = f"{self.name}, {name}"
+            runner.name = f"{self.name}, {name}"
             # The chair is imported only if its leg is asked for.
             how, what = tasks.get(name) or (BenchWalking(self.name), chair_leg_scenario())
-            runs[name] = how.run_loop(what, bench, watched=not runs)
-        return Trial(runs)
+            runs[name] = how.run_loop(what, runner, watched=not runs)
+        return LegTest(runs)
 
-    def measure(self, scenario: BenchLegScenario, data: Trial) -> Iterator[Metric]:
+    def measure(self, scenario: BenchLegScenario, data: LegTest) -> Iterator[Metric]:
         """Numbers of the leg alone, of standing, of the step and of the jump."""
         leg = make_leg_model(scenario.leg.description)
         yield Metric("leg_mass_kg", leg.mass, "kg", meaning="mass of the leg")
@@ -301,7 +301,7 @@ class BenchLeg(LoopExperiment[BenchLegScenario, Trial]):
                 yield from measured(scenario, data.runs[name])
         yield realtime_metric(*data.runs.values())
 
-    def draw(self, scenario: BenchLegScenario, data: Trial) -> Iterator[Figure]:
+    def draw(self, scenario: BenchLegScenario, data: LegTest) -> Iterator[Figure]:
         """Height of the hip and force of the ground, on the step and in the jump."""
         yield Figure(
             "bench_leg",
@@ -346,7 +346,7 @@ def _reaches(leg: LegModel, foot: Array, near: Array) -> bool:
     return True
 
 
-def _reach(scenario: BenchLegScenario, leg: LegModel, data: Trial) -> Iterator[Metric]:
+def _reach(scenario: BenchLegScenario, leg: LegModel, data: LegTest) -> Iterator[Metric]:
     walk = scenario.walk.walk
     feet = walk.at(np.linspace(walk.lift_off, walk.landing, _PLACES)).foot[0]
     yield Metric(
@@ -450,7 +450,7 @@ def _chair_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
     )
 
 
-def _draw(scenario: BenchLegScenario, data: Trial, canvas: "Canvas") -> None:
+def _draw(scenario: BenchLegScenario, data: LegTest, canvas: "Canvas") -> None:
     tasks: dict[str, Task] = {"step": scenario.walk.walk, "jump": scenario.task}
     if "chair" in data.runs:
         tasks["chair"] = chair_leg_scenario().walk

@@ -10,9 +10,9 @@ from pydrake.systems.framework import Context
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
-from parapod.sims.lab.bench import END, RESTART, Live, in_real_time
 from parapod.sims.lab.panel import Panel, Readout
 from parapod.sims.lab.run import ReadOut
+from parapod.sims.lab.runner import END, RESTART, Live, in_real_time
 from parapod.sims.terrain_simulator.courses import COURSES, scenario_of
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.terrain_simulator.operator import BenchControls

@@ -29,10 +29,10 @@ from parapod.diagrams.style import COLOURS
 from parapod.diagrams.terrain_simulator.drawing import TerrainRibbon
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH, make_terrain
 from parapod.diagrams.terrain_simulator.scenario import BODIES, TerrainBenchScenario
-from parapod.sims.lab.bench import make_viewer, stay_live
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Run, realtime_metric
+from parapod.sims.lab.runner import make_viewer, stay_live
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError

@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from parapod.diagrams.style import COLOURS
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment
+from parapod.sims.lab.runner import Runner
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.systems.core.schema import Schema, choice, quantity
@@ -109,7 +109,7 @@ class BenchWorkspace(Experiment[BenchWorkspaceScenario, Workspaces]):
     backends = ("exact",)
     takes = "1 s"
 
-    def run(self, scenario: BenchWorkspaceScenario, bench: Bench) -> Workspaces:
+    def run(self, scenario: BenchWorkspaceScenario, runner: Runner) -> Workspaces:
         """Tells all workspaces."""
         free, guarded, coarse, common = {}, {}, {}, {}
         least, cells = scenario.least_sin_mu, scenario.cells

@@ -22,8 +22,8 @@ from parapod.diagrams.walking_chair.leg_loop import LegLoopParams, make_leg_loop
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.walking_chair.twin import LegTwin
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.lab.runner import Runner
 from parapod.sims.output.drawn import LogDrawing
 from parapod.sims.output.figures import Figure, draw_bound
 from parapod.sims.output.results import Metric
@@ -319,9 +319,9 @@ class ChairCircle(Experiment[ChairCircleScenario, dict[str, Recording]]):
         """The leg in the first mode."""
         return make_leg_loop(scenario.loop(MODES[0])).diagram
 
-    def run(self, scenario: ChairCircleScenario, bench: Bench) -> dict[str, Recording]:
+    def run(self, scenario: ChairCircleScenario, runner: Runner) -> dict[str, Recording]:
         """Runs every control mode; by the mode's name."""
-        return {mode: _record(scenario, mode, bench) for mode in MODES}
+        return {mode: _record(scenario, mode, runner) for mode in MODES}
 
     def logged(self, scenario: ChairCircleScenario, data: dict[str, Recording]) -> Logged:
         """Plan and drives in all modes, which have the same times."""
@@ -416,13 +416,13 @@ class ChairCircle(Experiment[ChairCircleScenario, dict[str, Recording]]):
         )
 
 
-def _record(scenario: ChairCircleScenario, mode: str, bench: Bench) -> Recording:
+def _record(scenario: ChairCircleScenario, mode: str, runner: Runner) -> Recording:
     params = scenario.loop(mode)
     loop = make_leg_loop(params)
     simulator = Simulator(loop.diagram)
     simulator.Initialize()
     until = params.circle.duration + scenario.rest
-    bench.simulate(simulator, until, f"mode {mode}")
+    runner.simulate(simulator, until, f"mode {mode}")
     time, position, velocity = loop.recorded(simulator.get_context())
     foot = leg_forward(GEOMETRY, position).point
     return Recording(params.circle, time, position, velocity, foot)

@@ -18,8 +18,8 @@ from parapod.diagrams.plots import Limits
 from parapod.diagrams.style import COLOURS
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario, PassengerScenario
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.lab.runner import Runner
 from parapod.sims.output.drawn import LogDrawing
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
@@ -181,9 +181,9 @@ class ChairGait(Experiment[ChairGaitScenario, Walks]):
         """Refuses a gait with too many cycles, out of a branch's stroke, or too fast for it."""
         check_walks(scenario, CHAIR_GEOMETRY)
 
-    def run(self, scenario: ChairGaitScenario, bench: Bench) -> Walks:
+    def run(self, scenario: ChairGaitScenario, runner: Runner) -> Walks:
         """Moves the branches: closed forms, nothing is simulated."""
-        with bench.console.status("moving the branches"):
+        with runner.console.status("moving the branches"):
             return Walks(*(sample_walk(CHAIR_GEOMETRY, walk) for walk in scenario.walks))
 
     def logged(self, scenario: ChairGaitScenario, data: Walks) -> Logged:

@@ -24,8 +24,8 @@ from parapod.diagrams.plots import Limits
 from parapod.diagrams.style import COLOURS
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario, PassengerScenario
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.lab.runner import Runner
 from parapod.sims.output.drawn import LogDrawing
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.progress import progress
@@ -191,9 +191,9 @@ class ChairPayload(Experiment[ChairPayloadScenario, list[Instant]]):
         """Refuses a gait beyond stroke or speed, and a payload that would tip the chair over."""
         check_stance(scenario)
 
-    def run(self, scenario: ChairPayloadScenario, bench: Bench) -> list[Instant]:
+    def run(self, scenario: ChairPayloadScenario, runner: Runner) -> list[Instant]:
         """Spreads forces at instants of a step: nothing is simulated."""
-        return survey(scenario, bench.console)
+        return survey(scenario, runner.console)
 
     def logged(self, scenario: ChairPayloadScenario, data: list[Instant]) -> Logged:
         """Payloads, forces of the branches, their lengths, and what touches the ground."""

@@ -28,10 +28,10 @@ from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.plants import Simulation
 from parapod.diagrams.walking_chair.scenario import BODIES, SIMULATED, ChairScenario
-from parapod.sims.lab.bench import LOOK_PERIOD, Live, make_viewer, stay_live
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import ReadOut, Run, realtime_metric
+from parapod.sims.lab.runner import LOOK_PERIOD, Live, make_viewer, stay_live
 from parapod.sims.output.figures import Figure, draw_bound
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError

@@ -89,10 +89,10 @@ class CompoundPositionController(LeafSystem):
         return not self._enable.HasValue(context) or is_on(self._enable, context)
 
     def _calc_velocity_command(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._law.of(self, context)[0])
+        output.SetFromVector(self._law.value(self, context)[0])
 
     def _update_state(self, context: Context, discrete_state: Any) -> None:
-        discrete_state.set_value(self._law.of(self, context)[1])
+        discrete_state.set_value(self._law.value(self, context)[1])
 
     @nan_without_warning
     def _calc_law(self, context: Context) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -89,7 +89,7 @@ class Cached:
     index: CacheIndex
     ticket: DependencyTicket
 
-    def of(self, system: Any, context: Context) -> Any:
+    def value(self, system: Any, context: Context) -> Any:
         """The object, calculated anew if something it depends on has changed."""
         return system.get_cache_entry(self.index).Eval(context)
 

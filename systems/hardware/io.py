@@ -32,8 +32,8 @@ _LOG = logging.getLogger(__name__)
 
 # Commands that are older than this are not the controller's will any more [s].
 COMMAND_TIMEOUT = 0.1
-# A reading is due so early that this share of all readings, some of which begin late, has ended,
-# with a margin [s], when its samples are taken; and at most this share of the period before.
+# Readings start so early that this share of them ends a margin [s] before the loop samples, at
+# most the largest lead, a share of the period, ahead.
 _IN_TIME = 0.995
 _MARGIN = 5e-4
 _LARGEST_LEAD = 0.7

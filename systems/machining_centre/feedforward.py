@@ -108,7 +108,7 @@ class CentreFeedforward(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def _now(self, context: Context) -> _Led:
-        now: _Led = self._cached.of(self, context)
+        now: _Led = self._cached.value(self, context)
         return now
 
     def _calc_now(self, context: Context) -> _Led:
@@ -168,11 +168,11 @@ class CentreFeedforward(LeafSystem):
         )
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        lead = self._led.of(self, context)
+        lead = self._led.value(self, context)
         state.set_value(0, np.concatenate((lead.lengths, lead.pose, lead.foot, lead.more, (1.0,))))
 
     def _calc_command(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._led.of(self, context).lengths)
+        output.SetFromVector(self._led.value(self, context).lengths)
 
     def _calc_pose(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._now(context).pose)
@@ -185,4 +185,4 @@ class CentreFeedforward(LeafSystem):
         output.SetFromVector(measured - self._now(context).lengths)
 
     def _calc_is_stuck(self, context: Context, output: BasicVector) -> None:
-        output[0] = float(self._led.of(self, context).is_stuck)
+        output[0] = float(self._led.value(self, context).is_stuck)

@@ -275,7 +275,7 @@ class CentreTruth(LeafSystem):
         output.SetFromVector(pose_of(poses[self._platform]))
 
     def _calc_feet(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._all_feet.of(self, context))
+        output.SetFromVector(self._all_feet.value(self, context))
 
     def _calc_joints(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(read_array(self._state, context)[self._joints])

@@ -213,26 +213,26 @@ class CentrePosture(LeafSystem):
         return _Found(posture or before, values, locked, posture is not None)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        posture = self._found.of(self, context)
+        posture = self._found.value(self, context)
         pose, feet = posture.posture
         parts = (pose, feet.ravel(), posture.values.ravel(), posture.locked.ravel())
         state.set_value(0, np.concatenate((*parts, (posture.is_determined,))).astype(float))
 
     def _calc_pose(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._shown.of(self, context).posture.pose)
+        output.SetFromVector(self._shown.value(self, context).posture.pose)
 
     def _calc_feet(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._shown.of(self, context).posture.feet.ravel())
+        output.SetFromVector(self._shown.value(self, context).posture.feet.ravel())
 
     def _calc_joints(self, context: Context, output: BasicVector) -> None:
-        posture = self._shown.of(self, context).posture
+        posture = self._shown.value(self, context).posture
         output.SetFromVector(lockable_joints(self._geometry, posture).ravel())
 
     def _calc_locked_at(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._shown.of(self, context).values.ravel())
+        output.SetFromVector(self._shown.value(self, context).values.ravel())
 
     def _calc_is_determined(self, context: Context, output: BasicVector) -> None:
-        output[0] = float(self._shown.of(self, context).is_determined)
+        output[0] = float(self._shown.value(self, context).is_determined)
 
 
 def _beginning(geometry: CentreGeometry, pose: ArrayLike, footholds: ArrayLike | None) -> Array:

@@ -246,7 +246,7 @@ class Progress:
         return np.concatenate((numbers, self.start, self.end, self.by))
 
     @classmethod
-    def of(cls, numbers: Array) -> "Progress":
+    def from_numbers(cls, numbers: Array) -> "Progress":
         """The progress of its numbers."""
         values = numbers[: len(_NUMBERS)].tolist()
         named: dict[str, Any] = {

@@ -113,10 +113,10 @@ class CentreSequencer(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def _calc_progress(self, context: Context) -> Progress:
-        return Progress.of(context.get_discrete_state(0).value())
+        return Progress.from_numbers(context.get_discrete_state(0).value())
 
     def _progress(self, context: Context) -> Progress:
-        progress: Progress = self._cached.of(self, context)
+        progress: Progress = self._cached.value(self, context)
         return progress
 
     def _update(self, context: Context, state: DiscreteValues) -> None:

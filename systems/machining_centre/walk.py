@@ -36,7 +36,7 @@ class Footprint(NamedTuple):
     places: Array
 
     @classmethod
-    def of(cls, job: Job, feet: Array) -> "Footprint":
+    def from_job(cls, job: Job, feet: Array) -> "Footprint":
         """That of feet (n, 6)."""
         places = job.panel.place(feet[:, :3])
         places[:, 2] = [job.panel.heading(foot) for foot in feet]
@@ -70,7 +70,7 @@ def plan_walk(
     Raises:
         Refused: no way is found; has the words about the nearest one.
     """
-    footholds, now, swings = Footprint.of(job, beginning.feet).places, beginning, []
+    footholds, now, swings = Footprint.from_job(job, beginning.feet).places, beginning, []
     for step in range(1, steps + 1):
         waiting = list(range(1, geometry.limbs + 1))
         while waiting:
@@ -136,7 +136,7 @@ def _poses(
     geometry: CentreGeometry, job: Job, now: Posture, limb: int, goal: Array, height: float
 ) -> list[Array]:
     """Poses of the platform from which a limb might swing."""
-    print_ = Footprint.of(job, now.feet).places
+    print_ = Footprint.from_job(job, now.feet).places
     middle = print_[:, :2].mean(axis=0)
     way = job.panel.place(goal[:3])[:2] - print_[limb - 1, :2]
     poses = []

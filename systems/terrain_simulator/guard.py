@@ -113,7 +113,7 @@ class SingularityGuard(LeafSystem):
 
     def next_state(self, context: Context) -> Array:
         """State a period later (27), not to be changed."""
-        state: Array = self._next.of(self, context)
+        state: Array = self._next.value(self, context)
         return state
 
     def _calc_command(self, context: Context, output: BasicVector) -> None:

@@ -75,10 +75,10 @@ class HipSupport(LeafSystem):
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         lasting = context.get_discrete_state(0)[0]
-        state[0] = lasting + self._share * (self._held.of(self, context) - lasting)
+        state[0] = lasting + self._share * (self._held.value(self, context) - lasting)
 
     def _calc_force(self, context: Context, output: BasicVector) -> None:
         (force,), largest = read(self._force, context), self._params.largest
-        total = force + self._held.of(self, context) - context.get_discrete_state(0)[0]
+        total = force + self._held.value(self, context) - context.get_discrete_state(0)[0]
         total = total if math.isfinite(total) else 0.0
         output[0] = min(max(total, -largest), largest)

@@ -181,10 +181,10 @@ class BenchTruth(LeafSystem):
         return pose, model.loop_error_of(lambda name: poses[index[name]])
 
     def _copy_pose(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._both.of(self, context)[0])
+        output.SetFromVector(self._both.value(self, context)[0])
 
     def _copy_loop_error(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._both.of(self, context)[1])
+        output.SetFromVector(self._both.value(self, context)[1])
 
 
 class BenchPositions(LeafSystem):

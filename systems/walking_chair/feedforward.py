@@ -71,10 +71,10 @@ class ChairFeedforward(LeafSystem):
         return chair_motion(self._geometry, *self._inputs(context))
 
     def _calc_velocity(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._motion.of(self, context).velocity.ravel())
+        output.SetFromVector(self._motion.value(self, context).velocity.ravel())
 
     def _calc_acceleration(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._motion.of(self, context).acceleration.ravel())
+        output.SetFromVector(self._motion.value(self, context).acceleration.ravel())
 
 
 # Largest distance of a branch from its length at the start [m].

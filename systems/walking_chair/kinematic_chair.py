@@ -144,7 +144,7 @@ class KinematicChair(LeafSystem):
 
     def signal(self, context: Context, name: str) -> NDArray[np.float64]:
         """The signal of that name, from the one solution that all of them share."""
-        signal: NDArray[np.float64] = getattr(self._stance.of(self, context), name)
+        signal: NDArray[np.float64] = getattr(self._stance.value(self, context), name)
         return signal
 
     def _calc_stance(self, context: Context) -> _Stance:
@@ -200,7 +200,7 @@ class KinematicChair(LeafSystem):
         return float(x), float(y), yaw
 
     def _update_contacts(self, context: Context, discrete_state: Any) -> None:
-        stance: _Stance = self._stance.of(self, context)
+        stance: _Stance = self._stance.value(self, context)
         if not np.isfinite(stance.body_position).all():
             return
         contacts: Any = context.get_discrete_state(1)

@@ -255,7 +255,7 @@ class ChairTruth(LeafSystem):
 
     def shown(self, context: Context, index: int) -> NDArray[np.float64]:
         """Position, attitude, heights of corners and gaps of loops, from the poses."""
-        part: NDArray[np.float64] = self._shown.of(self, context)[index]
+        part: NDArray[np.float64] = self._shown.value(self, context)[index]
         return part
 
     def _calc_shown(self, context: Context) -> tuple[NDArray[np.float64], ...]:

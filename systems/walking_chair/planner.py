@@ -122,13 +122,13 @@ class GaitPlanner(LeafSystem):
         output.SetFromVector(np.array([float(self._clock(context)[0] >= self.walk.duration)]))
 
     def _calc_body_motion(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._node.of(self, context)[0])
+        output.SetFromVector(self._node.value(self, context)[0])
 
     def _calc_foot_motion(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._node.of(self, context)[1])
+        output.SetFromVector(self._node.value(self, context)[1])
 
     def _calc_references(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._node.of(self, context)[2])
+        output.SetFromVector(self._node.value(self, context)[2])
 
     def _update_clock(self, context: Context, discrete_state: Any) -> None:
         time, pace = self._clock(context)

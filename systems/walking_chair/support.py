@@ -230,11 +230,11 @@ class SupportMonitor(LeafSystem):
         return min(self._support.margin(phase, passenger) for phase in coming)
 
     def _calc_margin(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.array([self._margin.of(self, context)]))
+        output.SetFromVector(np.array([self._margin.value(self, context)]))
 
     def _update_hold(self, context: Context, discrete_state: Any) -> None:
         hold: Any = context.get_discrete_state_vector()
         params = self._params
         required = params.required + (params.regained if hold[0] > 0.5 else 0.0)
-        holds = not self._margin.of(self, context) >= required
+        holds = not self._margin.value(self, context) >= required
         discrete_state.set_value(np.array([float(holds)]))

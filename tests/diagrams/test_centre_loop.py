@@ -237,7 +237,7 @@ def test_legs_of_rigid_bodies_carry_the_weight_that_statics_say():
     assert np.allclose(run["legs.current"][rest], force / 250.0, atol=0.02)
 
 
-def test_legs_of_rigid_bodies_feel_the_drill_as_statics_say(bench):
+def test_legs_of_rigid_bodies_feel_the_drill_as_statics_say(stand):
     process = ProcessScenario(torque_Nm=20.0)
     slow = MotionScenario(150.0, 60.0, 5.0, 150.0, 1500.0)
     scenario = scenario_of(
@@ -248,7 +248,7 @@ def test_legs_of_rigid_bodies_feel_the_drill_as_statics_say(bench):
     loaded = np.flatnonzero(run["tool.force"][:, 0] > 120.0)
     assert len(loaded) > 5
     assert run["truth.tip_height"].min() == pytest.approx(-4e-3, abs=3e-4)
-    statics = bench(CentreStatics(scenario.geometry), clamps_closed=np.ones(3))
+    statics = stand(CentreStatics(scenario.geometry), clamps_closed=np.ones(3))
     for k in loaded:
         statics.set(pose=run["truth.pose"][k], feet=run["truth.feet"][k])
         felt = {
@@ -290,7 +290,7 @@ def test_bodies_obey_only_where_somebody_looks_between_the_steps():
 def test_ports_have_the_sizes_of_the_limbs(limbs, backend):
     scenario = scenario_of(limbs, backend, holes=0, walk=WalkScenario())
     station = Station(MACHINING_CENTRE, scenario)
-    machine = MACHINING_CENTRE.of(scenario)
+    machine = MACHINING_CENTRE.for_scenario(scenario)
     assert machine.variant is None
     sizes = {"legs.position": 2, "locks.closed": 4, "clamps.closed": 1}
     for name, each in sizes.items():
@@ -303,7 +303,7 @@ def test_ports_have_the_sizes_of_the_limbs(limbs, backend):
 
 
 def test_names_and_units_are_the_same_for_all_limbs():
-    tables = [MACHINING_CENTRE.of(scenario_of(limbs)).table for limbs in (3, 4)]
+    tables = [MACHINING_CENTRE.for_scenario(scenario_of(limbs)).table for limbs in (3, 4)]
     named = [[(name, port.unit, port.idle) for name, port in t.items()] for t in tables]
     assert named[0] == named[1]
     default = {port.name: port.size for port in MACHINING_CENTRE.ports}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.diagrams.machining_centre.bench import make_centre_bench
+from parapod.diagrams.machining_centre.held_centre import make_held_centre
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.model import pose_of
 from parapod.systems.machining_centre.platform_mode import leg_lengths
@@ -21,12 +21,12 @@ TILTED = np.array((0.01, 0.02, 0.48, 0.05, -0.03, 0.04))
 
 @pytest.fixture(scope="module", params=[3, 4], ids=["tripod", "quadruped"])
 def bench(request):
-    return make_centre_bench(CentreGeometry(request.param), 1e-3)
+    return make_held_centre(CentreGeometry(request.param), 1e-3)
 
 
 @pytest.mark.parametrize("geometry", OTHERS, ids=["tripod", "quadruped"])
 def test_bodies_of_other_dimensions_are_those_of_the_closed_form(geometry):
-    bench = make_centre_bench(geometry, 1e-3)
+    bench = make_held_centre(geometry, 1e-3)
     root = bench.diagram.CreateDefaultContext()
     pose = TILTED.copy()
     pose[2] = 0.5 * (geometry.stroke_min + geometry.stroke_max) - 0.02
@@ -133,7 +133,7 @@ def test_sinking_of_the_held_feet_quarters_with_half_the_step():
     """A clamp is a constraint that yields by what a step of gravity and motion leaves: dt^2."""
     gaps = []
     for step in (4e-3, 2e-3, 1e-3):
-        bench = make_centre_bench(CentreGeometry(3), step)
+        bench = make_held_centre(CentreGeometry(3), step)
         simulator = Simulator(bench.diagram)
         root = simulator.get_mutable_context()
         bench.stand(root, HOME)

@@ -42,7 +42,7 @@ def test_limits_are_those_of_drawings_and_settings(name):
     for key, value in settings.items():
         part, field = key.split(".")
         setattr(getattr(scenario, part), field, value)
-    limits = machine.of(scenario).all_limits(scenario)
+    limits = machine.for_scenario(scenario).all_limits(scenario)
     for signal, ends in expected.items():
         for found, end in zip(limits[signal], ends, strict=True):
             assert (found is None) == (end is None), signal

@@ -26,7 +26,9 @@ SEEDS = range(64)
 
 def beginnings(**sensors):
     scenario = LevellingScenario(sensors=SensorScenario(**sensors))
-    return [Beginning.of(replace(scenario, seed=seed), MODEL_GEOMETRY) for seed in SEEDS]
+    return [
+        Beginning.from_scenario(replace(scenario, seed=seed), MODEL_GEOMETRY) for seed in SEEDS
+    ]
 
 
 # Drawn from the seed

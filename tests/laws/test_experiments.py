@@ -409,7 +409,11 @@ def test_a_run_that_holds_its_bounds_lies_within_the_limits_of_its_signals(part,
     limits = run.experiment.limits(run.scenario)
     signals = {} if run.log is None else run.log.signals
     machine = getattr(run.experiment.drawing or run.experiment, "machine", None)
-    declared = machine.of(run.experiment.machine_scenario(run.scenario)).table if machine else {}
+    declared = (
+        machine.for_scenario(run.experiment.machine_scenario(run.scenario)).table
+        if machine
+        else {}
+    )
     holds = all(metric.passed for metric in run.result.metrics if not metric.is_timing)
     for name, (low, high) in limits.items():
         assert name in signals or name in declared, name

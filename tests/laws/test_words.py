@@ -258,3 +258,46 @@ def test_a_variable_says_what_it_holds(folder):
                 if _BARE.fullmatch(name):
                     wrong.append(f"{path.relative_to(ROOT)}:{line}: {name}")
     fail_with(sorted({*wrong}))
+
+
+# Names of makers.
+_NAMES_OF_OTHERS = {"SPI_FAILURE"}
+
+
+def identifiers(tree):
+    """Names that a module gives, each with its line."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield node.name, node.lineno
+        elif isinstance(node, ast.arg):
+            yield node.arg, node.lineno
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id, node.lineno
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.attr, node.lineno
+
+
+def words_of(identifier):
+    """Words of a name in snake or camel case."""
+    return {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", identifier)}
+
+
+@each_folder
+def test_names_have_the_words_of_the_glossary(folder):
+    glossary = (ROOT / "docs" / "glossary.md").read_text().partition("## Symbols")[0]
+    rows = re.findall(r"^\| ([\w, ]+) \| .* \| ([\w, ]*) ?\|$", glossary, re.MULTILINE)
+    instead = {o: word for word, not_ in rows[1:] for o in not_.replace(",", " ").split()}
+    assert instead["robot"] == "machine"
+    wrong = []
+    for path in sorted((ROOT / folder).glob("*.py" if "/" not in folder else "**/*.py")):
+        named = [(path.stem, 1), *identifiers(ast.parse(path.read_text()))]
+        for name, line in named:
+            place = f"{path.relative_to(ROOT)}:{line}: {name}"
+            if name not in _NAMES_OF_OTHERS:
+                wrong += [f"{place}: {instead[w]}" for w in words_of(name) & instead.keys()]
+            # A bench is the terrain simulator; the command is as well known as its name.
+            if "bench" in words_of(name) and not re.search(
+                r"terrain|bench_rt|^benchmarks", str(path.relative_to(ROOT))
+            ):
+                wrong.append(f"{place}: runner")
+    fail_with(wrong)

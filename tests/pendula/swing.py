@@ -47,11 +47,11 @@ class Swing(Experiment[PendulumScenario, float]):
         return builder.Build()
 
     def scene(self, scenario):
-        from parapod.sims.lab.bench import make_viewer
+        from parapod.sims.lab.runner import make_viewer
 
         return make_viewer((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
 
-    def run(self, scenario, bench):
+    def run(self, scenario, runner):
         period = 2.0 * math.pi * math.sqrt(scenario.length_m / 9.81)
         return period * (1.0 + 1e-3 * scenario.seed)
 

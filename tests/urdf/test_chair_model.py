@@ -155,10 +155,10 @@ def test_truth_shows_attitudes(machine):
     np.testing.assert_allclose(machine.shown("body_position"), (1.0, 2.0, 3.0), atol=1e-12)
 
 
-def test_drawn_positions_are_the_models(machine, bench):
+def test_drawn_positions_are_the_models(machine, stand):
     lengths, position = machine.place(7.5)
     expected = machine.plant.GetPositions(machine.context)
-    pose = bench(
+    pose = stand(
         ChairPose(machine.model),
         position=lengths.ravel(),
         body_pose=(1.0, 0.0, 0.0, 0.0, *position),

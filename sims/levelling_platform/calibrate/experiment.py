@@ -52,8 +52,8 @@ from parapod.diagrams.levelling_platform.scenario import (
     LevellingScenario,
 )
 from parapod.diagrams.style import COLOURS
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.calibrate.led import COLUMNS, record_poses
 from parapod.sims.levelling_platform.calibrate.recording import (
     Machine,
@@ -163,7 +163,7 @@ class Calibrate(Experiment[CalibrateScenario, Identified]):
                 path,
             )
 
-    def run(self, scenario: CalibrateScenario, bench: Bench) -> Identified:
+    def run(self, scenario: CalibrateScenario, runner: Runner) -> Identified:
         """Identifies a simulated machine, or the one that a recording is of.
 
         Raises:
@@ -171,29 +171,29 @@ class Calibrate(Experiment[CalibrateScenario, Identified]):
             OutputError: the recording cannot be read.
             RefusedRequest: a real machine that does not stand on its feet.
         """
-        if scenario.recording and bench.options.log is not None:
+        if scenario.recording and runner.options.log is not None:
             raise OutputError(
                 "--log has nothing to write: the poses are read from a recording",
-                bench.options.log,
+                runner.options.log,
             )
         if scenario.backend == "hardware" and not scenario.recording:
-            self._lead(scenario, bench)
+            self._lead(scenario, runner)
             return _of_recording(replace(scenario, recording=scenario.measuring.poses_file))
         return _of_recording(scenario) if scenario.recording else _of_simulation(scenario)
 
-    def _lead(self, scenario: CalibrateScenario, bench: Bench) -> None:
+    def _lead(self, scenario: CalibrateScenario, runner: Runner) -> None:
         """Leads the real machine through the poses, which are written after each one."""
         measuring = scenario.measuring
-        answers: Answers = ConsoleAnswers(bench.console)
+        answers: Answers = ConsoleAnswers(runner.console)
         if measuring.answers_file:
             columns = COLUMNS if scenario.poses.tracked else COLUMNS[:1]
-            answers = FileAnswers(bench.console, Path(measuring.answers_file), columns)
+            answers = FileAnswers(runner.console, Path(measuring.answers_file), columns)
         path = Path(measuring.poses_file)
 
         def write(recording: PoseRecording) -> None:
             self.write_log(path, scenario, *pose_signals(recording))
 
-        record_poses(scenario, scenario.machine, answers, write, bench)
+        record_poses(scenario, scenario.machine, answers, write, runner)
 
     def logged(self, scenario: CalibrateScenario, data: Identified) -> Logged:
         """The poses."""

@@ -21,7 +21,7 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import add
-from parapod.sims.lab.bench import Bench
+from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.calibrate.recording import spread_commands
 from parapod.sims.levelling_platform.calibrate.scenario import CalibrateScenario
 from parapod.sims.levelling_platform.leg_job import (
@@ -299,7 +299,7 @@ def record_poses(
     machine: LevellingScenario,
     answers: Answers,
     write: Callable[[PoseRecording], None],
-    bench: Bench,
+    runner: Runner,
 ) -> PoseRecording:
     """Leads a machine through the poses, and writes them after each one.
 
@@ -308,7 +308,7 @@ def record_poses(
         machine: the machine, which stands on its feet.
         answers: asks for what was measured from outside.
         write: writes the poses that have been recorded.
-        bench: runs the job.
+        runner: runs the job.
 
     Raises:
         RefusedRequest: the machine does not stand on its feet; nothing has moved.
@@ -318,9 +318,9 @@ def record_poses(
     """
     commands = pose_commands(scenario, machine)
     rate = 1e-3 * scenario.measuring.rate_mm_s
-    job = LegJob(bench.name, make_hand, _ENDLESS, rate, keeps_contact=True)
+    job = LegJob(runner.name, make_hand, _ENDLESS, rate, keeps_contact=True)
     make_watch = partial(
         PoseWatch, scenario=scenario, commands=commands, answers=answers, write=write
     )
     with answers.open():
-        return carry_out(job, machine, bench, make_watch).recording()
+        return carry_out(job, machine, runner, make_watch).recording()

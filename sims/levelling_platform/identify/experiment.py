@@ -52,8 +52,8 @@ from parapod.diagrams.levelling_platform.scenario import (
 from parapod.diagrams.plots import Limits
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.identify.measured import LIFTED, record_in_turn
 from parapod.sims.levelling_platform.identify.steps import (
     FEWEST_SAMPLES,
@@ -199,17 +199,17 @@ class IdentifyActuators(Experiment[IdentifyActuatorsScenario, Identified]):
         """Refuses steps that leave the stroke, have no ramp, or leave friction and K together."""
         check_steps(scenario)
 
-    def run(self, scenario: IdentifyActuatorsScenario, bench: Bench) -> Identified:
+    def run(self, scenario: IdentifyActuatorsScenario, runner: Runner) -> Identified:
         """Steps the voltages and estimates K from what a log of the real machine would have.
 
         Raises:
             RefusedRequest: a real machine that is not on its wheels with the legs lifted.
         """
         if scenario.backend == "hardware":
-            pair = record_in_turn(scenario.steps, scenario.on_wheels, bench)
+            pair = record_in_turn(scenario.steps, scenario.on_wheels, runner)
             recordings = Recordings(*pair, None)
         else:
-            recordings = record(scenario, bench)
+            recordings = record(scenario, runner)
         transient = scenario.steps.transient_s
         steps = tuple(find_steps(r, transient) for r in (recordings.unloaded, recordings.loaded))
         return Identified(recordings, steps, tuple(separate_friction(case) for case in steps))
@@ -297,20 +297,20 @@ def _check_within(key: str, voltage: float, extension: float, stroke: tuple[floa
         raise ScenarioError(f"{key} = {voltage:g} V {why}", key)
 
 
-def record(scenario: IdentifyActuatorsScenario, bench: Bench) -> Recordings:
+def record(scenario: IdentifyActuatorsScenario, runner: Runner) -> Recordings:
     """Runs both cases."""
     station = Station(PLATFORM, scenario.machine)
     context = station.CreateDefaultContext()
     actuators: Any = station.GetSubsystemByName("linear_actuator")
     parameters = actuators.GetMyContextFromRoot(context).get_numeric_parameter(0).CopyToVector()
     gain = parameters / actuators.params.viscous_friction
-    unloaded = _unloaded(scenario, bench, actuators, gain)
-    return Recordings(unloaded, _loaded(scenario, bench, station), gain)
+    unloaded = _unloaded(scenario, runner, actuators, gain)
+    return Recordings(unloaded, _loaded(scenario, runner, station), gain)
 
 
 def _unloaded(
     scenario: IdentifyActuatorsScenario,
-    bench: Bench,
+    runner: Runner,
     like: LinearActuator,
     gain: NDArray[np.float64],
 ) -> Recording:
@@ -330,11 +330,11 @@ def _unloaded(
     connect(builder, actuators.GetOutputPort("velocity"), encoder.GetInputPort("velocity"))
     logs = _log(builder, scenario, source, encoder.GetOutputPort("position_measured"))
     simulator = Simulator(builder.Build())
-    return _simulate(simulator, scenario, bench, "without load", logs)
+    return _simulate(simulator, scenario, runner, "without load", logs)
 
 
 def _loaded(
-    scenario: IdentifyActuatorsScenario, bench: Bench, station: Station[LevellingScenario]
+    scenario: IdentifyActuatorsScenario, runner: Runner, station: Station[LevellingScenario]
 ) -> Recording:
     """Case (b)."""
     builder = DiagramBuilder()
@@ -344,7 +344,7 @@ def _loaded(
     extension = machine.GetOutputPort("legs.extension")
     logs = _log(builder, scenario, source, extension, machine.GetOutputPort("truth.posture"))
     simulator = make_simulator(builder, station)
-    return _simulate(simulator, scenario, bench, "with load", logs)
+    return _simulate(simulator, scenario, runner, "with load", logs)
 
 
 def _log(
@@ -360,12 +360,12 @@ def _log(
 def _simulate(
     simulator: Simulator,
     scenario: IdentifyActuatorsScenario,
-    bench: Bench,
+    runner: Runner,
     what: str,
     logs: list[Any],
 ) -> Recording:
     simulator.Initialize()
-    bench.simulate(simulator, schedule(scenario.steps).end_time(), what)
+    runner.simulate(simulator, schedule(scenario.steps).end_time(), what)
     histories = [log.FindLog(simulator.get_context()) for log in logs]
     voltage, extension, *posture = [log.data().T.copy() for log in histories]
     attitude = posture[0][:, :2] if posture else None

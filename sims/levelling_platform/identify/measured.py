@@ -12,7 +12,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import named_source
-from parapod.sims.lab.bench import Bench
+from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.identify.steps import Recording, StepsScenario, eased_schedule
 from parapod.sims.levelling_platform.leg_job import (
     AT_REST,
@@ -116,14 +116,14 @@ class _StepsWatch(LegWatch):
 
 
 def record_in_turn(
-    steps: StepsScenario, machine: LevellingScenario, bench: Bench
+    steps: StepsScenario, machine: LevellingScenario, runner: Runner
 ) -> tuple[Recording, Recording]:
     """The steps without load, and those with load, one after the other on one machine.
 
     Args:
         steps: the voltage steps.
         machine: the machine, on its wheels.
-        bench: runs the job.
+        runner: runs the job.
 
     Raises:
         RefusedRequest: it is not on its wheels with the legs lifted; nothing has moved.
@@ -131,6 +131,6 @@ def record_in_turn(
     """
     timeline = _Timeline(steps)
     sources = partial(timeline.sources, steps)
-    job = LegJob(bench.name, sources, timeline.loaded[1], _LIFTING, has_voltage=True)
-    watch = carry_out(job, machine, bench, _StepsWatch)
+    job = LegJob(runner.name, sources, timeline.loaded[1], _LIFTING, has_voltage=True)
+    watch = carry_out(job, machine, runner, _StepsWatch)
     return watch.recording(timeline.unloaded), watch.recording(timeline.loaded, is_loaded=True)

@@ -53,7 +53,7 @@ def _label(axes: "Axes", text: str, at: Any, shift: tuple[float, float], **style
     )
 
 
-def _draw_mechanism(canvas: "Canvas") -> None:
+def _draw_one_leg(canvas: "Canvas") -> None:
     """Figs. 1c and 4."""
     axes, leg = canvas.subplots(), _PLATFORM.legs[0]
     for d in _STROKE:
@@ -256,7 +256,7 @@ DRAWINGS = (
         "A leg",
         "Four bars and the linear actuator (dashed) on their diagonal, at 405 mm; grey: at both "
         "ends of the stroke (Figs. 1c and 4).",
-        _draw_mechanism,
+        _draw_one_leg,
         (6.0, 3.8),
     ),
     Figure(

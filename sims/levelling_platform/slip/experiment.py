@@ -39,8 +39,8 @@ from parapod.diagrams.levelling_platform.scenario import (
     LevellingScenario,
     SensorScenario,
 )
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.experiment import Experiment, Logged
+from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.slip.measured import (
     Measured,
     Times,
@@ -121,18 +121,18 @@ class Slip(Experiment[SlipScenario, Slipped]):
         except UnreachablePosture as error:
             raise ScenarioError(f"{key} = {height:g} is out of reach: {error}", key) from error
 
-    def run(self, scenario: SlipScenario, bench: Bench) -> Slipped:
+    def run(self, scenario: SlipScenario, runner: Runner) -> Slipped:
         """Lifts and swings on level ground, then stands still on a slope.
 
         Raises:
             RefusedRequest: a real machine that does not stand on its feet.
         """
         if scenario.backend == "hardware":
-            times = Times.of(scenario, BEGIN)
+            times = Times.from_scenario(scenario, BEGIN)
             machine = scenario.machine
-            return Slipped(measure_lift(scenario, machine, times, bench), [])
-        recording = lift_and_swing(scenario, bench)
-        return Slipped(recording, [creep(scenario, step, bench) for step in CREEP_STEPS])
+            return Slipped(measure_lift(scenario, machine, times, runner), [])
+        recording = lift_and_swing(scenario, runner)
+        return Slipped(recording, [creep(scenario, step, runner) for step in CREEP_STEPS])
 
     def logged(self, scenario: SlipScenario, data: Slipped) -> Logged:
         """Signals of lift and swing."""

@@ -19,7 +19,7 @@ from parapod.diagrams.levelling_platform.scenario import (
     LevellingScenario,
 )
 from parapod.diagrams.wiring import named_source
-from parapod.sims.lab.bench import Bench
+from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.leg_job import AT_REST
 from parapod.sims.levelling_platform.slip.scenario import (
     ACTUATOR_SLIP,
@@ -85,7 +85,7 @@ class Times:
     end: float
 
     @classmethod
-    def of(cls, scenario: SlipScenario, rest: float) -> "Times":
+    def from_scenario(cls, scenario: SlipScenario, rest: float) -> "Times":
         """The times of a scenario.
 
         Args:
@@ -177,7 +177,7 @@ class _LiftWatch(LegWatch):
 
 
 def measure_lift(
-    scenario: SlipScenario, machine: LevellingScenario, times: Times, bench: Bench
+    scenario: SlipScenario, machine: LevellingScenario, times: Times, runner: Runner
 ) -> Measured:
     """Lifts a machine that stands on its feet, brakes it, and swings its arm if it has one.
 
@@ -185,14 +185,14 @@ def measure_lift(
         scenario: the scenario.
         machine: the machine.
         times: times of the job.
-        bench: runs the job.
+        runner: runs the job.
 
     Raises:
         RefusedRequest: the machine does not stand on its feet; nothing has moved.
         Tripped: it tilts, or its guard has found what cannot be.
     """
-    job = LegJob(bench.name, partial(lift_sources, scenario, times), times.end, _RATE)
-    watch = carry_out(job, machine, bench, _LiftWatch)
+    job = LegJob(runner.name, partial(lift_sources, scenario, times), times.end, _RATE)
+    watch = carry_out(job, machine, runner, _LiftWatch)
     control = machine.control
     return Measured(
         times,

@@ -19,7 +19,7 @@ from parapod.diagrams.levelling_platform.scenario import (
 )
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
-from parapod.sims.lab.bench import Bench
+from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.leg_job import make_simulator
 from parapod.sims.levelling_platform.slip.scenario import (
     ACTUATOR_SLIP,
@@ -79,11 +79,11 @@ class Recording:
         return np.linalg.norm(displacement, axis=-1)
 
 
-# At the smallest one Drake's stiction tolerance, 0.1 mm/s, is what the creep goes by [s].
+# Time steps; at the smallest, Drake's stiction tolerance (0.1 mm/s) sets the creep [s].
 CREEP_STEPS = (1e-3, 2e-3, 4e-3)
 
 
-def lift_and_swing(scenario: SlipScenario, bench: Bench) -> Recording:
+def lift_and_swing(scenario: SlipScenario, runner: Runner) -> Recording:
     """The movement of Fig. 23, on level ground.
 
     Raises:
@@ -94,10 +94,10 @@ def lift_and_swing(scenario: SlipScenario, bench: Bench) -> Recording:
     _add_lift(builder, station, scenario)
     arm = add(builder, TrajectorySource(swing_trajectory(scenario)), "arm")
     connect(builder, arm.get_output_port(), station.GetInputPort("arm.position_command"))
-    return _record(builder, station, scenario.end, bench, "lift and swing")
+    return _record(builder, station, scenario.end, runner, "lift and swing")
 
 
-def creep(scenario: SlipScenario, time_step: float, bench: Bench) -> float:
+def creep(scenario: SlipScenario, time_step: float, runner: Runner) -> float:
     """Speed of the support points while everything stands still on inclined ground [m/s]."""
     inclined = replace(
         scenario.machine,
@@ -107,7 +107,7 @@ def creep(scenario: SlipScenario, time_step: float, bench: Bench) -> float:
     builder = DiagramBuilder()
     station = add(builder, Station(PLATFORM, inclined))
     until = BEGIN + scenario.creep.duration
-    recording = _record(builder, station, until, bench, f"creep at {1e3 * time_step:g} ms")
+    recording = _record(builder, station, until, runner, f"creep at {1e3 * time_step:g} ms")
     return float(recording.displacement(BEGIN)[-1].mean()) / scenario.creep.duration
 
 
@@ -134,7 +134,7 @@ def _record(
     builder: DiagramBuilder,
     station: Station[LevellingScenario],
     until: float,
-    bench: Bench,
+    runner: Runner,
     what: str,
 ) -> Recording:
     simulator = make_simulator(builder, station)
@@ -142,7 +142,7 @@ def _record(
     rows: list[tuple[Any, ...]] = []
     simulator.set_monitor(_monitor(station, normal, rows))
     simulator.Initialize()
-    bench.simulate(simulator, until, what)
+    runner.simulate(simulator, until, what)
     time, feet, posture, extension, arm = (np.array(column) for column in zip(*rows, strict=True))
     return Recording(time, feet, posture, extension, arm, normal)
 

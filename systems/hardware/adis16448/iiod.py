@@ -48,13 +48,13 @@ def is_available() -> str | None:
     missing = [program for program in _PROGRAMS if shutil.which(program) is None]
     if missing:
         return f"{', '.join(missing)} cannot be found"
-    trial = subprocess.run(
+    attempt = subprocess.run(
         [*_NAMESPACE, "mount", "-t", "tmpfs", "none", "/sys"],
         capture_output=True,
         text=True,
         check=False,
     )
-    return f"no namespaces: {' '.join(trial.stderr.split())}" if trial.returncode else None
+    return f"no namespaces: {' '.join(attempt.stderr.split())}" if attempt.returncode else None
 
 
 class IiodServer:
@@ -207,6 +207,6 @@ class IiodServer:
 
 
 def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as trial:
-        port: int = trial.getsockname()[1]
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port: int = probe.getsockname()[1]
         return port

@@ -216,11 +216,11 @@ class Adis16448Spi(Device):
             )
 
     def _refuse_failures(self, diagnosis: int) -> None:
-        failure_names = failures(diagnosis)
-        if failure_names:
+        failed_tests = failures(diagnosis)
+        if failed_tests:
             raise DeviceError(
                 self.name,
-                f"{', '.join(failure_names)} (DIAG_STAT 0x{diagnosis:04X})",
+                f"{', '.join(failed_tests)} (DIAG_STAT 0x{diagnosis:04X})",
                 DeviceFault.FAILED,
             )
 

@@ -317,16 +317,16 @@ class Epos2Device(IncrementalDevice):
 
         It closes the switches in that way, too.
         """
-        deadline, failure = self._clock() + _CONFIRMING, None
+        deadline, first_error = self._clock() + _CONFIRMING, None
         for controller in self._controllers:
             try:
-                if failure is None or self._clock() < deadline:
+                if first_error is None or self._clock() < deadline:
                     controller.disable()
                     controller.switch_off()
             except DeviceError as error:
-                failure = failure or error
-        if failure is not None:
-            raise failure
+                first_error = first_error or error
+        if first_error is not None:
+            raise first_error
         self._may_have_power = False
 
     def close(self) -> None:

@@ -41,7 +41,7 @@ class Epos2Steered(Epos2Device):
         self._send(Controlword.ENABLE_OPERATION, self._targets())
 
     def _send(self, word: Controlword, settings: Sequence[int] = ()) -> None:
-        # Who knows how many of them have been sent if that fails?
+        # If sending fails midway, all are sent again.
         self._sent = [None] * len(settings) if settings else None
         super()._send(word, settings)
         if settings:

@@ -90,8 +90,8 @@ def fails_with(pendula, work, monkeypatch):
     """Makes the run write half of its recording and fail."""
 
     def arrange(error):
-        def run(experiment, scenario, bench):
-            with atomic_output(bench.options.html) as temporary:
+        def run(experiment, scenario, runner):
+            with atomic_output(runner.options.html) as temporary:
                 temporary.write_text("half")
                 raise error
 

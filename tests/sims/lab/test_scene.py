@@ -2,10 +2,11 @@ import html
 import re
 
 import pytest
-from pydrake.geometry import Box, Rgba
+from pydrake.geometry import Box, Meshcat, Rgba
 from pydrake.math import RigidTransform
 
 import parapod
+from parapod.diagrams.machine import find_machine
 from parapod.sims.lab.scene import Scene
 from parapod.sims.output.scene_page import scene_page
 
@@ -17,11 +18,11 @@ def recorded():
     """A scene with a box that moved while it was recorded, and one that did not."""
     meshcat = parapod.viewer(parapod.scenario("level", backend="kinematic"))
     meshcat.SetObject("/box", Box(1.0, 1.0, 1.0), Rgba(1.0, 0.0, 0.0))
-    still = Scene.of(meshcat)
+    still = Scene.from_meshcat(meshcat)
     meshcat.StartRecording()
     for frame in range(_FRAMES):
         meshcat.SetTransform("/box", RigidTransform([0.01 * frame, 0.0, 0.0]), frame / 32.0)
-    return still, Scene.of(meshcat, height=300)
+    return still, Scene.from_meshcat(meshcat, height=300)
 
 
 def test_a_recording_that_was_begun_is_in_the_scene(recorded):
@@ -44,3 +45,13 @@ def test_a_scene_is_written_under_a_title(recorded, tmp_path):
 def test_an_experiment_without_a_machine_has_no_viewer():
     with pytest.raises(parapod.ParapodError, match="'chair-gait' has no scene"):
         parapod.viewer(parapod.scenario("chair-gait"))
+
+
+def test_former_names_warn_and_do_the_same():
+    meshcat = Meshcat()
+    with pytest.warns(DeprecationWarning, match="Scene.of is now Scene.from_meshcat"):
+        assert Scene.of(meshcat).height == Scene.from_meshcat(meshcat).height
+    machine = find_machine("levelling_platform")
+    scenario = machine.scenario()
+    with pytest.warns(DeprecationWarning, match="Machine.of is now Machine.for_scenario"):
+        assert machine.of(scenario) is machine.for_scenario(scenario)

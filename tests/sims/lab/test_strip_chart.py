@@ -13,8 +13,8 @@ from pydrake.systems.analysis import Simulator
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machine import find_machine, list_machines
 from parapod.diagrams.plots import parse
-from parapod.sims.lab.bench import Live, shown_on
 from parapod.sims.lab.panel import Panel, Readout
+from parapod.sims.lab.runner import Live, shown_on
 from parapod.sims.lab.strip_chart import LENGTH, PERIOD, StripChart
 from tests.sims.lab.test_panel import ask, state
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from parapod.sims.lab.bench import Bench
+from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.identify.experiment import (
     IdentifyActuatorsScenario,
     record,
@@ -74,7 +74,7 @@ def drawn_gains(scenario):
 def test_both_cases_have_the_gains_that_the_seed_draws():
     coarse = ("plant.leg_model=reduced", "plant.time_step=0.01", "actuators.coulomb_friction=0")
     scenario = scenario_with(*coarse, "seed=3", "encoder_resolution_mm=0")
-    recordings = record(scenario, Bench("", RunOptions(console=Console(quiet=True))))
+    recordings = record(scenario, Runner("", RunOptions(console=Console(quiet=True))))
     assert np.allclose(recordings.gain, drawn_gains(scenario), rtol=1e-12)
     assert np.ptp(recordings.gain) > 1e-4
     unloaded = find_steps(recordings.unloaded, 0.1)

@@ -11,7 +11,7 @@ from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.guard import Tripped
 from parapod.diagrams.levelling_platform.guard import PlatformGuard
 from parapod.diagrams.levelling_platform.scenario import JobScenario, SensorScenario
-from parapod.sims.lab.bench import Bench
+from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.calibrate import led
 from parapod.sims.levelling_platform.calibrate.experiment import Calibrate, identified_values
 from parapod.sims.levelling_platform.calibrate.led import (
@@ -48,7 +48,7 @@ QUICK = ("steps.lowering_mm_s=6",)
 
 
 def quiet_bench(name, scenario):
-    return Bench(name, RunOptions(console=Console(quiet=True)))
+    return Runner(name, RunOptions(console=Console(quiet=True)))
 
 
 def identify(*overrides):
@@ -196,7 +196,7 @@ def lifted():
     """A lift as a real machine measures it, on the kinematic plant."""
     scenario = slip()
     machine = replace(scenario.machine, backend="kinematic", sensors=SensorScenario())
-    times = Times.of(scenario, BEGIN)
+    times = Times.from_scenario(scenario, BEGIN)
     return scenario, measure_lift(scenario, machine, times, quiet_bench("x", scenario))
 
 
@@ -249,7 +249,7 @@ def test_without_an_arm_the_swing_s_metrics_are_left_out(lifted):
 def test_a_platform_on_its_wheels_is_not_lifted():
     scenario = slip()
     machine = replace(scenario.machine, backend="kinematic", job=JobScenario(start="wheels"))
-    times = Times.of(scenario, BEGIN)
+    times = Times.from_scenario(scenario, BEGIN)
     with pytest.raises(RefusedRequest, match="leg 1 does not touch the ground"):
         measure_lift(scenario, machine, times, quiet_bench("x", scenario))
 
@@ -258,7 +258,7 @@ def test_a_platform_that_tilts_ends_the_job():
     scenario = slip()
     machine = replace(scenario.machine, backend="kinematic")
     machine.ground.roll_deg = 5.0
-    times = Times.of(scenario, BEGIN)
+    times = Times.from_scenario(scenario, BEGIN)
     with pytest.raises(Tripped, match=r"tilt: a platform that is inclined by 5\.0 deg"):
         measure_lift(scenario, machine, times, quiet_bench("x", scenario))
 

@@ -15,9 +15,9 @@ from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.lab.bench import END, RESTART, stay_live
 from parapod.sims.lab.discovery import find_entry
 from parapod.sims.lab.panel import Panel
+from parapod.sims.lab.runner import END, RESTART, stay_live
 from parapod.sims.levelling_platform.deploy import DeployScenario
 from parapod.sims.levelling_platform.levelling import LivePlatform, read_posture
 from parapod.sims.levelling_platform.operation import LiveOperation

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from parapod.sims.lab.bench import Bench
+from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.slip.experiment import Slip
 from parapod.sims.levelling_platform.slip.scenario import (
     SlipScenario,
@@ -35,7 +35,7 @@ def logged(finished):
 
 
 def bench(scenario):
-    return Bench("", RunOptions(console=Console(quiet=True)))
+    return Runner("", RunOptions(console=Console(quiet=True)))
 
 
 def test_displacement_is_measured_in_the_ground_s_plane():

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from parapod.sims.lab.bench import Bench
 from parapod.sims.lab.discovery import find_entry
+from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.track_posture import TrackPosture, _of_real_machine
 from parapod.sims.output.options import RunOptions
 from parapod.systems.core.errors import ScenarioError
@@ -57,7 +57,7 @@ def followed_twice():
             return super().needed(replace(scenario, backend="hardware"))
 
     experiment = Unseen("track-posture")
-    bench = Bench("track-posture", RunOptions(console=Console(quiet=True)))
+    bench = Runner("track-posture", RunOptions(console=Console(quiet=True)))
     return experiment, scenario, _of_real_machine(experiment, scenario, bench)
 
 

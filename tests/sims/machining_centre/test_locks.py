@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from parapod.diagrams.machining_centre.bench import make_centre_bench
+from parapod.diagrams.machining_centre.held_centre import make_held_centre
 from parapod.sims.machining_centre.locks import fall
 from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.machining_centre.geometry import CentreGeometry
@@ -39,7 +39,7 @@ def test_a_height_out_of_the_stroke_is_refused_with_the_leg(execute):
 
 
 def test_locks_hold_a_tripod_that_falls_without_them():
-    bench = make_centre_bench(CentreGeometry(3), 1e-3)
+    bench = make_held_centre(CentreGeometry(3), 1e-3)
     printed = LockSet.printed(CentreGeometry(3), 1)
     sunk, drift = fall(bench, HOME, 1, printed.joints, 0.3)
     assert sunk < 1e-3
@@ -48,5 +48,5 @@ def test_locks_hold_a_tripod_that_falls_without_them():
 
 
 def test_three_limbs_hold_a_quadruped():
-    bench = make_centre_bench(CentreGeometry(4), 1e-3)
+    bench = make_held_centre(CentreGeometry(4), 1e-3)
     assert fall(bench, HOME, 1, LockSet(1).joints, 0.3)[0] < 1e-3

@@ -163,7 +163,7 @@ class Planner(Experiment):
     def check(self, scenario):
         assert self.told.wait(60.0)
 
-    def run(self, scenario, bench):
+    def run(self, scenario, runner):
         return None
 
 

@@ -125,7 +125,7 @@ def test_each_body_that_is_seen_has_a_transform_from_the_world(messages):
 def test_the_bodies_are_where_the_drawing_has_them(messages, log):
     read = read_log(log)
     shapes = {name: each.shape[1:] for name, each in read.signals.items()}
-    subject = Subject.of("log", shapes, read.metadata)
+    subject = Subject.from_metadata("log", shapes, read.metadata)
     twin = subject.drawn.make()
     heights = []
     for k, content in enumerate(messages["/tf"][2]):

@@ -18,7 +18,7 @@ from parapod.sims.cli.main import main
 from parapod.sims.real_machine.deadlines import (
     Measured,
     Setting,
-    bench_settings,
+    compare_settings,
     print_settings,
     settings_of,
     told,
@@ -155,7 +155,9 @@ def test_a_device_that_is_not_the_emulators_is_refused_before_anything_is_opened
     scenario = LevellingScenario(backend="hardware")
     scenario.hardware.drivers[0].target = "unix:/run/laboratory.sock"
     with pytest.raises(OutputError, match=r"emulator does not begin: .*is not an address of"):
-        bench_settings(PLATFORM, "level", scenario, [100.0], 1.0, settings_of(False, False), QUIET)
+        compare_settings(
+            PLATFORM, "level", scenario, [100.0], 1.0, settings_of(False, False), QUIET
+        )
 
 
 @pytest.mark.slow

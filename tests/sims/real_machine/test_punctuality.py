@@ -14,7 +14,7 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.cli.main import main
 from parapod.sims.real_machine.punctuality import (
     Punctuality,
-    bench_real_time,
+    measure_punctuality,
     print_punctuality,
 )
 from parapod.sims.real_machine.real_time import RealTimeLoop
@@ -97,7 +97,7 @@ def test_a_rate_is_run_for_its_time_and_judged_by_all_its_ticks(monkeypatch):
     monkeypatch.setattr("parapod.sims.real_machine.punctuality.RealTimeLoop", Remembered)
     scenario = LevellingScenario(backend="mock")
     console = Console(file=io.StringIO())
-    (result,) = bench_real_time(PLATFORM, scenario, [50.0], 1.0, console)
+    (result,) = measure_punctuality(PLATFORM, scenario, [50.0], 1.0, console)
     assert result.rate == 50.0
     for three in (result.period_error, result.cost, result.wake_up):
         assert three.shape == (3,)

@@ -98,7 +98,7 @@ def study(trial):
     """Makes a study of it."""
 
     def make(vary, *sampling, **settings):
-        return Study.of("trial", trial(**settings), vary, *sampling)
+        return Study.make("trial", trial(**settings), vary, *sampling)
 
     return make
 

@@ -14,7 +14,7 @@ from parapod.systems.core.schema import checked
 @pytest.fixture
 def sampled(trial):
     def make(kind, runs=None, seed=0, **given):
-        return Sampling.of(kind, read_variables(trial, checked(trial()), given), runs, seed)
+        return Sampling.make(kind, read_variables(trial, checked(trial()), given), runs, seed)
 
     return make
 

@@ -357,14 +357,14 @@ def test_only_so_many_loops_are_kept(monkeypatch):
     monkeypatch.setattr(Loops, "_MOST", 2)
     loops = Loops()
     for structure, built in (("a", 1), ("b", 2), ("a", 2), ("c", 3), ("a", 3), ("b", 4)):
-        loops.of(structure, lambda: made.append(0) or object())
+        loops.loop(structure, lambda: made.append(0) or object())
         assert len(made) == built
 
 
 def test_runs_of_one_structure_follow_each_other():
     scenario = parapod.scenario("level", "backend=kinematic")
     vary = {"seed": "0:2", "job.height_mm": "476,478", "ground.pitch_deg": "1,2"}
-    study = Study.of("level", scenario, vary)
+    study = Study.make("level", scenario, vary)
     order = study._in_order(np.arange(8))
     heights = [study.sampling.values(run)[1] for run in order]
     assert heights == [476] * 4 + [478] * 4

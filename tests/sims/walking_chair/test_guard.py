@@ -1,11 +1,13 @@
 """The guard of the real chair, shown a simulated walk, as it was and with faults in it."""
 
+import inspect
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from parapod.diagrams.walking_chair import guard
 from parapod.diagrams.walking_chair.guard import ChairGuard, ChairLimits
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.systems.walking_chair.geometry import BRANCHES
@@ -252,7 +254,7 @@ def test_the_limits_in_the_documents_are_those_of_the_guard():
     limits = ChairLimits()
     for words in (
         f"faster than {1e3 * limits.fastest:g} mm/s, for one reading",
-        f"a branch is {1e3 * limits.following:g} mm off its way, or its length is none, for "
+        f"a branch is {1e3 * limits.following:g} mm off its way, or its length is unknown, for "
         f"{limits.persists:g} s",
         f"{limits.unexplained:g} N of a branch that no ground explains, for "
         f"{limits.unexplained_persists:g} s",
@@ -263,4 +265,5 @@ def test_the_limits_in_the_documents_are_those_of_the_guard():
 
 
 def text():
-    return _HARDWARE.read_text()
+    """The page, and the guard's own text."""
+    return _HARDWARE.read_text() + inspect.getdoc(guard)

@@ -11,10 +11,10 @@ from pydrake.systems.analysis import Simulator
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.sims.lab.bench import END
 from parapod.sims.lab.discovery import find_entry
 from parapod.sims.lab.panel import Panel
 from parapod.sims.lab.run import Run
+from parapod.sims.lab.runner import END
 from parapod.sims.output.logs.files import read_log
 from parapod.sims.walking_chair.walk import (
     ChairWalk,

@@ -159,10 +159,10 @@ def test_what_comes_next_is_where_the_drives_are_a_step_later():
 
 
 @pytest.mark.parametrize("time_constant", [0.0005, 0.002])
-def test_the_loop_asks_for_the_velocity_that_arrives_in_its_time(bench, time_constant):
+def test_the_loop_asks_for_the_velocity_that_arrives_in_its_time(stand, time_constant):
     # By integration: v' = (u - v) / tau over T from where the drive is, as fast as it is.
     T = 0.02
-    machine = bench(make_position_loop(time_constant, 1, T), position_command=0.53)
+    machine = stand(make_position_loop(time_constant, 1, T), position_command=0.53)
     machine.set(state=(0.5, -0.3))
     (u,) = machine["velocity_command"]
     steps = 20000
@@ -171,8 +171,8 @@ def test_the_loop_asks_for_the_velocity_that_arrives_in_its_time(bench, time_con
     assert 0.5 + velocity.mean() * T == pytest.approx(0.53, abs=1e-8)
 
 
-def test_a_command_that_is_no_number_stays_with_its_drive(bench):
-    machine = bench(make_position_loop(0.002, 3, PERIOD), position_command=(np.nan, 0.5, np.inf))
+def test_a_command_that_is_no_number_stays_with_its_drive(stand):
+    machine = stand(make_position_loop(0.002, 3, PERIOD), position_command=(np.nan, 0.5, np.inf))
     machine.set(state=np.zeros(6))
     velocity = machine["velocity_command"]
     assert np.isfinite(velocity).tolist() == [False, True, False]

@@ -31,10 +31,10 @@ ON_LEVEL_WHEELS = {
 
 
 @pytest.fixture
-def operate(bench):
+def operate(stand):
     """operate(**inputs): a supervisor of a platform on level wheels, but for these inputs."""
 
-    class Operation(bench):
+    class Operation(stand):
         extension = RAISED
 
         def at(self, extension, desired=None):

@@ -15,10 +15,10 @@ DURATION = 1.875 * 10e-3 / RATE
 
 
 @pytest.fixture
-def legs(bench):
+def legs(stand):
     """Legs that are not led yet."""
     inputs = {"extension_request": REQUEST, "extension": MEASURED, "enable": 0.0}
-    return bench(EasedLegs(RATE, PERIOD), **inputs)
+    return stand(EasedLegs(RATE, PERIOD), **inputs)
 
 
 def test_the_duration_is_that_of_a_quintic_with_the_largest_rate():

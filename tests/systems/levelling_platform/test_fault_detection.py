@@ -69,10 +69,10 @@ def healthy(phase):
 
 
 @pytest.fixture
-def watch(bench):
+def watch(stand):
     """watch(phase, **inputs): a detector that has seen a healthy machine, but for the inputs."""
 
-    class Watch(bench):
+    class Watch(stand):
         def reset(self):
             """The operator asks for a reset for one period."""
             return self.tick(operator=Command.RESET).set(operator=0.0)

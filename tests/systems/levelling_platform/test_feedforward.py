@@ -27,7 +27,7 @@ TRIPLES = pytest.mark.parametrize("active", [(0, 1, 2), (0, 1, 3), (3, 2, 1), (2
 
 
 @pytest.fixture
-def feedforward(bench):
+def feedforward(stand):
     """feedforward(law, active, **inputs): the system in the motion above, but for the inputs."""
 
     def begin(law="exact", active=(0, 1, 2), **inputs):
@@ -37,20 +37,20 @@ def feedforward(bench):
             "extension_measured": MEASURED,
             "enable": 0.0,
         }
-        return bench(system, **(UNDERFOOT | given | inputs))
+        return stand(system, **(UNDERFOOT | given | inputs))
 
     return begin
 
 
-def active_legs(bench):
+def active_legs(stand):
     """Desired extensions and rates of the active legs."""
-    return np.split(bench["active_desired_state"], 2)
+    return np.split(stand["active_desired_state"], 2)
 
 
-def test_extension_on_level_ground_is_that_of_the_table(bench):
+def test_extension_on_level_ground_is_that_of_the_table(stand):
     # d = .400: h = .505429 m, and dp_z/dd = -6.047 there.
     extension, rate = active_legs(
-        bench(
+        stand(
             KinematicFeedforward(),
             posture_desired_state=(0.0, 0.0, 0.505429, 0.0, 0.0, 1.0),
             ground=(0.0, 0.0),
@@ -108,7 +108,7 @@ def test_unknown_law_is_refused():
 # The differential law
 
 
-def worst_error(bench, law, period):
+def worst_error(stand, law, period):
     """Largest error along a smooth motion of 2 s, started from consistent extensions."""
     knots = np.array(
         [(0.0, 0.0, 0.45), (0.02, -0.02, 0.47), (-0.01, 0.03, 0.48), (0.02, 0.01, 0.46)]
@@ -118,7 +118,7 @@ def worst_error(bench, law, period):
     )
     start = inverse_kinematics(GEOMETRY, knots[:, 0], GROUND)
     system = KinematicFeedforward(GEOMETRY, law, period=period)
-    driven = bench(system, ground=GROUND, extension_measured=start, enable=1.0)
+    driven = stand(system, ground=GROUND, extension_measured=start, enable=1.0)
     worst = 0.0
     for time in np.arange(0.0, 2.0, period).tolist():
         state = np.concatenate([motion.value(time), motion.EvalDerivative(time)]).flatten()
@@ -132,12 +132,12 @@ def worst_error(bench, law, period):
     return worst
 
 
-def test_error_of_the_differential_law_falls_with_the_period_and_the_exact_one_has_none(bench):
-    errors = [worst_error(bench, "differential", period) for period in (0.02, 0.01, 0.005)]
+def test_error_of_the_differential_law_falls_with_the_period_and_the_exact_one_has_none(stand):
+    errors = [worst_error(stand, "differential", period) for period in (0.02, 0.01, 0.005)]
     assert 1e-6 < errors[-1] < 1e-4
     assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.15)
     assert errors[1] / errors[2] == pytest.approx(2.0, rel=0.15)
-    assert worst_error(bench, "exact", 0.01) < 1e-14
+    assert worst_error(stand, "exact", 0.01) < 1e-14
 
 
 @TRIPLES
@@ -169,7 +169,7 @@ SOLVED_TRIPLES = pytest.mark.parametrize(
 
 
 @pytest.fixture
-def completed(bench):
+def completed(stand):
     """completed(active, **changes): desired extensions and rates of all legs."""
 
     def split(active=(0, 1, 2), **changes):
@@ -181,7 +181,7 @@ def completed(bench):
             "posture_rate": RATE,
             **UNDERFOOT,
         } | changes
-        solver = bench(
+        solver = stand(
             PassiveLegSolver(GEOMETRY, active),
             active_desired_state=[*given["extension"], *given["extension_rate"]],
             posture_desired_state=[*given["posture"], *given["posture_rate"]],

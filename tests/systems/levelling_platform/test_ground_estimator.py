@@ -26,10 +26,10 @@ UNEVEN = EXTENSION + 1e-3 * np.array((1.0, -2.0, 0.5, 1.0))
 
 
 @pytest.fixture
-def estimation(bench):
+def estimation(stand):
     """estimation(**inputs): an estimator whose trigger is up, but for these inputs."""
     given = {"extension": UNEVEN, "attitude": POSTURE[:2], "trigger": 1.0}
-    return lambda geometry=GEOMETRY, **inputs: bench(GroundEstimator(geometry), **(given | inputs))
+    return lambda geometry=GEOMETRY, **inputs: stand(GroundEstimator(geometry), **(given | inputs))
 
 
 def assert_estimated(estimator, extension, attitude):

@@ -21,10 +21,10 @@ ERROR = np.array((0.004, -0.003))
 
 
 @pytest.fixture
-def loop(bench):
+def loop(stand):
     """A loop that sees the platform lean by `ERROR` less than desired."""
     inputs = {"posture_desired_state": DESIRED, "attitude": IN_STEP - ERROR, "enable": 1.0}
-    return bench(PostureLoop(PARAMS, PERIOD), **inputs)
+    return stand(PostureLoop(PARAMS, PERIOD), **inputs)
 
 
 def correction(loop):
@@ -113,9 +113,9 @@ INPUTS = {"extension": EXTENSION, "ground": GROUND, "foot_offsets": OFFSETS}
 
 
 @pytest.fixture
-def posture(bench):
+def posture(stand):
     """posture(geometry, **inputs): the output."""
-    return lambda geometry=GEOMETRY, **inputs: bench(
+    return lambda geometry=GEOMETRY, **inputs: stand(
         ForwardKinematics(geometry), **(INPUTS | inputs)
     )["posture"]
 

@@ -28,7 +28,7 @@ UPRIGHT = (0.0, 0.0)
 
 
 @pytest.fixture
-def stand(bench):
+def stand(stand):
     """stand(extension, velocity, arm, ground, geometry, params): the platform."""
 
     def on_ground(
@@ -40,7 +40,7 @@ def stand(bench):
         params=STIFF,
     ):
         platform = KinematicPlatform(geometry, params)
-        standing = bench(platform, extension=extension, velocity=velocity, arm_position=arm)
+        standing = stand(platform, extension=extension, velocity=velocity, arm_position=arm)
         platform.set_ground(standing.context, ground)
         return standing
 

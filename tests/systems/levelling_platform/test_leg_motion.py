@@ -17,7 +17,7 @@ POSTURE = np.array((0.40, 0.41, 0.42, 0.405, 0.001, -0.002, 0.003, -0.004))
 
 
 @pytest.fixture
-def begin(bench):
+def begin(stand):
     """begin(**inputs): a ramp that is enabled and at rest, but for these inputs."""
     given = {
         "leg_rate": np.zeros(4),
@@ -26,7 +26,7 @@ def begin(bench):
         "posture_control": 0.0,
         "enable": 1.0,
     }
-    return lambda **inputs: bench(LegRamp(ACCELERATION, PERIOD), **(given | inputs))
+    return lambda **inputs: stand(LegRamp(ACCELERATION, PERIOD), **(given | inputs))
 
 
 @pytest.fixture
@@ -123,10 +123,10 @@ CLOSED = (1.0, 1.0, 1.0, 1.0)
 
 
 @pytest.fixture
-def keep(bench):
+def keep(stand):
     """keep(contact, **inputs): a keeper of `POSTURE` that sees these switches closed."""
 
-    class Keeper(bench):
+    class Keeper(stand):
         def touch(self, *contact):
             return self.set(limits=[*[0] * 8, *contact])
 

@@ -19,9 +19,9 @@ INPUTS = {
 
 
 @pytest.fixture
-def transmission(bench):
+def transmission(stand):
     """transmission(**changes): a transmission in the motion above, but for these inputs."""
-    return lambda **changes: bench(LegTransmission(), **(INPUTS | changes))
+    return lambda **changes: stand(LegTransmission(), **(INPUTS | changes))
 
 
 def test_swing_angles_close_the_triangle_of_the_extensions_and_rates_are_their_derivatives(

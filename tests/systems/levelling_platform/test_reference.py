@@ -23,10 +23,10 @@ PERIOD = 0.01
 
 
 @pytest.fixture
-def refer(bench):
+def refer(stand):
     """refer(on_unreachable, params, **inputs): a reference from `START` to `COMMAND`."""
 
-    class Reference(bench):
+    class Reference(stand):
         @property
         def output(self):
             """Posture and rate."""

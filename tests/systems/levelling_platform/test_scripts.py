@@ -22,10 +22,10 @@ OUTPUTS = ("operator", "drive_request", "posture_request", "arm_request", "steps
 
 
 @pytest.fixture
-def operator(bench):
+def operator(stand):
     """operator(*steps, phase=...): an operator who sees that phase."""
 
-    class Operator(bench):
+    class Operator(stand):
         @property
         def asks(self):
             """Outputs by name."""
@@ -114,10 +114,10 @@ LEVEL = (0.0, 0.0, HEIGHT)
 
 
 @pytest.fixture
-def script(bench):
+def script(stand):
     """script(waypoints, ground, enable, **settings): a script on that ground."""
 
-    class Script(bench):
+    class Script(stand):
         def commands(self, until):
             """The posture that is asked for at a time."""
             return self.run(until)["posture_command"]

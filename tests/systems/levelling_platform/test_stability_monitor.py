@@ -29,10 +29,10 @@ LIFTED = (1.0, 1.0, 0.0, 1.0)
 
 
 @pytest.fixture
-def watch(bench):
+def watch(stand):
     """watch(params, **inputs): a monitor of an arm that is upright, but for these inputs."""
 
-    class Monitor(bench):
+    class Monitor(stand):
         def commands(self, duration, step=PERIOD):
             """Commands (n, 2) every step of a time from now on."""
             begun = self.context.get_time()

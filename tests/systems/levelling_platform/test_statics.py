@@ -305,10 +305,10 @@ def test_where_a_leg_cannot_be_built_or_an_input_is_nan_it_stands_nowhere():
 
 
 @pytest.mark.parametrize("extension", [(0.45,) * 4, (0.4195, 0.43, 0.4203, 0.45), (0.41,) * 4])
-def test_the_plant_with_wheels_shows_this_stance(bench, extension):
+def test_the_plant_with_wheels_shows_this_stance(stand, extension):
     velocity, arm, offsets = (0.001, 0.0, -0.002, 0.003), (0.3, 0.4), (0.0, 0.004, 0.002, 0.0)
     system = KinematicPlatform(MODEL_GEOMETRY, PARAMS, WHEELS)
-    platform = bench(system, extension=extension, velocity=velocity, arm_position=arm)
+    platform = stand(system, extension=extension, velocity=velocity, arm_position=arm)
     system.set_ground(platform.context, GROUND, offsets)
     stance = standing(extension, GROUND, arm, offsets, velocity)
     shown = set(Stance._fields) - {"normal"}  # which is for `standing` only
@@ -316,8 +316,8 @@ def test_the_plant_with_wheels_shows_this_stance(bench, extension):
         np.testing.assert_array_equal(platform[name], getattr(stance, name))
 
 
-def test_without_wheels_the_plant_stands_on_its_feet_however_low(bench):
+def test_without_wheels_the_plant_stands_on_its_feet_however_low(stand):
     system = KinematicPlatform(MODEL_GEOMETRY, PARAMS)
-    platform = bench(system, extension=[0.43] * 4, velocity=STILL)
+    platform = stand(system, extension=[0.43] * 4, velocity=STILL)
     assert platform["posture"][2] < 0.35
     assert platform["contact_force"].sum() == pytest.approx(WEIGHT, rel=1e-5)

@@ -15,8 +15,8 @@ DEEP, LAGS = 2.5e-3, 10 * 0.02
 
 
 @pytest.fixture
-def drill(bench):
-    class Tool(bench):
+def drill(stand):
+    class Tool(stand):
         """A drill that is fed at its tip's heights above the panel."""
 
         def at(self, height, hole=HOLE):

@@ -17,7 +17,7 @@ def lock_set_of(geometry):
 
 
 @pytest.fixture
-def lead(bench, geometry):
+def lead(stand, geometry):
     """lead(more): the system at a posture, legs longer than by the kinematics."""
 
     def make(more=0.0, **inputs):
@@ -36,7 +36,7 @@ def lead(bench, geometry):
             "pose": TILTED,
             "position_measured": leg_lengths(geometry, TILTED) + more,
         }
-        return bench(CentreFeedforward(geometry), **(usual | inputs))
+        return stand(CentreFeedforward(geometry), **(usual | inputs))
 
     return make
 

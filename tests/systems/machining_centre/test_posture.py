@@ -33,12 +33,12 @@ def switches(geometry, lock_set=None):
 
 
 @pytest.fixture
-def stand(bench, geometry):
+def stand(stand, geometry):
     """stand(**options): the system on its feet, everything clamped, at a tilted pose."""
 
     def make(**options):
         system = CentrePosture(geometry, PERIOD, TILTED, **options)
-        return bench(
+        return stand(
             system,
             position=leg_lengths(geometry, TILTED),
             locks_closed=switches(geometry),

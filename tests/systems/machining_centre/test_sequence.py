@@ -597,7 +597,7 @@ def test_a_progress_is_that_of_its_numbers():
             *(*whole[2:], Phase(int(rng.integers(13)))),
         )
         numbers = progress.numbers()
-        found = Progress.of(numbers)
+        found = Progress.from_numbers(numbers)
         assert len(np.unique(numbers[3:8])) == 5
         for name, value in vars(progress).items():
             assert np.array_equal(getattr(found, name), value), name

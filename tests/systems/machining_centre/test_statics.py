@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from parapod.diagrams.machining_centre.bench import make_centre_bench
+from parapod.diagrams.machining_centre.held_centre import make_held_centre
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.masses import LIMB, PLATFORM, weight
@@ -25,9 +25,9 @@ def third_axis(pose):
 
 
 @pytest.fixture
-def legs(bench, geometry):
+def legs(stand, geometry):
     """legs(pose, feet, clamps, tool): their forces."""
-    machine = bench(CentreStatics(geometry))
+    machine = stand(CentreStatics(geometry))
 
     def forces(pose, feet=None, clamps=None, tool=(0.0, 0.0)):
         feet = geometry.footholds if feet is None else feet
@@ -40,7 +40,7 @@ def legs(bench, geometry):
 
 @pytest.mark.parametrize("limbs", [3, 4])
 def test_masses_are_those_of_the_bodies(limbs):
-    model = make_centre_bench(CentreGeometry(limbs), 1e-3).model
+    model = make_held_centre(CentreGeometry(limbs), 1e-3).model
     plant, context = model.plant, model.plant.CreateDefaultContext()
     platform = plant.CalcTotalMass(context, [model.platform.model_instance()])
     assert platform == pytest.approx(PLATFORM, abs=1e-12)
@@ -87,9 +87,9 @@ def test_a_loose_limb_has_no_forces(geometry, legs):
         assert np.abs(np.delete(forces, limb, axis=0)).min() > 1.0
 
 
-def test_of_eight_legs_forces_are_the_smallest_that_balance(bench):
+def test_of_eight_legs_forces_are_the_smallest_that_balance(stand):
     geometry = CentreGeometry(4)
-    machine = bench(CentreStatics(geometry), clamps_closed=np.ones(4), tool_force=(100.0, 1.0))
+    machine = stand(CentreStatics(geometry), clamps_closed=np.ones(4), tool_force=(100.0, 1.0))
     for pose in (HOME, TILTED):
         machine.set(pose=pose, feet=geometry.footholds.ravel())
         forces = machine["leg_force"]
@@ -104,7 +104,7 @@ def test_a_posture_that_is_no_number_has_no_forces(geometry, legs):
 
 
 @pytest.fixture
-def monitor(bench, geometry):
+def monitor(stand, geometry):
     def make(**inputs):
         usual = {
             "pose_desired": HOME,
@@ -112,7 +112,7 @@ def monitor(bench, geometry):
             "clamps_closed": np.ones(geometry.limbs),
             "tool_force": (0.0, 0.0),
         }
-        return bench(WrenchMonitor(geometry, 800.0), **(usual | inputs))
+        return stand(WrenchMonitor(geometry, 800.0), **(usual | inputs))
 
     return make
 

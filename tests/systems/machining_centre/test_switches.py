@@ -32,11 +32,11 @@ LOCKED, UNCLAMPED = one(12, 5), one(3, 1, value=0.0)
 
 
 @pytest.fixture
-def switches(bench):
+def switches(stand):
     def make(delay=0.0, panel=PANEL, period=PERIOD):
         system = Switches(TRIPOD, panel, period, delay)
         inputs = {"locks_command": OPEN, "clamps_command": CLAMPED, "feet": FEET.ravel()}
-        return bench(system, **inputs)
+        return stand(system, **inputs)
 
     return make
 

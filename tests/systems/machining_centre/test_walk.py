@@ -45,7 +45,7 @@ def test_every_foot_comes_to_where_it_was_to_go(geometry, advance, steps, panel)
     for step in range(steps):
         turn = limbs[step * geometry.limbs : (step + 1) * geometry.limbs]
         assert sorted(turn) == list(range(1, geometry.limbs + 1))
-    begun, feet = Footprint.of(job, beginning.feet).places, beginning.feet
+    begun, feet = Footprint.from_job(job, beginning.feet).places, beginning.feet
     for number, swing in enumerate(swings):
         limb = swing.lock_set.limb
         swung = try_swing(geometry, job, swing, feet)
@@ -59,7 +59,7 @@ def test_every_foot_comes_to_where_it_was_to_go(geometry, advance, steps, panel)
         gone = panel.place(feet[limb - 1, :3])[:2] - begun[limb - 1, :2]
         done = (number // geometry.limbs + 1) / steps
         assert np.allclose(gone, done * np.array(advance), atol=1e-9)
-    ended = Footprint.of(job, feet).places
+    ended = Footprint.from_job(job, feet).places
     assert np.allclose(ended[:, :2] - begun[:, :2], advance, atol=1e-9)
 
 
@@ -67,7 +67,7 @@ def test_a_quadruped_s_feet_keep_their_headings():
     geometry = CentreGeometry(4)
     job, beginning, swings = planned(geometry, (0.05, 0.0), 1)
     end = check_job(geometry, Job(tuple(swings), job.panel), beginning)
-    before, after = (Footprint.of(job, feet).places for feet in (beginning.feet, end.feet))
+    before, after = (Footprint.from_job(job, feet).places for feet in (beginning.feet, end.feet))
     assert np.allclose(after[:, 2], before[:, 2], atol=1e-9)
 
 
@@ -75,7 +75,7 @@ def test_a_footprint_has_ways_and_headings_of_a_tripod_that_has_turned():
     geometry, panel = CentreGeometry(3), Panel(3.0)
     feet = np.array([panel.frame(0.1 * k, -0.2 * k, 0.3 * k) for k in range(3)])
     expected = [(0.1 * k, -0.2 * k, 0.3 * k) for k in range(3)]
-    assert np.allclose(Footprint.of(Job(panel=panel), feet).places, expected, atol=1e-12)
+    assert np.allclose(Footprint.from_job(Job(panel=panel), feet).places, expected, atol=1e-12)
     assert geometry.limbs == 3
 
 

@@ -34,10 +34,10 @@ def body_rate(roll, roll_rate, pitch_rate):
 
 
 @pytest.fixture
-def start(bench):
+def start(stand):
     """start(params): an estimator that is fed sample by sample."""
 
-    class Estimator(bench):
+    class Estimator(stand):
         def step(self, gyro=STILL, accel=LEVEL, count=1):
             """Attitude after that many samples."""
             self.tick(count, gyro=gyro, accel=accel)

@@ -7,12 +7,12 @@ from parapod.systems.sensors.encoder import Encoder
 
 
 @pytest.fixture
-def measure(bench):
+def measure(stand):
     """measure(encoder, position, velocity): measurements of both, or of one for both."""
 
     def read(encoder, position, velocity=None):
         velocity = position if velocity is None else velocity
-        shown = bench(encoder, position=position, velocity=velocity)
+        shown = stand(encoder, position=position, velocity=velocity)
         return shown["position_measured"], shown["velocity_measured"]
 
     return read

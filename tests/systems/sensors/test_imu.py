@@ -17,11 +17,11 @@ MG = 9.80665e-3
 
 
 @pytest.fixture
-def sensor(bench):
+def sensor(stand):
     """sensor(params, decimation, **inputs): a sensor at rest that has taken its first sample."""
 
     def begin(params=ImuParams(), decimation=3, **inputs):
-        imu = bench(Imu(params, decimation), **(LEVEL | inputs))
+        imu = stand(Imu(params, decimation), **(LEVEL | inputs))
         imu.system.ExecuteInitializationEvents(imu.context)
         return imu
 

@@ -10,12 +10,12 @@ STANDING = (20.0,) * 4
 
 
 @pytest.fixture
-def limits(bench):
+def limits(stand):
     """limits(extension, force, switches): extended, retracted and contact of each leg."""
 
     def read(extension, force=STANDING, switches=None):
         switches = switches or LimitSwitches(len(extension), LIMIT_SWITCHES)
-        shown = bench(switches, extension=extension, contact_force=force)
+        shown = stand(switches, extension=extension, contact_force=force)
         return shown["limits"].reshape(3, -1)
 
     return read

@@ -8,7 +8,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from parapod.diagrams import block_diagram
 from parapod.diagrams.block_diagram import BlockDiagram
-from parapod.sims.lab.bench import write_graphviz
+from parapod.sims.lab.runner import write_graphviz
 from parapod.systems.core.errors import OutputError
 
 

@@ -15,7 +15,7 @@ from parapod.systems.machining_centre.platform_mode import leg_lengths
 
 
 @dataclass(frozen=True)
-class CentreBench:
+class HeldCentre:
     """A centre whose legs hold lengths.
 
     Attributes:
@@ -50,7 +50,7 @@ class CentreBench:
         return self.model.plant.GetMyMutableContextFromRoot(root_context)
 
 
-def make_centre_bench(geometry: CentreGeometry, time_step: float) -> CentreBench:
+def make_held_centre(geometry: CentreGeometry, time_step: float) -> HeldCentre:
     """Builds a centre.
 
     Args:
@@ -63,4 +63,4 @@ def make_centre_bench(geometry: CentreGeometry, time_step: float) -> CentreBench
     remove_visuals(plant, scene_graph)
     diagram = builder.Build()
     diagram.set_name("centre_bench")
-    return CentreBench(diagram, model)
+    return HeldCentre(diagram, model)

@@ -1,4 +1,4 @@
-"""The bench: diagrams simulated with progress, watched, recorded and drawn."""
+"""Runner of diagrams: simulates with progress, watches, records and draws them."""
 
 import gc
 import logging
@@ -92,7 +92,7 @@ def make_viewer(camera: Sequence[float], target: Sequence[float]) -> Meshcat:
     """
     log = logging.getLogger("drake")
     level = log.level
-    log.setLevel(logging.WARNING)  # A recording needs no visitor, and a visitor is told by us.
+    log.setLevel(logging.WARNING)  # Drake's "listening at ..."; we print our own.
     try:
         meshcat = Stage(MeshcatParams(host=served_at.get(), show_stats_plot=False))
     finally:
@@ -162,7 +162,7 @@ def write_graphviz(path: Path, drawing: BlockDiagram) -> None:
         temporary.write_bytes(content)
 
 
-class Bench:
+class Runner:
     """Runs what an experiment needs, as the options ask.
 
     Attributes:
@@ -172,7 +172,7 @@ class Bench:
     """
 
     def __init__(self, name: str, options: RunOptions):
-        """Prepares the bench for one run of an experiment."""
+        """Prepares the runner for one run of an experiment."""
         self.name, self.options, self.console = name, options, options.console
 
     def run(
@@ -223,7 +223,7 @@ class Bench:
         if meshcat or self.options.loops is None or structure is None:
             closed_loop = loop(meshcat=meshcat, log=log)
         else:
-            closed_loop = self.options.loops.of((structure, log), partial(loop, log=log))
+            closed_loop = self.options.loops.loop((structure, log), partial(loop, log=log))
             reset_to = begin
         if options.graphviz is not None:
             write_graphviz(options.graphviz, BlockDiagram(closed_loop))
