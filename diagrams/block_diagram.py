@@ -33,13 +33,13 @@ _MM_PER_INCH = 25.4
 _A4_LANDSCAPE = (277.0, 190.0)  # within margins of 10 mm [mm]
 _NO_LIMIT = 10000.0  # height where only the width counts [mm]
 _DPI = 200  # resolution of PNG files with a size: letters of 7 pt stay sharp in print
-# A wire under the pointer stands out; its ends are told by the browser.
+# A wire under the pointer stands out; the browser shows its ends.
 _STYLE = """<style>
 .edge path, .edge polygon { pointer-events: all; }
 .edge:hover path { stroke: #C00000; stroke-width: 3; }
 .edge:hover polygon { fill: #C00000; stroke: #C00000; }
 </style>"""
-# Graphviz in a program of its own: it complains on the channel of errors of whoever calls it.
+# Graphviz in a program of its own: it complains on the caller's error channel.
 _GRAPHVIZ = """
 import sys, pygraphviz
 graph = pygraphviz.AGraph(sys.stdin.read())
@@ -121,7 +121,7 @@ class BlockDiagram:
         """The picture as the content of a file.
 
         Args:
-            suffix: "svg", "png" or "pdf". In an SVG the pointer tells a wire's ends.
+            suffix: "svg", "png" or "pdf". In an SVG the pointer shows a wire's ends.
 
         Raises:
             MissingExtra: pygraphviz is not installed.

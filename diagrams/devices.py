@@ -31,12 +31,12 @@ class Parts:
     Attributes:
         threads: threads of each part's devices.
         readers: readers by part.
-        told: remarks that `news` has given already.
+        printed: remarks that `news` has given already.
     """
 
     threads: dict[str, list[DeviceThread]]
     readers: dict[str, PartReader] = field(default_factory=dict)
-    told: set[str] = field(default_factory=set)
+    printed: set[str] = field(default_factory=set)
 
     def behind(self, part: str) -> str:
         """Part whose devices stand behind a part's signals: itself, if it has any.
@@ -63,8 +63,8 @@ class Parts:
         messages = [
             f"{t.device.name}: {text}" for t in self.all_threads for text in t.device.remarks
         ]
-        news = [text for text in messages if text not in self.told]
-        self.told.update(news)
+        news = [text for text in messages if text not in self.printed]
+        self.printed.update(news)
         return news
 
     def reset(self, root_context: Context, scenario: Any = None) -> None:

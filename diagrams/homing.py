@@ -4,7 +4,7 @@ A search is a generator: it yields what the axes are commanded, and is sent what
 a period or later. It knows no clock and no device, so whatever has axes can be led by it: with the
 measurements of each part comes `<part>.stamp`, the time at which they were begun, and those of the
 part that is led were begun after what was yielded before had been written to its devices. That
-time stands still while whoever leads the axes has them stand for a reason of his own.
+time stands still while the leader of the axes pauses them.
 """
 
 import math
@@ -25,9 +25,9 @@ type Motion[T] = Generator[float, Values, T]
 type Procedure[T] = Generator[Sequence[float], Values, T]
 """Search of all axes of a part: yields their commands."""
 type Watch = Callable[[Values], None]
-"""Is told what is measured, once a period."""
+"""Called with what is measured, once a period."""
 type Tell = Callable[[str], None]
-"""Is told what is about to move, a line each time."""
+"""Called with what is about to move, a line each time."""
 
 # Number of slow approaches to an end.
 APPROACHES = 3
@@ -145,7 +145,7 @@ class Check:
         key: its name.
         value: the number, in `unit`.
         unit: its unit.
-        bound: largest admissible |value|; None: told only.
+        bound: largest admissible |value|; None: printed only.
         meaning: meaning of the value, for people.
     """
 
@@ -196,7 +196,7 @@ class Homing:
         spread: largest difference between the approaches of an axis [m].
         begin: (homing, driver, period, tell) -> what is done before the search, without a
             reference; None: nothing.
-        watch: period -> what is told all measurements of the search, and raises HomingError where
+        watch: period -> what takes all measurements of the search, and raises HomingError where
             the machine does what it must not meanwhile; None: nothing.
         checks: (homing, driver, period) -> what is done with axes that have a reference, to see
             whether it can be; returns numbers with bounds. None: nothing.
@@ -260,7 +260,7 @@ class _Way:
 
 @dataclass
 class _Axis:
-    """One axis on its way, and what it is told."""
+    """One axis on its way, and its commands."""
 
     homing: Homing
     driver: Any
@@ -358,7 +358,7 @@ def find_ends(
         driver: driver of the device that measures them; `sign` is made of it.
         part: part of the machine.
         period: time between two measurements [s].
-        tell: told which axes are about to move.
+        tell: called with the axes that are about to move.
 
     Raises:
         HomingError: an axis does not find its end, or what is measured cannot be.

@@ -94,7 +94,7 @@ class Machine[S]:
         title: its name in sentences, with the article.
         scenario: schema of its scenarios.
         ports: table of its signals; `status.*` are added.
-        parts: parts whose devices `status.age` and `status.fault` tell about, in that order.
+        parts: parts whose devices `status.age` and `status.fault` report, in that order.
         plants: simulated backends by name; each adds a plant and returns it as `Behind`.
         mock: adds what mirrors commands to measurements; None: there is no such backend.
         controller: makes the controller of a scenario.
@@ -111,7 +111,7 @@ class Machine[S]:
             emulator has them misbehave as `drives`.
         switches: measurements of switches, which the emulator breaks both ways as `switches`.
         guard: makes what watches every job on the real machine; None: only devices are watched.
-        instrument: tells the true signals, by name, as somebody reads them off an instrument
+        instrument: formats the true signals, by name, as an instrument would show them
             beside the emulated machine; None: there is none.
         twin: draws the machine from its signals; None: it is not drawn.
         limits: makes, of a scenario, the smallest and the largest admissible value of signals in

@@ -55,7 +55,7 @@ def drive_joints(
 ) -> OutputPort:
     """Has the plant's implicit drives follow servos; returns the forces with which they hold.
 
-    These are those of the sample before: drives measure them, and what they are told next may
+    These are those of the sample before: drives measure them, and the next commands may
     depend on them.
 
     Args:
@@ -129,7 +129,7 @@ def add_adapted_model(
 def _concerns_us(record: logging.LogRecord) -> bool:
     """False for Drake's warning that a half space does not touch deformable bodies: none here.
 
-    And for one about a line of a file that it has told before: a file comes into several plants.
+    And for one about a line of a file that was printed before: a file is in several plants.
     """
     words = record.getMessage()
     if ": warning: " in words:
@@ -139,6 +139,6 @@ def _concerns_us(record: logging.LogRecord) -> bool:
     return "half spaces are not currently supported for deformable" not in words
 
 
-# Warnings about files that have been told.
+# Warnings about files that have been printed.
 _SAID: set[str] = set()
 logging.getLogger("drake").addFilter(_concerns_us)

@@ -58,7 +58,7 @@ class Signals:
     name_of: Callable[[str, int], str] = lambda signal, element: ""
 
     def unit(self, curve: "Curve") -> str:
-        """Unit of a curve; that of the whole signal where its elements' cannot be told."""
+        """Unit of a curve; that of the whole signal where its elements' are unknown."""
         unit = self.units[curve.signal]
         try:
             return units_of(unit, self.sizes[curve.signal])[curve.element]
@@ -161,7 +161,7 @@ def choose(
     names: Sequence[str],
     limits: Limits,
 ) -> list[Plot]:
-    """The plots that somebody has asked for.
+    """The plots that were asked for.
 
     Args:
         signals: those that there are.

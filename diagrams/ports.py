@@ -55,7 +55,7 @@ class Port:
             once, so that it counts at that instant alone. A simulated plant samples it; for
             devices, which take commands a moment later, the loop holds it. Other inputs are held
             by the controller.
-        names: names of the values 0, 1, 2, ... of a signal that tells a phase.
+        names: names of the values 0, 1, 2, ... of a signal that shows a phase.
         elements: names of the elements for people, such as ("roll", "pitch", "height"); of a
             state, whose further elements are rates, those of the first ones.
     """

@@ -23,7 +23,7 @@ type Tracker = Callable[
 
 
 class Twin:
-    """Drawing of a machine as its signals tell it, beside one of what it is asked for.
+    """Drawing of a machine as its signals show it, beside one of what it is asked for.
 
     A machine's own class adds both to `builder` under the paths `path(MEASURED)` and
     `path(DESIRED)`, with `input` for what they follow, calls `finish`, and defines `show`, which

@@ -18,7 +18,7 @@ def load_installed_drivers() -> tuple[str, ...]:
     """Import the modules that installed packages name under the entry point `parapod.drivers`.
 
     A package that cannot be imported, or whose driver has the name of another one, leaves the
-    others usable. A scenario that names one of its drivers is refused, and told why there is none.
+    others usable. A scenario that names one of its drivers is refused with the reason.
 
     Returns:
         A sentence for each package that cannot be imported and each name that is taken twice.

@@ -67,7 +67,7 @@ class PostureChain:
     """Fig. 18 without the position controllers.
 
     Attributes:
-        extension: extensions (4), as the encoders tell them with their offsets.
+        extension: extensions (4), as the encoders measure them with their offsets.
         attitude: estimated roll and pitch (2), less the sensor's bias.
         estimator: estimates roll and pitch.
         ground: estimates the ground.

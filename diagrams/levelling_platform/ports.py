@@ -7,7 +7,7 @@ from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.levelling_platform.supervisor import Phase
 from parapod.systems.sensors.imu import ImuParams
 
-# Parts whose devices `status.*` tells about.
+# Parts whose devices `status.*` reports.
 PARTS = ("legs", "imu", "wheels", "arm")
 
 _ACTUATOR, _IMU = LinearActuatorParams(), ImuParams()

@@ -1,4 +1,4 @@
-"""Typed scenario of the levelling platform; what each key means is said in the YAML files too."""
+"""Typed scenario of the levelling platform; keys are explained in the YAML files too."""
 
 import math
 from dataclasses import dataclass, field
@@ -178,7 +178,7 @@ class ControlScenario(Schema):
         outer_loop: correction of the inclination by the estimated attitude.
         outer_loop_gain: integral gain of that correction [1/s].
         actuator_gains: K of each actuator [(m/s)/V].
-        encoder_offsets_mm: lengths that are added to what each actuator's encoder tells [mm].
+        encoder_offsets_mm: lengths that are added to what each actuator's encoder measures [mm].
         inclination_bias_deg: errors of the inertial sensor's roll and pitch, which are subtracted
             [deg, deg].
         leg_deviations: differences of legs 1 to 4 from their drawing; empty for none.

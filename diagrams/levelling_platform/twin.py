@@ -1,4 +1,4 @@
-"""The real platform as its sensors tell it, and pale beside it what it is asked for."""
+"""The real platform as its sensors measure it, and pale beside it what it is asked for."""
 
 from collections.abc import Mapping
 from typing import Any

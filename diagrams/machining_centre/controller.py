@@ -50,7 +50,7 @@ def make_controller(scenario: CentreScenario, is_operated: bool = False) -> Diag
     """Wires posture, sequencer, feedforward and wrench monitor, by the names of their ports.
 
     Inputs: `legs.position` (2n), `legs.current` (2n), `legs.emergency_stop` (1), `locks.closed`
-    (4n), `clamps.closed` (n), `tool.force` (2); where somebody is to end the job, `stop` (1).
+    (4n), `clamps.closed` (n), `tool.force` (2); where a person may end the job, `stop` (1).
     Outputs: those of the table above.
 
     Where a person operates it: `pose_asked` (6) and `limb_asked` (1).
@@ -90,7 +90,7 @@ def make_controller(scenario: CentreScenario, is_operated: bool = False) -> Diag
 
 
 def _add_lengths(builder: DiagramBuilder, scenario: CentreScenario) -> OutputPort:
-    """Lengths of legs that yield to their forces: encoders do not see it, but currents tell."""
+    """Lengths of legs that yield to their forces: encoders do not see it, but currents show it."""
     legs, count = scenario.legs, scenario.geometry.legs
     by_current = legs.force_per_current_N_A / (1e6 * legs.stiffness_N_um)
     by_current *= float(scenario.control.knows_stiffness)

@@ -1,4 +1,4 @@
-"""A machining centre of rigid bodies by itself: its legs hold lengths that somebody sets."""
+"""A machining centre of rigid bodies by itself: its legs hold commanded lengths."""
 
 from dataclasses import dataclass
 

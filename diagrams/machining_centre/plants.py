@@ -296,7 +296,7 @@ def add_kinematics(
 
 
 def _encoded(scenario: CentreScenario) -> NDArray[np.float64]:
-    """Lengths (2n) that the encoders tell where the job begins [m]."""
+    """Lengths (2n) that the encoders measure where the job begins [m]."""
     lengths = leg_lengths(scenario.geometry, *scenario.plan.beginning)
     return lengths - scenario.length_errors
 
@@ -318,7 +318,7 @@ def add_mock(
 ) -> Behind:
     """Adds what mirrors commands to measurements, exactly and without dynamics.
 
-    Legs are where they are told, locks and clamps as they are told, a period later; the motors
+    Legs are at their commands, locks and clamps too, a period later; the motors
     draw no current. There are no `truth` ports: nothing is hidden.
 
     Args:

@@ -4,7 +4,7 @@ from parapod.diagrams.ports import In, Inner, Out, Port, Truth
 from parapod.systems.machining_centre.posture import LOCKS_OF_LIMB
 from parapod.systems.machining_centre.sequence import Phase
 
-# Parts whose devices `status.*` tells about.
+# Parts whose devices `status.*` reports.
 PARTS = ("legs",)
 
 
@@ -71,10 +71,10 @@ def ports_of_limbs(limbs: int) -> tuple[Port, ...]:
         Inner(
             "pose_estimated",
             "m, m, m, rad, rad, rad",
-            "pose that the lengths tell",
+            "pose that the lengths give",
             elements=_POSE,
         ),
-        Inner("feet_estimated", _UNITS, "feet that the lengths tell"),
+        Inner("feet_estimated", _UNITS, "feet that the lengths give"),
         Inner("length_error", "m", "lengths of the legs less those that they were led to"),
         Inner("phase", "-", "phase of the job", names=[p.name.lower() for p in Phase]),
         Inner("operation", "-", "operations that are done"),

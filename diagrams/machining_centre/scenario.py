@@ -212,7 +212,7 @@ class CentreControlScenario(Schema):
     Attributes:
         period: period of sequencer and feedforward [s].
         knows_stiffness: true if the posture is calculated with legs that yield to their forces, as
-            the motors' currents tell them.
+            the motors' currents show them.
         settling: for which legs rest before anything is switched, and switches before anything
             moves [s].
     """
@@ -242,7 +242,7 @@ class CentreScenario(Schema):
         limbs: 3 for the tripod, 4 for the quadruped.
         begin: time at which the first operation begins [s].
         end: time for which it stands afterwards [s].
-        stop_at: time at which somebody has the job end [s]; null: never.
+        stop_at: time at which the job is stopped [s]; null: never.
         panel: see `PanelScenario`.
         holes: see `HolesScenario`.
         walk: see `WalkScenario`.
@@ -277,7 +277,7 @@ class CentreScenario(Schema):
 
     @property
     def length_errors(self) -> NDArray[np.float64]:
-        """Lengths of the legs (2n) less those that the encoders tell, drawn from the seed [m]."""
+        """True lengths of the legs (2n) less the encoders', drawn from the seed [m]."""
         largest = 1e-3 * self.legs.length_error_mm
         random = np.random.default_rng(self.seed)
         return random.uniform(-largest, largest, self.geometry.legs)

@@ -1,4 +1,4 @@
-"""The real centre as its encoders tell it, and pale beside it where its platform is led to."""
+"""The real centre as its encoders measure it, and pale beside it where its platform is led to."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,7 +18,7 @@ _FEET, _SWITCHES = "feet_estimated", ("locks.closed", "clamps.closed")
 
 
 class CentreTwin(Twin):
-    """Two drawings of the centre on the footholds that its lengths tell."""
+    """Two drawings of the centre on the footholds that its lengths give."""
 
     needed = frozenset((_DRAWN[MEASURED], _FEET))
     stand_ins = {_DRAWN[MEASURED]: "truth.pose", _FEET: "truth.feet"}  # noqa: RUF012

@@ -402,7 +402,7 @@ def add_mock(
 ) -> Behind:
     """Adds what mirrors commands to measurements, exactly and without dynamics.
 
-    Sliders are where they are told a period later, the belt runs as it is told; the leg rests, no
+    Sliders are at their commands a period later, and so is the belt; the leg rests, no
     force acts. There are no `truth` ports: nothing is hidden.
 
     Args:

@@ -2,7 +2,7 @@
 
 from parapod.diagrams.ports import In, Inner, Out, Port, Truth
 
-# Parts whose devices `status.*` tells about.
+# Parts whose devices `status.*` reports.
 PARTS = ("sliders", "hip", "belt", "cells", "leg")
 
 
@@ -96,7 +96,7 @@ def ports_of_joints(joints: int) -> tuple[Port, ...]:
             *("load_estimated", "N, N, N m", "the same by the currents of the sliders"),
             elements=_LOAD,
         ),
-        Inner("pose_estimated", pose, "pose that the sliders' encoders tell", elements=_POSE),
+        Inner("pose_estimated", pose, "pose that the sliders' encoders measure", elements=_POSE),
         Inner("stance", "0/1", "1 while the foot must stand"),
         Inner("distance", "m", "way of the body over the terrain"),
         Inner("rise", "m", "height of the body above that of the distance zero"),

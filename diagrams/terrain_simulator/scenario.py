@@ -117,7 +117,7 @@ class SliderScenario(Schema):
         )
 
 
-# Quarter of the robot for which the support of the other legs is told [kg].
+# Quarter of the robot for which the support of the other legs is given [kg].
 _USUAL_MASS = 30.0
 
 

@@ -1,4 +1,4 @@
-"""The real bench as its encoders tell it, and pale beside it where its plate is led to."""
+"""The real bench as its encoders measure it, and pale beside it where its plate is led to."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -50,7 +50,7 @@ def add_world(
 ) -> Behind:
     """Adds the leg on its slide, the column that goes along, and the terrain.
 
-    The sliders are where they are told; nothing stands on them.
+    The sliders are at their commands; nothing stands on them.
     """
     walk, step = scenario.walk, scenario.plant.time_step
     plant, scene_graph = add_discrete_plant(builder, step, "lagged")

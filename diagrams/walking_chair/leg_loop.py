@@ -89,7 +89,7 @@ def make_leg_loop(params: LegLoopParams = LegLoopParams()) -> LegLoop:
     reference = add(builder, CircleReference(params.circle, params.geometry, params.period))
     position = CompoundPositionController(params.controller, _BRANCHES, params.period)
     controller = add(builder, position)
-    # At full speed to a node the drives' own loops run; otherwise they hold what they are told.
+    # At full speed to a node the drives' own loops run; otherwise they hold their commands.
     runs_alone = params.controller.mode == "position"
     sampled = params.drive_step if runs_alone else params.period
     servo = VelocityServo(

@@ -2,7 +2,7 @@
 
 from parapod.diagrams.ports import In, Inner, Out, Truth
 
-# Parts whose devices `status.*` tells about.
+# Parts whose devices `status.*` reports.
 PARTS = ("legs",)
 
 # Elements of all ports of size 12: branches 11, 12, 13, 21, ... 43.

@@ -1,4 +1,4 @@
-"""The real chair as its encoders tell it, and pale beside it where its branches are led to."""
+"""The real chair as its encoders measure it, and pale beside it where its branches are led to."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -17,7 +17,7 @@ DESCRIPTION = (
     "Draws the closed loop of an experiment: systems as blocks, inside their station and "
     "controller. One level shows every port and wire; deeper levels show one wire from block to "
     "block, so that the letters can be read on a landscape page of A4, which the drawing fits. In "
-    "an SVG the pointer tells which ports a wire connects."
+    "an SVG the pointer shows which ports a wire connects."
 )
 EXAMPLES = (
     "parapod draw level --out level.svg",

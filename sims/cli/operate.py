@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--host",
         default="localhost",
         metavar="ADDRESS",
-        help="serve the page at this address of the computer, to whoever has the token in the "
+        help="serve the page at this address of the computer, to browsers with the token in the "
         "page's address; default: to this computer alone, with a token too",
     )
     parser.add_argument(

@@ -10,7 +10,7 @@ from parapod.sims.cli.replay import add_log_arguments, between_of
 HELP = "plot signals of a log, into a file or a window"
 DESCRIPTION = (
     "Plots signals of any log that parapod has written, with their units, their limits where the "
-    "machine or the experiment knows them, and phases shaded where the log tells them. With "
+    "machine or the experiment knows them, and phases shaded where the log has them. With "
     "--against a second log is laid over it, dashed.\n\n"
     "Signals: NAME, NAME[0] or NAME[0:3]; several joined by + share a plot."
 )
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "signals",
         nargs="*",
         metavar="SIGNAL",
-        help="signals to plot; by default those that tell most of the machine",
+        help="signals to plot; by default those that show most of the machine",
     )
     parser.add_argument(
         "--out", type=Path, metavar="FILE", help="write FILE (.svg, .png, .pdf), open no window"

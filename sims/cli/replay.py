@@ -9,7 +9,7 @@ from parapod.sims.cli.arguments import HELD, UsageError, check_outputs, finite
 HELP = "show a log in the browser: the machine as it moved, and plots"
 DESCRIPTION = (
     "Shows any log that parapod has written, of a simulation or of a real machine: the machine as "
-    "its signals tell it, a slider of time, and plots below. With --against a second log is laid "
+    "its signals show it, a slider of time, and plots below. With --against a second log is laid "
     "over it: its curves dashed, its machine translucent.\n\n"
     "Signals: NAME, NAME[0] or NAME[0:3]; several joined by + share a plot."
 )
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="extend",
         default=[],
         metavar="SIGNAL",
-        help="signals to plot; by default those that tell most of the machine",
+        help="signals to plot; by default those that show most of the machine",
     )
     view_options = parser.add_mutually_exclusive_group()
     view_options.add_argument(

@@ -3,7 +3,7 @@
 Serving pages and drawing in three dimensions would keep Python's lock from the threads that talk
 to devices. Whoever drives the machine writes what is to be shown into a pipe, and reads from
 another one what the operator does; neither ever blocks. A page or a process that falls silent is
-told as silence, which the machine takes for a person who has let go.
+reported as silence, which the machine takes for a person who has let go.
 
 The program at this end has `Desk`, with the methods of `Panel`; the process has the `Panel`.
 """
@@ -26,7 +26,7 @@ from typing import Any, Self
 import numpy as np
 
 from parapod.sims.lab.panel import Panel, Readout, Row
-from parapod.sims.output.companion import PIECE, Companion, told
+from parapod.sims.output.companion import PIECE, Companion, read_beginning
 from parapod.systems.core.errors import OutputError
 
 # Between two messages about what the operator does [s].
@@ -241,7 +241,7 @@ def _line(message: Mapping[str, Any]) -> bytes:
 
 def _serve(sink: int) -> None:
     """Serves the page until the pipe ends."""
-    source, beginning, rest = told()
+    source, beginning, rest = read_beginning()
     panel, twin = _open(json.loads(beginning))
     os.write(sink, _line({"url": panel.web_url()}))
     spoken, is_over = time.monotonic(), False

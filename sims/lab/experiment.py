@@ -186,7 +186,7 @@ class Experiment[S, D]:
             return self.name
 
     def drawn_machine(self) -> Machine[Any]:
-        """The machine whose motion its log tells.
+        """The machine whose motion its log shows.
 
         Raises:
             ParapodError: its signals are not the motion of a machine.

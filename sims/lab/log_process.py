@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from parapod.sims.output.companion import PIECE, told
+from parapod.sims.output.companion import PIECE, read_beginning
 from parapod.sims.output.logs.live import FLUSH_PERIOD, HEAD, READY, parts
 from parapod.sims.output.logs.mcap import McapWriter, Message, Picture
 from parapod.systems.core.errors import ParapodError
@@ -17,7 +17,7 @@ from parapod.systems.core.errors import ParapodError
 
 def _write_all() -> None:
     """Writes what comes through a pipe to the file that is named at its beginning."""
-    source, beginning, rest = told()
+    source, beginning, rest = read_beginning()
     described = json.loads(beginning)
     sizes = described["sizes"]
     length = 8 * (HEAD + sum(sizes))

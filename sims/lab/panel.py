@@ -63,7 +63,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Readout:
-    """Everything that the page tells at one moment.
+    """Everything that the page shows at one moment.
 
     Attributes:
         state: state of the machine, in a few words.

@@ -305,7 +305,7 @@ def shown_on(
         read_out: says what the page shows.
         loop: the loop.
         simulated: the root context that its simulator advances.
-        remark: is told why nothing is plotted.
+        remark: called with the reason why nothing is plotted.
     """
     shown_at, chart = -math.inf, None
     try:
@@ -389,7 +389,7 @@ class Live:
         return value_of(system, port, self.simulator.get_context())
 
     def go_on(self) -> str:
-        """Goes on in real time until somebody clicks "Restart" or "End"; returns which."""
+        """Goes on in real time until a person clicks "Restart" or "End"; returns which."""
         for name in (RESTART, END):
             self.panel.AddButton(name)
         try:
@@ -409,7 +409,7 @@ def stay_live(panel: Panel, live: Callable[[], str], console: Console, advice: s
 
     Args:
         panel: the page.
-        live: goes on until somebody clicks a button, and returns which.
+        live: goes on until a person clicks a button, and returns which.
         console: console for the advice.
         advice: purpose of the controls.
     """

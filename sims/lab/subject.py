@@ -54,7 +54,7 @@ class Subject:
         metadata: Mapping[str, Any],
         is_drawn: bool = True,
     ) -> "Subject":
-        """Finds out what a log is of; anything that is missing is told.
+        """Finds out what a log is of; missing things are reported.
 
         Args:
             label: name of the log in sentences.
@@ -74,13 +74,13 @@ class Subject:
         return subject
 
     def give_up(self, reason: str) -> None:
-        """Has the machine not drawn, for a reason that is told."""
+        """Has the machine not drawn, for a reason that is reported."""
         self.drawn, self.undrawn = None, reason
         self.remarks.append(f"{self.label}: the machine is not drawn: {reason}")
 
     @property
     def name(self) -> str:
-        """Name of the experiment, as the log tells it."""
+        """Name of the experiment, from the log."""
         return printable(self.metadata.get("experiment", "")) or "unknown experiment"
 
     @property
@@ -106,7 +106,7 @@ class Subject:
 
     @property
     def phase(self) -> tuple[str, tuple[str, ...]] | None:
-        """The first signal that tells phases, and their names."""
+        """The first signal that shows phases, and their names."""
         table = {} if self.machine is None else self.machine.table
         for name in self.shapes:
             if name in table and table[name].names:
@@ -149,7 +149,7 @@ class Subject:
     def _find(self) -> None:
         metadata, here = self.metadata, version("parapod")
         if "experiment" not in metadata:
-            self.undrawn = "the log does not tell its experiment"
+            self.undrawn = "the log does not show its experiment"
             return
         entry_name = str(metadata.get("parapod", ""))
         if entry_name != here:

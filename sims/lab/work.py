@@ -62,7 +62,7 @@ class Crew:
     losses: tuple[type[BaseException], ...] = (BrokenExecutor,)
 
     def __init__(self, executor: Executor, size: int):
-        """Takes an executor that somebody else has opened, and closes."""
+        """Takes an executor that the caller opens and closes."""
         self.executor, self.size = executor, size
 
     def begin(self) -> None:

@@ -68,7 +68,7 @@ _TIPPED = 10.0  # a platform that is this far from its path may be on its way to
 _IDLE = "the leg is asked for nothing, or for less than friction, and its screw holds it"
 _QUICK = "the commands hardly change within the delay"
 _TRIM = "a foot counts as lost after .8 s only; until then its trim stays below .1 mm"
-_VALID = "a valid command cannot be told from the one that was meant; it is kept within reach"
+_VALID = "a valid command looks like the one that was meant; it is kept within reach"
 _REASONS: dict[tuple[str, str], str] = {
     ("gyro", "stuck"): "the platform turns so slowly that the accelerometer tells its attitude",
     ("accelerometer", "stuck"): "a platform at rest has nothing new to tell",

@@ -139,7 +139,7 @@ AS_MEASURED = (
 def measured_posture(
     signals: Mapping[str, NDArray[np.float64]], control: ControlScenario
 ) -> NDArray[np.float64]:
-    """Postures (n, 3) as the machine's own sensors tell them [rad, rad, m].
+    """Postures (n, 3) as the machine's own sensors measure them [rad, rad, m].
 
     Roll and pitch are those of the inertial sensor, which knows nothing of the legs; the height is
     that of the extensions on the estimated ground, and NaN before there is one.

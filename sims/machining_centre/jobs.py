@@ -338,7 +338,7 @@ def operated_loop(
 
 
 class LiveCentre(Live):
-    """A centre that a person moves until told otherwise.
+    """A centre that a person moves until another request.
 
     Args:
         scenario: scenario of the centre.
@@ -351,7 +351,7 @@ class LiveCentre(Live):
         super().__init__(panel, loop, read_out)
 
     def work(self) -> str:
-        """Obeys in real time until somebody clicks a button; returns which."""
+        """Obeys in real time until a person clicks a button; returns which."""
         with self.loop.sources[0].shown():
             self.begin()
             return self.go_on()

@@ -44,7 +44,7 @@ _HOLDS = 1e-3
 _FALLEN = 0.05
 # A locked joint does not move at all [rad].
 _DRIFT = 1e-9
-# Share of the poses at which a pair is at least as good as is told.
+# Share of the poses at which a pair is at least as good as is reported.
 _PERCENTILE = 10.0
 
 

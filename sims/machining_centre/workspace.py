@@ -125,10 +125,10 @@ class CentreWorkspace(Experiment[CentreWorkspaceScenario, Workspaces]):
                 for limbs in NAMES:
                     before = points_done
 
-                    def told(count: int, before: int = before) -> None:
+                    def report(count: int, before: int = before) -> None:
                         tell(before + count)
 
-                    surveys[name][limbs] = survey(CentreGeometry(limbs), points, told)
+                    surveys[name][limbs] = survey(CentreGeometry(limbs), points, report)
                     points_done += len(points)
         return Workspaces(**surveys)
 

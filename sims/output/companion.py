@@ -1,6 +1,6 @@
 """A module that runs as a process of its own, for what a real machine must not wait for.
 
-That is a disk, or a browser. Two pipes lead to it and back. It is told on one line how to begin,
+That is a disk, or a browser. Two pipes lead to it and back. One line tells it how to begin,
 and answers with one. It ends when its pipe does, however the program at the other end has ended;
 Ctrl-C does not reach it.
 """
@@ -27,7 +27,7 @@ class Companion:
         """Begins the process.
 
         Args:
-            module: name of the module; it calls `told` first.
+            module: name of the module; it calls `read_beginning` first.
             beginning: line that says how to begin.
         """
         self._process = subprocess.Popen(
@@ -74,7 +74,7 @@ class Companion:
             return self._process.wait()
 
 
-def told() -> tuple[int, str, bytes]:
+def read_beginning() -> tuple[int, str, bytes]:
     """Pipe from the program, the line that it has begun with, and what came behind that already.
 
     To be called by the process, which nothing but the end of the pipe ends from now on.

@@ -20,7 +20,7 @@ class LogDrawing:
     """Drawing of a log that is not of a closed loop, and its usual plots.
 
     Attributes:
-        machine: the machine of which the log tells something; it is drawn in the scenario that
+        machine: the machine of which the log shows something; it is drawn in the scenario that
             the experiment's `machine_scenario` makes.
         stand_ins: signals in the log that take the place of others, by signal of the drawing.
         twin: drawing of a part of the machine; None: the machine's own.
@@ -35,10 +35,10 @@ class LogDrawing:
 
 @dataclass(frozen=True)
 class DrawnLog:
-    """Machine of a log, and the signals that tell its motion.
+    """Machine of a log, and the signals that show its motion.
 
     Attributes:
-        twin: drawing of the machine, or of the part of it that the log tells about.
+        twin: drawing of the machine, or of the part of it that the log records.
         scenario: the machine's.
         sources: signals in the log that the drawing follows, by signal of the drawing.
     """
@@ -55,7 +55,7 @@ class DrawnLog:
         drawing: LogDrawing | None,
         shapes: Mapping[str, tuple[int, ...]],
     ) -> Self:
-        """Finds out which signals tell the motion of a machine.
+        """Finds out which signals show the motion of a machine.
 
         Args:
             machine: the machine as the scenario has it.
@@ -64,7 +64,7 @@ class DrawnLog:
             shapes: shape of one sample of each signal of the log, by name.
 
         Raises:
-            ParapodError: the machine has no drawing, or the log does not tell its motion.
+            ParapodError: the machine has no drawing, or the log does not show its motion.
         """
         twin = (drawing and drawing.twin) or machine.twin
         if twin is None:

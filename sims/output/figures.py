@@ -1,4 +1,4 @@
-"""Figures of experiments: drawn when somebody wants them, as SVG or PNG."""
+"""Figures of experiments: drawn on demand, as SVG or PNG."""
 
 import io
 import logging

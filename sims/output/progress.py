@@ -128,7 +128,7 @@ def counted(
         line_period: wall-clock time between two lines in a file or pipe [s].
 
     Yields:
-        The function that is told the number of runs that are done.
+        Function to call with the number of runs that are done.
     """
     started = time.monotonic()
 

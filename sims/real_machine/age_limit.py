@@ -89,7 +89,7 @@ def allow_old_measurements(
         root: its context.
         guard: guard of the job, if there is one.
         look: gives the ages that there would be, see `ages_of`.
-        say: told of a limit that is not the usual one.
+        say: called with a limit that is not the usual one.
 
     Raises:
         DeadlineError: measurements are too old for any limit, twice in a row.

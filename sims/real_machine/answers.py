@@ -30,7 +30,7 @@ class NoAnswer(ParapodError):
 
 
 class Answers(ABC):
-    """Asks, and tells an answer once there is one."""
+    """Asks, and returns an answer once there is one."""
 
     def __init__(self, console: Console):
         """Prepares it; nothing is asked before `open` is entered.

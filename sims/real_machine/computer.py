@@ -243,7 +243,7 @@ def watched_throttling(computer: Computer, root: Path = _ROOT) -> Iterator[Throt
 
 
 def _told(log: Path) -> list[float]:
-    """Times since the start at which the kernel has told of throttling [s]."""
+    """Times since the start at which the kernel has reported throttling [s]."""
     measured_times: list[float] = []
     with suppress(OSError):
         file = os.open(log, os.O_RDONLY | os.O_NONBLOCK)

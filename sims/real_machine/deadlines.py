@@ -134,7 +134,7 @@ class Measured:
             "asked": list(self.setting.asked),
             "log": self.setting.is_logged,
             "rate_hz": self.rate,
-            "kernel": {name: one.told for name, one in self.outcomes.items()},
+            "kernel": {name: one.text for name, one in self.outcomes.items()},
             "ended_early": self.ended,
         }
         for name in ("ticks", "missed", "page_faults", "disk_faults"):
@@ -281,11 +281,11 @@ def print_settings(results: Sequence[Measured], console: Console) -> None:
         "99 % / largest, in milliseconds; faults: pages first touched / read from the disk",
         highlight=False,
     )
-    for line in told(results):
+    for line in settings_lines(results):
         console.print(line, markup=False, highlight=False)
 
 
-def told(results: Sequence[Measured]) -> list[str]:
+def settings_lines(results: Sequence[Measured]) -> list[str]:
     """Answers of the kernel, what each privilege changed, and turns that ended early."""
     lines = []
     for name in PRIVILEGES:
@@ -294,7 +294,7 @@ def told(results: Sequence[Measured]) -> list[str]:
             continue
         alone = [one for one in having if one.setting == Setting(name, (name,))]
         outcome = having[0].outcomes[name]
-        lines.append(outcome.told)
+        lines.append(outcome.text)
         for one in alone if outcome.is_taken else ():
             base = _ordinary_of(one, results)
             if base is not None:

@@ -64,7 +64,7 @@ _READY = "ready"
 # Delay with which the physics still follows the clock [s].
 _PATIENCE = 0.2
 # Time between two looks at switches [s]: contacts bounce for some milliseconds, and those that
-# tell of forces have the plant's contacts solved for once more.
+# depend on forces have the plant's contacts solved for once more.
 _SWITCH_PERIOD = 0.01
 # Lag above which the emulation is reported as too late [s].
 _TOO_LATE = 0.05
@@ -289,7 +289,7 @@ class EmulatedMachine:
 
         Args:
             duration: [s].
-            on_tick: told the context after each tick.
+            on_tick: called with the context after each tick.
         """
         inputs = [(spec.name, self._port(spec)) for spec in self.machine.inputs]
 
@@ -314,7 +314,7 @@ class EmulatedMachine:
                 if received != fixed.get(name):
                     port.FixValue(root, received)
                     fixed[name] = received
-            # After the commands: the forces of contacts, which some outputs tell, depend on them,
+            # After the commands: the forces of contacts, which some outputs show, depend on them,
             # and so they are solved for once, for this and for the plant's next step.
             self._show()
             on_tick(root)
@@ -374,7 +374,7 @@ class EmulatedMachine:
         return inputs + values
 
     def measured(self, root: Context) -> str:
-        """The true state, as somebody reads it off an instrument beside the machine."""
+        """The true state, as an instrument would show it beside the machine."""
         if self.machine.instrument is None:
             return f"nothing: there is no instrument for {self.machine.title}"
         names = [spec.name for spec in self.machine.truth]

@@ -49,7 +49,7 @@ def home_part(
         machine: the machine.
         scenario: one of its scenarios; its `hardware` and `control.period` are taken.
         part: part of the machine.
-        say: told what is going on, a line each time.
+        say: called with what goes on, a line each time.
 
     Returns:
         What was measured, with bounds.

@@ -120,7 +120,7 @@ def run_on_hardware(
         until: end of the run [s]; infinite: until `is_over`.
         options: console for progress, and file of the log.
         what: name of the work, for the progress and in the log.
-        is_over: is told the root context at every tick; whether the work is done.
+        is_over: called with the root context at every tick; whether the work is done.
         requests: names of the privileges that it takes, see `privileges`.
         announce: is given the timing before the first tick, also of a run that then fails.
 
@@ -191,7 +191,7 @@ def run_on_hardware(
 
 def _unprivileged(timing: Timing) -> str:
     """Remark about a loop that other programs, or the disk, may delay."""
-    return "".join(f"; {outcome.told}" for outcome in timing.refused)
+    return "".join(f"; {outcome.text}" for outcome in timing.refused)
 
 
 def end_by_guard(

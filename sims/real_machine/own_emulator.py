@@ -35,7 +35,7 @@ class OwnEmulator:
             stderr=subprocess.PIPE,
             text=True,
             env=os.environ | {VARIABLE: str(folder)},
-            start_new_session=True,  # Ctrl-C ends it after whoever drives its devices
+            start_new_session=True,  # Ctrl-C ends it after the program that drives its devices
         )
         self._ready = threading.Event()
         threading.Thread(target=self._listen, name="emulator", daemon=True).start()

@@ -1,6 +1,6 @@
 """Privileges that keep other programs and the disk from a loop: SCHED_FIFO, mlockall, affinity.
 
-Each is taken where the user may have it, and given back. A refusal is told in one line and costs
+Each is taken where the user may have it, and given back. A refusal is one line and costs
 punctuality, never the job.
 """
 
@@ -37,7 +37,7 @@ class Outcome:
     words: str
 
     @property
-    def told(self) -> str:
+    def text(self) -> str:
         """One line."""
         return f"{self.name} {'taken' if self.is_taken else 'refused'}: {self.words}"
 

@@ -71,7 +71,7 @@ def check_part(
         part: part of the machine.
         move: part to move, or None.
         seconds: duration of the reading [s].
-        say: told what is going on, a line each time.
+        say: called with what goes on, a line each time.
         may_move: asked before devices are opened, once it is clear that `move` can be made.
 
     Returns:

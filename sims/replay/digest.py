@@ -17,7 +17,7 @@ from parapod.systems.core.quoting import quoted_path
 _BUCKETS = 2000
 _PICTURES = 900  # pictures of the machine: a page of some MB
 _FLUENT = 0.25  # longest time between two pictures of a fluent motion [s]
-_PHASES = 400  # more cannot be told apart
+_PHASES = 400  # more cannot be distinguished
 
 
 type Picture = tuple[float, Mapping[str, Floats]]
@@ -25,7 +25,7 @@ type Picture = tuple[float, Mapping[str, Floats]]
 
 @dataclass(frozen=True)
 class Phase:
-    """A time in which a log tells the same phase.
+    """A time in which the phase stays the same.
 
     Attributes:
         name: its name.
@@ -76,7 +76,7 @@ def gather(
         log: the log.
         plotted: signals to plot.
         drawn_names: signals by which the machine is drawn.
-        phase: signal that tells phases and the names of its values; None: there is none.
+        phase: signal that shows phases and the names of its values; None: there is none.
         console: console for progress.
         between: first and last time that is wanted [s]; None: all.
         track: tells further signals for the drawing, of all samples of `drawn`; None: there are

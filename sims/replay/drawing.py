@@ -45,7 +45,7 @@ class RecordedScene:
 def record(
     replay: Replay, against: Replay | None, begin: float, console: Console
 ) -> RecordedScene | None:
-    """The scene in which the machine moves as its log tells.
+    """The scene in which the machine moves as its log shows.
 
     Args:
         replay: a log.

@@ -1,4 +1,4 @@
-"""Video of a machine as its log tells it, by Drake's renderer: no browser, no screen."""
+"""Video of a machine as its log shows it, by Drake's renderer: no browser, no screen."""
 
 import math
 from collections.abc import Iterator, Sequence

@@ -253,7 +253,7 @@ def _first_difference(name: str, there: Any, here: Any) -> tuple[str, Any, Any]:
 
 
 def to_table(study: Mapping[str, Any], records: Records) -> "pyarrow.Table":
-    """The runs that have been carried out, as a table; its columns are told in `docs/studies.md`.
+    """The runs that have been carried out, as a table, see `docs/studies.md`.
 
     Args:
         study: the study, as JSON can say it.

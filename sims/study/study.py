@@ -93,12 +93,12 @@ class Study:
 
     @property
     def order(self) -> Order:
-        """The part of it that workers are told."""
+        """The part of it that workers need."""
         keys = tuple(variable.key for variable in self.variables)
         return Order(self.entry.name, self.tree, keys, self.software)
 
     def as_json(self) -> dict[str, Any]:
-        """Everything by which it is told from other studies, as JSON can say it."""
+        """Everything that distinguishes it from other studies, as JSON can say it."""
         return {
             "software": asdict(self.software),
             "experiment": self.entry.name,

@@ -1,8 +1,8 @@
-"""Try a leg of somebody's own on the bench: look at it, let it stand, step up, and jump.
+"""Try another leg on the bench: look at it, let it stand, step up, and jump.
 
-A URDF of any planar leg, with the names of its links and joints, is all that is needed. First its
-mass, its joints' limits and its reach over the plate are told; then it steps onto a step that the
-plate plays, and jumps as high as Table 1 has it in mind: its vertical speed is that of 0.3 m.
+It takes a URDF of a planar leg, with the names of its links and joints. First the leg's mass, its
+joints' limits and its reach over the plate are printed; then it steps onto a step that the plate
+plays, and jumps by 0.3 m, which takes Table 1's vertical speed.
 
 The walking chair's leg on the bench, measured at 1 ms:
 
@@ -305,7 +305,7 @@ class BenchLeg(LoopExperiment[BenchLegScenario, LegTest]):
         """Height of the hip and force of the ground, on the step and in the jump."""
         yield Figure(
             "bench_leg",
-            "A leg that somebody else has described",
+            "A leg from another source",
             "What is tried, from the left. Above the height of the hip over where it stands, "
             "below the ground's force upwards on the foot; dashed what is asked for.",
             partial(_draw, scenario, data),

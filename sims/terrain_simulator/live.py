@@ -41,7 +41,7 @@ def operated_loop(
 
 
 class LiveBench:
-    """A bench that a person moves, and on which a leg walks when told to, until told otherwise.
+    """A bench that a person moves, and on which a leg walks on request, until another one.
 
     Args:
         scenario: scenario of the bench; its leg walks, over the terrains of the course.
@@ -66,7 +66,7 @@ class LiveBench:
         self._refusals: tuple[str, ...] = ()
 
     def work(self) -> str:
-        """Obeys in real time until somebody clicks a button; returns which."""
+        """Obeys in real time until a person clicks a button; returns which."""
         panel = self._panel
         panel.AddSlider(_SPEED, 10.0, _FASTEST, 5.0, 100.0)
         for name in (*self._terrains, RESTART, END):
@@ -121,7 +121,7 @@ class LiveBench:
         return self.walk_of(terrain, self._panel.GetSliderValue(_SPEED))
 
     def _may_walk(self, terrain: str) -> bool:
-        """Whether the leg can walk over a terrain; the page tells why not."""
+        """Whether the leg can walk over a terrain; the page says why not."""
         self._refusals = ()
         try:
             self._check(self._asked(terrain))

@@ -52,7 +52,7 @@ _SETTLING = 3
 _SHORTEST = 0.005
 # Longest period with which torques that are held between samples keep a foot calm [s].
 _LONGEST = 0.001
-# Share of the largest force from which on friction is told: at touchdown next to none presses.
+# Share of the largest force from which on friction is computed: at touchdown next to none presses.
 _PRESSED = 0.2
 _SIGNALS = (
     "pose_desired",

@@ -60,7 +60,7 @@ _GAP = LIMITS.index("gap of A_2 and A_3")
 
 @dataclass
 class BenchWorkspaceScenario(Schema):
-    """Limits within which the workspaces are told; both benches are those of Table 2.
+    """Limits within which workspaces are computed; both benches are those of Table 2.
 
     Attributes:
         backend: method: "exact", closed forms.
@@ -68,7 +68,7 @@ class BenchWorkspaceScenario(Schema):
         least_sin_mu: least sine of the transmission angle between plate and strut [-]: at 0 they
             are in line, and the plate turns under the least load.
         box_height_mm: height of the boxes that are possible at all angles [mm].
-        cells: number of heights at which a workspace is told.
+        cells: number of heights at which a workspace is computed.
     """
 
     backend: str = choice("exact", ("exact",))

@@ -484,7 +484,7 @@ def _read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
 
 
 class LiveChair(Live):
-    """A chair that walks forward and back until told otherwise.
+    """A chair that walks forward and back until another request.
 
     Args:
         scenario: its gait, plant and control are taken.
@@ -502,12 +502,12 @@ class LiveChair(Live):
         self._seated: Passenger | None = None
 
     def begin(self) -> None:
-        """Puts the chair where its walk begins, with whom the sliders say."""
+        """Puts the chair where its walk begins, with the passenger of the sliders."""
         self._seated = None
         super().begin()
 
     def advance(self, duration: float = LOOK_PERIOD) -> None:
-        """Simulates for a duration [s], with whom the sliders say."""
+        """Simulates for a duration [s], with the passenger of the sliders."""
         passenger, seat = self.asked(), self._scenario.passenger
         if passenger != self._seated:
             self._plant.seat(self.simulator.get_mutable_context(), passenger)
@@ -527,7 +527,7 @@ class LiveChair(Live):
         return Passenger(mass, 1e-3 * x, 1e-3 * y, height)
 
     def walk(self) -> str:
-        """Walks in real time until somebody clicks a button; returns which."""
+        """Walks in real time until a person clicks a button; returns which."""
         self.begin()
         with self.sliders():
             return self.go_on()

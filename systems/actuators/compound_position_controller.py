@@ -52,7 +52,7 @@ class CompoundPositionController(LeafSystem):
     At a sample, the node of the last one is due: what is missing from it, times P, is added to
     the velocity that leads to the next node (Eqs. 46, 47), and a PI law makes the drives follow
     that velocity, measured by what the encoders have counted since the last sample (Eq. 48).
-    The command follows from the measurement of the same instant; whoever takes it, a drive or
+    The command follows from the measurement of the same instant; its receiver, a drive or
     its model, samples it, at the controller's period. In mode "position" the drive's own loop
     runs instead, as often as the drive samples the command: full speed towards the node.
 

@@ -49,7 +49,7 @@ def make_position_loop(time_constant: float, channels: int, arrival: float) -> D
 
 
 class PositionServo(Diagram):
-    """Drives that are where they are told one period later, or brake.
+    """Drives that are at their commands one period later, or brake.
 
     | port | size | unit | meaning |
     |---|---|---|---|

@@ -4,8 +4,8 @@ Layers are merged in the order schema, default file, user's file, overrides. A m
 key by key; a list replaces the list below it. Root keys that begin with an underscore are free
 for YAML anchors. Whatever is wrong with a scenario is a `ScenarioError` of one line.
 
-What a key means is said once, under `Attributes:` in the docstring of its schema; `dump_scenario`
-repeats it as comments.
+The meaning of a key stands once, under `Attributes:` in the docstring of its schema;
+`dump_scenario` repeats it as comments.
 """
 
 import inspect

@@ -34,7 +34,7 @@ def make_emulator_directory() -> Path:
     """The emulator's directory, made if it is not there: a real one, of this user alone.
 
     Raises:
-        ScenarioError: somebody else may have made it, or may change what is in it.
+        ScenarioError: another user may have made it, or may change it.
     """
     directory = emulator_directory()
     directory.mkdir(mode=0o700, parents=True, exist_ok=True)

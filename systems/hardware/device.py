@@ -72,7 +72,7 @@ class Device(ABC):
         name: kind and place of the device, as errors call it.
         watchdog: mechanism that makes the outputs neutral when no program speaks to the device, as
             in "without heartbeats its drives stop within 0.1 s"; "": nothing does.
-        remarks: facts that whoever starts the device has to know, once it is configured or active,
+        remarks: facts to print when the device starts, once it is configured or active,
             such as a fault from before; sentences without the device's name.
         place: resource that only one program may command, see `only_program`; "": none.
         measures: the signals that `read` returns, and their sizes.

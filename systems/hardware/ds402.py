@@ -1,6 +1,6 @@
 """The state machine of electric drives: CiA 402-2 (IEC 61800-7-201), "PDS finite state automaton".
 
-Both sides of it as pure functions: which state a statusword tells and which controlwords lead to
+Both sides of it as pure functions: which state a statusword shows and which controlwords lead to
 operation, for who commands a drive; what a controlword does, for who emulates one.
 """
 
@@ -81,7 +81,7 @@ FAULT_RESET: tuple[Controlword, Controlword] = (
 
 
 def state_of(statusword: int) -> DriveState | None:
-    """The state that a statusword tells; None if it is none of CiA 402's patterns."""
+    """The state that a statusword shows; None if it is none of CiA 402's patterns."""
     coarse = _COARSE.get(statusword & _WITHOUT_QUICK_STOP_BIT)
     return coarse or _FINE.get(statusword & _WITH_QUICK_STOP_BIT)
 

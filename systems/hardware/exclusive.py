@@ -79,7 +79,7 @@ def is_kept(place: str) -> bool:
 
 
 def lock_path(place: str) -> Path:
-    """The file that is locked for a place, whatever its name; there while somebody keeps it."""
+    """The file that is locked for a place, whatever its name; there while a program holds it."""
     folder = _SHARED if os.access(_SHARED, os.W_OK) else Path(tempfile.gettempdir())
     return folder / f"parapod-{hashlib.sha256(normal_form(place).encode()).hexdigest()[:16]}"
 

@@ -361,7 +361,7 @@ class PartReader(LeafSystem):
     thread does.
 
     Bad input: signals that are older than `stale_after` are NaN until there are newer ones; age
-    and fault tell why.
+    and fault show why.
     """
 
     def __init__(

@@ -165,8 +165,8 @@ class IncrementalDevice(Device):
     refused.
 
     **Homing.** After `seek_reference` a device is configured without a reference: positions are
-    ways from wherever it is, and the memory knows nothing until somebody has set a reference and
-    told it to `remember`.
+    ways from wherever it is, and the memory knows nothing until a reference is set and
+    remembered by `remember`.
 
     A device defines `_open`, `_energise` and `_release` in place of `configure`, `activate` and
     `deactivate`.

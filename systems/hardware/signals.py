@@ -60,7 +60,7 @@ class UninterruptedExit(ExitStack[bool | None]):
 
     Somebody who presses Ctrl-C twice would otherwise leave devices out. A signal that comes
     meanwhile interrupts once all has been done, unless something else has ended the work: that is
-    what the user is told. One that comes more than 10 s after the beginning interrupts at once.
+    what the user reads. One that comes more than 10 s after the beginning interrupts at once.
     """
 
     def __exit__(
@@ -98,7 +98,7 @@ def ended_with_parent(parent: int) -> Iterator[None]:
     run for ever.
 
     Args:
-        parent: process that began this one, as `os.getppid` told at the beginning.
+        parent: process that began this one, by `os.getppid` at the beginning.
     """
     over = threading.Event()
 

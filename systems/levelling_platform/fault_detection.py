@@ -54,7 +54,7 @@ class Rule:
         persists: time for which the sign must last before it is believed [s].
         deadline: time in which it is found [s], from the moment at which the signal is wrong, if
             that makes the platform move; a fault without effect may wait until it has one.
-        device: part that may have failed; more than one where they cannot be told apart.
+        device: part that may have failed; more than one where they cannot be distinguished.
         sign: observation that shows it.
     """
 
@@ -195,7 +195,7 @@ RULES: tuple[Rule, ...] = (
         0.0,
         0.4,
         "operator's page",
-        "an operator of whom nothing has been heard",
+        "an operator who has been silent",
     ),
 )
 

@@ -37,7 +37,7 @@ class Controls(Protocol):
     # fmt: on
 
 
-# Silence that is told at most [s].
+# Longest silence that is reported [s].
 _LONGEST = 1e3
 
 

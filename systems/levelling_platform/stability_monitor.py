@@ -66,7 +66,7 @@ class StabilityMonitor(LeafSystem):
     | in `standing` | 4 | 0/1 | contact switches of the feet |
     | in `arm_request` | 2 | rad | turntable and arm angle asked for; may jump |
     | in `enable` | 1 | - | above 0.5: moves may begin |
-    | out `arm_command` | 2 | rad | what turntable and arm are told; C1 in time |
+    | out `arm_command` | 2 | rad | command of turntable and arm; C1 in time |
     | out `margin` | 1 | m | `tipping_margin` at present, with the command's motion |
     | out `margin_requested` | 1 | m | smallest margin along the move last asked for |
     | out `refused` | 1 | 0/1 | above 0.5 while the present request is not admitted |

@@ -212,7 +212,7 @@ def _pressure_point(
 ) -> tuple[float, float, float]:
     """Point in which the line of gravity of the centre of mass meets the ground under three feet.
 
-    The ground is below the feet's centres by their radius; the point is told as if seen along
+    The ground is below the feet's centres by their radius; the point is given as if seen along
     the ground's normal from the plane of the centres.
 
     Returns:
@@ -360,7 +360,7 @@ def _balance(
     """The plane on which forces and moments balance; None where the platform tips over.
 
     Newton's method, exact once it is known who carries. Springs that can only push have a convex
-    energy, and each step goes to where it is least along its way: so whoever carries at first,
+    energy, and each step goes to where it is least along its way: so a foot that carries at first,
     this comes to an end.
     """
     stiffness = [s.stiffness for s in supports]

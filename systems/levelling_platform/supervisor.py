@@ -520,7 +520,7 @@ class Supervisor(LeafSystem):
     be levelled or is not known because the platform does not come to rest, a posture out of
     reach. To leave, the platform first lowers itself parallel to
     the ground as far as the stroke goes, and then raises its legs. After a fault it stands by
-    until it is told to stop, which raises the legs; while it stands by, and in transport at
+    until a request to stop, which raises the legs; while it stands by, and in transport at
     rest, single legs can be jogged.
 
     State: discrete, each output, and a memory (12); updated every period.

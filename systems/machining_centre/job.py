@@ -376,7 +376,7 @@ def swung_to(
 
 
 def check_job(geometry: CentreGeometry, job: Job, beginning: Posture) -> Posture:
-    """Refuses a job of which something cannot be done; tells where it ends.
+    """Refuses a job of which something cannot be done; names where it ends.
 
     Args:
         geometry: the centre.

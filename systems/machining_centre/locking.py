@@ -25,7 +25,7 @@ class Locking:
 
         Args:
             model: the bodies.
-            switches: tells what is due, and is told what is closed.
+            switches: knows what is due, and takes what is closed.
             panel: panel to which the clamps hold.
         """
         self._model, self._switches, self._panel = model, switches, panel

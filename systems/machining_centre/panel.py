@@ -1,7 +1,7 @@
 """The panel that a centre stands on and machines: part of a cylinder, or a plane.
 
 Its highest line is the world's second axis; the world's third axis leads out of it there. Places
-on it are told by the way along its circumference and the way across, from the world's origin.
+on it are given by the way along its circumference and the way across, from the world's origin.
 """
 
 import math

@@ -133,7 +133,7 @@ class CentrePosture(LeafSystem):
     | out `feet` | 6n | m, rad | the same of each foot |
     | out `joints` | 4n | rad | q_1, q_2, q_3, q_6 of each limb, along its left leg |
     | out `locked_at` | 4n | rad | values at which joints were locked last |
-    | out `is_determined` | 1 | 0/1 | whether lengths, locks and clamps tell all this |
+    | out `is_determined` | 1 | 0/1 | whether lengths, locks and clamps determine all this |
 
     Lengths must be known often enough for one posture to be near the next.
 

@@ -22,7 +22,7 @@ MEANS_ABOVE = 0.08
 REACHABLE_PERCENT = {3: (16.31, 13.60, 9.49, 3.18), 4: (16.04, 14.22, 10.93, 4.58)}
 # Table II: means of w_MinMax, w_Max and eta_w.
 MEANS = {3: (0.109, 1.116, 10.455), 4: (0.113, 0.857, 7.746)}
-# Section VI-D: the tested cube [m]. Its height is said to be 500 mm above the base.
+# Section VI-D: the tested cube [m]. Its height is printed as 500 mm above the base.
 CUBE = (1.0, 1.0, 0.5)
 CUBE_HEIGHT = 0.5
 

@@ -1,6 +1,6 @@
 """The sequence of a job: phases, what they move and switch, and what ends each of them.
 
-One table tells, for every phase, what moves, which locks are closed and whether a foot is loose.
+One table shows, for every phase, what moves, which locks are closed and whether a foot is loose.
 A foot is loose only in the phases of its own swing, so that two never are; and between a motion
 and a lock or clamp that is switched there is a rest.
 """
@@ -112,11 +112,11 @@ class Fault(IntEnum):
 _WORDS = {
     Fault.NONE: "nothing is wrong",
     Fault.EMERGENCY_STOP: "the emergency stop is pressed",
-    Fault.CLAMP_LOST: "the clamp of limb {0} does not tell that it is as it should be",
-    Fault.LOCK_LOST: "a lock of limb {0} does not tell that it is as it should be",
+    Fault.CLAMP_LOST: "the clamp of limb {0} does not report that it is as commanded",
+    Fault.LOCK_LOST: "a lock of limb {0} does not report that it is as commanded",
     Fault.SWITCH_LATE: "a lock or clamp of limb {0} has not switched in time",
     Fault.OFF_COURSE: "leg {0} is not where it was led to",
-    Fault.NOT_DETERMINED: "legs, locks and clamps do not tell where the platform is",
+    Fault.NOT_DETERMINED: "legs, locks and clamps do not determine where the platform is",
     Fault.UNDER_LOAD: "the drill carries load where locks are to be switched",
     Fault.REFUSED: "operation {0} asks for more than its pose carries or reaches",
     Fault.NO_WAY: "operation {0} finds no lengths of the legs that lead on",
@@ -162,7 +162,7 @@ class Seen(NamedTuple):
 
     Attributes:
         time: [s].
-        locks: (n, 4) which locks tell that they are closed.
+        locks: (n, 4) which locks report that they are closed.
         clamps: (n) which clamps do.
         feet: (n, 6) of the feet, as far as is known [m, rad].
         pose: (6) of the platform that is asked for now [m, rad].
@@ -520,7 +520,7 @@ class Sequence:
         return True
 
     def _stopped(self, progress: Progress, observed: Seen) -> Progress | None:
-        """The progress of a job that somebody stops; None where the phase goes on as it does."""
+        """The progress of a job that is stopped; None where the phase goes on as it does."""
         phase, rest = (
             progress.phase,
             replace(progress, clock=0.0, rate=1.0, rest=0.0, waited=0.0, start=observed.pose),

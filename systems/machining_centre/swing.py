@@ -7,7 +7,7 @@ through the platform's pose at which the locked joints keep their values.
 The paper locks q_1 of both standing limbs. That holds the platform, but dq_1 by a translation of
 the platform is zero where the line of a limb's pivots is perpendicular to its foot's axis: with
 the platform parallel to the ground one translation along the loose limb is left open, and the
-foot's attitude has one direction that cannot be commanded. `lock_conditions` tells both.
+foot's attitude has one direction that cannot be commanded. `lock_conditions` checks both.
 """
 
 from collections.abc import Sequence

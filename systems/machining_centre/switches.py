@@ -1,4 +1,4 @@
-"""Locks and clamps as they are: what tells that they are closed."""
+"""Locks and clamps as they are: contacts that show that they are closed."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ class Switches(LeafSystem):
     What is commanded is due after the time that locks and clamps take. Of a plant without
     dynamics it obeys by itself. Locks and clamps of rigid bodies are parameters of their context,
     which no system can change: what does change them between two steps looks here for what is
-    due, and tells what is closed then, see `set_closed`.
+    due, and reports what is closed then, see `set_closed`.
 
     A clamp closes only where its foot is on the panel.
 

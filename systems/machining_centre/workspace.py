@@ -15,7 +15,7 @@ from parapod.systems.machining_centre.platform_mode import (
 )
 from parapod.systems.machining_centre.wrench import WrenchIndices, wrench_indices
 
-# Points that are looked at at once: between them progress is told.
+# Points that are looked at at once: between them progress is reported.
 _CHUNK = 1 << 16
 
 
@@ -77,7 +77,7 @@ def survey(
     Args:
         geometry: the centre.
         points: (k, 3) places of P_O [m].
-        tell: is told the number of points that are done.
+        tell: called with the number of points that are done.
     """
     is_kept, indices, pushes = [], [], []
     for begin in range(0, len(points), _CHUNK):

@@ -1,4 +1,4 @@
-"""Loops and couplings of a plant, which Drake's Python bindings take but do not tell."""
+"""Loops and couplings of a plant, which Drake's Python bindings take but do not return."""
 
 from dataclasses import dataclass
 

@@ -208,7 +208,7 @@ def last_sample(time: float, period: float) -> int:
     return math.floor((time + _SAME_INSTANT) / period)
 
 
-# Longest delay for which an injector keeps samples unless told otherwise [s].
+# Longest delay for which an injector keeps samples by default [s].
 LONGEST_DELAY = 1.0
 
 

@@ -1,4 +1,4 @@
-"""Speed of a treadmill's belt, as a plant of rigid bodies wants to be told."""
+"""Speed of a treadmill's belt, in the form that a plant of rigid bodies takes."""
 
 from typing import Any
 

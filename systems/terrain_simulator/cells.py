@@ -123,7 +123,7 @@ class ForceCells(LeafSystem):
         bearing = forces[self._joint]
         _, m_y, _, f_x, _, f_z = bearing.get_coeffs().tolist()
         x, z = self._p_PO
-        # What bears the tread is opposite to what loads it; its moment is told about P.
+        # What bears the tread is opposite to what loads it; its moment is about P.
         load = (-f_x, -f_z, z * f_x - x * f_z - m_y)
         readings = cell_forces(self._cells, load)
         if self._deviation and self._noise.HasValue(context):

@@ -41,7 +41,7 @@ class SingularityGuardParams:
         braking: rate at which the approach to a limit is slowed down [m/s^2; 1/s^2 for sin mu].
         catching_up: time constant with which the plate makes up for what it was slowed down [s].
         approach: largest speed of a slider at which it does so, and at which the plate goes where
-            it is asked to be elsewhere, as after a stop [m/s]: somebody may stand beside it.
+            it is asked to be elsewhere, as after a stop [m/s]: a person may stand beside it.
     """
 
     limits: PathLimits = field(default_factory=PathLimits)
@@ -202,7 +202,7 @@ class SingularityGuard(LeafSystem):
         limits, period = self._params.limits, self._period
         share = min(1.0, limits.slider_speed * (1.0 + _ROUNDING) / max(*map(abs, rates), 1e-12))
         share = _accelerated(share, rates, before, limits.slider_acceleration * period)
-        # To the last bit where it is asked, lest errors add up.
+        # To the last bit where it is asked, so that errors do not add up.
         on_way = step == [
             (to - at) / period for to, at in zip(desired_pose, here.pose, strict=True)
         ]

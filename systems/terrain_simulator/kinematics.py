@@ -104,7 +104,7 @@ class Singularity(NamedTuple):
 
 
 class _Shape(NamedTuple):
-    """The mechanism at a pose; lengths along the rail are told from O'."""
+    """The mechanism at a pose; lengths along the rail count from O'."""
 
     to_p: tuple[Elementwise, Elementwise]  # from O' to P, in the base frame
     to_t: tuple[Elementwise, Elementwise]

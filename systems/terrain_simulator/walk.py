@@ -164,7 +164,7 @@ class BenchWalk:
         pieces_found: list[_Piece] = []
         time, position, before = self.lift_off, self.path.start, 0.0
         for speed, strides in plan:
-            # In the swing the body changes its speed; the path is told back to the lift-off.
+            # The body changes its speed in the swing; extrapolate the path back to the lift-off.
             start = position + 0.5 * (before - speed) * self.swing
             path = replace(self.path.at_speed(speed), start=start, clock=time - self.lift_off)
             pieces_found.append(_Piece(time, path, strides))

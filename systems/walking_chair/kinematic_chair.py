@@ -35,7 +35,7 @@ class _Stance(NamedTuple):
 
     @property
     def passenger_pose(self) -> NDArray[np.float64]:
-        """Calculated where somebody looks, as drawings do."""
+        """Calculated on demand, as for drawings."""
         turn: Any = RollPitchYaw(self.body_attitude).ToRotationMatrix().matrix()
         return np.concatenate((self.body_pose[:4], self.body_position + turn @ self.seat))
 

@@ -56,7 +56,7 @@ class Passenger:
         mass: [kg]; the paper's largest is 57 kg.
         x: x of its centre of mass, to the right of S [m].
         y: ahead of S [m].
-        height: above S [m] (assumption: the belly of somebody who sits).
+        height: above S [m] (assumption: the belly of a sitting person).
     """
 
     mass: float = 57.0

@@ -1,6 +1,6 @@
 """The walking chair as bodies and joints: names, closed-form pose, drawing, truth.
 
-The truth is what a simulation knows and no drive tells: the chair's pose, feet, contacts, loops.
+The truth, which no drive measures: the chair's pose, feet, contacts, loops.
 """
 
 import functools

@@ -19,7 +19,7 @@ _LEVEL = np.eye(3)
 # is not quite level, and a foot that is late, are off.
 _TOUCHES = 4e-3
 _HIGH = 1e3  # height of a corner whose place is unknown [m]
-# Time after which a way is counted even though the same feet stand [s]: seldom, where it is told
+# Time after which a way is counted even though the same feet stand [s]: seldom, where it is known
 # which these are, and often, where their heights tell it.
 _LONGEST, _LONGEST_UNTOLD = 2.0, 0.05
 

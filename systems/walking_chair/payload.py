@@ -282,7 +282,7 @@ class PayloadEstimator(LeafSystem):
     | in `current` | 12 | A | of their motors, positive where they push |
     | out `payload` | 3 | kg, m, m | mass of the payload, and x and y of its centre from S |
 
-    The forces of a leg's three branches tell of the forces on its foot's three corners, as far
+    The forces of a leg's three branches determine the forces on its foot's three corners, as far
     as these are vertical: of the ground's less the foot's own weight, whether it stands or hangs.
     Over all legs they add up to the weight above the feet, and their centre is below the centre
     of mass. Friction forces between the feet do no work when the body rises, so that they leave
@@ -332,7 +332,7 @@ class PayloadEstimator(LeafSystem):
         discrete_state.set_value(1, np.ones(1))
 
     def _sample(self, context: Context) -> NDArray[np.float64]:
-        """Mass and place (3); NaN for what cannot be told."""
+        """Mass and place (3); NaN for what is not determined."""
         unknown = np.full(3, np.nan)
         current = read_array(self._current, context).reshape(LEG_COUNT, 3)
         leg, masses = self._geometry.leg, self._masses
@@ -353,7 +353,7 @@ class PayloadEstimator(LeafSystem):
     def _vertical_forces(
         self, up: NDArray[np.float64], current: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """(4, 3) vertical forces on the corners that the branches' forces tell of [N]."""
+        """(4, 3) vertical forces on the corners that follow from the branches' forces [N]."""
         thrust = self._params.force_per_current * current
         by_branch = -corner_jacobians(self._geometry.leg, up)[..., 2, :]  # (4, corner, branch)
         solved = np.linalg.solve(np.swapaxes(by_branch, -1, -2), thrust[..., None])

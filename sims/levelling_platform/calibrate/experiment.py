@@ -4,7 +4,7 @@ The poses are simulated or those of a real recording. The machine's dimensions, 
 accelerometer are off by what manufacturing leaves. In each pose the encoders, the inertial sensor
 and the optical tracker of Appendix B are read; from these the machine is identified, and its
 posture is predicted on poses that were not used. A real machine is led through the poses, and
-somebody with an instrument is asked what it tells.
+a person with an instrument is asked for its reading.
 
 Each foot that stands gives g(attitude - bias, ground) . P_i(d_i + offset_i) + r = h: least squares
 on up to 120 such equations of 30 poses, weighted with their covariance (the four of a pose share
@@ -22,7 +22,7 @@ the errors of attitude and height), and on the difference of inertial sensor and
 * A sensor that leans and four legs that lean with it look alike in every pose, on any ground. With
   the inertial sensor alone the bias is known to .8 mg, however many poses there are; with the
   tracker's inclination to .05 mg. Posture against the sensor is equally exact both ways.
-* Unknown ground looks like bias. A platform that is turned on it tells them apart
+* Unknown ground looks like bias. A platform that is turned on it distinguishes them
   (`ground.known=false poses.turns_deg=[0,180]`); an error of ground that counts as known goes into
   the bias.
 
@@ -430,7 +430,7 @@ def _notes(calibration: Calibration, recording: PoseRecording) -> list[str]:
         sure = 1e3 * float(deviations[BIAS].max())
         notes.append(
             "no reference of the inclination: a sensor that leans and legs that lean with it are "
-            f"told apart by tolerances only, to +- {sure:.2f} mg"
+            f"determined by tolerances only, to +- {sure:.2f} mg"
         )
     return notes
 

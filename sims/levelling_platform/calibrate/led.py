@@ -1,4 +1,4 @@
-"""Poses of a real machine: it is led through them, and somebody measures it from outside.
+"""Poses of a real machine: it is led through them, and a person measures it from outside.
 
 In each pose the legs are brought to their places, leg 4 is trimmed until all feet touch, and the
 legs are left without a command: they are self-locking. Encoders and inertial sensor are averaged
@@ -43,7 +43,7 @@ type Floats = NDArray[np.float64]
 _TOUCHING, _PATIENCE = 0.5, 8.0
 # The workspace itself is inclined by up to some 8 deg, on ground that may be inclined too [rad].
 _TILT = math.radians(12.0)
-# An answer that is further from what the machine's own sensors tell is a mistake [m, rad].
+# An answer that is further from what the machine's own sensors measure is a mistake [m, rad].
 _HEIGHT, _INCLINATION = 15e-3, math.radians(1.5)
 # Ends when all poses are done [s].
 _ENDLESS = 1e6
@@ -94,7 +94,7 @@ def parsed_answer(text: str, expected: Floats, is_tracked: bool) -> Outside:
         if not abs(value - near) <= tolerance:
             raise ValueError(
                 f"{name} {scale * value:g} {unit} is not within {scale * tolerance:g} {unit} of "
-                f"{scale * near:.1f} {unit}, which the machine's own sensors tell"
+                f"{scale * near:.1f} {unit}, which the machine's own sensors measure"
             )
     return Outside(1e-3 * height, (inclination[0], inclination[1]))
 
@@ -135,7 +135,7 @@ class PoseWatch(LegWatch):
             scenario: the scenario.
             commands: extensions (n, 4) of the poses [m].
             answers: asks for what was measured from outside.
-            write: told the recording after each pose.
+            write: called with the recording after each pose.
         """
         super().__init__(loop)
         self._scenario, self._commands = scenario, commands

@@ -105,7 +105,7 @@ class KnownGroundScenario(Schema):
     """The ground during the recording.
 
     Attributes:
-        known: inclination that the calibration is told, as in the paper's experiment; false: it is
+        known: true if the inclination counts as known, as in the paper's experiment; false: it is
             identified too.
         roll_deg: roll of the ground at heading 0 [deg].
         pitch_deg: pitch of the ground at heading 0 [deg].

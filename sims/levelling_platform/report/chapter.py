@@ -216,7 +216,7 @@ _MISSING = (
     "paper prints of them.",
     "The curves themselves. The paper shows its trajectories only as pictures, so the figures "
     "follow trajectories of the same kind, not the same ones, and are compared by their errors.",
-    "Flexibility of the arm. As in the paper, the arm is rigid; its .27 kg are not told apart "
+    "Flexibility of the arm. As in the paper, the arm is rigid; its .27 kg are not distinguished "
     "from the camera's mass.",
     "The photographs (Figs. 3, 7a and 19): rendered pictures of the model stand in their place.",
     "Eq. (13) is lost in print; the arm's base is fitted to the workspace's eight surfaces.",

@@ -2,8 +2,8 @@
 
 Section 7 of the paper, Fig. 23. The legs raise the platform at level attitude; once it has settled
 the actuators are braked, at 0 V behind self-locking screws, and the arm swings. The solver's own
-creep, which the arm has no part in, is measured apart, on an inclined ground. Of a real machine,
-which has to stand on its feet on level ground, as much is measured as its own sensors tell.
+creep, without the arm, is measured apart on inclined ground. A real machine, which must stand on
+its feet on level ground, is measured by its own sensors.
 
 Gains are off by up to 15 %. Seeds 0..19:
 

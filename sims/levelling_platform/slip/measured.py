@@ -331,7 +331,7 @@ def measured_figures(data: Measured) -> tuple[Figure, ...]:
         Figure(
             "fig23_measured",
             "Height of the platform, and motion of the feet against each other",
-            "As the encoders tell them; shaded: the actuators are braked (to be compared with "
+            "As the encoders measure them; shaded: the actuators are braked (to be compared with "
             "Fig. 23).",
             partial(_draw, data),
             (7.0, 4.6),

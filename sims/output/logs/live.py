@@ -38,11 +38,11 @@ HEAD = 2
 
 
 class LiveLog:
-    """Writes samples to an MCAP file; whoever logs waits neither for the disk nor for an encoder.
+    """Writes samples to an MCAP file; the loop waits neither for the disk nor for an encoder.
 
     The messages (see `McapWriter`) are stamped with the wall clock, so that logs of several
-    programs can be laid over each other. A file that cannot be written any more is told at once,
-    and again by an error at the end; meanwhile the program goes on.
+    programs can be laid over each other. A file that cannot be written is reported at once, and
+    again by an error at the end; meanwhile the program goes on.
 
     Attributes:
         lost: number of samples that are not in the file, because the disk was too slow.
@@ -64,7 +64,7 @@ class LiveLog:
             units: units of each port that is logged, in the order in which `write` is given them.
             sizes: number of elements of each of them.
             metadata: data about the run.
-            tell: is told what is wrong as soon as it is, perhaps from another thread.
+            tell: called with an error as soon as it occurs, perhaps from another thread.
 
         Raises:
             OutputError: the file cannot be written.

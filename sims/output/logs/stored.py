@@ -87,7 +87,7 @@ class StoredLog(ABC):
 
     @property
     def units(self) -> Mapping[str, str]:
-        """Units by port name; empty where a log does not tell."""
+        """Units by port name; empty where a log has none."""
         units: Any = self.metadata.get("units", {})
         return {name: str(units.get(name, "")) for name in self.shapes}
 

@@ -69,7 +69,7 @@ _PARTS = (
     ),
     Part(
         "bench-leg",
-        "Legs of somebody's own",
+        "Other legs",
         "The bench is for legs of any structure that move in a plane. A leg of three joints, "
         "described by a URDF, is examined, steps, and jumps by 0.3 m, for which Table 1 has its "
         "vertical speed of 2.5 m/s; and the leg of the walking chair, a parallel mechanism "

@@ -74,7 +74,7 @@ class Adis16448Iio(Device):
     need a trigger, which only a data ready line wired to an interrupt gives.
 
     The driver checks no CRC: a sensor that is off shows in all values being the same, -1 or 0,
-    which is `SILENT`; damaged values cannot be told from others. A connection that is lost is
+    which is `SILENT`; damaged values look like others. A connection that is lost is
     made again by the next `read`.
     """
 

@@ -81,7 +81,7 @@ SOFTWARE_RESET = 1 << 7
 
 # Bits of DIAG_STAT that mean a failure (data sheet, "Status"). The others do not: 4 is a sensor
 # out of its range, which shows the limit; 7 tells that magnetometer and barometer have new values;
-# 8 and 9 are alarms, which are off unless somebody sets them.
+# 8 and 9 are alarms, which are off by default.
 FAILURES: Mapping[int, str] = {
     0: "magnetometer functional test failed",
     1: "barometer functional test failed",

@@ -225,7 +225,7 @@ class Adis16448Spi(Device):
             )
 
     def _read_register(self, register: Register) -> int:
-        """A register, as the sensor sends it while it is told the next word."""
+        """A register, as the sensor sends it while it gets the next word."""
         self._send(register, 0)
         return self._send(0, 0)
 

@@ -173,7 +173,7 @@ class CanopenSlave:
             self._heard = now
 
     def step(self, now: float) -> None:
-        """Boots if told to, and misses heartbeats."""
+        """Boots on request, and misses heartbeats."""
         if self.node.nmt.state == "INITIALISING":
             self.boot()
         if self._guarded is None or self._heard is None:

@@ -102,7 +102,7 @@ class State(NamedTuple):
 
 
 class Misbehaviour:
-    """Misbehaviour of an emulated device, told by one thread and done by another.
+    """Misbehaviour of an emulated device, requested by one thread and done by another.
 
     A device asks `answers` before it says anything, passes what it measures through `shown`, and
     puts itself out of reach while `is_unplugged`. What garbage is on the wire (a wrong checksum,
@@ -272,7 +272,7 @@ class SharedHarness(Harness):
             counts[index] = odd + 1
 
     def misbehaviour(self, part: str, seed: int = 0) -> "SharedMisbehaviour":
-        """Misbehaviour of the devices of a part, told by any process and done by another.
+        """Misbehaviour of the devices of a part, requested by any process and done by another.
 
         Args:
             part: part of the machine.

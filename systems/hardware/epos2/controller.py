@@ -180,7 +180,7 @@ class Epos2Controller:
                     raise
                 remarks = [_NO_SUPPLY]
         if remarks and remarks != [_NO_SUPPLY]:
-            self._set(objects.ERROR_COUNT, 0)  # each is told once
+            self._set(objects.ERROR_COUNT, 0)  # each is reported once
         self._bus.manage(self._id, NMT_PRE_OPERATIONAL)
         for entry, value in set_up_of(self._settings, self._id):
             self._set(entry, value)
@@ -481,7 +481,7 @@ class Epos2Controller:
 
 
 def set_up_of(settings: Epos2Settings, node_id: int) -> Iterator[tuple[Entry, int]]:
-    """Entries that a controller must be told before it may be enabled, in order."""
+    """Entries that a controller must have before it may be enabled, in order."""
     stop, mode = settings.quick_stop_deceleration, mode_of(settings)
     yield objects.MODE, mode.number
     yield objects.MAX_VELOCITY, settings.rpm(settings.max_velocity)

@@ -157,7 +157,7 @@ class Epos2Device(IncrementalDevice):
     def _open(self) -> None:
         """Opens the bus, makes sure of every controller and sets it up, without power.
 
-        A fault from before is reset, and told in `remarks`.
+        A fault from before is reset, and reported in `remarks`.
 
         Raises:
             MissingExtra: a library is not installed.
@@ -385,11 +385,11 @@ class Epos2Device(IncrementalDevice):
 
     @property
     def _stands_by_now(self) -> bool:
-        """Whether a reading since the newest controlword has told that all axes stand."""
+        """Whether a reading since the newest controlword shows that all axes stand."""
         return self._stands and self._measured > self._worded
 
     def _is_running(self, now: float) -> bool:
-        """Whether the drives have been told to run for so long that they should have obeyed."""
+        """Whether the command to run is so old that the drives should have obeyed."""
         is_told = self._word is Controlword.ENABLE_OPERATION
         return is_told and now - self._worded > _OBEYING
 

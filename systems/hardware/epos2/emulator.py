@@ -57,7 +57,7 @@ class EmulatedMotor(NamedTuple):
     Attributes:
         gear: turn of the motor [rad] for one unit of the axis, rad or m.
         pulses: encoder pulses per turn of the motor; four counts each.
-        vendor: maxon, unless somebody tests what becomes of another one.
+        vendor: maxon, except in tests.
         hardware: version of the hardware, the EPOS2 24/5's unless a test has another.
         position_offset: counts that the controller shows when it is switched on.
         sign: -1 where the motor's positive direction is the axis's negative one.
@@ -88,7 +88,7 @@ class MeasuredMotor(NamedTuple):
 
 
 class Epos2Node:
-    """One controller; its motor is moved by whoever asks for `velocity` and sets `measured`.
+    """One controller; the simulation reads `velocity`, moves the motor and sets `measured`.
 
     What is emulated is the controller's firmware: states, ramps of its profile, limits, whole
     rpm, counts. How fast and how well the motor then follows the ramp is the machine's matter.

@@ -89,7 +89,7 @@ class Epos2Forces(Epos2Steered):
 
     **Largest velocity.** The force in the direction in which an axis moves falls linearly from
     nine tenths of `max_velocity_rpm` on, and is zero at it and beyond; forces against the motion
-    stay. So an axis that has lost its load does not run away. The drives are told the same
+    stay. So an axis that has lost its load does not run away. The drives have the same
     velocity (0x6410:04).
 
     Ends and largest velocity are kept at every command and at every reading, so also between two

@@ -79,7 +79,7 @@ def general_purpose(number: int) -> int:
 
 # Statusword, position and velocity are ten bytes, and a frame has eight.
 COMMAND = Pdo(0x200, 0x1400, 0x1600, ON_ARRIVAL, (CONTROLWORD, TARGET_VELOCITY))
-# A velocity alone: a controlword with it would end a quick stop that somebody else has begun.
+# A velocity alone: a controlword with it would end a quick stop of another origin.
 TARGET = Pdo(0x300, 0x1401, 0x1601, ON_ARRIVAL, (TARGET_VELOCITY,))
 # The digital outputs, of nodes that switch something, in a frame of their own: they are switched
 # while the axes are braked as well.
@@ -115,7 +115,7 @@ class Mode(NamedTuple):
 
 
 PROFILE_VELOCITY = Mode(3, COMMAND, TARGET)
-# The maker's own, without a profile: whoever commands it moves the set value no faster than the
+# The maker's own, without a profile: the driver moves the set value no faster than the
 # axis may go. A controlword comes without one: no order within a frame could make an axis jump.
 POSITION_MODE = Mode(
     -1,

@@ -33,7 +33,7 @@ class Epos2Positions(Epos2Device):
 
     **No jumps.** When the drives are enabled the set values are the positions that are measured,
     and so they are after each stop, by brake, emergency stop or failure: axes are let go only when
-    a reading has told, since the stop, that all of them stand. Whatever has been commanded before
+    a reading has shown, since the stop, that all of them stand. Whatever has been commanded before
     counts no more.
 
     **Silence.** `neutral` leaves each axis at its last set value, which it reaches within its lag.

@@ -66,7 +66,7 @@ class Epos2Settings(Schema):
 
     @property
     def axis_names(self) -> tuple[str, ...]:
-        """Names of the axes in errors; empty: nodes are told by their addresses alone."""
+        """Names of the axes in errors; empty: nodes are named by their addresses alone."""
         return ()
 
     @property

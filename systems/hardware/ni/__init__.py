@@ -3,5 +3,5 @@
 import os
 
 # Or gRPC writes a line to the terminal whenever a server ends a connection, which the device tells
-# by an error of its own. It is read once, when gRPC is loaded; another setting is somebody's will.
+# by an error of its own. It is read once, when gRPC is loaded; another setting stays.
 os.environ.setdefault("GRPC_VERBOSITY", "ERROR")

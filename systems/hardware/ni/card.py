@@ -48,7 +48,7 @@ class NiDaq(IncrementalDevice):
     **Reference.** Incremental encoders know no absolute position: the counters begin at zero when
     the device is configured, and lose everything when it is closed. `extension` is the way since
     then, plus `extension_at_start_mm` if the machine is known to stand there (all actuators
-    retracted, say); else it is worth nothing until `set_reference` has told what the present
+    retracted, say); else it is worth nothing until `set_reference` has given what the present
     counts mean: see `is_referenced`. Counts are followed through the wrap of the counters, if
     less than half of their range lies between two reads. The resolution of `velocity` is one
     count in the time between the reads.
@@ -58,8 +58,8 @@ class NiDaq(IncrementalDevice):
 
     **Emergency stop.** Its feedback contact is read in one call with the limit switches; there is
     no `emergency_stop` without `stop_input`. A reading at which it is pressed opens the relay and
-    makes the outputs neutral, whatever is commanded, even if nothing is. This is latched, lest a
-    program that hangs drives on when the button is released: the relay stays open, and
+    makes the outputs neutral, whatever is commanded, even if nothing is. This is latched, so that
+    a program that hangs does not drive on when the button is released: the relay stays open, and
     `emergency_stop` 1, until a command with a stop of 1 (not NaN) comes while the button is
     released, or the device is deactivated and activated again.
 
@@ -394,7 +394,7 @@ class NiDaq(IncrementalDevice):
         )
 
     def _count(self, tasks: NiTasks) -> list[float]:
-        """Reads the counters and follows them through their wrap; tells when [s]."""
+        """Reads the counters and follows them through their wrap; returns when [s]."""
         readings = tasks.read_counters()
         self._counts = [
             before + (count - before + _COUNTS // 2) % _COUNTS - _COUNTS // 2

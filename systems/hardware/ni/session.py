@@ -1,4 +1,4 @@
-"""A session with one NI card: its connection, its tasks, and how its errors are told."""
+"""A session with one NI card: its connection, its tasks, and its errors."""
 
 import math
 import time

@@ -191,7 +191,7 @@ class NiForceCellSettings(NiCardSettings):
         """The cells, in the order of their channels.
 
         Raises:
-            ValueError: lists of other lengths, or a cell that tells no force.
+            ValueError: lists of other lengths, or a cell without a sensitivity.
         """
         channels = expand_channels(self.channels)
         for name in ("newton_per_volt", "zero_V"):

@@ -123,7 +123,7 @@ class NiTasks(NiSession):
             if not self._reset.done():
                 return
             error, self._reset = self._reset.exception(), None
-            # Calls that did not arrive are told by those that are waited for.
+            # Calls that did not arrive are named by those that are waited for.
             if not isinstance(error, DeviceError) or error.fault is DeviceFault.FAILED:
                 _raise(error)
         self._reset = self._pool.submit(self._watchdog.reset)

@@ -64,7 +64,7 @@ class NiWatchdog:
         return has_expired
 
     def _has_expired(self, task: Any) -> bool:
-        """Whether the card's watchdog has, as far as a task is told."""
+        """Whether the card's watchdog has, as far as a task knows."""
         with suppress(self._errors.DaqError):
             return bool(task.expired)  # it runs: a server has kept it
         with suppress(self._errors.DaqError):

@@ -43,7 +43,7 @@ class SabertoothPty:
 
     Misbehaviour: drivers that are `off` or `intermittent` hear nothing; on a line with `garbage`
     bytes are damaged; while it is `unplugged` there is no port; everything else changes what the
-    motors get, whatever they are told: `stuck` ones do not stop.
+    motors get, whatever is commanded: `stuck` ones do not stop.
 
     Attributes:
         link: the symbolic link to the port, for `SabertoothSettings.port`.

@@ -174,7 +174,7 @@ def power(voltage: float, supply: float) -> Power:
 
 
 def voltage(power: Power, supply: float) -> float:
-    """Mean voltage at a motor that is told this [V].
+    """Mean voltage at a motor by this command [V].
 
     Args:
         power: commanded power.

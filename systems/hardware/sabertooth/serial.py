@@ -171,7 +171,7 @@ class SabertoothSerial(Device):
         # A full set: one packet for each motor, and one that arms a timeout.
         self._line = _Line(_packet_time(self._settings), self._size + 1)
         self._sent = [_UNKNOWN] * self._size
-        # The actuators, beginning with the one that was told least recently.
+        # The actuators, beginning with the one that was commanded least recently.
         self._turns = list(range(self._size))
         self._armed = dict.fromkeys(self._settings.addresses, -math.inf)
         self._had_room = self._clock()
@@ -207,7 +207,7 @@ class SabertoothSerial(Device):
             time.sleep(_POLL)
 
     def _set_up(self) -> None:
-        """Sets the timeout of all drivers and stops all motors, whatever they were told before."""
+        """Sets the timeout of all drivers and stops all motors, whatever was commanded before."""
         now = self._clock()
         for address in self._settings.addresses:
             self._arm(address, now)

@@ -37,7 +37,7 @@ class MujocoModel:
         model: the compiled model.
         data: scratch memory for calculations; nothing in it outlives a call.
         plant: the plant that was translated.
-        feet: bodies whose contact forces `model`'s sensors tell, in their order.
+        feet: bodies whose contact forces `model`'s sensors measure, in their order.
         loads: bodies whose inertia and place the model takes from `set_loads`.
     """
 
@@ -161,7 +161,7 @@ class MujocoModel:
         return np.concatenate(rows)
 
     def set_loads(self, loads: NDArray[np.float64]) -> None:
-        """Gives the loads inertias and places, as `loads_of` tells them.
+        """Gives the loads inertias and places, from `loads_of`.
 
         Cheap where they are those that the model has.
         """

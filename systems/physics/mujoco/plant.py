@@ -221,7 +221,7 @@ class _Drives:
     ) -> NDArray[np.float64]:
         """Forces (k) during the step that led to these positions and velocities.
 
-        MuJoCo tells forces as they were before the step, which is not what acted.
+        MuJoCo returns forces as they were before the step, which is not what acted.
         """
         forces: NDArray[np.float64] = (
             control - self._stiffness * qpos[self._positions] - self._damping * qvel[self._rates]

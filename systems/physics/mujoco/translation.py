@@ -2,7 +2,7 @@
 
 One description serves both engines: bodies, inertias, joints, drives, geometry and friction come
 from the finalized plant, so that there is no second file that could say something else. Beside
-the plant it needs the loops and couplings, which Drake's Python bindings do not tell.
+the plant it needs the loops and couplings, which Drake's Python bindings do not return.
 
 Stiffness and damping come from the plant too. A constraint of MuJoCo has a regularisation R, a
 stiffness k and a damping b; with the integrator `discrete` it exerts, over a step h,

@@ -110,7 +110,7 @@ def test_a_motion_goes_there_and_back_on_ramps_and_ends_at_rest(check):
     metrics, wheels = check(Move(1, 2.0, 0.5))
     assert all(metric.passed for metric in metrics.values()), metrics
     # The area of a trapezium of 2 rad/s with ramps of 0.2 s in 0.5 s: 2 (0.5 - 0.2).
-    assert metrics["reached"].meaning == "expected 0.6 rad"
+    assert metrics["reached"].meaning == "measured way, 0.6 rad expected"
     asked = [velocity[1] for velocity in wheels.asked]
     assert max(asked) == pytest.approx(2.0)
     assert min(asked) == pytest.approx(-2.0)

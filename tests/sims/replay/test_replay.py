@@ -191,7 +191,7 @@ def test_a_signal_that_is_not_there_is_refused_with_those_that_are(log, asked, w
             {"experiment": "ballet"},
             r".* not drawn: there is no experiment 'ballet'; .*",
         ),
-        ({"experiment": None}, r".* not drawn: the log does not tell its experiment"),
+        ({"experiment": None}, r".* not drawn: the log does not show its experiment"),
         ({"experiment": "centre-locks"}, r".* not drawn: .*"),
         ({"scenario": "limbs: 3\nlegz: 1\n"}, r".* not drawn: .*unknown key 'legz'.*"),
         ({"scenario": "backend: kinematic\nhardware: {drivers: [!Alien {}]}\n"}, r""),
