@@ -94,6 +94,8 @@ class Machine[S]:
         title: its name in sentences, with the article.
         scenario: schema of its scenarios.
         ports: table of its signals; `status.*` are added.
+        axes: names of the axes of a part for people, such as ("leg 1", "leg 2"), by part; they
+            name the elements of its ports of that size.
         parts: parts whose devices `status.age` and `status.fault` report, in that order.
         plants: simulated backends by name; each adds a plant and returns it as `Behind`.
         mock: adds what mirrors commands to measurements; None: there is no such backend.
@@ -134,6 +136,7 @@ class Machine[S]:
     plants: Mapping[str, Plant[S]]
     controller: Callable[[S], System]
     mock: Plant[S] | None = None
+    axes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     sources: Callable[[S], Sequence[System]] = lambda scenario: ()
     experiment: str = ""
     self_tests: Mapping[str, SelfTest] = field(default_factory=dict)
@@ -284,7 +287,18 @@ class Machine[S]:
 
     def element_name(self, name: str, element: int) -> str:
         """Name of an element of a signal for people; "" where there is none."""
-        return self.table[name].element_name(element) if name in self.table else ""
+        if name not in self.table:
+            return ""
+        port = self.table[name]
+        axes = self.axes.get(port.part, ())
+        if axes and not port.elements and port.size == len(axes):
+            return axes[element]
+        return port.element_name(element)
+
+
+def numbered(word: str, count: int) -> tuple[str, ...]:
+    """Names of the axes of a part: `word` with 1, 2, ..."""
+    return tuple(f"{word} {i}" for i in range(1, count + 1))
 
 
 def find_machine(name: str) -> Machine[Any]:

@@ -32,6 +32,12 @@ def role_of(signal: str) -> str:
     return ASKED if signal.endswith(_ASKED_FOR) else MEASURED
 
 
+def words_of(signal: str) -> str:
+    """Name of a signal for people: "legs extension" of `legs.extension`, "true pose"."""
+    words = signal.replace("truth.", "true ").replace(".", " ")
+    return words.replace("_", " ")
+
+
 # Smallest and largest admissible value by signal, for all elements or for each; None: none.
 type Limits = Mapping[str, tuple[ArrayLike | None, ArrayLike | None]]
 
@@ -112,7 +118,7 @@ class Plot:
     def quantity(self) -> str:
         """Label of the axis: what all curves are of, where it is the same, and the unit."""
         names = {curve.name for curve in self.curves}
-        signals = {curve.signal for curve in self.curves}
+        signals = {words_of(curve.signal) for curve in self.curves}
         of_all = names if len(names) == 1 and "" not in names else signals
         return f"{of_all.pop()} [{self.unit}]" if len(of_all) == 1 else f"[{self.unit}]"
 
@@ -130,7 +136,7 @@ class Plot:
                 return both
         before = ("", *(curve.signal for curve in self.curves))
         return tuple(
-            curve.label.removeprefix(last)
+            curve.label.removeprefix(last).replace(curve.signal, words_of(curve.signal))
             for curve, last in zip(self.curves, before, strict=False)
         )
 

@@ -18,7 +18,7 @@ from parapod.diagrams.levelling_platform.plants import add_bodies, add_mock, add
 from parapod.diagrams.levelling_platform.ports import PARTS, PORTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.twin import PlatformTwin
-from parapod.diagrams.machine import Machine, SelfTest
+from parapod.diagrams.machine import Machine, SelfTest, numbered
 from parapod.diagrams.plots import Limits
 from parapod.diagrams.wiring import named_source
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
@@ -112,6 +112,7 @@ PLATFORM = Machine(
     scenario=LevellingScenario,
     ports=PORTS,
     parts=PARTS,
+    axes={"legs": numbered("leg", 4), "wheels": numbered("wheel", 4)},
     plants={"multibody": add_bodies, "kinematic": add_statics, "mujoco": add_mujoco_bodies},
     mock=add_mock,
     controller=make_controller,

@@ -7,7 +7,7 @@ from typing import Any
 from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
-from parapod.diagrams.machine import Machine, SelfTest
+from parapod.diagrams.machine import Machine, SelfTest, numbered
 from parapod.diagrams.machining_centre.controller import make_controller
 from parapod.diagrams.machining_centre.guard import CentreGuard, CentreLimits
 from parapod.diagrams.machining_centre.plants import add_bodies, add_kinematics, add_mock
@@ -37,7 +37,8 @@ def _stop(scenario: CentreScenario) -> Sequence[System]:
 def _variant(scenario: CentreScenario) -> Mapping[str, Any]:
     """Sizes of the ports, and what may be moved alone."""
     alone = {"legs": _MOVE} if scenario.limbs == _MOVES_ALONE else {}
-    return {"ports": ports_of_limbs(scenario.limbs), "self_tests": alone}
+    axes = {"legs": numbered("leg", 2 * scenario.limbs)}
+    return {"ports": ports_of_limbs(scenario.limbs), "self_tests": alone, "axes": axes}
 
 
 def _limits(scenario: CentreScenario) -> Limits:
@@ -82,6 +83,7 @@ MACHINING_CENTRE = Machine(
     scenario=CentreScenario,
     ports=ports_of_limbs(CentreScenario().limbs),
     parts=PARTS,
+    axes={"legs": numbered("leg", 2 * CentreScenario().limbs)},
     plants={"multibody": add_bodies, "kinematic": add_kinematics},
     mock=add_mock,
     controller=make_controller,

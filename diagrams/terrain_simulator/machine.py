@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from parapod.diagrams.machine import Machine, SelfTest
+from parapod.diagrams.machine import Machine, SelfTest, numbered
 from parapod.diagrams.plots import Limits
 from parapod.diagrams.terrain_simulator.controller import make_controller
 from parapod.diagrams.terrain_simulator.guard import BenchGuard, BenchLimits
@@ -93,6 +93,7 @@ TERRAIN_BENCH = Machine(
     scenario=TerrainBenchScenario,
     ports=ports_of_joints(TerrainBenchScenario().leg.ports),
     parts=PARTS,
+    axes={"sliders": numbered("slider", 3)},
     plants={"multibody": add_bodies, "kinematic": add_kinematics},
     mock=add_mock,
     controller=make_controller,

@@ -14,7 +14,7 @@ from parapod.diagrams.walking_chair.plants import add_bodies, add_mock, add_stat
 from parapod.diagrams.walking_chair.ports import PARTS, PORTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.walking_chair.twin import ChairTwin
-from parapod.systems.walking_chair.geometry import LEG_COUNT
+from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
 from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 from parapod.systems.walking_chair.payload import FORCE_LIMIT, PayloadEstimatorParams
 
@@ -57,6 +57,7 @@ CHAIR = Machine(
     scenario=ChairScenario,
     ports=PORTS,
     parts=PARTS,
+    axes={"legs": BRANCHES},
     plants={"multibody": add_bodies, "kinematic": add_statics, "mujoco": add_mujoco_bodies},
     mock=add_mock,
     controller=make_controller,

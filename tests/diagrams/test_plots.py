@@ -17,12 +17,13 @@ SIGNALS = Signals(
         "attitude_estimated": 2,
         "truth.posture": 3,
         "legs.extension": 4,
+        "extension_desired_state": 8,
     },
     {
         name: PLATFORM.unit(name)
         for name in (
             *("posture_desired_state", "attitude_estimated"),
-            *("truth.posture", "legs.extension"),
+            *("truth.posture", "legs.extension", "extension_desired_state"),
         )
     },
     PLATFORM.element_name,
@@ -48,7 +49,7 @@ def test_a_role_has_its_colour_where_another_is_missing():
 
 def test_elements_of_one_signal_are_told_apart_by_their_names_and_colours():
     made = plot("truth.posture[0:2]")
-    assert (made.quantity, made.legend) == ("truth.posture [deg]", ("roll", "pitch"))
+    assert (made.quantity, made.legend) == ("true posture [deg]", ("roll", "pitch"))
     assert made.colours == (BLUE, ORANGE)
 
 
@@ -58,10 +59,16 @@ def test_elements_of_several_signals_are_told_apart_by_name_and_role():
     assert made.legend == ("roll measured", "pitch measured", "roll true", "pitch true")
 
 
-def test_elements_without_names_keep_their_indices():
+def test_axes_of_a_part_have_the_names_that_its_machine_declares():
     made = plot("legs.extension")
-    assert made.quantity == "legs.extension [mm]"
-    assert made.legend == ("legs.extension[0]", "[1]", "[2]", "[3]")
+    assert made.quantity == "legs extension [mm]"
+    assert made.legend == ("leg 1", "leg 2", "leg 3", "leg 4")
+
+
+def test_elements_without_names_keep_their_indices():
+    made = plot("extension_desired_state[0:2]")
+    assert made.quantity == "extension desired state [mm]"
+    assert made.legend == ("extension desired state[0]", "[1]")
 
 
 def test_rates_of_a_state_are_those_of_its_elements():

@@ -89,7 +89,7 @@ def test_a_page_has_the_machine_its_plots_and_its_phases(log, capsys):
     np.testing.assert_allclose(numbers(height["y"]), 500.0 + 10.0 * np.arange(COUNT) / COUNT, 1e-6)
     assert "mm" in height["hovertemplate"]
     titles = [content["layout"][f"yaxis{k}"]["title"]["text"] for k in ("", 2, 3)]
-    assert titles == ["[mm]", "[deg]", "legs.position [mm]"]
+    assert titles == ["[mm]", "[deg]", "legs position [mm]"]
 
 
 def test_a_page_tells_when_its_log_was_written_not_when_it_is_replayed(log, monkeypatch):
@@ -275,7 +275,7 @@ def test_a_plot_is_a_figure_with_units_limits_and_phases(work, suffix, capsys):
     assert content.startswith(starts[suffix])
     if suffix == "svg":
         for words in (
-            "pose_estimated[2]",
+            "pose estimated[2]",
             "[mm]",
             "time [s]",
             "machining",
