@@ -99,13 +99,14 @@ def loop_of(experiment: Any, scenario: Any, **options: Any) -> ClosedLoop[Any]:
     return closed_loop
 
 
-def viewer(scenario: Any) -> Meshcat:
+def viewer(scenario: Any, record: bool = False) -> Meshcat:
     """The scene of a scenario's experiment, in which a closed loop can be drawn.
 
     Its camera shows the whole machine; `Scene.from_meshcat(viewer)` shows it in a notebook.
 
     Args:
         scenario: from `scenario`, or a machine's own.
+        record: true if motions are recorded from now on, so that `Scene.from_meshcat` plays them.
 
     Raises:
         ScenarioError: a scenario that is not admissible.
@@ -116,6 +117,8 @@ def viewer(scenario: Any) -> Meshcat:
     meshcat: Meshcat | None = experiment.scene(scenario) if hasattr(experiment, "scene") else None
     if meshcat is None:
         raise ParapodError(f"the experiment '{experiment.name}' has no scene")
+    if record:
+        meshcat.StartRecording()
     return meshcat
 
 

@@ -1,5 +1,6 @@
 import html
 import re
+from pathlib import Path
 
 import pytest
 from pydrake.geometry import Box, Meshcat, Rgba
@@ -55,3 +56,16 @@ def test_former_names_warn_and_do_the_same():
     scenario = machine.scenario()
     with pytest.warns(DeprecationWarning, match="Machine.of is now Machine.for_scenario"):
         assert machine.of(scenario) is machine.for_scenario(scenario)
+
+
+def test_the_lines_of_the_readme_show_the_platform_getting_level():
+    readme = (Path(__file__).parents[3] / "README.md").read_text()
+    (code,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    lines = [line for line in code.splitlines() if line]
+    assert len(lines) == 6
+    names = {}
+    # A beginning on the kinematic backend is enough to see it move.
+    brief = code.replace("12.0", "5.0").replace('"level",', '"level", "backend=kinematic",')
+    exec(brief.replace("parapod.Scene", "scene = parapod.Scene"), names)
+    still = Scene.from_meshcat(parapod.viewer(names["scenario"]))
+    assert len(names["scene"].html) - len(still.html) > 10_000
