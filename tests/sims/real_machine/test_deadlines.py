@@ -20,8 +20,8 @@ from parapod.sims.real_machine.deadlines import (
     Setting,
     compare_settings,
     print_settings,
+    settings_lines,
     settings_of,
-    told,
 )
 from parapod.sims.real_machine.privileges import CORE, FIFO, MEMORY, PRIVILEGES, Kernel, Outcome
 from parapod.sims.real_machine.real_time import USUAL, Timing
@@ -66,7 +66,7 @@ def test_each_privilege_is_told_with_its_refusal_or_with_what_it_changed():
         measured(fifo, 1e-3, ended=["the computer is too slow"], SCHED_FIFO=(True, "priority 40")),
         measured(memory, 2e-3, mlockall=refused),
     ]
-    assert told(rows) == [
+    assert settings_lines(rows) == [
         "SCHED_FIFO taken: priority 40",
         "  at 100 Hz period error 7.96 / 8.00 -> 1.99 / 2.00 ms, missed 4 -> 1, "
         "age 12.0 / 12.0 -> 3.00 / 3.00 ms",

@@ -97,8 +97,8 @@ def test_a_refusal_is_told_in_one_line_and_survived(name, refused, number, limit
     with undisturbed(PRIVILEGES, kernel) as outcomes:
         (outcome,) = (one for one in outcomes if not one.is_taken)
     assert outcome.name == name
-    assert outcome.told.startswith(f"{name} refused: {words}")
-    assert "\n" not in outcome.told
+    assert outcome.text.startswith(f"{name} refused: {words}")
+    assert "\n" not in outcome.text
     # The others are taken all the same, and the refused one is not given back.
     assert len(kernel.done) == 4
     assert refused not in dict(kernel.done)
@@ -110,7 +110,7 @@ def test_memory_is_not_locked_below_a_limit_that_could_end_the_program_later():
     with privileges([MEMORY], kernel) as (outcome,):
         assert kernel.done == []
     words = "mlockall refused: EPERM; the limit memlock is 8192 kB, unlimited is needed"
-    assert outcome.told == words
+    assert outcome.text == words
     # For a program with CAP_IPC_LOCK limits do not count.
     kernel = Fake(limits=limited, may_lock=True)
     with privileges([MEMORY], kernel) as (outcome,):
@@ -140,7 +140,7 @@ def test_the_isolated_core_is_taken_where_there_is_one():
     assert outcome.words == "core 1, isolated"
     kernel = Fake({"cores": errno.EINVAL}, isolated={7})
     with privileges([CORE], kernel) as (outcome,):
-        assert "core 7, which is isolated, is not in this program's cpuset" in outcome.told
+        assert "core 7, which is isolated, is not in this program's cpuset" in outcome.text
 
 
 def test_priority_of_a_thread_that_ends_with_it_is_not_given_back():
@@ -172,5 +172,5 @@ def test_this_computer_gives_back_what_it_gave():
         assert not taken[CORE] or len(cores) == 1
     assert now() == before
     assert KERNEL.limit(resource.RLIMIT_RTPRIO) is None or all(
-        "\n" not in one.told for one in outcomes
+        "\n" not in one.text for one in outcomes
     )
