@@ -26,7 +26,6 @@ from parapod.systems.hardware.emulation.harness import KINDS
 from parapod.systems.hardware.epos2 import objects
 from parapod.systems.hardware.epos2.controller import Timing, reports
 from parapod.systems.hardware.epos2.switches import switches_of_limbs
-from parapod.systems.levelling_platform.fault_detection import as_markdown
 from parapod.systems.levelling_platform.supervisor import as_mermaid
 
 _DOCS = Path(__file__).parents[1] / "docs"
@@ -120,10 +119,6 @@ def test_the_commands_of_a_page_do_what_they_say(page, commands, reader_of, caps
 
 def test_the_phases_are_drawn_from_the_table_of_transitions():
     assert f"```mermaid\n{as_mermaid()}\n```" in _OPERATION
-
-
-def test_the_findings_are_those_of_the_detector():
-    assert as_markdown() in (_DOCS / "faults.md").read_text()
 
 
 def test_every_driver_is_in_the_table():

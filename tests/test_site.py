@@ -13,6 +13,7 @@ from parapod.sims.cli.main import COMMANDS
 from parapod.sims.lab.discovery import list_entries
 from parapod.systems.core import schema
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.levelling_platform.fault_detection import Finding
 from tests.laws.conftest import SYSTEMS, TEMPLATES
 
 _ROOT = Path(__file__).parents[1]
@@ -59,15 +60,19 @@ def test_systems_say_whether_they_convert(reference):
 
 def test_indices_describe_every_page_and_name_every_system(reference):
     pages = dict(reference.all_pages())
+    pages_of_one = {"systems/index.md", "errors.md", "findings.md"}
     listed = re.findall(r"^\* \[(.*?)\]\((.*?)\): (.*)$", pages["index.md"], re.MULTILINE)
     assert all(re.match(r"\S.{10,}\.$", described) for _, _, described in listed)
-    linked = {page.partition("#")[0] for _, page, _ in listed} | {"systems/index.md", "errors.md"}
+    linked = {page.partition("#")[0] for _, page, _ in listed} | {
+        "systems/index.md",
+        *pages_of_one,
+    }
     indices = {"index.md", "scenarios/index.md", "diagrams/index.md"}
     assert linked == {name for name in pages if name.endswith(".md")} - indices
     assert [name.strip("`") for name, page, _ in listed if page.startswith("commands")] == [
         f"parapod {name}" for name in COMMANDS
     ]
-    for page in linked - {"systems/index.md", "errors.md", "commands.md"}:
+    for page in linked - {"commands.md", *pages_of_one}:
         folder, _, name = page.partition("/")
         assert name.removesuffix(".md") in pages[f"{folder}/index.md"]
     systems = re.findall(r"^\* \[(\w+)\]\((\w+\.md)#", pages["systems/index.md"], re.MULTILINE)
@@ -98,6 +103,12 @@ def test_every_setting_of_every_driver_has_a_meaning(reference):
         for key in schema.fields_of(kind):
             row = rf"^\| `{key}` \|.*\| [^|]+ \|$"
             assert re.search(row, tables[name], re.MULTILINE), f"{name}.{key}"
+
+
+def test_every_finding_has_its_row(reference):
+    (page,) = (page for name, page in reference.all_pages() if name == "findings.md")
+    rows = set(re.findall(r"^\| (\w+) \| \w+ \| [\d.]+ \| [^|]+ \| [^|]+ \|$", page, re.MULTILINE))
+    assert rows == {finding.name.lower() for finding in Finding}
 
 
 def test_a_picture_of_a_loop_is_as_wide_as_its_page_and_one_has_all_ports(reference):

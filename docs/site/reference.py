@@ -31,6 +31,7 @@ from parapod.systems.core import schema
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.port_table import PortRow, port_table
 from parapod.systems.core.scenario_file import describe, load_scenario
+from parapod.systems.levelling_platform.fault_detection import as_markdown as as_table
 
 type Pages = Iterator[tuple[str, str | bytes]]
 
@@ -40,6 +41,9 @@ _SIZE = re.compile(rb'width="\d+pt" height="\d+pt"')
 _ENTRY = re.compile(r"^    (\*{0,2}\w[\w., ]*): (.*)$")
 
 
+_INDICES = ("diagrams/index", "systems/index", "scenarios/index")
+
+
 def all_pages() -> Pages:
     """Every page of the reference, and its beginning."""
     yield "index.md", index()
@@ -47,6 +51,7 @@ def all_pages() -> Pages:
     yield from scenarios()
     yield from commands()
     yield from errors()
+    yield from findings()
     yield from diagrams()
 
 
@@ -78,9 +83,8 @@ def index() -> str:
         parts += [f"### {title.capitalize()}", *_items(lines)]
     parts += [
         "## Errors\n\n[Every error that parapod raises on purpose](errors.md) and its attributes.",
-        _toctree(
-            ["diagrams/index", "systems/index", "scenarios/index", "commands", "errors"], depth=2
-        ),
+        f"## Findings\n\n[{_FINDINGS.removesuffix('.')}](findings.md).",
+        _toctree([*_INDICES, "commands", "errors", "findings"], depth=2),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -368,6 +372,14 @@ def errors() -> Pages:
         *_error(ParapodError, 2),
     ]
     yield "errors.md", "\n\n".join(parts) + "\n"
+
+
+def findings() -> Pages:
+    """Every finding of the levelling platform's fault detector."""
+    yield "findings.md", f"# Findings\n\n{_FINDINGS}\n\n{as_table()}\n"
+
+
+_FINDINGS = "What the levelling platform's fault detector finds, how severe it is, and how soon."
 
 
 def _error(kind: type, level: int) -> Iterator[str]:
