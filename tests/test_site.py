@@ -107,7 +107,7 @@ def test_every_setting_of_every_driver_has_a_meaning(reference):
 
 def test_every_finding_has_its_row(reference):
     (page,) = (page for name, page in reference.all_pages() if name == "findings.md")
-    rows = set(re.findall(r"^\| (\w+) \| \w+ \| [\d.]+ \| [^|]+ \| [^|]+ \|$", page, re.MULTILINE))
+    rows = set(re.findall(r"^\* `(\w+)`: .+; \w+, within [\d.]+ s, .+$", page, re.MULTILINE))
     assert rows == {finding.name.lower() for finding in Finding}
 
 
@@ -243,3 +243,16 @@ def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
         parts = re.findall(r"<(?:script|img|link|object)[^>]*>", page.read_text())
         loaded = re.findall(r'(?:src|href|data)="(\w+:)', "".join(parts))
         assert not [scheme for scheme in loaded if scheme != "data:"], page
+
+
+def test_links_to_the_example_stay_inside_the_site(tmp_path):
+    spec = importlib.util.spec_from_file_location("build", _SITE / "build.py")
+    build = importlib.util.module_from_spec(spec)
+    sys.path.insert(0, str(_SITE))
+    try:
+        spec.loader.exec_module(build)
+    finally:
+        sys.path.remove(str(_SITE))
+    page = _ROOT / "docs" / "your_own" / "machine.md"
+    assert "](../../examples" in page.read_text()
+    assert "](../../examples" not in build._adapted(page)

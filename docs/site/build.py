@@ -57,7 +57,8 @@ def assemble(source: Path) -> None:
 
 def _adapted(page: Path) -> str:
     """A page whose state diagrams are pictures, and whose links stay inside the site."""
-    text = page.read_text().replace("](../../examples/three_rps)", "](../three_rps.md)")
+    package = r"\]\(\.\./\.\./examples/three_rps[^)]*\)"
+    text = re.sub(package, "](../three_rps.md)", page.read_text())
     text = text.replace("](../examples/notebooks/README.md)", "](tutorials.md)")
 
     def drawn(match: re.Match[str]) -> str:

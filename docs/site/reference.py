@@ -31,7 +31,7 @@ from parapod.systems.core import schema
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.port_table import PortRow, port_table
 from parapod.systems.core.scenario_file import describe, load_scenario
-from parapod.systems.levelling_platform.fault_detection import as_markdown as as_table
+from parapod.systems.levelling_platform.fault_detection import as_markdown as findings_as_list
 
 type Pages = Iterator[tuple[str, str | bytes]]
 
@@ -376,7 +376,7 @@ def errors() -> Pages:
 
 def findings() -> Pages:
     """Every finding of the levelling platform's fault detector."""
-    yield "findings.md", f"# Findings\n\n{_FINDINGS}\n\n{as_table()}\n"
+    yield "findings.md", f"# Findings\n\n{_FINDINGS}\n\n{findings_as_list()}\n"
 
 
 _FINDINGS = "What the levelling platform's fault detector finds, how severe it is, and how soon."

@@ -201,14 +201,12 @@ RULES: tuple[Rule, ...] = (
 
 
 def as_markdown() -> str:
-    """The table for people."""
-    lines = ["| finding | severity | within [s] | device | sign |", "|---|---|---|---|---|"]
-    lines += [
-        f"| {rule.finding.name.lower()} | {rule.severity.name.lower()} | {rule.deadline:g} | "
-        f"{rule.device} | {rule.sign} |"
+    """The table as a list, for people."""
+    return "\n".join(
+        f"* `{rule.finding.name.lower()}`: {rule.sign}; {rule.severity.name.lower()}, within "
+        f"{rule.deadline:g} s, {rule.device}"
         for rule in RULES
-    ]
-    return "\n".join(lines)
+    )
 
 
 _COUNT = len(RULES)
