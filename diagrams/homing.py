@@ -51,7 +51,7 @@ _PROGRESS, _PATIENCE = 5e-5, 1.0
 
 
 class HomingError(ParapodError):
-    """An axis has not found its reference, or what it found cannot be."""
+    """An axis has not found its reference, or found an impossible one."""
 
 
 def stamp_of(signal: str, values: Values) -> float:
@@ -361,7 +361,7 @@ def find_ends(
         tell: called with the axes that are about to move.
 
     Raises:
-        HomingError: an axis does not find its end, or what is measured cannot be.
+        HomingError: an axis does not find its end, or measures the impossible.
     """
     axes = _axes(homing, driver, part, period)
     watch = _unwatched if homing.watch is None else homing.watch(period)
@@ -382,7 +382,7 @@ def find_far_ends(
     """Positions (n) of the other ends of all strokes [m]; see `find_ends`.
 
     Raises:
-        HomingError: an axis does not find its end, or what is measured cannot be.
+        HomingError: an axis does not find its end, or measures the impossible.
     """
     axes = _axes(homing, driver, part, period)
     searches = [partial(axis.approach, -homing.fast, homing.longest) for axis in axes]

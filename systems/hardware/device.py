@@ -45,7 +45,7 @@ class DeviceFault(IntEnum):
 
 
 class DeviceError(ParapodError):
-    """A device that does not do what it is asked; the text has the device's own words.
+    """A device that does not obey; the text has the device's own words.
 
     Attributes:
         device: its name and address.

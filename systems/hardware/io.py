@@ -121,7 +121,7 @@ class DeviceThread:
 
     @property
     def sample(self) -> Sample:
-        """The newest sample, with what is wrong with the device by now."""
+        """The newest sample, with the device's present fault."""
         wrong, sample = self._write_words, self._sample
         if wrong is None or sample.fault:
             return sample

@@ -37,7 +37,7 @@ class EasedLegs(LeafSystem):
 
     When it is enabled, what the legs are off their request fades by a quintic, no leg being
     faster for it than `rate`; all legs arrive together. The request should rest then. Disabled,
-    the legs are asked for what they are.
+    the legs are commanded where they are.
 
     State: discrete, what the legs were off (4) [m], since when (1) [s], whether led (1).
 

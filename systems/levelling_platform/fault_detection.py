@@ -1,6 +1,6 @@
 """Detection of the devices' faults from the redundancy that the platform has anyway.
 
-One table, `RULES`, lists what can be found, how grave it is and by when it is known:
+One table, `RULES`, lists the findings, their severity and their deadline:
 `FaultDetector` fills it, the supervisor obeys its severities, and the documents and the campaign
 of faults are made of it.
 """
@@ -22,7 +22,7 @@ from parapod.systems.safety.faults import EMERGENCY_STOP_SIGN, Severity
 
 
 class Finding(IntEnum):
-    """Names of what can be found; the numbers are the elements of the detector's ports."""
+    """Names of the findings; the numbers are the elements of the detector's ports."""
 
     ENCODER_INVALID = 0
     ENCODER_JUMP = 1
@@ -221,7 +221,7 @@ _MEMORY = 17
 
 @dataclass(frozen=True)
 class FaultDetectorParams:
-    """Limits of what is normal (design choices, each above what noise and motion do).
+    """Limits of normal signals (design choices, each above noise and motion).
 
     Attributes:
         shortest: least extension that can be [m]; the end stop at .380 m less a tolerance.
@@ -298,7 +298,7 @@ class FaultDetector(LeafSystem):
 
     Parameters (Context): largest age of legs and inertial sensor (1) [s], see `allow_age`.
 
-    Bad input: is what it looks for.
+    Bad input: becomes a finding.
     """
 
     def __init__(

@@ -254,7 +254,7 @@ def _attitude(
     _, g_2, g_3 = g
     roll, pitch = attitude_seeing(g, n)
     (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(roll), sin_cos(pitch)
-    # What the pitch changes of g tells its rate, and what is left that of the roll.
+    # The pitch's rate follows from its part of g's change, the roll's from the rest.
     pitch_rate = -g_rate[0] / (n_1 * sin_pitch + n_3 * cos_pitch)
     by_pitch = pitch_rate * (n_1 * cos_pitch - n_3 * sin_pitch)
     rest_2, rest_3 = g_rate[1] - sin_roll * by_pitch, g_rate[2] - cos_roll * by_pitch
@@ -344,7 +344,7 @@ def _clearance(wheels: WheelGeometry, stance: Stance) -> float:
 
 
 class _Footing(NamedTuple):
-    """Supports on the ground's plane g . x = -h, and what is not in balance there."""
+    """Supports on the ground's plane g . x = -h, and the imbalance there."""
 
     g: Vector3  # the plane's normal in the platform's frame
     h: float  # height of F above it [m]

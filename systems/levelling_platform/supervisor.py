@@ -376,7 +376,7 @@ class Decision:
     # What follows
 
     def leave(self, phase: Phase, target: Phase) -> None:
-        """Do what is done once, on the way from one phase to another."""
+        """Carry out the actions of a transition between phases."""
         self._memory[_SINCE] = self._memory[_QUIET] = self._now
         out = self._out
         if target is Phase.POSTURE:

@@ -14,7 +14,7 @@ _AT_REST, _FOOT_AT_REST = 2e-3, 1e-3
 
 
 class Locking:
-    """Does what is due: closes and opens locks and clamps of a plant's context.
+    """Carries out what is due: closes and opens locks and clamps of a plant's context.
 
     They are parameters, and a closed lock takes the velocity of its joint at once. So it waits
     until the joint stands, and a clamp until its foot stands on the panel.

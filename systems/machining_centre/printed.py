@@ -1,6 +1,6 @@
 """Tables of the machining centres' paper, and equations as they stand there.
 
-Nothing simulates with them: they stand beside what is right, in tests and in the report.
+Nothing simulates with them: they stand beside the corrected ones, in tests and in the report.
 """
 
 import math

@@ -20,7 +20,7 @@ MODES = ("", "platform", "foot")
 
 
 class CentreSequencer(LeafSystem):
-    """Tells what is to move, to be locked and to be clamped, by what is measured.
+    """Commands motions, locks and clamps of a job, by what is measured.
 
     | port | size | unit | meaning |
     |---|---|---|---|

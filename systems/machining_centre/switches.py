@@ -35,7 +35,7 @@ class Switches(LeafSystem):
     State: discrete; which locks (4n) and clamps (n) are closed, and for how long they have been
     asked to be other than they are (5n) [s]; updated every period.
 
-    Bad input: what is commanded neither open nor closed is to be closed, as by the devices.
+    Bad input: a command that is neither open nor closed closes, as on the devices.
 
     Args:
         geometry: the centre.
@@ -90,7 +90,7 @@ class Switches(LeafSystem):
     def set_closed(
         self, context: Context, locks: NDArray[np.bool_], clamps: NDArray[np.bool_]
     ) -> None:
-        """Tells what is closed now.
+        """Sets which of them are closed now.
 
         Args:
             context: context of this system.

@@ -26,7 +26,7 @@ class WrenchMonitor(LeafSystem):
     | out `wrench_margin` | 1 | N | resisted in every direction, less what drill and weight need |
 
     Moments are divided by r_c. The thrust is along the platform's third axis, whatever its
-    direction: what is needed is never underestimated.
+    direction: the needed force is never underestimated.
 
     State: discrete, the index (1), updated every period, as postures change slowly; the margin
     follows the drill's load at once.

@@ -1,4 +1,4 @@
-"""Force cells under the plate: what they show, and what that tells of the foot's force.
+"""Force cells under the plate: what they show, and the foot's force from it.
 
 Three cells bear the tread on the plate's carrier: two across it, towards the rear and the front
 end, and one along it. The paper has no force sensing; places and masses are assumptions.

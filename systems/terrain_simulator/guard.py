@@ -1,4 +1,4 @@
-"""Guard between what is asked of the plate and the sliders: it slows down and stops short."""
+"""Guard between the plate's commands and the sliders: it slows down and stops short."""
 
 import math
 import weakref
@@ -172,7 +172,7 @@ class SingularityGuard(LeafSystem):
     def _motion(
         self, pose: list[float], before: list[float], desired_pose: list[float]
     ) -> tuple[list[float], list[float]]:
-        """Speed of the plate that is wanted, and the sliders': as asked, and what it is behind."""
+        """Desired speeds of plate and sliders: as commanded, and to make up for the delay."""
         params, period = self._params, self._period
         along = [(after - now) / period for after, now in zip(desired_pose, before, strict=True)]
         going = slider_rates(self._geometry, pose, along).tolist()

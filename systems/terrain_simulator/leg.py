@@ -164,7 +164,7 @@ class LegModel:
             near: (n) positions from which they are sought; None: `posture` [rad or m].
 
         Raises:
-            UnreachableFoot: there are none within the joints' limits; tells what is missing.
+            UnreachableFoot: there are none within the joints' limits; has the missing distance.
         """
         context, goal = self.make_context(), np.asarray(foot, dtype=float)
         low, high = self.limits

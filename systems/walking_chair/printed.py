@@ -1,4 +1,4 @@
-"""Equations of the walking chair's paper as they are printed, to be held against what is right."""
+"""Equations of the walking chair's paper as printed, for comparison with the corrected ones."""
 
 import math
 from collections.abc import Callable

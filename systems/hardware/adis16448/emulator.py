@@ -301,7 +301,7 @@ class SpiSocketServer:
         self._selector.register(connection, selectors.EVENT_READ)
 
     def _answer(self, connection: socket.socket) -> None:
-        """Transfers what has come whole; hangs up on a client that is gone or asks too much."""
+        """Transfers complete requests; hangs up on a client that is gone or asks too much."""
         try:
             data = connection.recv(_CHUNK)
             if not data:

@@ -62,7 +62,7 @@ def is_supplied(harness: Harness) -> bool:
 
 
 class MutedHarness(Harness):
-    """Wires of which a device is cut off from some: what it sets on them is lost."""
+    """Wires, some of them cut: values that the device sets on those are lost."""
 
     def __init__(self, harness: Harness, muted: Sequence[str]):
         """Cuts wires.
@@ -156,7 +156,7 @@ class Misbehaviour:
 
     @property
     def is_garbled(self) -> bool:
-        """Whether what it sends is damaged."""
+        """Whether its messages are damaged."""
         return self.kind == FaultKind.GARBAGE
 
     def answers(self, now: float) -> bool:

@@ -140,7 +140,7 @@ class Epos2Controller:
         return [pdo.base + self._id for pdo in self._reports]
 
     def identify(self) -> None:
-        """Makes sure that the node is what it should be."""
+        """Makes sure that the node is the expected controller."""
         try:
             vendor = self._get(objects.VENDOR)
         except DeviceError as error:
@@ -393,7 +393,7 @@ class Epos2Controller:
         return not self.inputs(sample)[self._settings.stop_input - 1]
 
     def check(self, sample: Sample, condition: Condition) -> None:
-        """Refuses what a drive measures that does not do what it should.
+        """Refuses the measurements of a drive that does not obey.
 
         Args:
             sample: newest one.
@@ -424,7 +424,7 @@ class Epos2Controller:
             raise self._error(f"stops, which this program did not ask for: {self._stopper()}")
 
     def _stopper(self) -> str:
-        """Words for what has stopped the drive."""
+        """Reason for the drive's stop, in words."""
         with suppress(DeviceError):
             if self._get(objects.INPUT_STATE) >> objects.QUICK_STOP_FUNCTION & 1:
                 return "its digital input for a quick stop is active, as by the emergency stop"

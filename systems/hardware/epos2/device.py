@@ -429,7 +429,7 @@ class Epos2Device(IncrementalDevice):
 
     @abstractmethod
     def _restrain(self) -> None:
-        """Has axes slow down, where what has just been measured calls for it."""
+        """Has axes slow down where the newest measurement calls for it."""
 
     @property
     def _braking(self) -> Controlword:
@@ -453,7 +453,7 @@ class Epos2Device(IncrementalDevice):
             self._stop()
 
     def _check(self, samples: Sequence[Sample], now: float) -> None:
-        """Refuses drives that do not do what they should; the others may have to stop for them.
+        """Refuses drives that do not obey; the others may have to stop for them.
 
         Raises:
             DeviceError: names the first of them.

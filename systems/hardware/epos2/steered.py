@@ -59,4 +59,4 @@ class Epos2Steered(Epos2Device):
 
     @abstractmethod
     def _targets(self) -> list[int]:
-        """Set values of the motors for what is wanted of the axes, as far as it is allowed."""
+        """Set values of the motors for desired motions of the axes, within the limits."""

@@ -317,7 +317,7 @@ class NiDaq(IncrementalDevice):
             self._cut(tasks)
 
     def _acknowledge(self, tasks: NiTasks) -> None:
-        """Ends what is latched, as far as its cause is over; the relay stays open."""
+        """Ends a latched stop whose cause is over; the relay stays open."""
         self._is_latched = self._is_pressed
         if self._has_expired:
             self._disarm(tasks)

@@ -215,7 +215,7 @@ class SabertoothSerial(Device):
         self._had_room = now
 
     def _send(self, powers: Sequence[Power]) -> None:
-        """Sends what is most urgent, or all of it if the line can carry it."""
+        """Sends the most urgent commands, or all if the line can carry them."""
         waiting, now = self._waiting(), self._clock()
         room = self._line.room(now, waiting)
         if all(power == STOPPED for power in powers):
@@ -246,7 +246,7 @@ class SabertoothSerial(Device):
         return list(due)[:room]
 
     def _drive(self, which: Sequence[int], powers: Sequence[Power], now: float) -> None:
-        """Tells some of the motors what is wanted."""
+        """Commands some of the motors."""
         motors = [self._motors[i] for i in which]
         data = [motor_packet(*motor, powers[i]) for motor, i in zip(motors, which, strict=True)]
         for i in which:

@@ -15,7 +15,7 @@ _COLUMNS = ("extension", "attitude", "height", "contact", "ground", "reference",
 
 @dataclass(frozen=True)
 class MeasurementNoise:
-    """Standard deviations of what is recorded; independent from pose to pose.
+    """Standard deviations of recorded values; independent from pose to pose.
 
     Attributes:
         extension: deviation of the actuators' encoders [m].
