@@ -72,7 +72,7 @@ def _jobs(limbs: int, name: str, console: Console) -> list[Measurement]:
         ("centre-machining", CentreMachining("centre-machining")),
         ("centre-walk", CentreWalk("centre-walk")),
     ):
-        scenario = parapod.scenario(what, limbs=limbs)
+        scenario = parapod.scenario(what, f"machine.limbs={limbs}")
         result, pace = DRAKE.beside(partial(experiment.execute, scenario, quiet))
         metrics = {metric.key: metric.value for metric in result.metrics}
         factor = metrics["realtime_factor"]
@@ -98,7 +98,7 @@ def _jobs(limbs: int, name: str, console: Console) -> list[Measurement]:
 
 def _ends_safely(limbs: int, instant: float) -> bool:
     """True if a walk that is stopped at an instant [s] ends clamped, its drill retracted."""
-    scenario = parapod.scenario("centre-walk", limbs=limbs, backend="kinematic")
+    scenario = parapod.scenario("centre-walk", f"machine.limbs={limbs}", backend="kinematic")
     scenario.stop_at = instant
     quiet = RunOptions(console=Console(file=io.StringIO()))
     result = CentreWalk("centre-walk").execute(scenario, quiet)

@@ -56,17 +56,19 @@ def make_controller(scenario: CentreScenario, is_operated: bool = False) -> Diag
     Where a person operates it: `pose_asked` (6) and `limb_asked` (1).
 
     Args:
-        scenario: its job, `control`, `legs`, `begin` and `stop_at` are used.
+        scenario: its job, `control`, `machine`, `begin` and `stop_at` are used.
         is_operated: true if a person operates it once its job is done.
     """
-    geometry, plan, control = scenario.geometry, scenario.plan, scenario.control
+    geometry, plan, control = scenario.machine.geometry, scenario.plan, scenario.control
     builder = DiagramBuilder()
     params = SequenceParams(begin=scenario.begin, settling=control.settling)
     period = _LOOKS * control.period
     posture = add(builder, CentrePosture(geometry, period, *plan.beginning, is_sampled=True))
     sequencer = add(builder, CentreSequencer(geometry, plan.job, control.period, params))
     feedforward = add(builder, CentreFeedforward(geometry, control.period))
-    monitor = add(builder, WrenchMonitor(geometry, plan.job.process.largest_leg_force))
+    process = plan.job.process
+    wrench = WrenchMonitor(geometry, process.largest_leg_force, process.masses)
+    monitor = add(builder, wrench)
     systems = (posture, sequencer, feedforward, monitor)
     outputs = {name: port for system in systems for name, port in outputs_of(system).items()}
     inputs_wanted = {"stop": scenario.stop_at is not None}
@@ -91,7 +93,7 @@ def make_controller(scenario: CentreScenario, is_operated: bool = False) -> Diag
 
 def _add_lengths(builder: DiagramBuilder, scenario: CentreScenario) -> OutputPort:
     """Lengths of legs that yield to their forces: encoders do not see it, but currents show it."""
-    legs, count = scenario.legs, scenario.geometry.legs
+    legs, count = scenario.machine.legs, scenario.machine.geometry.legs
     by_current = legs.force_per_current_N_A / (1e6 * legs.stiffness_N_um)
     by_current *= float(scenario.control.knows_stiffness)
     yielding = add(builder, MatrixGain(-by_current * np.eye(count)), "yielding")

@@ -48,11 +48,11 @@ class CentreGuard(SignGuard):
         """Begins to watch.
 
         Args:
-            scenario: its `control.period`, `legs` and their speeds are taken.
+            scenario: its `control.period` and `machine.legs` are taken.
             limits: limits of normal behaviour.
         """
         super().__init__(scenario.control.period, limits.oldest)
-        self._limits, legs = limits, scenario.legs
+        self._limits, legs = limits, scenario.machine.legs
         self._most = limits.share * legs.max_force_N / legs.force_per_current_N_A
 
     def _signs(

@@ -54,7 +54,7 @@ def make_held_centre(geometry: CentreGeometry, time_step: float) -> HeldCentre:
     """Builds a centre.
 
     Args:
-        geometry: tripod or quadruped, of the paper's dimensions.
+        geometry: the centre.
         time_step: time step of the plant [s].
     """
     builder = DiagramBuilder()

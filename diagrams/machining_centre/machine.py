@@ -9,6 +9,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.machine import Machine, SelfTest, numbered
 from parapod.diagrams.machining_centre.controller import make_controller
+from parapod.diagrams.machining_centre.design import CentreDesign
 from parapod.diagrams.machining_centre.guard import CentreGuard, CentreLimits
 from parapod.diagrams.machining_centre.plants import add_bodies, add_kinematics, add_mock
 from parapod.diagrams.machining_centre.ports import PARTS, ports_of_limbs
@@ -36,14 +37,14 @@ def _stop(scenario: CentreScenario) -> Sequence[System]:
 
 def _variant(scenario: CentreScenario) -> Mapping[str, Any]:
     """Sizes of the ports, and what may be moved alone."""
-    alone = {"legs": _MOVE} if scenario.limbs == _MOVES_ALONE else {}
-    axes = {"legs": numbered("leg", 2 * scenario.limbs)}
-    return {"ports": ports_of_limbs(scenario.limbs), "self_tests": alone, "axes": axes}
+    alone = {"legs": _MOVE} if scenario.machine.limbs == _MOVES_ALONE else {}
+    axes = {"legs": numbered("leg", 2 * scenario.machine.limbs)}
+    return {"ports": ports_of_limbs(scenario.machine.limbs), "self_tests": alone, "axes": axes}
 
 
 def _limits(scenario: CentreScenario) -> Limits:
     """Stroke, speed and force of the legs, and how far they may be off their way."""
-    geometry, legs = scenario.geometry, scenario.legs
+    geometry, legs = scenario.machine.geometry, scenario.machine.legs
     stroke = geometry.stroke_min, geometry.stroke_max
     speed, force = 1e-3 * legs.max_velocity_mm_s, legs.max_force_N
     current, off = force / legs.force_per_current_N_A, CentreLimits().following
@@ -62,9 +63,13 @@ def _emulated(scenario: CentreScenario, period: float) -> CentreScenario:
     A drive without a lag would run from one set value to the next, and stand in between.
     """
     legs = replace(
-        scenario.legs, encoder_resolution_mm=0.0, arrival_ms=_ARRIVAL, time_constant_ms=_LAG
+        scenario.machine.legs,
+        encoder_resolution_mm=0.0,
+        arrival_ms=_ARRIVAL,
+        time_constant_ms=_LAG,
     )
-    return replace(scenario, control=replace(scenario.control, period=period), legs=legs)
+    machine = replace(scenario.machine, legs=legs)
+    return replace(scenario, control=replace(scenario.control, period=period), machine=machine)
 
 
 _MOVE = SelfTest(
@@ -81,9 +86,9 @@ MACHINING_CENTRE = Machine(
     title="the machining centre",
     experiment="centre-walk",
     scenario=CentreScenario,
-    ports=ports_of_limbs(CentreScenario().limbs),
+    ports=ports_of_limbs(CentreDesign().limbs),
     parts=PARTS,
-    axes={"legs": numbered("leg", 2 * CentreScenario().limbs)},
+    axes={"legs": numbered("leg", 2 * CentreDesign().limbs)},
     plants={"multibody": add_bodies, "kinematic": add_kinematics},
     mock=add_mock,
     controller=make_controller,
@@ -104,5 +109,5 @@ MACHINING_CENTRE = Machine(
     variant=_variant,
     exchange={"multibody": 5e-3, "kinematic": 5e-3},
     log_every=2,
-    resets=lambda scenario: ("seed", "legs.length_error_mm"),
+    resets=lambda scenario: ("seed", "machine.legs.length_error_mm"),
 )

@@ -12,8 +12,8 @@ stiffnesses are assumptions: a platform of 10 kg, 2.1 kg a leg, 10 N/um.
 """
 
 import math
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -25,16 +25,23 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, QuaternionFloatingJoint
 from pydrake.systems.framework import DiagramBuilder
 
+from parapod.diagrams.bodies import Body, fit_link, scale_joints
 from parapod.diagrams.drawing import View, add_renderer, take
 from parapod.diagrams.multibody import add_adapted_model
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.model import CentreModel, transform_of
 from parapod.systems.machining_centre.platform_mode import feet_of
+from parapod.systems.machining_centre.statics import CentreMasses
 from parapod.urdf import configure_parser
 
 # Axial stiffness of a leg with its screw and drive [N/m], and its damping [N s/m]: assumptions.
 STIFFNESS = PdControllerGains(p=1e7, d=1e5)
 _FOLDER = "package://parapod/machining_centre"
+_DRAWN = CentreGeometry()  # dimensions to which the files are drawn
+_LIMB_LINKS = (
+    *("mount", "hinge", "left_cylinder", "left_rod", "right_cylinder", "right_rod"),
+    *("ankle_3", "ankle_2", "foot"),
+)
 
 
 def add_centre(
@@ -42,28 +49,42 @@ def add_centre(
     geometry: CentreGeometry,
     stiffness: PdControllerGains = STIFFNESS,
     footholds: ArrayLike | None = None,
+    bodies: Mapping[str, Body] | None = None,
 ) -> CentreModel:
     """Adds a centre and its clamps to a plant that is part of a diagram, and finalizes it.
 
     Args:
         plant: a plant with a registered scene graph and a time step above zero.
-        geometry: tripod or quadruped.
+        geometry: the centre.
         stiffness: axial stiffness and damping of a leg [N/m, N s/m].
         footholds: (n, 6) on which it stands in a default context; None for the paper's pattern.
+        bodies: masses of its links by their names; None: those of the files, by volume.
     """
     parser = Parser(plant)
     configure_parser(parser)
     parser.SetAutoRenaming(True)
-    (body,) = parser.AddModels(url=f"{_FOLDER}/platform.urdf")
+    stretches, masses = link_stretches(geometry), bodies or {}
+
+    def fit(links: Sequence[str], root: Element) -> None:
+        for link in links:
+            fit_link(root, link, stretches[link], masses.get(link))
+
+    def fit_platform(root: Element) -> None:
+        fit(("platform", "tool"), root)
+        scale_joints(root, {"tool": geometry.tool_length / _DRAWN.tool_length})
+
+    def fit_limb(root: Element) -> None:
+        fit(_LIMB_LINKS, root)
+        _fit_joints(geometry, root)
+
+    body = add_adapted_model(parser, f"{_FOLDER}/platform.urdf", "platform", fit_platform)
     platform = plant.GetBodyByName("platform", body)
     world = plant.world_frame()
     plant.AddJoint(QuaternionFloatingJoint("platform", world, platform.body_frame()))
     clamps = []
     feet = feet_of(geometry, footholds)
     for i, (angle, middle) in enumerate(zip(geometry.angles, geometry.middles, strict=True)):
-        limb = add_adapted_model(
-            parser, f"{_FOLDER}/limb.urdf", f"limb_{i + 1}", partial(_fit, geometry)
-        )
+        limb = add_adapted_model(parser, f"{_FOLDER}/limb.urdf", f"limb_{i + 1}", fit_limb)
         X_PM = RigidTransform(RotationMatrix.MakeZRotation(angle), middle)
         plant.WeldFrames(platform.body_frame(), plant.GetFrameByName("mount", limb), X_PM)
         tips = [plant.GetBodyByName(f"{side}_rod", limb) for side in ("left", "right")]
@@ -84,8 +105,42 @@ def add_centre(
     return CentreModel(plant, geometry, tuple(clamps))
 
 
-def _fit(geometry: CentreGeometry, root: Element) -> None:
-    """Gives a limb the pivots and strokes of a centre; its links stay as they are drawn."""
+def link_stretches(geometry: CentreGeometry) -> dict[str, tuple[float, float, float]]:
+    """Factors by which the drawn links are stretched, by their names."""
+
+    def by(name: str) -> float:
+        return float(getattr(geometry, name) / getattr(_DRAWN, name))
+
+    wide, tool, foot = by("platform_radius"), by("tool_length"), by("foot_diameter")
+    leg = by("stroke_min")  # its tubes are as long as there is room for
+    hinge = wide * math.sin(geometry.half_angle) / math.sin(_DRAWN.half_angle)
+    factors = {"platform": wide, "tool": tool, "mount": hinge, "hinge": hinge}
+    factors |= dict.fromkeys((name for name in _LIMB_LINKS[2:6]), leg)
+    factors |= dict.fromkeys(("ankle_2", "ankle_3"), foot)
+    stretches = {name: (factor,) * 3 for name, factor in factors.items()}
+    return stretches | {"foot": (foot, foot, by("foot_height"))}
+
+
+@lru_cache(maxsize=16)
+def masses_of(geometry: CentreGeometry, bodies: tuple[tuple[str, Body], ...]) -> CentreMasses:
+    """Masses of a centre, as the plant that is built has them.
+
+    Args:
+        geometry: the centre.
+        bodies: its links by their names.
+    """
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
+    model = add_centre(plant, geometry, bodies=dict(bodies))
+    context = plant.CreateDefaultContext()
+    return CentreMasses(
+        plant.CalcTotalMass(context, [model.platform.model_instance()]),
+        plant.CalcTotalMass(context, [model.limbs[0]]),
+    )
+
+
+def _fit_joints(geometry: CentreGeometry, root: Element) -> None:
+    """Gives a limb the pivots and strokes of a centre."""
     aside = geometry.platform_radius * math.sin(geometry.half_angle)
     for side, sign in (("left", -1.0), ("right", 1.0)):
         pivot = root.find(f"joint[@name='{side}_swing']/origin")
@@ -107,7 +162,7 @@ def photograph(
 
     Args:
         views: from where; one picture each.
-        geometry: tripod or quadruped.
+        geometry: the centre.
         pose: (6) of the platform [m, rad].
         footholds: (n, 6) of the feet's frames [m, rad]; None for the paper's pattern.
 

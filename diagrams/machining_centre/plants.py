@@ -75,7 +75,7 @@ type PlantMaker = Callable[
 
 
 def _add_legs(builder: DiagramBuilder, scenario: CentreScenario, drives: PositionServo) -> Legs:
-    errors, count = scenario.length_errors, scenario.geometry.legs
+    errors, count = scenario.length_errors, scenario.machine.geometry.legs
     source = add(builder, ConstantVectorSource(errors), "length_error")
     rest = add(builder, MatrixGain(np.eye(2 * count, count)), "length_and_rate_error")
     connect(builder, source.get_output_port(), rest.get_input_port())
@@ -97,12 +97,12 @@ def _add_multibody_plant(
     meshcat: Meshcat | None,
 ) -> Plant:
     """Adds the plant of rigid bodies, whose legs are held to where the drives are."""
-    geometry, plan = scenario.geometry, scenario.plan
+    geometry, plan = scenario.machine.geometry, scenario.plan
     plant, scene_graph = add_discrete_plant(builder, scenario.plant.time_step, "lagged")
-    stiffness = 1e6 * scenario.legs.stiffness_N_um
+    stiffness = 1e6 * scenario.machine.legs.stiffness_N_um
     pose, feet = plan.beginning
     gains = PdControllerGains(p=stiffness, d=_DAMPING * stiffness)
-    model = add_centre(plant, geometry, gains, feet)
+    model = add_centre(plant, geometry, gains, feet, scenario.machine.bodies)
     plant.SetDefaultPositions(model.positions(pose, feet))
     control = scenario.control.period
     force = drive_joints(builder, plant, model.limbs, legs.next_state, sampled_every=control)
@@ -157,12 +157,12 @@ def _add_kinematic_plant(
     meshcat: Meshcat | None,
 ) -> Plant:
     """Adds the plant without dynamics, and with `meshcat` a drawing of it."""
-    geometry, plan, period = scenario.geometry, scenario.plan, scenario.control.period
+    geometry, plan, period = scenario.machine.geometry, scenario.plan, scenario.control.period
     pose, feet = plan.beginning
     posture = add(builder, CentrePosture(geometry, period, pose, feet))
     delay = 1e-3 * scenario.plant.switching_ms
     switches = add(builder, Switches(geometry, plan.job.panel, period, delay))
-    statics = add(builder, CentreStatics(geometry))
+    statics = add(builder, CentreStatics(geometry, plan.job.process.masses))
     for name in ("locks_closed", "clamps_closed"):
         connect(builder, switches.GetOutputPort(name), posture.GetInputPort(name))
     connect(builder, posture.GetOutputPort("feet"), switches.GetInputPort("feet"))
@@ -232,8 +232,8 @@ def _add_simulated(
         scenario: the scenario to build.
         meshcat: draws the machine there; None for no drawing.
     """
-    geometry, plan, period = scenario.geometry, scenario.plan, scenario.control.period
-    arrival = scenario.legs.arrival_ms
+    geometry, plan, period = scenario.machine.geometry, scenario.plan, scenario.control.period
+    arrival = scenario.machine.legs.arrival_ms
     servo = PositionServo(
         drive_params(scenario),
         geometry.legs,
@@ -253,7 +253,7 @@ def _add_simulated(
             plant.switches.GetOutputPort(f"{name}_closed") for name in ("locks", "clamps")
         ]
         add_colours(builder, geometry, (switch_states[0], switch_states[1]), meshcat)
-    per_newton = 1.0 / scenario.legs.force_per_current_N_A
+    per_newton = 1.0 / scenario.machine.legs.force_per_current_N_A
     current = add(builder, MatrixGain(per_newton * np.eye(geometry.legs)), "motor_current")
     connect(builder, plant.signals["leg_force"], current.get_input_port())
     inputs, outputs = ports_of_drives(drives, "position_command")
@@ -297,13 +297,13 @@ def add_kinematics(
 
 def _encoded(scenario: CentreScenario) -> NDArray[np.float64]:
     """Lengths (2n) that the encoders measure where the job begins [m]."""
-    lengths = leg_lengths(scenario.geometry, *scenario.plan.beginning)
+    lengths = leg_lengths(scenario.machine.geometry, *scenario.plan.beginning)
     return lengths - scenario.length_errors
 
 
 def drive_params(scenario: CentreScenario) -> VelocityServoParams:
     """Parameters of the legs' drives, with their stroke."""
-    legs, geometry = scenario.legs, scenario.geometry
+    legs, geometry = scenario.machine.legs, scenario.machine.geometry
     return VelocityServoParams(
         resolution=1e-3 * legs.encoder_resolution_mm,
         time_constant=1e-3 * legs.time_constant_ms,
@@ -326,12 +326,12 @@ def add_mock(
         scenario: its period, drives' limits and beginning are taken.
         meshcat: not used; there is nothing to draw.
     """
-    geometry, period = scenario.geometry, scenario.control.period
+    geometry, period = scenario.machine.geometry, scenario.control.period
     exact = replace(drive_params(scenario), resolution=0.0, time_constant=1e-9)
     start: NDArray[np.float64] = leg_lengths(geometry, *scenario.plan.beginning)
     drives = add(builder, PositionServo(exact, geometry.legs, period, position=start), "drives")
     # All feet are always on this one.
-    panel = Panel(math.inf)
+    panel = Panel(math.inf, geometry.foot_height)
     switches = add(builder, Switches(geometry, panel, period))
     feet = np.tile(panel.foothold(0.0, 0.0), geometry.limbs)
     somewhere = add(builder, ConstantVectorSource(feet), "somewhere")

@@ -13,13 +13,13 @@ _UNITS = "m, m, m, rad, rad, rad"
 
 
 def ports_of_limbs(limbs: int) -> tuple[Port, ...]:
-    """The table of a tripod or a quadruped.
+    """The table of a centre.
 
     Elements of ports of the legs: left and right of limb 1, of limb 2, ...; of the locks: q_1,
     q_2, q_3, q_6 of limb 1, of limb 2, ...
 
     Args:
-        limbs: 3 or 4.
+        limbs: number of limbs.
     """
     legs, locks, feet = 2 * limbs, LOCKS_OF_LIMB * limbs, 6 * limbs
     return (

@@ -4,15 +4,17 @@ import math
 import re
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.machining_centre.design import CentreDesign
 from parapod.diagrams.machining_centre.drivers import Epos2TripodLegs
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
-from parapod.systems.machining_centre.geometry import LIMB_COUNTS, CentreGeometry
+from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.job import (
     Job,
     Operation,
@@ -73,7 +75,8 @@ class WalkScenario(Schema):
         direction_deg: direction, from the way along the panel's circumference [deg].
         steps: swings of each foot.
         lift_mm: height of a swing [mm].
-        height_mm: height of the platform above the panel where a swing begins [mm].
+        height_mm: height of the platform above the panel where a swing begins [mm]; null: the
+            mean of the shortest and the longest leg.
         locks: joints of a tripod's standing limbs that are locked while a foot is loose: "best"
             for the set with the largest singular values, "paper" for "q1 of 1, q1 of 2", or two
             others in that way, limbs counted from the loose one on. A quadruped needs none.
@@ -81,11 +84,11 @@ class WalkScenario(Schema):
             the legs are larger at the foot, which its clamp holds within 1.5 mm.
     """
 
-    advance_mm: float = quantity(0.0, 0.0, 1000.0)
+    advance_mm: float = quantity(0.0, 0.0, 20_000.0)
     direction_deg: float = quantity(0.0, -180.0, 180.0)
     steps: int = quantity(2, 1, 20)
-    lift_mm: float = quantity(30.0, 1.0, 150.0)
-    height_mm: float = quantity(520.0, 420.0, 680.0)
+    lift_mm: float = quantity(30.0, 1.0, 1000.0)
+    height_mm: float | None = quantity(None, 1.0, 20_000.0)
     locks: str = BEST
     least_sigma: float = quantity(0.05, 0.001, 0.5)
 
@@ -165,33 +168,6 @@ class ProcessScenario(Schema):
 
 
 @dataclass
-class LegScenario(Schema):
-    """The legs' position-controlled drives; all values are assumptions.
-
-    Attributes:
-        max_force_N: largest force of a leg, both ways [N].
-        force_per_current_N_A: force of a leg by the current of its motor [N/A].
-        stiffness_N_um: axial stiffness of a leg with its screw and drive [N/um].
-        max_velocity_mm_s: largest velocity of a leg [mm/s].
-        time_constant_ms: time constant of the drives' velocity loop [ms].
-        arrival_ms: time in which a drive makes up for what is missing of a command [ms]; null: the
-            controller's period.
-        encoder_resolution_mm: one count of the encoders [mm]; 0 for perfect ones.
-        length_error_mm: largest error of a leg's length, drawn from the seed: what a calibration
-            leaves [mm].
-    """
-
-    max_force_N: float = quantity(1000.0, 10.0, 100_000.0)  # noqa: N815
-    force_per_current_N_A: float = quantity(250.0, 1.0, 1e5)  # noqa: N815
-    stiffness_N_um: float = quantity(10.0, 0.1, 1000.0)  # noqa: N815
-    max_velocity_mm_s: float = quantity(150.0, 1.0, 2000.0)
-    time_constant_ms: float = quantity(2.0, 0.1, 100.0)
-    arrival_ms: float | None = quantity(None, 1.0, 1000.0)
-    encoder_resolution_mm: float = quantity(0.001, 0.0, 0.1)
-    length_error_mm: float = quantity(0.01, 0.0, 1.0)
-
-
-@dataclass
 class CentrePlantScenario(Schema):
     """The simulated machine.
 
@@ -239,48 +215,43 @@ class CentreScenario(Schema):
         backend: plant behind the station's ports: "multibody" (rigid bodies, joints with locks,
             clamps), "kinematic" (no dynamics), "mock" (commands are mirrored) or "hardware".
         seed: seed of everything random: the errors of the legs' lengths.
-        limbs: 3 for the tripod, 4 for the quadruped.
         begin: time at which the first operation begins [s].
         end: time for which it stands afterwards [s].
         stop_at: time at which the job is stopped [s]; null: never.
+        machine: see `CentreDesign`.
         panel: see `PanelScenario`.
         holes: see `HolesScenario`.
         walk: see `WalkScenario`.
         motion: see `MotionScenario`.
         process: see `ProcessScenario`.
-        legs: see `LegScenario`.
         plant: see `CentrePlantScenario`.
         control: see `CentreControlScenario`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices of a tripod.
     """
 
+    moved: ClassVar = {"limbs": "machine.limbs", "legs": "machine.legs"}
+
     backend: str = choice("multibody", BACKENDS)
     seed: int = quantity(0, 0, 2**31 - 1)
-    limbs: int = choice(3, LIMB_COUNTS)
     begin: float = quantity(0.5, 0.0, 60.0)
     end: float = quantity(0.5, 0.0, 60.0)
     stop_at: float | None = quantity(None, 0.0, 10_000.0)
+    machine: CentreDesign = field(default_factory=CentreDesign)
     panel: PanelScenario = field(default_factory=PanelScenario)
     holes: HolesScenario = field(default_factory=HolesScenario)
     walk: WalkScenario = field(default_factory=WalkScenario)
     motion: MotionScenario = field(default_factory=MotionScenario)
     process: ProcessScenario = field(default_factory=ProcessScenario)
-    legs: LegScenario = field(default_factory=LegScenario)
     plant: CentrePlantScenario = field(default_factory=CentrePlantScenario)
     control: CentreControlScenario = field(default_factory=CentreControlScenario)
     hardware: HardwareScenario = field(default_factory=emulated_hardware)
 
     @property
-    def geometry(self) -> CentreGeometry:
-        """Dimensions of the centre."""
-        return CentreGeometry(self.limbs)
-
-    @property
     def length_errors(self) -> NDArray[np.float64]:
         """True lengths of the legs (2n) less the encoders', drawn from the seed [m]."""
-        largest = 1e-3 * self.legs.length_error_mm
+        largest = 1e-3 * self.machine.legs.length_error_mm
         random = np.random.default_rng(self.seed)
-        return random.uniform(-largest, largest, self.geometry.legs)
+        return random.uniform(-largest, largest, self.machine.geometry.legs)
 
     @property
     def plan(self) -> "Plan":
@@ -290,17 +261,19 @@ class CentreScenario(Schema):
             ScenarioError: unknown locks.
             Refused: an operation that the centre cannot do.
         """
-        radius = 1e-3 * self.panel.radius_mm
+        radius, design, geometry = 1e-3 * self.panel.radius_mm, self.machine, self.machine.geometry
         walk, holes, process = self.walk, self.holes, self.process
         blank = Job(
-            panel=Panel(radius if radius > 0.0 else math.inf),
+            panel=Panel(radius if radius > 0.0 else math.inf, geometry.foot_height),
             process=Process(
+                tool_length=geometry.tool_length,
                 thrust=process.thrust_N,
                 torque=process.torque_Nm,
                 clearance=1e-3 * process.clearance_mm,
-                largest_leg_force=self.legs.max_force_N,
+                largest_leg_force=design.legs.max_force_N,
+                masses=design.masses,
             ),
-            speeds=replace(self.motion.speeds, leg=1e-3 * self.legs.max_velocity_mm_s),
+            speeds=replace(self.motion.speeds, leg=1e-3 * design.legs.max_velocity_mm_s),
             lift=1e-3 * walk.lift_mm,
             least_sigma=walk.least_sigma,
         )
@@ -313,14 +286,15 @@ class CentreScenario(Schema):
             math.radians(holes.tilt_deg),
             1e-3 * holes.depth_mm,
         )
-        height = 1e-3 * walk.height_mm
+        middle = 0.5 * (geometry.stroke_min + geometry.stroke_max)
+        height = middle if walk.height_mm is None else 1e-3 * walk.height_mm
         return _planned(
-            self.limbs,
+            geometry,
             _Keyed(blank),
             way,
             walk.steps,
             height,
-            walk.chosen(self.limbs),
+            walk.chosen(geometry.limbs),
             row,
         )
 
@@ -358,7 +332,7 @@ class _Keyed:
 
 @lru_cache(maxsize=16)
 def _planned(
-    limbs: int,
+    geometry: CentreGeometry,
     blank: _Keyed,
     way: tuple[float, float],
     steps: int,
@@ -366,7 +340,7 @@ def _planned(
     locked: tuple[tuple[int, int], ...] | None,
     row: tuple[float, int, float, float, float],
 ) -> Plan:
-    geometry, job = CentreGeometry(limbs), blank.job
+    job = blank.job
     beginning = standing(geometry, job.panel, height)
     operations: list[Operation] = [*row_of_holes(job.panel, (0.0, 0.0), *row)]
     if any(way):

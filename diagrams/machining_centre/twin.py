@@ -27,7 +27,8 @@ class CentreTwin(Twin):
     def __init__(self, meshcat: Meshcat | None, scenario: CentreScenario, prefix: str = ""):
         """Draws nothing yet; see `Twin`."""
         super().__init__(meshcat, scenario, prefix)
-        geometry, limbs = scenario.geometry, scenario.limbs
+        geometry = scenario.machine.geometry
+        limbs = geometry.limbs
         for drawing in _DRAWN:
             pose = self.input(f"{drawing}_pose", 6)
             feet = self.input(f"{drawing}_feet", 6 * limbs)

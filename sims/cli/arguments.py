@@ -232,6 +232,9 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
         "--scenario", type=Path, metavar="FILE", help="YAML with the keys to change"
     )
     parser.add_argument(
+        "--machine", type=Path, metavar="FILE", help="YAML with the keys below machine to change"
+    )
+    parser.add_argument(
         "--set",
         dest="overrides",
         nargs="+",
@@ -275,7 +278,11 @@ def load(arguments: argparse.Namespace) -> "tuple[Experiment[Any, Any], Any]":
         if value is not None:
             overrides.append(f"{key}={value}")
     scenario: Any = load_scenario(
-        experiment.schema, entry.default_scenario, arguments.scenario, overrides
+        experiment.schema,
+        entry.default_scenario,
+        arguments.scenario,
+        overrides,
+        arguments.machine,
     )
     experiment.check_backend(scenario.backend)
     return experiment, scenario

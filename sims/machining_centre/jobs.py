@@ -132,7 +132,7 @@ class CentreJob(LoopExperiment[CentreScenario, Run]):
         """Longest time in which the job should be done [s]; it ends as soon as it is."""
         plan = scenario.plan
         params = SequenceParams(begin=scenario.begin, settling=scenario.control.settling)
-        expected = expected_duration(scenario.geometry, plan.job, plan.beginning, params)
+        expected = expected_duration(scenario.machine.geometry, plan.job, plan.beginning, params)
         return _LONGER * expected + scenario.end + _MORE
 
     def scene(self, scenario: CentreScenario) -> Meshcat:
@@ -217,7 +217,7 @@ def common_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
             "peak_force_N",
             largest(run["truth.leg_force"]),
             "N",
-            scenario.legs.max_force_N,
+            scenario.machine.legs.max_force_N,
             meaning="largest force of any leg",
         )
     machining = run["phase"][:, 0] == Phase.MACHINING
@@ -330,7 +330,7 @@ def operated_loop(
     """
     idle = copy.deepcopy(scenario)
     idle.holes.count, idle.walk.advance_mm, idle.stop_at = 0, 0.0, None
-    source = CentreControls(controls, idle.geometry, idle.plan.beginning.pose)
+    source = CentreControls(controls, idle.machine.geometry, idle.plan.beginning.pose)
     controller = make_controller(idle, is_operated=True)
     return ClosedLoop(
         MACHINING_CENTRE, idle, controller=controller, sources=(source,), meshcat=meshcat, log=()
@@ -361,5 +361,5 @@ def make_scene(scenario: CentreScenario) -> Meshcat:
     """A scene around the centre's way, with the panel."""
     along, across = (0.5 * way for way in scenario.plan.shift)
     meshcat = make_viewer(camera=(along + 1.25, across - 1.45, 0.75), target=(along, across, 0.24))
-    draw_panel(meshcat, scenario.plan, scenario.geometry)
+    draw_panel(meshcat, scenario.plan, scenario.machine.geometry)
     return meshcat

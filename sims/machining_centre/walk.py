@@ -72,7 +72,7 @@ class CentreWalk(CentreJob):
 
 
 def _walk_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
-    n = scenario.limbs
+    n = scenario.machine.limbs
     plan, feet = scenario.plan, run["truth.feet"].reshape(len(run.time), n, 6)
     panel = plan.job.panel
     travelled = panel.place(feet[-1, :, :3]) - panel.place(plan.beginning.feet[:, :3])
@@ -183,7 +183,7 @@ def _spans(flags: Any) -> list[tuple[int, int]]:
 
 def _draw(scenario: CentreScenario, run: Run, canvas: "Canvas") -> None:
     axes: Any = canvas.subplots(2, 2)
-    panel, n = scenario.plan.job.panel, scenario.limbs
+    panel, n = scenario.plan.job.panel, scenario.machine.limbs
     feet = panel.place(run["truth.feet"].reshape(len(run.time), n, 6)[..., :3])
     platform = panel.place(run["truth.pose"][:, :3])
     for i in range(n):

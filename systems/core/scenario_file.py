@@ -46,6 +46,7 @@ _DEEPEST = 50
 _WIDTH = 99
 _LONGEST_BEFORE_COMMENT = 44
 _PARAGRAPH = "\n\n"  # between two paragraphs of a docstring
+FILE = "!File"  # tag of the name of a file whose data are to stand in its place
 
 
 def load_scenario[T](
@@ -53,8 +54,9 @@ def load_scenario[T](
     default_file: Path | None = None,
     file: Path | None = None,
     overrides: Sequence[str] = (),
+    machine: Path | None = None,
 ) -> T:
-    """Scenario made of the schema's defaults, the default file, the user's file and overrides.
+    """Scenario made of the schema's defaults, the default file, the user's files and overrides.
 
     Args:
         schema: the dataclass to fill in.
@@ -63,23 +65,26 @@ def load_scenario[T](
         file: the user's scenario; only the keys it names change.
         overrides: `dotted.key=value` with the value in YAML; elements of a list are named by
             their number, as in `waypoints.0.roll_deg=1`.
+        machine: file with the keys below `machine`; only those that it names change.
 
     Raises:
         ScenarioError: anything wrong with a file or an override.
     """
     tree = _schema_defaults(schema)
-    for path in (default_file, file):
+    for path, what in ((default_file, "scenario"), (file, "scenario"), (machine, "machine")):
         if path is not None:
-            source = f"scenario {escaped(path, 240)}"
-            data = parse(read_text(path), source)
-            layer = Reader(schema, source).read(schema, {} if data is None else data)
-            tree = overlay(schema, tree, layer)
+            source = f"{what} {escaped(path, 240)}"
+            data = parse(read_text(path), source, folder=path.parent)
+            data = {} if data is None else data
+            if path is machine:
+                data = {"machine": data}
+            tree = overlay(schema, tree, Reader(schema, source).read(schema, data))
     for override in overrides:
         key, equals, value = override.partition("=")
         key = key.strip()
         if not equals or not key:
             raise ScenarioError(f"override {show(override)} is not of the form key=value", key)
-        data = parse(value, f"override {show(override)}", private=True)
+        data = parse(value, f"override {show(override)}", private=True, folder=Path())
         tree = Reader(schema).assign(schema, tree, key.split("."), data)
     scenario: T = build(schema, tree)
     return scenario
@@ -167,11 +172,15 @@ def read_text(path: Path) -> str:
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain data; a tag of a mapping that is not YAML's own becomes its key `TAG`."""
+    """Plain data; a tag of a mapping that is not YAML's own becomes its key `TAG`.
 
-    def __init__(self, text: str):
+    `!File NAME` stands for the data of another file.
+    """
+
+    def __init__(self, text: str, folder: Path | None):
         super().__init__(text)
         self._count = self._depth = 0
+        self._folder = folder
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         self._count += 1
@@ -184,15 +193,34 @@ class _Loader(yaml.SafeLoader):
         self._depth -= 1
         return node
 
-    def construct_tagged(self, tag: str, node: Any) -> dict[Any, Any]:
+    def construct_tagged(self, tag: str, node: Any) -> Any:
+        if tag == FILE:
+            return self._data_of_file(node)
         return self.construct_mapping(node, deep=True) | {TAG: tag}
+
+    def _data_of_file(self, node: Any) -> Any:
+        if self._folder is None:
+            raise ValueError(f"{FILE} is for scenarios of one's own, and not for what they name")
+        name = node.value if isinstance(node, yaml.ScalarNode) else ""
+        if not name:
+            raise ValueError(f"{FILE} must be followed by the name of a file")
+        path = self._folder / name
+        data = parse(read_text(path), f"file {escaped(path, 240)}")
+        return {} if data is None else data
 
 
 _Loader.add_multi_constructor("", _Loader.construct_tagged)
 
 
-def parse(text: str, source: str, private: bool = False) -> Any:
+def parse(text: str, source: str, private: bool = False, folder: Path | None = None) -> Any:
     """Plain data of a YAML text; unless private, without root keys that begin with an underscore.
+
+    Args:
+        text: the text.
+        source: its origin, for messages.
+        private: keep root keys that begin with an underscore.
+        folder: folder from which `!File NAME` reads other files, which name no further ones; None:
+            the text may not name any.
 
     Raises:
         ScenarioError: it is not YAML; says where.
@@ -200,7 +228,7 @@ def parse(text: str, source: str, private: bool = False) -> Any:
     if len(text) > _MOST_BYTES:
         raise ScenarioError(f"{source} is longer than {_MOST_BYTES // 1000} kB")
     try:
-        loader = _Loader(text)
+        loader = _Loader(text, folder)
         node = loader.get_single_node()
         if node is None:
             return None

@@ -25,7 +25,8 @@ import math
 import numbers
 import types
 import typing
-from collections.abc import Iterator, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
@@ -97,12 +98,24 @@ class Schema:
 
     # Name of the experiment that a scenario was made for; no key of its own.
     _experiment: ClassVar[str] = ""
+    # Dotted keys of today by their former names, which are read with a warning.
+    moved: ClassVar[Mapping[str, str]] = {}
 
     if not TYPE_CHECKING:  # for which any attribute would exist then
+
+        def __getattr__(self, name: str) -> Any:
+            if name not in type(self).moved:
+                raise AttributeError(
+                    f"{type(self).__name__!r} has no attribute {name!r}", name=name, obj=self
+                )
+            return functools.reduce(getattr, _current(type(self), (name,)), self)
 
         def __setattr__(self, name: str, value: Any) -> None:
             kind = type(self)
             fields = fields_of(kind)
+            if name in kind.moved:
+                *way, name = _current(kind, (name,))
+                return setattr(functools.reduce(getattr, way, self), name, value)
             if name in fields:
                 inner, rule = fields[name]
                 value = Reader(kind, is_text=False).admit(inner, value, name, rule)
@@ -352,6 +365,7 @@ class Reader:
         """A copy of a complete tree in which the value that `keys` lead to is replaced."""
         if not keys:
             return overlay(kind, node, self.read(kind, value, key, rule))
+        keys = _current(kind, keys)
         head, rest = keys[0], keys[1:]
         node, at, kind, rule = self._step(kind, node, head, key, rule)
         child = self.assign(kind, node[at], rest, value, _join(key, head), rule)
@@ -362,7 +376,7 @@ class Reader:
     def locate(self, kind: Any, node: Any, keys: Sequence[str]) -> tuple[Any, Rule]:
         """Kind and rule of the value in a complete tree that `keys` lead to."""
         key, rule = "", None
-        for head in keys:
+        for head in _current(kind, keys):
             node, at, kind, rule = self._step(kind, node, head, key, rule)
             node, key = node[at], _join(key, head)
         return split_optional(kind)[0], rule
@@ -429,6 +443,7 @@ class Reader:
             self._fail(key, f"{what} must be a mapping with keys {allowed}, not {show(value)}")
         if TAG in value:
             self._refuse(key, f"must not have a tag, not {show(value[TAG])}")
+        value = self._relocated(kind, value)
         for name in value:
             if name not in fields:
                 self.refuse_key(kind, str(name), key)
@@ -436,6 +451,23 @@ class Reader:
             name: self.read(fields[name][0], item, _join(key, name), fields[name][1])
             for name, item in value.items()
         }
+
+    def _relocated(self, kind: type, value: dict[str, Any]) -> dict[str, Any]:
+        """A mapping whose former keys are where they belong today."""
+        for former in getattr(kind, "moved", {}):
+            if former not in value:
+                continue
+            *way, last = _current(kind, (former,))
+            value = dict(value)
+            item, node = value.pop(former), value
+            for name in way:
+                inner = node.get(name)
+                node[name] = dict(inner) if isinstance(inner, dict) else {}
+                node = node[name]
+            if last in node:
+                self._fail(former, f"{former} and {_join('.'.join(way), last)} are the same key")
+            node[last] = item
+        return value
 
     def _read_list(self, kind: Any, value: Any, key: str, rule: Rule) -> list[Any]:
         """The list, whose elements are not checked yet."""
@@ -492,6 +524,16 @@ def _number(value: Any, is_text: bool) -> float | int | None:
         # Beyond the range of float, which math.isfinite could not take.
         return int(value) if abs(int(value)) < 10**300 else math.inf
     return float(value)
+
+
+def _current(kind: Any, keys: Sequence[str]) -> Sequence[str]:
+    """Keys of today that lead where keys lead, of which the first one may be a former one."""
+    moved = getattr(split_optional(kind)[0], "moved", {})
+    if not keys or keys[0] not in moved:
+        return keys
+    new = moved[keys[0]]
+    warnings.warn(f"the key {keys[0]} is now {new}", DeprecationWarning, stacklevel=2)
+    return (*new.split("."), *keys[1:])
 
 
 def _dotted(kind: Any, key: str = "") -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Dimensions of the machining centres (Figures 5 and 11, Section VI-D)."""
+"""Dimensions of the machining centres (Figures 5 and 11, Section VI-D), and of others alike."""
 
 import math
 from dataclasses import dataclass, fields
@@ -7,13 +7,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-LIMB_COUNTS = (3, 4)
+LIMB_COUNTS = (3, 4, 5, 6)
+_USUAL_HALF_ANGLE = math.pi / 4.0  # theta of Section VI-D [rad]
 LEGS_OF_LIMB = ("left", "right")
 
 
 @dataclass(frozen=True)
 class CentreGeometry:
-    """A tripod or a quadruped; the defaults are the paper's.
+    """A centre of three to six limbs; the defaults are the paper's tripod, and assumptions.
 
     The platform's frame {P} has its origin P_O in the middle of the pivots, its first axis to the
     limb 1, its third away from the feet. A limb is two legs, prismatic actuators, from two pivots
@@ -21,26 +22,38 @@ class CentreGeometry:
     limb's middle: with the other order the joints' zeros of the paper's Figure 6 do not come out.
 
     Attributes:
-        limbs: 3 for the tripod, 4 for the quadruped.
+        limbs: 3 for the tripod, 4 for the quadruped; 5 or 6.
         platform_radius: radius r_p of the circle of the pivots [m].
-        half_angle: angle theta from a limb's middle to its pivots [rad].
+        half_angle: angle theta from a limb's middle to its pivots [rad]; None: pi / 4, or as much
+            as there is room for.
         pattern_radius: radius r_pattern of the circle on which the feet stand at home [m].
         stroke_min: shortest leg, between pivot and foot [m].
         stroke_max: longest leg [m].
+        tool_length: distance from P_O to the drill's tip, along the third axis backwards [m].
+        foot_height: height of an ankle's centre, the origin of {A}, above what it stands on [m].
+        foot_diameter: diameter of a foot's plate [m].
     """
 
     limbs: int = 3
     platform_radius: float = 0.1
-    half_angle: float = math.pi / 4.0
+    half_angle: float = None  # type: ignore[assignment]  # filled in below
     pattern_radius: float = 0.18
     stroke_min: float = 0.39
     stroke_max: float = 0.65
+    tool_length: float = 0.48
+    foot_height: float = 0.042
+    foot_diameter: float = 0.1
 
     def __post_init__(self) -> None:
         if self.limbs not in LIMB_COUNTS:
+            counts = ", ".join(map(str, LIMB_COUNTS))
             raise ValueError(
-                f"limbs must be 3 (the tripod) or 4 (the quadruped), not {self.limbs!r}"
+                f"limbs must be one of {counts} (3 the tripod, 4 the quadruped), not "
+                f"{self.limbs!r}"
             )
+        if self.half_angle is None:
+            widest = min(_USUAL_HALF_ANGLE, math.pi / self.limbs)
+            object.__setattr__(self, "half_angle", widest)
         for field in fields(self)[1:]:
             value = getattr(self, field.name)
             if not (math.isfinite(value) and value > 0.0):

@@ -16,8 +16,7 @@ from parapod.systems.core.batching import first_of_largest
 from parapod.systems.core.errors import ParapodError, UnreachablePosture
 from parapod.systems.core.vectors import Array, rotation_columns
 from parapod.systems.machining_centre.geometry import CentreGeometry, leg_name
-from parapod.systems.machining_centre.masses import weight
-from parapod.systems.machining_centre.panel import FOOT_HEIGHT, Panel
+from parapod.systems.machining_centre.panel import Panel
 from parapod.systems.machining_centre.paths import (
     Speeds,
     duration_of,
@@ -31,6 +30,7 @@ from parapod.systems.machining_centre.platform_mode import (
     leg_lengths,
 )
 from parapod.systems.machining_centre.posture import Posture
+from parapod.systems.machining_centre.statics import CentreMasses
 from parapod.systems.machining_centre.swing import (
     Locks,
     LockSet,
@@ -43,8 +43,8 @@ from parapod.systems.machining_centre.swing import (
 )
 from parapod.systems.machining_centre.wrench import wrench_indices
 
-# A foot's plate, and how far its frame may lean from the panel's normal [m, rad].
-FOOT_DIAMETER, LARGEST_LEAN = 0.1, 0.05
+# Lean of a foot's frame from the panel's normal that a clamp bears [rad].
+LARGEST_LEAN = 0.05
 # Newton's method ends with a step that leaves some micrometres at most, and nothing at rest [m],
 # where locks were off by no more than that [rad].
 _LAST_STEP, _TOLERANCE = 2e-3, 0.05
@@ -78,13 +78,15 @@ class Process:
         torque: torque of the material on the drill [N m].
         clearance: height of the tip above the panel, between holes [m].
         largest_leg_force: largest force of each leg, pushing and pulling [N].
+        masses: masses of the centre.
     """
 
-    tool_length: float = 0.48
+    tool_length: float = CentreGeometry.tool_length
     thrust: float = 150.0
     torque: float = 0.6
     clearance: float = 0.01
     largest_leg_force: float = 1000.0
+    masses: CentreMasses = field(default_factory=CentreMasses)
 
     def tip(self, pose: Array) -> Array:
         """Places (..., 3) of the drill's tip at poses (..., 6) of the platform [m]."""
@@ -95,7 +97,9 @@ class Process:
     def wrench(self, geometry: CentreGeometry, pose: Array) -> Array:
         """Wrench (6) [moment; force] of drill and weight at P_O in the world [N m, N]."""
         out = Rotation.from_euler("xyz", pose[3:]).as_matrix()[:, 2]
-        return weight(geometry) + np.concatenate((self.torque * out, self.thrust * out))
+        return self.masses.weight(geometry) + np.concatenate(
+            (self.torque * out, self.thrust * out)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +205,7 @@ def check_drill(geometry: CentreGeometry, job: Job, drill: Drill, feet: Array) -
     """
     process = job.process
     hard: list[tuple[float, Array, Carried]] = []
-    alone = float(np.linalg.norm(weight(geometry)))
+    alone = float(np.linalg.norm(process.masses.weight(geometry)))
     for height in (process.clearance, 0.0, -drill.depth):
         pose = drill.pose(process, height)
         _check_pose(geometry, pose, feet)
@@ -233,10 +237,11 @@ def _admissible(geometry: CentreGeometry, process: Process, pose: Array, capacit
     return max(0.0, math.sqrt(reserve) - along) if reserve > 0.0 else 0.0
 
 
-def check_footholds(panel: Panel, feet: Array) -> None:
+def check_footholds(geometry: CentreGeometry, panel: Panel, feet: Array) -> None:
     """Refuses footholds that overlap, are off the panel, or do not face out of it.
 
     Args:
+        geometry: the centre.
         panel: the panel.
         feet: (n, 6) of the feet [m, rad].
 
@@ -246,7 +251,7 @@ def check_footholds(panel: Panel, feet: Array) -> None:
     for i, foot in enumerate(feet, start=1):
         if not np.isfinite(foot).all():
             raise Refused(f"the foothold of limb {i} is not finite")
-        height, lean = float(panel.place(foot[:3])[2]) - FOOT_HEIGHT, panel.tilt(foot)
+        height, lean = float(panel.place(foot[:3])[2]) - panel.foot_height, panel.tilt(foot)
         if not abs(height) <= 1e-3:
             raise Refused(f"the foothold of limb {i} is {1e3 * height:.1f} mm off the panel")
         if not lean <= LARGEST_LEAN:
@@ -257,10 +262,10 @@ def check_footholds(panel: Panel, feet: Array) -> None:
     for i in range(len(feet)):
         for j in range(i + 1, len(feet)):
             apart = float(np.linalg.norm(feet[i, :3] - feet[j, :3]))
-            if not apart >= FOOT_DIAMETER:
+            if not apart >= geometry.foot_diameter:
                 raise Refused(
                     f"the footholds of limbs {i + 1} and {j + 1} overlap: {1e3 * apart:.0f} mm "
-                    f"are between them, and {1e3 * FOOT_DIAMETER:.0f} are needed"
+                    f"are between them, and {1e3 * geometry.foot_diameter:.0f} are needed"
                 )
 
 
@@ -302,7 +307,7 @@ def try_swing(
     limb = swing.lock_set.limb
     goal = feet.copy()
     goal[limb - 1] = swing.foothold
-    check_footholds(job.panel, goal)
+    check_footholds(geometry, job.panel, goal)
     _check_pose(geometry, swing.pose, feet)
     try:
         locks = close_locks(geometry, swing.pose, swing.lock_set, feet, along="left")
@@ -388,7 +393,7 @@ def check_job(geometry: CentreGeometry, job: Job, beginning: Posture) -> Posture
     """
     now = beginning
     try:
-        check_footholds(job.panel, now.feet)
+        check_footholds(geometry, job.panel, now.feet)
         _check_pose(geometry, now.pose, now.feet)
     except Refused as error:
         raise Refused(f"the beginning: {error.words}") from None

@@ -12,10 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 from parapod.systems.core.vectors import Array
-
-# Height of an ankle's centre, the origin of its foot's frame, above the panel [m]: foot and clamp
-# of the models are between them.
-FOOT_HEIGHT = 0.042
+from parapod.systems.machining_centre.geometry import CentreGeometry
 
 
 @dataclass(frozen=True)
@@ -24,9 +21,11 @@ class Panel:
 
     Attributes:
         radius: radius of curvature [m]; infinite for a plane.
+        foot_height: height of the frame of a foot that stands on it [m], see `CentreGeometry`.
     """
 
     radius: float = 3.0
+    foot_height: float = CentreGeometry.foot_height
 
     def __post_init__(self) -> None:
         if not self.radius > 0.0:
@@ -52,7 +51,7 @@ class Panel:
 
     def foothold(self, along: float, across: float, yaw: float = 0.0) -> Array:
         """Pose (6) of the frame of a foot that stands on the panel; arguments as of `frame`."""
-        return self.frame(along, across, yaw, FOOT_HEIGHT)
+        return self.frame(along, across, yaw, self.foot_height)
 
     def place(self, points: Array) -> Array:
         """Ways along and across, and heights (..., 3) [m] of points (..., 3) in the world."""

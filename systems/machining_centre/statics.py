@@ -1,13 +1,37 @@
-"""Forces of the legs of a centre at rest."""
+"""Weight of a centre, and the forces of its legs at rest."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import read_array
+from parapod.systems.core.vectors import Array
 from parapod.systems.machining_centre.geometry import CentreGeometry
-from parapod.systems.machining_centre.masses import weight
 from parapod.systems.machining_centre.platform_mode import jacobian
+
+
+@dataclass(frozen=True)
+class CentreMasses:
+    """Masses of a centre; the defaults are assumptions, those of the models as they are drawn.
+
+    Attributes:
+        platform: platform with spindle and tool [kg].
+        limb: a limb: mount, hinge, two legs, ankle, foot [kg].
+    """
+
+    platform: float = 10.2
+    limb: float = 5.2
+
+    def weight(self, geometry: CentreGeometry) -> Array:
+        """Wrench (6) of the weight that the legs hold up, at P_O in the world [N m, N].
+
+        Half of each limb counts: the other half is on its foot.
+        """
+        carried = self.platform + 0.5 * self.limb * geometry.limbs
+        return np.array((0.0, 0.0, 0.0, 0.0, 0.0, -carried * GRAVITY))
 
 
 class CentreStatics(LeafSystem):
@@ -30,12 +54,18 @@ class CentreStatics(LeafSystem):
 
     Args:
         geometry: the centre.
+        masses: its masses.
     """
 
-    def __init__(self, geometry: CentreGeometry = CentreGeometry()):
+    def __init__(
+        self,
+        geometry: CentreGeometry = CentreGeometry(),
+        masses: CentreMasses = CentreMasses(),
+    ):
         super().__init__()
         self.set_name("statics")
         self._geometry, n = geometry, geometry.limbs
+        self._weight = masses.weight(geometry)
         self._pose = self.DeclareVectorInputPort("pose", 6)
         self._feet = self.DeclareVectorInputPort("feet", 6 * n)
         self._clamps = self.DeclareVectorInputPort("clamps_closed", n)
@@ -54,7 +84,7 @@ class CentreStatics(LeafSystem):
             output.SetFromVector(np.full(self._geometry.legs, np.nan))
             return
         out = Rotation.from_euler("xyz", pose[3:]).as_matrix()[:, 2]
-        wrench = weight(self._geometry) + np.concatenate((tool[1] * out, tool[0] * out))
+        wrench = self._weight + np.concatenate((tool[1] * out, tool[0] * out))
         standing = np.repeat(read_array(self._clamps, context) > 0.5, 2)
         rows = jacobian(self._geometry, pose, feet.reshape(-1, 6)) * standing[:, np.newaxis]
         output.SetFromVector(-np.linalg.lstsq(rows.T, wrench, rcond=None)[0])

@@ -7,7 +7,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.switching import are_safe
 from parapod.systems.machining_centre.geometry import CentreGeometry
-from parapod.systems.machining_centre.panel import FOOT_HEIGHT, Panel
+from parapod.systems.machining_centre.panel import Panel
 from parapod.systems.machining_centre.posture import LOCKS_OF_LIMB
 
 # A clamp holds a foot that is not farther from the panel and leans no more from it [m, rad].
@@ -121,4 +121,5 @@ class Switches(LeafSystem):
 
 def is_on_panel(panel: Panel, foot: NDArray[np.float64]) -> bool:
     """Whether a foot (6) is where a clamp holds it."""
-    return bool(abs(panel.place(foot[:3])[2] - FOOT_HEIGHT) <= REACH and panel.tilt(foot) <= LEAN)
+    off = abs(panel.place(foot[:3])[2] - panel.foot_height)
+    return bool(off <= REACH and panel.tilt(foot) <= LEAN)

@@ -108,14 +108,17 @@ def _smallest_resistance(rows: Array) -> Array:
     The normal u of a facet is perpendicular to five columns h_j of the wrench matrix H; the
     facet's distance is the sum of |u . h_j| over the others, |u| = 1. With y = H^T u, which is in
     the row space of H: six legs have one other column, y = e_i; eight have three, and their part
-    of y is perpendicular to the two null vectors of H. The normal is u = pinv(H)^T y.
+    of y is perpendicular to the two null vectors of H. The normal is u = pinv(H)^T y. Of more
+    legs, of which few poses are looked at, normals follow from all sets of five columns.
     """
     Q, R = _orthogonal(rows)
     inverse = _times_inverse(Q[:, :6], R)
     gram = np.einsum("aik,bik->abk", inverse, inverse)  # |u|^2 = y^T gram y
     diagonal = np.abs(np.stack([R[i, i] for i in range(6)]))
     nearest = np.full(rows.shape[-1], np.inf)
-    if len(rows) == 6:
+    if len(rows) > 8:
+        nearest = _nearest_facet(rows)
+    elif len(rows) == 6:
         nearest = 1.0 / np.sqrt(np.stack([gram[i, i] for i in range(6)]).max(axis=0))
     else:
         null = Q[:, 6:]
@@ -136,6 +139,22 @@ def _smallest_resistance(rows: Array) -> Array:
             nearest = np.where(total > _DEGENERATE, np.fmin(nearest, distance), nearest)
     is_held = diagonal.min(axis=0) > _SINGULAR * diagonal.max(axis=0)
     return np.where(is_held, nearest, 0.0)
+
+
+def _nearest_facet(rows: Array) -> Array:
+    """Distance (k) of the zonotope's nearest facet, of any number of rows (m, 6, k)."""
+    fives = np.array(list(combinations(range(len(rows)), 5)))
+    without = np.array([[j for j in range(6) if j != i] for i in range(6)])
+    nearest = np.empty(rows.shape[-1])
+    for k, matrix in enumerate(np.moveaxis(rows, -1, 0)):
+        # The vector perpendicular to five others: its elements are minors, with changing signs.
+        minors = np.linalg.det(np.moveaxis(matrix[fives][:, :, without], 1, -2))
+        normals = minors * (1.0, -1.0, 1.0, -1.0, 1.0, -1.0)
+        size = np.linalg.norm(normals, axis=-1)
+        is_facet = size > _DEGENERATE
+        distance = np.abs(normals[is_facet] @ matrix.T).sum(axis=-1) / size[is_facet]
+        nearest[k] = distance.min(initial=np.inf)
+    return nearest
 
 
 def _orthogonal(matrix: Array) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from parapod.systems.core.ports import read_array
 from parapod.systems.machining_centre.geometry import CentreGeometry
-from parapod.systems.machining_centre.masses import weight
+from parapod.systems.machining_centre.statics import CentreMasses
 from parapod.systems.machining_centre.wrench import wrench_indices
 
 # Fewer limbs do not hold a platform by their legs alone.
@@ -36,6 +36,7 @@ class WrenchMonitor(LeafSystem):
     Args:
         geometry: the centre.
         largest_leg_force: largest force of each leg, pushing and pulling [N].
+        masses: masses of the centre.
         period: between two looks at the posture [s].
     """
 
@@ -43,11 +44,13 @@ class WrenchMonitor(LeafSystem):
         self,
         geometry: CentreGeometry = CentreGeometry(),
         largest_leg_force: float = 1000.0,
+        masses: CentreMasses = CentreMasses(),
         period: float = 0.1,
     ):
         super().__init__()
         self.set_name("wrench_monitor")
         self._geometry, self._total = geometry, geometry.legs * largest_leg_force
+        self._down = float(np.linalg.norm(masses.weight(geometry)))
         self._pose = self.DeclareVectorInputPort("pose_desired", 6)
         self._feet = self.DeclareVectorInputPort("feet", 6 * geometry.limbs)
         self._clamps = self.DeclareVectorInputPort("clamps_closed", geometry.limbs)
@@ -78,6 +81,5 @@ class WrenchMonitor(LeafSystem):
         # A load that is not finite counts as zero.
         force = np.nan_to_num(read_array(self._force, context), posinf=0.0, neginf=0.0)
         thrust, torque = np.clip(force, -_HUGE, _HUGE).tolist()
-        down = float(np.linalg.norm(weight(self._geometry)))
-        load = np.hypot(abs(thrust) + down, torque / self._geometry.platform_radius)
+        load = np.hypot(abs(thrust) + self._down, torque / self._geometry.platform_radius)
         output[0] = context.get_discrete_state(0).value()[0] * self._total - load

@@ -7,12 +7,12 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.machining_centre.design import CentreDesign, LegScenario
 from parapod.diagrams.machining_centre.guard import CentreGuard, CentreLimits
 from parapod.diagrams.machining_centre.machine import MACHINING_CENTRE
 from parapod.diagrams.machining_centre.scenario import (
     CentreScenario,
     HolesScenario,
-    LegScenario,
     WalkScenario,
 )
 
@@ -140,7 +140,7 @@ def test_a_job_as_it_should_be_has_no_sign():
         begin=0.1,
         holes=HolesScenario(count=1, depth_mm=2.0),
         walk=WalkScenario(advance_mm=15.0, steps=1),
-        legs=LegScenario(length_error_mm=0.2),
+        machine=CentreDesign(legs=LegScenario(length_error_mm=0.2)),
     )
     loop = ClosedLoop(
         replace(MACHINING_CENTRE, log_every=1), scenario, log=CentreGuard(scenario).signals

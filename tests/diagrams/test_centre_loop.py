@@ -8,13 +8,13 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.machining_centre.design import CentreDesign, LegScenario
 from parapod.diagrams.machining_centre.machine import MACHINING_CENTRE
 from parapod.diagrams.machining_centre.plants import drive_params
 from parapod.diagrams.machining_centre.scenario import (
     CentreControlScenario,
     CentreScenario,
     HolesScenario,
-    LegScenario,
     MotionScenario,
     PanelScenario,
     ProcessScenario,
@@ -22,7 +22,6 @@ from parapod.diagrams.machining_centre.scenario import (
 )
 from parapod.diagrams.station import Station
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.machining_centre.panel import FOOT_HEIGHT
 from parapod.systems.machining_centre.platform_mode import leg_lengths
 from parapod.systems.machining_centre.sequence import Phase
 from parapod.systems.machining_centre.statics import CentreStatics
@@ -30,17 +29,18 @@ from parapod.systems.machining_centre.statics import CentreStatics
 LIMBS = pytest.mark.parametrize("limbs", [3, 4], ids=["tripod", "quadruped"])
 
 
-def scenario_of(limbs=3, backend="kinematic", holes=1, period=0.02, **changes):
+def scenario_of(limbs=3, backend="kinematic", holes=1, period=0.02, legs=None, **changes):
     """A job of some seconds."""
     usual = {
         "begin": 0.1,
         "holes": HolesScenario(count=holes, depth_mm=2.0),
         "walk": WalkScenario(advance_mm=15.0, steps=1, lift_mm=10.0),
         "motion": MotionScenario(150.0, 60.0, 10.0, 150.0, 1500.0),
-        "legs": LegScenario(max_velocity_mm_s=400.0),
         "control": CentreControlScenario(period, settling=0.05),
     }
-    return CentreScenario(backend=backend, limbs=limbs, **(usual | changes))
+    legs = LegScenario(max_velocity_mm_s=400.0) if legs is None else legs
+    machine = CentreDesign(limbs=limbs, legs=legs)
+    return CentreScenario(backend=backend, machine=machine, **(usual | changes))
 
 
 def run_to(loop, is_over, rest=0.1, longest=30.0, monitored=True):
@@ -62,8 +62,10 @@ def run_to(loop, is_over, rest=0.1, longest=30.0, monitored=True):
 def test_drives_have_the_scenarios_numbers_in_si_units():
     drives = drive_params(
         CentreScenario(
-            legs=LegScenario(
-                max_velocity_mm_s=90.0, encoder_resolution_mm=0.02, time_constant_ms=15.0
+            machine=CentreDesign(
+                legs=LegScenario(
+                    max_velocity_mm_s=90.0, encoder_resolution_mm=0.02, time_constant_ms=15.0
+                )
             )
         )
     )
@@ -136,8 +138,9 @@ def test_a_stop_in_a_swing_puts_the_foot_down_and_ends(limbs):
     assert not short["locks.closed"][-1].any()
     before = short.time < swinging[5]
     assert np.allclose(short["truth.pose"][before], run["truth.pose"][: before.sum()])
-    place = stopped.plan.job.panel.place
-    assert np.allclose(place(feet_of(stopped, short)[-1, :, :3])[:, 2], FOOT_HEIGHT, atol=1e-4)
+    panel = stopped.plan.job.panel
+    height = panel.place(feet_of(stopped, short)[-1, :, :3])[:, 2]
+    assert np.allclose(height, panel.foot_height, atol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -152,7 +155,8 @@ def test_errors_of_the_encoders_show_in_the_truth_and_nowhere_else(limbs, backen
         run = run_to(loop, lambda signals, time: time > 0.3)
         errors = scenario.length_errors
         assert 5e-5 < np.abs(errors).max() <= 2e-4
-        true = leg_lengths(scenario.geometry, run["truth.pose"][-1], feet_of(scenario, run)[-1])
+        pose, feet = run["truth.pose"][-1], feet_of(scenario, run)[-1]
+        true = leg_lengths(scenario.machine.geometry, pose, feet)
         told = run["legs.position"][-1]
         if limbs == 3:  # eight legs contradict each other
             # Legs of rigid bodies yield to the weight.
@@ -182,7 +186,7 @@ def test_another_scenario_begins_where_it_does_in_the_same_loop():
     before = {name: read() for name, read in readings.items()}
     other = scenario_of(seed=5)
     loop.reset(context, other)
-    expected = leg_lengths(other.geometry, *other.plan.beginning) - other.length_errors
+    expected = leg_lengths(other.machine.geometry, *other.plan.beginning) - other.length_errors
     assert np.allclose(readings["legs.position"](), expected, atol=1e-6)
     assert not np.allclose(before["legs.position"], expected, atol=1e-6)
     loop.reset(context)
@@ -229,7 +233,7 @@ def test_legs_of_rigid_bodies_carry_the_weight_that_statics_say():
     rest = (run["phase"][:, 0] == Phase.WAITING) & (run.time > 0.08)
     pose, feet = scenario.plan.beginning
     height = pose[2] - np.repeat(feet[:, 2], 2)
-    up = height / leg_lengths(scenario.geometry, pose, feet)
+    up = height / leg_lengths(scenario.machine.geometry, pose, feet)
     force = run["truth.leg_force"][rest]
     assert (force > 0.0).all()
     carried = 9.81 * (10.2 + 3 * 5.2 / 2)
@@ -248,7 +252,7 @@ def test_legs_of_rigid_bodies_feel_the_drill_as_statics_say(stand):
     loaded = np.flatnonzero(run["tool.force"][:, 0] > 120.0)
     assert len(loaded) > 5
     assert run["truth.tip_height"].min() == pytest.approx(-4e-3, abs=3e-4)
-    statics = stand(CentreStatics(scenario.geometry), clamps_closed=np.ones(3))
+    statics = stand(CentreStatics(scenario.machine.geometry), clamps_closed=np.ones(3))
     for k in loaded:
         statics.set(pose=run["truth.pose"][k], feet=run["truth.feet"][k])
         felt = {

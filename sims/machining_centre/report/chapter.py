@@ -46,7 +46,7 @@ def _walk() -> Iterator[Picture]:
     """Limbs of a tripod in the middle of their swings (in the place of Fig. 8)."""
     scenario = CentreScenario()
     scenario.walk.advance_mm, scenario.walk.steps, scenario.holes.count = 202.0, 1, 0
-    geometry, plan = scenario.geometry, scenario.plan
+    geometry, plan = scenario.machine.geometry, scenario.plan
     feet = plan.beginning.feet
     for operation in plan.job.operations:
         if not isinstance(operation, Swing) or operation.way is None:
@@ -93,7 +93,7 @@ _PARTS = (
         "Machining with the quadruped",
         "The same holes with eight legs.",
         "centre-machining",
-        ("limbs=4",),
+        ("machine.limbs=4",),
         quick=(_KINEMATIC, "holes.count=1"),
     ),
     Part(
@@ -111,7 +111,7 @@ _PARTS = (
         "Walking with the quadruped",
         "The same walk with eight legs, three limbs of which hold the platform without any lock.",
         "centre-walk",
-        ("limbs=4",),
+        ("machine.limbs=4",),
         quick=(*_QUICK, "walk.advance_mm=60"),
     ),
     Part(

@@ -4,6 +4,7 @@ import copy
 import random
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 import yaml
@@ -217,6 +218,87 @@ def test_a_layer_changes_what_it_names_and_no_more(load, text, overrides, defaul
     scenario = load(text, overrides, default)
     assert scenario == Scenario(**differs)
     assert load() == Scenario()
+
+
+@dataclass
+class Renamed(Schema):
+    """A scenario two of whose keys have moved."""
+
+    moved: ClassVar = {"slope": "ground.pitch_deg", "field": "ground"}
+    ground: Ground = field(default_factory=Ground)
+
+
+@pytest.mark.parametrize(
+    ("text", "overrides", "expected"),
+    [
+        ("slope: 3\n", [], Ground(3.0)),
+        ("slope: 3\nground: {roll_deg: 1}\n", [], Ground(3.0, 1.0)),
+        ("field: {roll_deg: 1}\n", ["slope=4"], Ground(4.0, 1.0)),
+        (None, ["field.roll_deg=2", "ground.pitch_deg=1"], Ground(1.0, 2.0)),
+    ],
+)
+def test_a_former_key_is_read_with_a_warning(tmp_path, text, overrides, expected):
+    path = None if text is None else tmp_path / "scenario.yaml"
+    if path is not None:
+        path.write_text(text)
+    with pytest.warns(DeprecationWarning, match=r"the key (slope|field) is now ground"):
+        scenario = load_scenario(Renamed, None, path, overrides)
+    assert scenario == Renamed(expected)
+
+
+def test_a_former_key_is_an_attribute_and_beside_its_new_one_it_is_refused(tmp_path):
+    scenario = Renamed()
+    with pytest.warns(DeprecationWarning, match=r"the key slope is now ground\.pitch_deg"):
+        scenario.slope = 3
+    with pytest.warns(DeprecationWarning, match=r"the key field is now ground"):
+        assert scenario.field.pitch_deg == 3.0
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = scenario.nothing
+    path = tmp_path / "both.yaml"
+    path.write_text("slope: 3\nground: {pitch_deg: 3}\n")
+    says = r"slope and ground\.pitch_deg are the same key"
+    warns = pytest.warns(DeprecationWarning, match="the key slope")
+    with warns, pytest.raises(ScenarioError, match=says):
+        load_scenario(Renamed, None, path)
+
+
+@dataclass
+class Built(Schema):
+    """A scenario with a machine."""
+
+    machine: Ground = field(default_factory=Ground)
+
+
+def test_a_machine_may_stand_in_a_file_of_its_own(tmp_path):
+    machine, job = tmp_path / "machine.yaml", tmp_path / "job.yaml"
+    machine.write_text("pitch_deg: 4\n")
+    job.write_text("machine: !File machine.yaml\n")
+    assert load_scenario(Built, None, job) == Built(Ground(4.0))
+    assert load_scenario(Built, None, None, [f"machine=!File {machine}"]) == Built(Ground(4.0))
+    both = load_scenario(Built, None, job, ["machine.roll_deg=1"], machine)
+    assert both == Built(Ground(4.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("machine: !File none.yaml\n", r"scenario file '.*none\.yaml' does not exist"),
+        ("machine: !File\n", "!File must be followed by the name of a file"),
+        ("machine: !File [a]\n", "!File must be followed by the name of a file"),
+        ("machine: !File machine.yaml\n", r"unknown key 'machine\.lean'"),
+        ("machine: !File again.yaml\n", "!File is for scenarios of one's own"),
+    ],
+)
+def test_a_wrong_file_of_a_machine_is_refused_in_one_line(tmp_path, text, says):
+    (tmp_path / "machine.yaml").write_text("lean: 4\n")
+    (tmp_path / "again.yaml").write_text("pitch_deg: !File machine.yaml\n")
+    job = tmp_path / "job.yaml"
+    job.write_text(text)
+    with pytest.raises(ScenarioError, match=says) as caught:
+        load_scenario(Built, None, job)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(ScenarioError, match=r"unknown key 'machine\.lean'"):
+        load_scenario(Built, None, None, (), tmp_path / "machine.yaml")
 
 
 def test_values_have_the_schema_s_types(load):

@@ -34,7 +34,7 @@ def test_pivots_of_neighbours_meet_on_the_quadruped():
 @pytest.mark.parametrize(
     ("key", "value", "says"),
     [
-        ("limbs", 5, "3 .the tripod. or 4"),
+        ("limbs", 7, "one of 3, 4, 5, 6 .3 the tripod, 4 the quadruped"),
         ("platform_radius", -0.1, "platform_radius must be positive"),
         ("pattern_radius", math.nan, "pattern_radius must be positive"),
         ("half_angle", 1.2, "at most pi / limbs"),

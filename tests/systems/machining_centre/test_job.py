@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.job import (
-    FOOT_DIAMETER,
     LARGEST_LEAN,
     Drill,
     Job,
@@ -27,10 +26,10 @@ from parapod.systems.machining_centre.job import (
     swung_to,
     try_swing,
 )
-from parapod.systems.machining_centre.masses import weight
-from parapod.systems.machining_centre.panel import FOOT_HEIGHT, Panel
+from parapod.systems.machining_centre.panel import Panel
 from parapod.systems.machining_centre.paths import Speeds, foot_at
 from parapod.systems.machining_centre.platform_mode import displacement, jacobian, leg_lengths
+from parapod.systems.machining_centre.statics import CentreMasses
 from parapod.systems.machining_centre.swing import LockSet, close_locks, lock_conditions
 
 TRIPOD, QUADRUPED = CentreGeometry(3), CentreGeometry(4)
@@ -178,13 +177,13 @@ def test_rows_of_holes_have_their_pitch_direction_and_lean():
 
 def test_a_centre_stands_on_the_panel_in_the_paper_s_pattern(geometry):
     posture = standing(geometry, PANEL, 0.47)
-    check_footholds(PANEL, posture.feet)
+    check_footholds(geometry, PANEL, posture.feet)
     places = PANEL.place(posture.feet[:, :3])
     assert np.allclose(np.hypot(places[:, 0], places[:, 1]), geometry.pattern_radius)
-    assert np.allclose(places[:, 2], FOOT_HEIGHT, atol=1e-15)
+    assert np.allclose(places[:, 2], PANEL.foot_height, atol=1e-15)
     assert np.allclose(posture.pose, (0.0, 0.0, 0.47, 0.0, 0.0, 0.0), atol=1e-15)
     flat = standing(geometry, Panel(math.inf), 0.47).feet
-    flat[:, 2] -= FOOT_HEIGHT
+    flat[:, 2] -= PANEL.foot_height
     assert np.allclose(displacement(flat, geometry.footholds), 0.0, atol=1e-15)
 
 
@@ -238,7 +237,7 @@ def test_a_thrust_that_would_do_is_carried_and_one_percent_more_is_not(geometry,
 
 def test_legs_that_do_not_carry_the_weight_alone_are_refused(geometry):
     # The drill's thrust is up: with it less would be needed.
-    down = np.linalg.norm(weight(geometry))
+    down = np.linalg.norm(CentreMasses().weight(geometry))
     process = Process(thrust=down, torque=0.0, largest_leg_force=100.0)
     feet, drill = beginning_of(geometry).feet, hole(tilt=0.0)
     found = carried(geometry, process, drill.pose(process, 0.0), feet)
@@ -253,22 +252,22 @@ def test_legs_that_do_not_carry_the_weight_alone_are_refused(geometry):
 def test_footholds_that_overlap_are_refused_with_both_limbs(geometry):
     feet = beginning_of(geometry).feet
     along, across, _ = PANEL.place(feet[1, :3])
-    feet[2] = PANEL.foothold(along, across - 1.01 * FOOT_DIAMETER)
-    check_footholds(PANEL, feet)
-    feet[2] = PANEL.foothold(along, across - 0.98 * FOOT_DIAMETER)
+    feet[2] = PANEL.foothold(along, across - 1.01 * geometry.foot_diameter)
+    check_footholds(geometry, PANEL, feet)
+    feet[2] = PANEL.foothold(along, across - 0.98 * geometry.foot_diameter)
     with pytest.raises(Refused, match=r"limbs 2 and 3 overlap: 98 mm .* 100 are needed"):
-        check_footholds(PANEL, feet)
+        check_footholds(geometry, PANEL, feet)
 
 
 @pytest.mark.parametrize("height", [2e-3, -2e-3])
 def test_footholds_off_the_panel_are_refused_with_the_limb(geometry, height):
     feet = beginning_of(geometry).feet
-    feet[1] = PANEL.frame(-0.1, 0.15, height=FOOT_HEIGHT + 0.9e-3)
-    check_footholds(PANEL, feet)
-    feet[1] = PANEL.frame(-0.1, 0.15, height=FOOT_HEIGHT + height)
+    feet[1] = PANEL.frame(-0.1, 0.15, height=PANEL.foot_height + 0.9e-3)
+    check_footholds(geometry, PANEL, feet)
+    feet[1] = PANEL.frame(-0.1, 0.15, height=PANEL.foot_height + height)
     says = rf"the foothold of limb 2 is {1e3 * height:.1f} mm off the panel"
     with pytest.raises(Refused, match=says):
-        check_footholds(PANEL, feet)
+        check_footholds(geometry, PANEL, feet)
 
 
 @pytest.mark.parametrize("element", range(6))
@@ -276,7 +275,7 @@ def test_footholds_that_are_not_finite_are_refused_with_the_limb(geometry, eleme
     feet = beginning_of(geometry).feet
     feet[1, element] = math.nan
     with pytest.raises(Refused, match="the foothold of limb 2 is not finite"):
-        check_footholds(PANEL, feet)
+        check_footholds(geometry, PANEL, feet)
 
 
 def test_footholds_that_face_away_are_refused_with_their_lean(geometry):
@@ -287,9 +286,9 @@ def test_footholds_that_face_away_are_refused_with_their_lean(geometry):
         leaning[0, 3:] = own.as_euler("xyz")
         if is_refused:
             with pytest.raises(Refused, match=r"limb 1 faces away: its axis leans 2\.9 deg"):
-                check_footholds(PANEL, leaning)
+                check_footholds(geometry, PANEL, leaning)
         else:
-            check_footholds(PANEL, leaning)
+            check_footholds(geometry, PANEL, leaning)
 
 
 def test_a_beginning_or_a_swing_to_bad_footholds_is_refused(geometry):

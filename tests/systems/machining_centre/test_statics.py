@@ -6,9 +6,8 @@ import pytest
 from parapod.diagrams.machining_centre.held_centre import make_held_centre
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.machining_centre.geometry import CentreGeometry
-from parapod.systems.machining_centre.masses import LIMB, PLATFORM, weight
 from parapod.systems.machining_centre.platform_mode import jacobian, leg_lengths, moved
-from parapod.systems.machining_centre.statics import CentreStatics
+from parapod.systems.machining_centre.statics import CentreMasses, CentreStatics
 from parapod.systems.machining_centre.wrench import wrench_indices
 from parapod.systems.machining_centre.wrench_monitor import WrenchMonitor
 
@@ -43,12 +42,14 @@ def test_masses_are_those_of_the_bodies(limbs):
     model = make_held_centre(CentreGeometry(limbs), 1e-3).model
     plant, context = model.plant, model.plant.CreateDefaultContext()
     platform = plant.CalcTotalMass(context, [model.platform.model_instance()])
-    assert platform == pytest.approx(PLATFORM, abs=1e-12)
+    masses = CentreMasses()
+    assert platform == pytest.approx(masses.platform, abs=1e-12)
     for limb in model.limbs:
-        assert plant.CalcTotalMass(context, [limb]) == pytest.approx(LIMB, abs=1e-12)
+        assert plant.CalcTotalMass(context, [limb]) == pytest.approx(masses.limb, abs=1e-12)
     assert -plant.gravity_field().gravity_vector()[2] == pytest.approx(GRAVITY)
-    down = 9.81 * (PLATFORM + limbs * LIMB / 2)
-    assert np.array_equal(weight(model.geometry), (0.0, 0.0, 0.0, 0.0, 0.0, -down))
+    down = 9.81 * (masses.platform + limbs * masses.limb / 2)
+    weight = masses.weight(model.geometry)
+    assert np.array_equal(weight, (0.0, 0.0, 0.0, 0.0, 0.0, -down))
 
 
 def test_power_of_the_legs_is_that_against_the_load(geometry, poses, uneven, legs):
@@ -58,7 +59,7 @@ def test_power_of_the_legs_is_that_against_the_load(geometry, poses, uneven, leg
         thrust, torque = rng.uniform((0.0, -2.0), (500.0, 2.0))
         forces = legs(pose, feet, tool=(thrust, torque))
         out = third_axis(pose)
-        load = weight(geometry) + np.concatenate((torque * out, thrust * out))
+        load = CentreMasses().weight(geometry) + np.concatenate((torque * out, thrust * out))
         for twist in rng.normal(size=(5, 6)):
             ahead, behind = (
                 leg_lengths(geometry, moved(pose, sign * STEP * twist), feet) for sign in (1, -1)

@@ -12,7 +12,7 @@ from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.job import standing
 from parapod.systems.machining_centre.locking import Locking
 from parapod.systems.machining_centre.model import CentreModel, transform_of
-from parapod.systems.machining_centre.panel import FOOT_HEIGHT, Panel
+from parapod.systems.machining_centre.panel import Panel
 from parapod.systems.machining_centre.platform_mode import leg_lengths
 from parapod.systems.machining_centre.switches import LEAN, REACH, Switches, is_on_panel
 
@@ -99,7 +99,7 @@ def test_a_clamp_closes_only_on_the_panel(switches, share, closes):
     lifted = FEET.copy()
     along, across, _ = PANEL.place(FEET[1, :3])
     lifted[1] = PANEL.frame(
-        along, across, PANEL.heading(FEET[1]), height=FOOT_HEIGHT + share * REACH
+        along, across, PANEL.heading(FEET[1]), height=PANEL.foot_height + share * REACH
     )
     machine = switches().tick(2, clamps_command=UNCLAMPED)
     machine.tick(5, feet=lifted.ravel(), clamps_command=CLAMPED)

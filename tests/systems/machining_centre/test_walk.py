@@ -9,7 +9,6 @@ import pytest
 
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.job import (
-    FOOT_DIAMETER,
     Job,
     Refused,
     check_footholds,
@@ -53,9 +52,9 @@ def test_every_foot_comes_to_where_it_was_to_go(geometry, advance, steps, panel)
         assert swung.margin > 1e-3
         assert np.allclose(swung.way, swing.way, atol=1e-12)
         feet = swung.end.feet
-        check_footholds(panel, feet)
+        check_footholds(geometry, panel, feet)
         apart = [np.linalg.norm(a - b) for a, b in combinations(feet[:, :3], 2)]
-        assert min(apart) >= FOOT_DIAMETER
+        assert min(apart) >= geometry.foot_diameter
         gone = panel.place(feet[limb - 1, :3])[:2] - begun[limb - 1, :2]
         done = (number // geometry.limbs + 1) / steps
         assert np.allclose(gone, done * np.array(advance), atol=1e-9)

@@ -1,0 +1,230 @@
+"""Links of a model as a machine of one's own has them: stretched, and of other masses.
+
+A model's file has links of one size. A machine of another size has the same links stretched along
+their axes: visuals, collision shapes, centres of mass and second moments follow. Mass, and where
+they are known better than by stretching, centre and moments of inertia, are settings.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from functools import lru_cache
+from typing import Any, cast
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RollPitchYaw
+from pydrake.multibody.tree import UnitInertia
+
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import Schema, quantity
+
+# Heaviest body [kg], largest moment of inertia [kg m^2], and farthest centre of mass [mm].
+_HEAVIEST, _BULKIEST, _FARTHEST = 1e5, 1e6, 1e5
+# SI value of a key, by the end of its name; a quotient keeps what decimals say.
+_UNITS: dict[str, Callable[[Any], Any]] = {
+    "": lambda value: value,
+    "_mm": lambda value: value / 1e3,
+    "_deg": math.radians,
+}
+_MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+
+
+@dataclass(frozen=True)
+class Body:
+    """Mass of a link, and what is known of how it is spread.
+
+    Attributes:
+        mass: [kg].
+        centre: centre of mass in the link's frame [m]; None: that of the stretched link.
+        inertia: moments ixx, iyy, izz and products ixy, ixz, iyz about the centre of mass, along
+            the link's axes [kg m^2]; None: those of the stretched link.
+    """
+
+    mass: float
+    centre: tuple[float, ...] | None = None
+    inertia: tuple[float, ...] | None = None
+
+
+@dataclass
+class BodyScenario(Schema):
+    """A rigid body.
+
+    Attributes:
+        mass_kg: mass [kg].
+        centre_mm: centre of mass in the frame of its link [mm]; null: that of the drawn link,
+            stretched to size.
+        inertia_kg_m2: moments ixx, iyy, izz and products ixy, ixz, iyz about the centre of mass
+            [kg m^2]; null: those of the drawn link, stretched to size.
+    """
+
+    mass_kg: float = quantity(1.0, 1e-6, _HEAVIEST)
+    centre_mm: list[float] | None = quantity(None, -_FARTHEST, _FARTHEST, length=3)
+    inertia_kg_m2: list[float] | None = quantity(None, -_BULKIEST, _BULKIEST, length=6)
+
+    @property
+    def body(self) -> Body:
+        """The body in SI units."""
+        centre = None if self.centre_mm is None else tuple(x / 1e3 for x in self.centre_mm)
+        inertia = None if self.inertia_kg_m2 is None else tuple(self.inertia_kg_m2)
+        return Body(self.mass_kg, centre, inertia)
+
+    def check(self, key: str) -> None:
+        """Refuses moments of inertia that no body has.
+
+        Args:
+            key: key of this body in the scenario.
+
+        Raises:
+            ScenarioError: names the key.
+        """
+        if self.inertia_kg_m2 is None:
+            return
+        unit = UnitInertia(*(x / self.mass_kg for x in self.inertia_kg_m2))
+        if not unit.CouldBePhysicallyValid():
+            moments = ", ".join(f"{x:g}" for x in self.inertia_kg_m2)
+            raise ScenarioError(
+                f"{key}.inertia_kg_m2 = [{moments}] is of no body: principal moments must be "
+                "positive, and none larger than the sum of the others",
+                f"{key}.inertia_kg_m2",
+            )
+
+
+def body_of(mass: float) -> Any:
+    """Field of a schema: a body with a usual mass [kg]."""
+    return field(default_factory=lambda: BodyScenario(mass))
+
+
+def in_si[T](design: Schema, kind: type[T], **others: Any) -> T:
+    """Dimensions of a scenario as the dataclass that systems take.
+
+    Args:
+        design: schema with a key of the name of each field: as it is, or with `_mm` or `_deg`.
+        kind: the dataclass; a key of None is left to it, and so is a field without a key.
+        others: further fields.
+
+    Raises:
+        ScenarioError: dimensions that the dataclass refuses; names the key.
+    """
+    values, keys = dict(others), {}
+    for each in fields(kind):  # type: ignore[arg-type]
+        for suffix, convert in _UNITS.items():
+            name = f"{each.name}{suffix}"
+            if hasattr(design, name) and (value := getattr(design, name)) is not None:
+                values[each.name], keys[each.name] = convert(value), name
+    try:
+        made: T = _made(cast(Any, kind), tuple(values.items()))
+        return made
+    except ValueError as error:
+        key = next((key for name, key in keys.items() if name in str(error)), "")
+        raise ScenarioError(f"machine: {error}", f"machine.{key}") from None
+
+
+@lru_cache(maxsize=64)
+def _made(kind: Any, values: tuple[tuple[str, Any], ...]) -> Any:
+    return kind(**dict(values))
+
+
+def fit_link(
+    root: Element, name: str, stretch: tuple[float, float, float], body: Body | None
+) -> None:
+    """Stretches a link of a URDF model, and gives it a mass.
+
+    Args:
+        root: the file's `robot` element.
+        name: name of the link.
+        stretch: factors along the axes of the link's frame; 1 leaves the file's numbers as they
+            are.
+        body: mass, and what is known of how it is spread; None: what the file has, by volume.
+    """
+    link = root.find(f"link[@name='{name}']")
+    assert link is not None, name
+    factors = np.array(stretch)
+    if (factors != 1.0).any():
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            _stretch_shape(shape, factors)
+    _stretch_inertia(link, factors, body)
+
+
+def scale_joints(root: Element, factors: Mapping[str, float]) -> None:
+    """Moves the origins of joints of a URDF model farther from their links' frames.
+
+    Args:
+        root: the file's `robot` element.
+        factors: factor of each joint's origin, by its name.
+    """
+    for name, factor in factors.items():
+        origin = root.find(f"joint[@name='{name}']/origin")
+        assert origin is not None, name
+        if factor != 1.0:
+            _write(origin, "xyz", factor * _read(origin, "xyz"))
+
+
+def _read(element: Element | None, name: str) -> NDArray[np.float64]:
+    text = "" if element is None else element.get(name, "")
+    return np.array(text.split() or (0.0, 0.0, 0.0), dtype=float)
+
+
+def _write(element: Element, name: str, values: NDArray[np.float64]) -> None:
+    element.set(name, " ".join(map(repr, values.tolist())))
+
+
+def _stretch_shape(shape: Element, factors: NDArray[np.float64]) -> None:
+    origin, (form,) = shape.find("origin"), tuple(_geometry(shape))
+    rotation = RollPitchYaw(_read(origin, "rpy")).ToRotationMatrix().matrix()
+    # Stretch along the shape's own axes; exact where these are along the link's.
+    own = np.abs(rotation.T @ np.diag(factors) @ rotation).diagonal()
+    if origin is not None:
+        _write(origin, "xyz", factors * _read(origin, "xyz"))
+    if form.tag == "box":
+        _write(form, "size", own * _read(form, "size"))
+    elif form.tag == "mesh":
+        scale = _read(form, "scale") if form.get("scale") else np.ones(3)
+        _write(form, "scale", own * scale)
+    else:
+        radius = math.sqrt(own[0] * own[1]) if form.tag != "sphere" else float(np.cbrt(own.prod()))
+        form.set("radius", repr(radius * float(form.get("radius", "0"))))
+        if form.tag != "sphere":
+            form.set("length", repr(float(own[2]) * float(form.get("length", "0"))))
+
+
+def _geometry(shape: Element) -> Iterator[Element]:
+    geometry = shape.find("geometry")
+    assert geometry is not None
+    yield from geometry
+
+
+def _stretch_inertia(link: Element, factors: NDArray[np.float64], body: Body | None) -> None:
+    """Second moments of mass, by which moments of inertia follow, are stretched twice."""
+    inertial = link.find("inertial")
+    assert inertial is not None
+    mass_element, inertia_element = inertial.find("mass"), inertial.find("inertia")
+    assert mass_element is not None
+    assert inertia_element is not None
+    origin = inertial.find("origin")
+    drawn_mass = float(mass_element.get("value", "0"))
+    mass = drawn_mass * float(factors.prod()) if body is None else body.mass
+    if mass != drawn_mass:
+        mass_element.set("value", repr(mass))
+    if body is not None and body.centre is not None:
+        if origin is None:
+            origin = Element("origin")
+            inertial.insert(0, origin)
+        _write(origin, "xyz", np.array(body.centre))
+    elif origin is not None and (factors != 1.0).any():
+        _write(origin, "xyz", factors * _read(origin, "xyz"))
+    if body is not None and body.inertia is not None:
+        moments = dict(zip(_MOMENTS, body.inertia, strict=True))
+    elif mass != drawn_mass or (factors != 1.0).any():
+        xx, yy, zz, xy, xz, yz = (float(inertia_element.get(name, "0")) for name in _MOMENTS)
+        tensor = np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
+        second = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+        second *= mass / drawn_mass * np.outer(factors, factors)
+        inertia = np.trace(second) * np.eye(3) - second
+        rows = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+        moments = dict(zip(_MOMENTS, inertia[rows].tolist(), strict=True))
+    else:
+        return
+    for name, value in moments.items():
+        inertia_element.set(name, repr(value))
